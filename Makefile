@@ -1,0 +1,55 @@
+# Every target sets up what it needs first; `make help` lists them.
+.DEFAULT_GOAL := help
+.PHONY: help explore verify train test unit benchmark lint format check-format types clean
+
+SCENE ?= finger20
+DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/explore/design.json)
+BIN := .venv/bin
+BASE := .venv/base.stamp
+FULL := .venv/full.stamp
+SETUP := pyproject.toml .ci/setup .ci/constraints.txt
+SOURCES := render surrogate optimize tests
+export PYTHON
+
+help: ## List the targets
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+explore: $(BASE) ## Find a better lighting design for SCENE (finger20) in about a minute
+	$(BIN)/tactilux explore $(SCENE)
+
+verify: $(FULL) ## Prove DESIGN against the baseline by physically based rendering
+	$(BIN)/tactilux verify $(DESIGN)
+
+train: $(FULL) ## Render the training cells of SCENE and fit its surrogate (about an hour)
+	$(BIN)/tactilux train $(SCENE)
+
+test: lint check-format types unit benchmark ## Everything that CI runs
+
+unit: $(FULL) ## The tests alone
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks
+
+benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
+	$(BIN)/python -m pytest --capture no tests/benchmarks
+
+lint: $(FULL) ## Lint
+	$(BIN)/ruff check $(SOURCES)
+
+format: $(FULL) ## Rewrite the sources in the house format
+	$(BIN)/ruff format $(SOURCES)
+	$(BIN)/ruff check --fix $(SOURCES)
+
+check-format: $(FULL) ## Whether `make format` would change anything
+	$(BIN)/ruff format --check $(SOURCES)
+
+types: $(FULL) ## Strict types
+	$(BIN)/mypy
+
+clean: ## Remove the environment and all caches, keep runs and models
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info
+	find $(SOURCES) -name __pycache__ -prune -exec rm -rf {} +
+
+$(BASE): $(SETUP)
+	@.ci/setup base
+
+$(FULL): $(SETUP)
+	@.ci/setup full

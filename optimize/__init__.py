@@ -1,0 +1,1 @@
+"""Colour and direction search, reports, verification and the command line."""

@@ -1,0 +1,199 @@
+"""The command line: what can be asked, and how failures are told.
+
+Only options are declared here. Each command's work is in ``optimize/commands`` and is imported
+when it runs, so that ``--help`` stays quick.
+"""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from render.errors import TactiluxError
+
+# Packages that come with the extra "train", which rendering and training need.
+EXTRA = {"drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch"}
+
+app = typer.Typer(
+    name="tactilux",
+    help="Choose and verify the lights of a vision-based tactile sensor.",
+    no_args_is_help=True,
+    add_completion=False,
+    # Plain help and plain tracebacks: rich would double the time that --help takes.
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+class Method(StrEnum):
+    """How colours are searched."""
+
+    GROUPED = "grouped"
+    QUICK = "quick"
+    EXACT = "exact"
+
+
+class Level(StrEnum):
+    """Which level of the fidelity ladder draws a picture."""
+
+    PREVIEW = "preview"
+    REFERENCE = "reference"
+
+
+Scene = Annotated[str, typer.Argument(help="Name of a shipped scene, or a TOML file.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+Model = Annotated[
+    Path | None, typer.Option(help="Folder with checker.onnx (default: models/<scene>).")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random choices.")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from optimize.provenance import program_version
+
+        typer.echo(f"tactilux {program_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def explore(
+    scene: Scene = "finger20",
+    out: Annotated[
+        Path | None, typer.Option(help="Result directory (default: runs/<scene>-explore).")
+    ] = None,
+    model: Model = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Find a better lighting design on the surrogate."""
+    from optimize.commands import explore as command
+
+    command.run(scene, out=out, model=model, seed=seed, as_json=json)
+
+
+@app.command()
+def verify(
+    design: Annotated[Path, typer.Argument(help="The design.json that explore wrote.")],
+    scene: Annotated[
+        str | None, typer.Option(help="Scene file, where the design's scene is not a shipped one.")
+    ] = None,
+    model: Model = None,
+    mutations: Annotated[
+        int | None, typer.Option(min=1, help="Mutations per design and seed.")
+    ] = None,
+    minutes: Annotated[
+        float | None, typer.Option(min=0.1, help="Rendering time, instead of --mutations.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=2, help="Number of independent seeds.")] = 4,
+    json: Json = False,
+) -> None:
+    """Render design and baseline with error bars."""
+    from optimize.commands import verify as command
+
+    command.run(
+        design,
+        scene=scene,
+        model=model,
+        mutations=mutations,
+        minutes=minutes,
+        seeds=seeds,
+        as_json=json,
+    )
+
+
+@app.command()
+def train(
+    scene: Scene = "finger20",
+    out: Annotated[
+        Path | None, typer.Option(help="Model folder (default: models/<scene>).")
+    ] = None,
+    minutes: Annotated[float, typer.Option(min=0.1, help="Rendering time.")] = 40.0,
+    seed: Seed = 0,
+    table: Annotated[
+        Path | None, typer.Option(help="Fit to this reference table instead of rendering one.")
+    ] = None,
+) -> None:
+    """Make the surrogate: render, fit, export."""
+    from optimize.commands import train as command
+
+    command.run(scene, out=out, minutes=minutes, seed=seed, table=table)
+
+
+@app.command()
+def render(
+    scene: Scene = "finger20",
+    design: Annotated[
+        Path | None, typer.Option(help="A design.json (default: the baseline design).")
+    ] = None,
+    bend: Annotated[
+        float, typer.Option(min=0.0, max=180.0, help="Total bending angle in degrees.")
+    ] = 0.0,
+    level: Annotated[Level, typer.Option(help="Which renderer draws.")] = Level.PREVIEW,
+    out: Annotated[Path | None, typer.Option(help="PNG file to write.")] = None,
+) -> None:
+    """Draw what the camera sees."""
+    from optimize.commands import render as command
+
+    command.run(scene, design=design, bend=bend, level=level.value, out=out)
+
+
+@app.command()
+def describe(scene: Scene = "finger20", json: Json = False) -> None:
+    """Say what a scene models and leaves out."""
+    from optimize.commands import describe as command
+
+    command.run(scene, as_json=json)
+
+
+@app.command()
+def colors(
+    table: Annotated[Path, typer.Argument(help="Transport table, an .npz file.")],
+    method: Annotated[Method, typer.Option(help="Search method.")] = Method.QUICK,
+    phi_index: Annotated[
+        int | None, typer.Option(help="Direction node to use, where the table has several.")
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Search the colours of a transport table."""
+    from optimize.commands import colors as command
+
+    command.run(table, method=method.value, phi_index=phi_index, seed=seed, as_json=json)
+
+
+def main() -> None:
+    """Run the program; what a user can mend is one sentence on stderr and exit code 2."""
+    try:
+        app()
+    except TactiluxError as error:
+        print(f"tactilux: {error}", file=sys.stderr)
+        sys.exit(2)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRA:
+            raise
+        print(
+            f"tactilux: this command needs {package}, which is not installed: "
+            "pip install 'tactilux[train]'",
+            file=sys.stderr,
+        )
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Which LED drives which fiber: one file per search strategy."""

@@ -1,0 +1,111 @@
+"""Fast colour search: 2-opt local search from several starts, on superposed light."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.colors.exact import colour_units
+from optimize.colors.result import ColourResult, canonical
+from optimize.design import Array, Colours
+from optimize.evaluate import TableScorer
+from optimize.metric_kernel import kernel_constants, score_moves
+from optimize.score_noise import tied
+
+RESTARTS = 24
+_LANES = 128
+# Scores closer than this (relative) are the same number with other roundings.
+_ROUNDING = 1e-12
+
+
+def quick_colours(
+    scorer: TableScorer,
+    phi: Array,
+    *,
+    starts: Sequence[Colours] = (),
+    restarts: int = RESTARTS,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> ColourResult:
+    """Return the best local optimum for ``phi`` ``(F,)`` rad.
+
+    A local optimum is a colouring that neither recolouring one fiber nor recolouring any two
+    (which includes swaps) improves. Searches start from ``starts`` and from ``restarts`` random
+    colourings of ``seed``. ``progress(done, total)`` is called after every start.
+    """
+    start = time.perf_counter()
+    rng = np.random.default_rng(seed)
+    random = rng.integers(0, 3, size=(restarts, scorer.fibers))
+    search = _TwoOpt(scorer, phi)
+    queue = [np.asarray(colours, dtype=np.int64) for colours in starts] + list(random)
+    optima: dict[tuple[int, ...], float] = {}
+    for done, colours in enumerate(queue):
+        optimum, score = search.climb(colours)
+        key = canonical(optimum) if scorer.colours_alike else optimum
+        optima[tuple(key.tolist())] = score
+        if progress is not None:
+            progress(done + 1, len(queue))
+    ranked = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
+    same = tied(scorer, phi, scorer.power(ranked))
+    return ColourResult(
+        method="quick",
+        colours=ranked[0],
+        score=scorer.score(phi, scorer.power(ranked[0])),
+        evaluated=search.evaluated,
+        seconds=time.perf_counter() - start,
+        ties=tuple(tuple(row.tolist()) for row in ranked[1:][same[1:]]),
+    )
+
+
+class _TwoOpt:
+    """Best-improvement search; counts are updated by differences, never summed anew."""
+
+    def __init__(self, scorer: TableScorer, phi: Array) -> None:
+        self.units = colour_units(scorer, phi)
+        self.bends = scorer.bends
+        self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
+        self.pairs = _moves(scorer.fibers)
+        self.evaluated = 0
+
+    def climb(self, colours: Colours) -> tuple[Colours, float]:
+        """Return the local optimum that best-improvement steps from ``colours`` reach."""
+        fibers = len(self.units)
+        score = -np.inf
+        while True:
+            counts = np.zeros((*self.units.shape[2:], 3))
+            for unit, colour in zip(self.units, colours, strict=True):
+                counts[..., colour] += unit[colour]
+            # Move 2 f + s gives fiber f the colour s + 1 further on; the last one does nothing.
+            change = np.zeros((*counts.shape, 2 * fibers + 1))
+            for fiber in range(fibers):
+                old = colours[fiber]
+                for step in (0, 1):
+                    new = (old + step + 1) % 3
+                    change[..., old, 2 * fiber + step] = -self.units[fiber, old]
+                    change[..., new, 2 * fiber + step] = self.units[fiber, new]
+            scores = score_moves(counts, change, self.pairs, self.bends, self.constants, _LANES)
+            self.evaluated += len(scores)
+            best = int(np.argmax(scores))
+            # Move 0 keeps the colours.
+            score = float(scores[0])
+            if scores[best] <= score + _ROUNDING * abs(score):
+                return colours, score
+            colours = colours.copy()
+            for move in set(self.pairs[best].tolist()) - {2 * fibers}:
+                fiber, step = divmod(move, 2)
+                colours[fiber] = (colours[fiber] + step + 1) % 3
+
+
+def _moves(fibers: int) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` moves to make together: none, every single one, every two fibers' ones."""
+    nothing = 2 * fibers
+    single = [(move, nothing) for move in range(2 * fibers)]
+    double = [
+        (first, second)
+        for first in range(2 * fibers)
+        for second in range(first - first % 2 + 2, 2 * fibers)
+    ]
+    return np.array([(nothing, nothing), *single, *double], dtype=np.int64)

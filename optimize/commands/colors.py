@@ -1,0 +1,73 @@
+"""``tactilux colors``: the best light colours on somebody's transport table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from optimize.console import Meter, print_json, reserved_stdout
+from optimize.design import Array, colour_name
+from optimize.evaluate import TableScorer
+from render.errors import TableError
+from render.transport import TransportTable, load_table
+
+if TYPE_CHECKING:
+    from optimize.colors.result import ColourResult
+
+
+def run(path: Path, *, method: str, phi_index: int | None, seed: int, as_json: bool) -> None:
+    """Search colours on the table in ``path`` at one direction node and print the best."""
+    with reserved_stdout() as stream:
+        table = load_table(path)
+        scorer = TableScorer(table)
+        phi = scorer.at_node(_node(table, phi_index))
+        with Meter(f"Colours, {method}") as meter:
+            result = _search(scorer, phi, method, seed, meter)
+        if as_json:
+            print_json(
+                stream,
+                {
+                    "method": result.method,
+                    "colors": result.colours.tolist(),
+                    "score": result.score,
+                    "evaluated": result.evaluated,
+                    "seconds": result.seconds,
+                },
+            )
+            return
+        low, high = scorer.rating(phi, scorer.power(result.colours)).interval
+        names = " ".join(colour_name(index) for index in result.colours)
+        stream.write(
+            f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
+            f"level {table.level}\n{result.evaluated} colourings in {result.seconds:.1f} s by "
+            f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors\n"
+        )
+        if result.monochrome:
+            stream.write("One colour lights everything: lam does not reward colour here.\n")
+
+
+def _node(table: TransportTable, phi_index: int | None) -> int:
+    nodes = len(table.phi)
+    if phi_index is None and nodes > 1:
+        raise TableError(
+            f"the table has {nodes} direction nodes, so one must be chosen: "
+            f"give --phi-index, 0 to {nodes - 1}",
+            field="phi_index",
+        )
+    return phi_index or 0
+
+
+def _search(
+    scorer: TableScorer, phi: Array, method: str, seed: int, meter: Meter
+) -> ColourResult:
+    if method == "grouped":
+        from optimize.colors.grouped import grouped_colours
+
+        return grouped_colours(scorer, phi)
+    if method == "quick":
+        from optimize.colors.quick import quick_colours
+
+        return quick_colours(scorer, phi, seed=seed, progress=meter)
+    from optimize.colors.exact import exact_colours
+
+    return exact_colours(scorer, phi, progress=lambda at: meter(at.done, at.total, at.eta_seconds))

@@ -1,0 +1,64 @@
+"""``tactilux render``: what the camera sees, at level 0 or 2."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from optimize.console import note, reserved_stdout
+from optimize.design import Array, Design, baseline_design
+from optimize.design_file import load_design, load_saved
+from optimize.heatmaps import picture_png
+from optimize.output import write_atomically
+from render.metric import THESIS
+from render.scene import Scene, load_scene
+
+SAMPLES = 256  # per pixel at level 2: grain is visible, colours are not off by more than it
+
+
+def run(
+    scene_name: str, *, design: Path | None, bend: float, level: str, out: Path | None
+) -> None:
+    """Draw ``design`` (default: the baseline) at ``bend`` degrees into a PNG file."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        lighting = baseline_design(scene) if design is None else load_design(design, scene)
+        rating = None if design is None else load_saved(design).rating
+        draw = _preview if level == "preview" else _reference
+        radiance = draw(scene, lighting, math.radians(bend))
+        if rating is None:
+            bright = float(np.percentile(radiance, THESIS.exposure_percentile))
+            exposure = THESIS.exposure_counts / bright if bright > 0 else 1.0
+            note("No rated design gives the exposure, so this picture is exposed for itself.")
+        else:
+            exposure = rating.exposure
+        path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
+        write_atomically(path, picture_png(radiance * exposure / THESIS.count_max))
+        stream.write(f"{path}\n")
+
+
+def _preview(scene: Scene, design: Design, bend: float) -> Array:
+    from render.preview import Preview
+
+    with Preview(scene) as preview:
+        size = {"width": scene.camera.columns, "height": scene.camera.rows}
+        return np.asarray(preview.picture(design.phi, design.power, bend, **size))
+
+
+def _reference(scene: Scene, design: Design, bend: float) -> Array:
+    from render.image import render_image
+
+    return np.asarray(
+        render_image(
+            scene,
+            design.phi,
+            design.power,
+            bend,
+            width=scene.camera.columns,
+            height=scene.camera.rows,
+            samples=SAMPLES,
+            seed=0,
+        )
+    )

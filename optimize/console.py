@@ -1,0 +1,107 @@
+"""What the commands say: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+PATIENCE = 2.0  # seconds before a progress display appears
+LOG_EVERY = 15.0  # seconds between progress lines where stderr is not a terminal
+
+
+@contextlib.contextmanager
+def reserved_stdout() -> Iterator[IO[str]]:
+    """Keep stdout for the result alone: whatever any library prints goes to stderr.
+
+    Works below Python, on the file descriptor, because Mitsuba and drivers print from C++.
+    """
+    sys.stdout.flush()
+    kept = os.dup(1)
+    try:
+        os.dup2(2, 1)
+        with os.fdopen(os.dup(kept), "w", encoding="utf-8") as stream:
+            yield stream
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def print_json(stream: IO[str], result: dict[str, object]) -> None:
+    """Write one JSON object; NaN and infinity are errors, not extensions of the format."""
+    stream.write(json.dumps(result, allow_nan=False) + "\n")
+
+
+def note(text: str) -> None:
+    """Write one line for the person at the terminal."""
+    print(text, file=sys.stderr, flush=True)
+
+
+class Meter:
+    """Progress with the time left, on stderr, only for work that takes longer than 2 s.
+
+    A bar on a terminal, a line every 15 s in a log. Use as a context manager and call with
+    ``(done, total)``; ``eta`` in seconds replaces the estimate from elapsed time when known.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self._start = self._said = time.monotonic()
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> Meter:
+        """Start the clock."""
+        self._start = self._said = time.monotonic()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, done: float, total: float, eta: float | None = None) -> None:
+        """Show that ``done`` of ``total`` units are finished."""
+        now = time.monotonic()
+        elapsed = now - self._start
+        if elapsed < PATIENCE:
+            return
+        left = eta if eta is not None else elapsed * (total - done) / done if done > 0 else None
+        remaining = "" if left is None else f"{_clock(left)} left"
+        if sys.stderr.isatty():
+            self._draw(done, total, remaining)
+        elif now - self._said >= LOG_EVERY:
+            self._said = now
+            note(f"{self.title}: {100 * done / total:.0f} %, {remaining}".rstrip(", "))
+
+    def _draw(self, done: float, total: float, remaining: str) -> None:
+        if self._bar is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TaskProgressColumn(),
+                TextColumn("{task.fields[remaining]}"),
+                console=Console(stderr=True),
+                transient=True,
+            )
+            self._task = self._bar.add_task(self.title, total=total, remaining=remaining)
+            self._bar.start()
+        if self._task is not None:
+            self._bar.update(self._task, completed=done, total=total, remaining=remaining)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,185 @@
+"""The report of an exploration: one HTML file that needs nothing else, for screen and paper."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from itertools import pairwise
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from optimize.drawings import INK
+from optimize.stages import Stage
+from render.layout import fiber_edges, flat_fiber_poses
+from render.scene import Scene
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """Everything that the report shows, before it is laid out.
+
+    Arguments:
+        stages: baseline first, the result last.
+        pictures: PNG bytes by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
+            ``preview-<stage>-<bend index>`` (baseline and result) and ``convergence``.
+        search_note: what the search did, in one sentence.
+        caveats: what the reader must know before believing the numbers.
+        facts: origin of the numbers, in the order shown.
+    """
+
+    scene: Scene
+    stages: Sequence[Stage]
+    pictures: Mapping[str, bytes]
+    search_note: str
+    caveats: Sequence[str]
+    facts: Sequence[tuple[str, str]]
+    made: str
+    verify_command: str
+
+
+def render_report(content: ReportContent) -> str:
+    """Return the report as HTML with every picture inside as a data URI."""
+    environment = jinja2.Environment(
+        loader=jinja2.BaseLoader(),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    source = (resources.files("optimize") / "templates" / "report.html.j2").read_text("utf-8")
+    return environment.from_string(source).render(_context(content))
+
+
+def score_row(stage: Stage) -> dict[str, str]:
+    """Return the figures of one design as text, shared by the report and the terminal table."""
+    rating = stage.rating
+    low, high = rating.interval
+    return {
+        "title": stage.title,
+        "score": f"{rating.score:.1f}",
+        "interval": f"{low:.1f} to {high:.1f}",
+        "mean": f"{rating.mean:.1f}",
+        "spread_sites": f"{rating.spread_sites:.1f}",
+        "spread_bends": f"{rating.spread_bends:.1f}",
+        "clipped": f"{100 * stage.clipped:.1f} %" if stage.clipped else "none",
+        "level": rating.level,
+    }
+
+
+def summary(stages: Sequence[Stage]) -> list[str]:
+    """Return the outcome in words: how much better, where it comes from, how sure it is."""
+    first, last = stages[0].rating, stages[-1].rating
+    gain = last.score - first.score
+    sentences = [
+        f"The optimised design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "
+        f"so the surrogate predicts a gain of {gain:.1f} ({gain / abs(first.score):+.0%})."
+    ]
+    steps = [
+        f"{late.rating.score - early.rating.score:+.1f} by {late.change}"
+        for early, late in pairwise(stages)
+    ]
+    sentences.append(
+        f"Of that, {' and '.join(steps)}. The mean of the metric went from {first.mean:.1f} to "
+        f"{last.mean:.1f}, its spread over sites from {first.spread_sites:.1f} to "
+        f"{last.spread_sites:.1f} and over bends from {first.spread_bends:.1f} to "
+        f"{last.spread_bends:.1f}."
+    )
+    return sentences
+
+
+def warnings(stages: Sequence[Stage]) -> list[str]:
+    """Return what makes the result doubtful, most important first; usually nothing."""
+    found = []
+    first, last = stages[0], stages[-1]
+    if last.rating.score <= first.rating.score:
+        found.append("The search found nothing better than the baseline.")
+    elif last.rating.interval[0] <= first.rating.interval[1]:
+        found.append(
+            "The intervals of baseline and optimised design overlap: at this level the gain is "
+            "not certain, and only a verification can tell."
+        )
+    if len(set(last.design.colours.tolist())) == 1:
+        found.append(
+            "The optimum is monochrome: the weight of the colour term does not reward colour "
+            "differences in this scene, so surface azimuth will be hard to read."
+        )
+    if last.domain_excess > 0:
+        found.append(
+            f"The optimised design lies outside the range that the surrogate was trained on "
+            f"(excess {last.domain_excess:.2g}): its score is an extrapolation."
+        )
+    if last.clipped > 0.01:
+        found.append(
+            f"{last.clipped:.1%} of the facets saturate the camera in the optimised design; "
+            "lower its exposure or the LED power."
+        )
+    return found
+
+
+def _context(content: ReportContent) -> dict[str, Any]:
+    scene, pictures = content.scene, content.pictures
+    bends = [f"bend {np.degrees(bend):g}°" for bend in scene.bending.angles]
+    ends = [content.stages[0], content.stages[-1]]
+    return {
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "made": content.made,
+        "level": "surrogate",
+        "confidence": "95 %",
+        "lam": f"{content.stages[0].rating.lam:.4g}",
+        "summary": summary(content.stages),
+        "warnings": warnings(content.stages),
+        "bends": bends,
+        "stages": [
+            {
+                **score_row(stage),
+                **{
+                    kind: _data_uri(pictures[f"{kind}-{stage.key}"])
+                    for kind in ("scheme", "metric", "facets")
+                },
+            }
+            for stage in content.stages
+        ],
+        "previews": [
+            {
+                "title": stage.title,
+                "pictures": [
+                    {"bend": bend, "data": _data_uri(pictures[f"preview-{stage.key}-{index}"])}
+                    for index, bend in enumerate(bends)
+                ],
+            }
+            for stage in ends
+        ],
+        "convergence": _data_uri(pictures["convergence"]),
+        "search_note": content.search_note,
+        "wiring": _wiring(scene, content.stages[-1]),
+        "caveats": content.caveats,
+        "verify_command": content.verify_command,
+        "facts": content.facts,
+    }
+
+
+def _wiring(scene: Scene, stage: Stage) -> list[dict[str, str]]:
+    position = flat_fiber_poses(scene).position
+    return [
+        {
+            "number": str(number),
+            "edge": edge,
+            "x": f"{position[number, 0]:.2f}",
+            "y": f"{position[number, 1]:.2f}",
+            "colour": colour,
+            "ink": INK[colour],
+            "angle": f"{np.degrees(stage.design.phi[number]):.1f}°",
+        }
+        for number, (edge, colour) in enumerate(
+            zip(fiber_edges(scene), stage.design.colour_names, strict=True)
+        )
+    ]
+
+
+def _data_uri(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

@@ -1,0 +1,103 @@
+"""Primary sample space Metropolis chains (Kelemen et al. 2002) over any path sampler.
+
+A *problem* maps primary samples to deposits: values that are to be averaged into bins. Chains walk
+through primary sample space with stationary density proportional to the scalar target
+``F(u) = sum over deposits of weight[bin, channel] * value``.
+
+The first events of a path are stored per chain and perturbed; the tail of long scattering paths
+is hashed from a per-chain seed, which is part of the state and changes on large steps only. The
+proposal is symmetric in both parts, so this is exact and memory stays bounded.
+
+Estimates combine large steps, which are plain Monte Carlo samples, with the chains by Kelemen's
+balance heuristic (2002, sec. 4.3): a sample is worth ``value / (F / b + p_large)``, where ``b``
+is the mean of ``F``. With ``p_large = 1`` this is plain bidirectional Monte Carlo.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+
+from render.primary import hashed
+
+# Kelemen et al. 2002, sec. 3.1: perturbations between s1 and s2, exponentially distributed.
+STEP_SMALL, STEP_LARGE = 1.0 / 1024.0, 1.0 / 64.0
+
+
+@dataclass
+class Deposit:
+    """Values (one per channel) that a path adds to one bin; ``bin`` is uint32 per lane."""
+
+    bin: Any
+    values: list[Any]
+
+
+class Problem(Protocol):
+    """What chains can sample."""
+
+    bins: int
+    channels: int
+    stored: tuple[int, int, int]  # camera events, light paths, events stored per light path
+
+    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+        """Return the deposits of one path per lane."""
+        ...
+
+
+def perturb(value: Any, number: Any) -> Any:
+    """Return ``value`` moved by a symmetric exponential step, wrapped into [0, 1)."""
+    sign = dr.select(number < 0.5, 1.0, -1.0)
+    unit = dr.select(number < 0.5, 2.0 * number, 2.0 * number - 1.0)
+    ratio = dr.log(STEP_LARGE / STEP_SMALL)
+    moved = value + sign * STEP_LARGE * dr.exp(-ratio * unit)
+    moved = moved - dr.floor(moved)
+    return dr.select(moved >= 1.0, 0.0, moved)
+
+
+@dataclass
+class Proposed:
+    """The proposal's primary samples of one kind of subpath, computed on the fly.
+
+    ``memory`` holds four arrays of ``slots * lanes`` numbers; ``block`` is the number of stored
+    events of every run of ``stride`` events (a light path), of which there are ``blocks``.
+    """
+
+    memory: list[Any]
+    lane: Any
+    lanes: int
+    first: int
+    block: int
+    blocks: int
+    stride: int
+    large: Any
+    fresh: Any
+    step: Any
+    tail: Any
+
+    def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Return the four numbers of event ``index`` (uint32 array)."""
+        index = mi.UInt32(index)
+        run = index // self.stride if self.blocks > 1 else mi.UInt32(0)
+        within = index - run * self.stride
+        stored = (within < self.block) & (run < self.blocks)
+        slot = self.first + run * self.block + within
+        return self._numbers(index, slot, stored)
+
+    def _numbers(self, index: Any, slot: Any, stored: Any) -> tuple[Any, Any, Any, Any]:
+        moving = stored & ~self.large
+        seed = dr.select(self.large, self.fresh, dr.select(stored, self.step, self.tail))
+        numbers = hashed(seed, index)
+        where = slot * self.lanes + self.lane
+        return tuple(  # type: ignore[return-value]
+            dr.select(moving, perturb(dr.gather(mi.Float, array, where, moving), number), number)
+            for array, number in zip(self.memory, numbers, strict=True)
+        )
+
+    def slot_numbers(self, slot: Any) -> tuple[Any, Any, Any, Any]:
+        """Return the numbers of stored slot ``slot`` (counted from ``first``)."""
+        run = slot // self.block
+        index = run * self.stride + (slot - run * self.block)
+        return self._numbers(index, self.first + slot, dr.full(mi.Bool, True, dr.width(slot)))

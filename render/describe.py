@@ -1,0 +1,141 @@
+"""What a scene declares, where every value comes from, and what is left out because of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from render.quantity import Quantity
+from render.scene import EDGES, Scene
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value of the scene in file units; ``source`` is empty for counts and names."""
+
+    key: str
+    value: float | int | str | tuple[float, ...]
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A part of the model that this scene does not require."""
+
+    what: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Description:
+    """A scene in plain words.
+
+    ``axes`` is the size of every axis of the transport (fiber, bend, site, facet); ``cells`` and
+    ``background_cells`` count its numbers per direction node.
+    """
+
+    scene: str
+    scene_hash: str
+    values: tuple[Value, ...]
+    axes: dict[str, int]
+    cells: int
+    background_cells: int
+    left_out: tuple[LeftOut, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the description as JSON-ready values."""
+        return asdict(self)
+
+    def text(self) -> str:
+        """Return the description as lines for people."""
+        shown = [(item.key, _shown(item), item.source) for item in self.values]
+        key_width = max(len(key) for key, _, _ in shown)
+        value_width = max(len(value) for _, value, _ in shown)
+        rows = [
+            f"  {key:<{key_width}}  {value:>{value_width}}  {source}".rstrip()
+            for key, value, source in shown
+        ]
+        axes = " x ".join(f"{size} {name}s" for name, size in self.axes.items())
+        return "\n".join(
+            [
+                f"{self.scene} ({self.scene_hash})",
+                *rows,
+                f"cells per direction node: {axes} = {self.cells}, "
+                f"and {self.background_cells} of the untouched pad",
+                "left out, and why:",
+                *(f"  {item.what}: {item.why}" for item in self.left_out),
+            ]
+        )
+
+
+def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Description:
+    """Return the description of a scene.
+
+    Arguments:
+        scene: the validated scene.
+        origins: the source of every value, from `render.scene.sources` of the same file.
+    """
+    axes = {
+        "fiber": scene.fibers.count,
+        "bend": len(scene.bending.angles),
+        "site": scene.sites.count,
+        "facet": scene.indenter.faces,
+    }
+    cells = math.prod(axes.values())
+    return Description(
+        scene=scene.name,
+        scene_hash=scene.hash,
+        values=tuple(_values(scene, origins or {})),
+        axes=axes,
+        cells=cells,
+        background_cells=cells // scene.indenter.faces,
+        left_out=tuple(LeftOut(what, why) for what, why in _left_out(scene)),
+    )
+
+
+def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> Iterator[Value]:
+    for name, info in type(part).model_fields.items():
+        content, key = getattr(part, name), f"{prefix}{name}"
+        if isinstance(content, BaseModel):
+            yield from _values(content, origins, f"{key}.")
+        elif prefix and content is not None:
+            unit = next((item.unit for item in info.metadata if isinstance(item, Quantity)), "")
+            yield Value(key, _in_file_units(content, unit), unit, origins.get(key, ""))
+
+
+def _in_file_units(content: Any, unit: str) -> Any:
+    if unit != "deg":
+        return content
+    # Twelve digits undo the rounding of the conversion to radians and back.
+    degrees = [float(f"{math.degrees(angle):.12g}") for angle in _tuple(content)]
+    return tuple(degrees) if isinstance(content, tuple) else degrees[0]
+
+
+def _tuple(content: Any) -> tuple[Any, ...]:
+    return content if isinstance(content, tuple) else (content,)
+
+
+def _shown(item: Value) -> str:
+    numbers = [part if isinstance(part, str) else f"{part:g}" for part in _tuple(item.value)]
+    return " ".join([", ".join(numbers), item.unit]).rstrip()
+
+
+def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
+    if scene.diffuser is None:
+        yield "scattering medium", "no diffuser is declared, light enters the clear pad directly"
+    if scene.pad.roughness == 0.0:
+        yield "rough refraction", "pad.roughness is 0, the outer faces are smooth"
+    yield "specular lobe of the coating", "the coating is declared Lambertian"
+    yield "inside of the body", "it is black: light that leaves the silicone is lost"
+    yield "lens distortion", "images are dewarped, the camera is a pinhole"
+    yield "colour axis of the transport", "no material depends on the colour channel"
+    if len(scene.bending.angles) == 1:
+        yield "bend axis", "one bending angle is declared"
+    for edge in EDGES:
+        if getattr(scene.fibers, edge) == 0:
+            yield f"light from the {edge} edge", f"fibers.{edge} is 0"

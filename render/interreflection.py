@@ -1,0 +1,78 @@
+"""Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
+
+The coating and the diffuser's inner faces reflect diffusely; patches see each other straight and
+by way of the lower face, which reflects totally beyond the critical angle. With irradiance ``E0``
+straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from render.bending import Array, curvature
+from render.light_paths import Path, direct_path, mirrored_path
+from render.pad_points import PadPoints
+from render.rough_face import fresnel
+from render.scene import Scene
+
+# Gauss points: each patch sends its light from 2 x 2 points.
+_SPOTS = np.array([-0.5, 0.5]) / np.sqrt(3)
+
+
+def indirect_irradiance(
+    scene: Scene, points: PadPoints, bend: float, edge_albedo: float
+) -> Array:
+    """Return the matrix ``(target, patch)`` from direct to indirect irradiance.
+
+    Targets are facets, sites and coating patches (in the order of `PadPoints`), sources all
+    patches. ``edge_albedo`` is that of the diffuser for light from inside the pad.
+    """
+    kernel = _kernel(scene, points, bend)
+    albedo = np.full(kernel.shape[1], edge_albedo)
+    albedo[: points.columns * points.rows] = scene.coating.albedo
+    between = kernel[points.first_patch :] * albedo
+    gather = kernel[: points.first_edge] * albedo
+    # E = E0 + between E, and targets gather from the final irradiance.
+    return np.linalg.solve((np.eye(len(between)) - between).T, gather.T).T
+
+
+def _kernel(scene: Scene, points: PadPoints, bend: float) -> Array:
+    """Return the irradiance at every point per radiosity of every patch, ``(point, patch)``."""
+    kappa, thickness = curvature(scene, bend), scene.pad.thickness
+    target, facing = points.position[:, None, None], points.normal[:, None, None]
+    on_edge = np.arange(len(points.position)) >= points.first_edge
+    parts = []
+    for first, last in (
+        (points.first_patch, points.first_edge),
+        (points.first_edge, len(points.position)),
+    ):
+        source, normal, area = _spots(points, slice(first, last))
+        mirrored = mirrored_path(source, target, thickness, kappa)
+        reflected = fresnel(mirrored.cosine, 1 / scene.pad.index)[0]
+        part = _coupling(mirrored, normal, facing) * reflected
+        # The coating is flat or convex: only edges see it straight.
+        sees = slice(None) if first == points.first_edge else on_edge
+        direct = direct_path(source, target[sees], thickness, kappa)
+        part[sees] += _coupling(direct, normal, facing[sees])
+        parts.append((part * area).mean(axis=2))
+    return np.concatenate(parts, axis=1)
+
+
+def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
+    """Return points ``(1, patch, 4, 3)`` on patches, their normals and the areas ``(1, patch, 1)``."""
+    position, size = points.position[chosen], points.size[chosen]
+    normal = points.normal[chosen]
+    first = np.where(np.abs(normal[:, :1]) > 0.5, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+    second = np.where(np.abs(normal[:, 2:]) > 0.5, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+    u, v = (part.ravel() for part in np.meshgrid(_SPOTS, _SPOTS))
+    spots = position[:, None] + (
+        u[:, None] * (size[:, :1] * first)[:, None] + v[:, None] * (size[:, 1:] * second)[:, None]
+    )
+    return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
+
+
+def _coupling(path: Path, normal: Array, facing: Array) -> Array:
+    """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2)."""
+    leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
+    lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
+    return np.asarray(leaves * lands * path.spread / np.pi)

@@ -1,0 +1,215 @@
+"""The sensing metric M (thesis eq. 4.6) and the design score S (eq. 4.7), for numpy and torch.
+
+Every function takes numpy arrays or torch tensors of float32 or float64 and returns the same kind
+and dtype. Only operations that both libraries share are used, so that one text serves searches,
+training (the derivatives are finite everywhere) and the exported ONNX graph. NaN propagates:
+clipping is written with ``where``, because the Clip operator of some runtimes swallows NaN.
+
+Axes: fiber F, bend B, site S, facet K, colour channel 3; ``...`` are any batch axes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+
+from render.errors import TableError
+
+
+@dataclass(frozen=True)
+class MetricConfig:
+    """Every convention that the thesis leaves open or implies; the defaults are its choices.
+
+    Arguments:
+        count_max: largest count of the camera; brighter facets are clipped to it.
+        color_distance: distance between two colours in eqs. (4.5) and (4.6).
+        zero_colour: the direction c_hat of a black facet, ``zero`` is the null vector.
+        ddof: 0 divides variances by n (population), 1 by n - 1.
+        cyclic: whether the last facet and the first one are neighbours.
+        exposure_counts, exposure_percentile: exposure is set once per scene, so that this
+            percentile of the baseline design's counts at bend 0 has this value.
+    """
+
+    count_max: float = 255.0
+    color_distance: Literal["euclidean"] = "euclidean"
+    zero_colour: Literal["zero"] = "zero"
+    ddof: Literal[0, 1] = 0
+    cyclic: bool = True
+    exposure_counts: float = 230.0
+    exposure_percentile: float = 99.5
+
+
+THESIS = MetricConfig()
+
+
+@dataclass(frozen=True)
+class Score:
+    """S of eq. (4.7) and its parts, each ``(...)`` in counts: S = mean - (sites + bends)."""
+
+    score: Any
+    mean: Any
+    spread_sites: Any
+    spread_bends: Any
+
+
+def image_counts(transport: Any, power: Any, exposure: Any, config: MetricConfig = THESIS) -> Any:
+    """Return the camera's counts ``(..., B, S, K, 3)``: light adds up, is exposed, then clips.
+
+    ``counts = min(max(exposure * sum_f power_f T_f, 0), count_max)`` (thesis 4.3.1), with
+    ``transport`` ``(..., F, B, S, K)`` and ``power`` ``(..., F, 3)``.
+    """
+    xp = _namespace(transport)
+    counts = exposure * xp.einsum("...fbsk,...fc->...bskc", transport, power)
+    return clip_counts(counts, config)
+
+
+def clip_counts(counts: Any, config: MetricConfig = THESIS) -> Any:
+    """Return ``counts`` (any shape) limited to ``[0, count_max]``; NaN stays NaN."""
+    xp = _namespace(counts)
+    counts = xp.where(counts < 0.0, xp.zeros_like(counts), counts)
+    return xp.where(counts > config.count_max, config.count_max * xp.ones_like(counts), counts)
+
+
+def clipped_fraction(counts: Any, config: MetricConfig = THESIS) -> Any:
+    """Return the fraction ``(...)`` of facets of ``counts`` ``(..., B, S, K, 3)`` that clip.
+
+    A facet counts as clipped when any of its channels has reached ``count_max``.
+    """
+    xp = _namespace(counts)
+    full = xp.amax(counts, -1) >= config.count_max
+    fraction = xp.where(full, xp.ones_like(counts[..., 0]), xp.zeros_like(counts[..., 0]))
+    return fraction.mean((-3, -2, -1))
+
+
+def metric_terms(counts: Any, config: MetricConfig = THESIS) -> tuple[Any, Any]:
+    """Return M_theta and M_phi, each ``(...)``, of ``counts`` ``(..., K, 3)`` (eq. 4.6).
+
+    ``M_theta = mean_i |c_i| - std_i |c_i|`` and
+    ``M_phi = mean_i d(c_hat_i, c_hat_i+1) - std_i d(c_hat_i, c_hat_i+1)``.
+    """
+    xp = _namespace(counts)
+    norm, direction = _polar(counts)
+    if config.cyclic:
+        step = xp.roll(direction, -1, -2) - direction
+    else:
+        step = direction[..., 1:, :] - direction[..., :-1, :]
+    return _mean_minus_std(norm, config), _mean_minus_std(_polar(step)[0], config)
+
+
+def site_metric(counts: Any, lam: Any, config: MetricConfig = THESIS) -> Any:
+    """Return ``M = M_theta + lam M_phi``, ``(...)``, of ``counts`` ``(..., K, 3)`` (eq. 4.6)."""
+    intensity, hue = metric_terms(counts, config)
+    return intensity + lam * hue
+
+
+def pairwise_metric(counts: Any, config: MetricConfig = THESIS) -> Any:
+    """Return the slow first metric, ``(...)``, over all facet pairs of ``(..., K, 3)`` (eq. 4.5).
+
+    ``M = mean_{i != j} d(c_i, c_j) - std_{i != j} d(c_i, c_j)``.
+    """
+    first, second = zip(*itertools.combinations(range(counts.shape[-2]), 2), strict=True)
+    difference = counts[..., list(first), :] - counts[..., list(second), :]
+    return _mean_minus_std(_polar(difference)[0], config)
+
+
+def design_score(metric: Any, config: MetricConfig = THESIS) -> Score:
+    """Return S and its parts of ``metric`` ``(..., B, S)`` (eq. 4.7).
+
+    ``S = mean_{p,b} M - (std_p(mean_b M) + std_b(mean_p M))``.
+    """
+    mean = metric.mean((-2, -1))
+    sites = _std(metric.mean(-2), config)
+    bends = _std(metric.mean(-1), config)
+    return Score(mean - (sites + bends), mean, sites, bends)
+
+
+def choose_exposure(
+    baseline_radiance: np.ndarray, bend0_index: int = 0, config: MetricConfig = THESIS
+) -> float:
+    """Return the scene's exposure in counts per unit of ``baseline_radiance`` ``(B, S, K, 3)``.
+
+    It puts the 99.5th percentile (over sites, facets and channels) of the baseline design at
+    bend 0 at 230 counts.
+
+    Raises:
+        TableError: when that percentile is not a positive number.
+    """
+    level = float(np.percentile(baseline_radiance[bend0_index], config.exposure_percentile))
+    if not (np.isfinite(level) and level > 0.0):
+        raise TableError(
+            f"the baseline design's brightest facets have radiance {level:g}, allowed: finite and "
+            "above 0; check that the fibers light the sites",
+            field="exposure",
+            value=level,
+        )
+    return config.exposure_counts / level
+
+
+def choose_lambda(counts: np.ndarray, config: MetricConfig = THESIS) -> float:
+    """Return the weight of M_phi that makes both terms of eq. (4.6) weigh equally.
+
+    ``lam = mean_{p,b} M_theta / mean_{p,b} M_phi`` for the baseline's ``counts``
+    ``(B, S, K, 3)``.
+
+    Raises:
+        TableError: when either mean is not a positive number, so that no weight does it.
+    """
+    intensity, hue = (float(term.mean()) for term in metric_terms(counts, config))
+    if not (np.isfinite(intensity) and np.isfinite(hue) and intensity > 0.0 and hue > 0.0):
+        raise TableError(
+            f"the baseline design has mean M_theta = {intensity:g} and M_phi = {hue:g}, allowed: "
+            "both above 0; choose a baseline whose sides have different colours",
+            field="lam",
+            value=(intensity, hue),
+        )
+    return intensity / hue
+
+
+def _namespace(array: Any) -> ModuleType:
+    """Return the library of ``array``; torch is never imported for numpy's sake."""
+    if isinstance(array, np.ndarray | np.generic):
+        return np
+    import torch
+
+    return torch
+
+
+def _polar(vectors: Any) -> tuple[Any, Any]:
+    """Return length ``(...)`` and direction ``(..., 3)`` of ``(..., 3)``; null stays null.
+
+    Scaled by the largest component, so that float32 neither under- nor overflows, and safe at 0
+    for derivatives.
+    """
+    xp = _namespace(vectors)
+    largest = xp.amax(xp.abs(vectors), -1)
+    dark = largest == 0.0
+    scale = xp.where(dark, xp.ones_like(largest), largest)
+    unit = vectors / scale[..., None]
+    square = (unit * unit).sum(-1)
+    length = xp.sqrt(xp.where(dark, xp.ones_like(square), square))
+    return xp.where(dark, xp.zeros_like(square), scale * length), unit / length[..., None]
+
+
+def _std(values: Any, config: MetricConfig) -> Any:
+    """Return the standard deviation over the last axis, two passes, with derivative 0 at 0."""
+    xp = _namespace(values)
+    if values.shape[-1] <= config.ddof:
+        raise TableError(
+            f"a spread over {values.shape[-1]} values with ddof = {config.ddof} is undefined, "
+            "allowed: more values than ddof; use ddof = 0",
+            field="ddof",
+            value=config.ddof,
+        )
+    deviation = values - values.mean(-1)[..., None]
+    variance = (deviation * deviation).sum(-1) / (values.shape[-1] - config.ddof)
+    flat = variance == 0.0
+    root = xp.sqrt(xp.where(flat, xp.ones_like(variance), variance))
+    return xp.where(flat, xp.zeros_like(variance), root)
+
+
+def _mean_minus_std(values: Any, config: MetricConfig) -> Any:
+    return values.mean(-1) - _std(values, config)

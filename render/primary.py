@@ -1,0 +1,48 @@
+"""Primary samples: uniform numbers addressed by event, from a counter-based hash.
+
+A path is a function of numbers ``u[event][0..3]`` in [0, 1). Any event can be asked for in any
+order, so nothing has to be stored for plain Monte Carlo and only the first events of a chain have
+to be stored for Metropolis (``render.chains``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+# Four rounds pass the spectral tests of Zafar et al. 2010 for rendering; six is their safe choice.
+ROUNDS = 6
+
+
+def uniform(bits: Any) -> Any:
+    """Return float32 numbers in [0, 1) from 32 random bits (24 are used)."""
+    return mi.Float(bits >> 8) * (2.0**-24)
+
+
+def hashed(seed: Any, event: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the four uniform numbers of ``event`` for the streams ``seed`` (uint32 arrays)."""
+    a, b = mi.sample_tea_32(seed, 2 * event, ROUNDS)
+    c, d = mi.sample_tea_32(seed, 2 * event + 1, ROUNDS)
+    return uniform(a), uniform(b), uniform(c), uniform(d)
+
+
+@dataclass
+class Hashed:
+    """The plain Monte Carlo stream: every event is hashed from the lane's seed."""
+
+    seed: Any
+
+    def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Return the four numbers of event ``index`` (uint32 array)."""
+        return hashed(self.seed, mi.UInt32(index))
+
+
+def lane_seeds(count: int, seed: int, salt: int) -> Any:
+    """Return one independent uint32 stream seed per lane."""
+    key = mi.UInt32((seed * 0x9E3779B9 + salt * 0x85EBCA6B) & 0xFFFFFFFF)
+    dr.make_opaque(key)
+    a, b = mi.sample_tea_32(dr.arange(mi.UInt32, count), key, ROUNDS)
+    return a ^ b

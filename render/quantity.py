@@ -1,0 +1,90 @@
+"""Numbers in scene files: quantities with unit, range and source, and plain counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Annotation of a scene field: ``{ value = ..., unit = "mm", source = "..." }``.
+
+    Arguments:
+        unit: unit required in the file: ``mm``, ``deg``, ``1/mm``, or ``""`` for a pure number.
+        low, high: closed allowed range, in file units.
+        many: a non-empty list of values instead of one.
+
+    In memory: float64, angles converted from degrees to radians, everything else unchanged.
+    """
+
+    unit: str
+    low: float
+    high: float
+    many: bool = False
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the validation schema (unit and source first, then the range)."""
+        number: CoreSchema = core_schema.no_info_after_validator_function(
+            self._within, core_schema.float_schema(strict=True)
+        )
+        if self.unit == "deg":
+            number = core_schema.no_info_after_validator_function(math.radians, number)
+        if self.many:
+            number = core_schema.tuple_variable_schema(number, min_length=1, strict=False)
+        return core_schema.no_info_before_validator_function(self._unwrap, number)
+
+    @property
+    def shape(self) -> str:
+        """The form that the file must have, for error messages."""
+        value = "[...]" if self.many else "..."
+        unit = f', unit = "{self.unit}"' if self.unit else ""
+        return f'{{ value = {value}{unit}, source = "..." }}'
+
+    def _within(self, value: float) -> float:
+        check_range(value, self.low, self.high, self.unit)
+        # Adding 0 turns -0.0 into 0.0, so that both have the same hash.
+        return value + 0.0
+
+    def _unwrap(self, raw: object) -> object:
+        keys = {"value", "source"} | ({"unit"} if self.unit else set())
+        if not isinstance(raw, dict) or set(raw) != keys:
+            raise ValueError(f"must have the form {self.shape}")
+        if self.unit and raw["unit"] != self.unit:
+            raise ValueError(f'unit must be "{self.unit}"')
+        if not isinstance(raw["source"], str) or not raw["source"].strip():
+            raise ValueError('source must say where the value comes from, or be "assumed"')
+        return raw["value"]
+
+
+@dataclass(frozen=True)
+class Count:
+    """Annotation of a plain whole number in ``[low, high]``; it needs no unit and no source."""
+
+    low: int
+    high: int
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the validation schema."""
+        return core_schema.no_info_after_validator_function(
+            self._within, core_schema.int_schema(strict=True)
+        )
+
+    def _within(self, value: int) -> int:
+        check_range(value, self.low, self.high, "")
+        return value
+
+
+def check_range(value: float, low: float, high: float, unit: str) -> None:
+    """Refuse a value outside ``[low, high]``, also NaN, with the whole allowed range."""
+    if not low <= value <= high:
+        allowed = f"{low:g} to {high:g} {unit}".rstrip()
+        raise PydanticCustomError("out_of_range", "allowed: {allowed}", {"allowed": allowed})

@@ -1,0 +1,322 @@
+"""The reference: transport cells by PSSMLT, with error bars, resumable at any instant.
+
+Every pad (a bend, pressed by the pyramids or untouched) is one Metropolis run per seed, in which
+fiber, facet and direction node are primary dimensions (``render.cell_problem``).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from render.bending import Array
+from render.camera import facet_masks
+from render.errors import RenderError, TableError
+from render.llvm import VARIANT, mitsuba
+from render.npz import read_npz, write_npz
+from render.scene import Scene
+from render.symmetry import mirrored, mirrors
+
+if TYPE_CHECKING:
+    from render.metropolis import Chains
+
+VERSION = 1
+CHUNK = 8
+"""Mutations between updates of the scale and chances to save."""
+SAVE_SECONDS = 20.0
+CHAINS_MAX = 16384
+ITERATIONS_MIN = 24
+P_LARGE = 0.5
+UNTOUCHED_SHARE = 2
+"""How many times more mutations a cell of the untouched pad gets: there are few of them."""
+PILOT_FLOOR = 0.05
+"""Least brightness, in units of the fiber's mean, to which dim cells are lifted."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a long render is: ``done`` of ``total`` mutations, seconds spent and to come."""
+
+    done: int
+    total: int
+    seconds: float
+    eta_seconds: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Rendered transport; axes ``(fiber, phi_node, bend, site, facet)``, float64.
+
+    ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
+    standard error of that mean. The same for the untouched pad (``background``). A facet that
+    the camera cannot see is NaN in all of them. Unit: 1/(mm^2 sr) per unit fiber power.
+    """
+
+    T: Array
+    se: Array
+    background: Array
+    background_se: Array
+    replicates: Array
+    background_replicates: Array
+    seconds: float
+    settings: dict[str, object]
+
+
+@dataclass(frozen=True)
+class _Pad:
+    """One Metropolis run: which pad, which seed, how many mutations per chain."""
+
+    index: int
+    bend: float
+    indented: bool
+    seed: int
+    bins: int
+    chains: int
+    iterations: int
+
+    @property
+    def name(self) -> str:
+        kind = "pressed" if self.indented else "untouched"
+        return f"bend{self.index}-{kind}-seed{self.seed}"
+
+
+def render_transport(
+    scene: Scene,
+    phi: Array,
+    bends: Array,
+    *,
+    mutations: int,
+    seeds: Sequence[int] = (1,),
+    replicates: int = 8,
+    checkpoint: Path | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Estimate:
+    """Render the transport of all fibers at all bends.
+
+    Arguments:
+        scene: the sensor.
+        phi: direction nodes in rad, ``(node,)`` for all fibers or ``(fiber, node)``.
+        bends: ``(bend,)`` rad, within [0, pi].
+        mutations: proposed mutations per (fiber, facet) pair and seed, on average.
+        seeds: independent runs; the same seeds give common random numbers between designs.
+        replicates: independent chain groups per seed, for the error bars.
+        checkpoint: a folder; an interrupted render goes on there and ends bit-equal.
+        progress: called every few seconds.
+
+    Raises:
+        RenderError: phi or bends out of range, or no light found.
+    """
+    phi, bends = _validated(scene, phi, bends, mutations, seeds)
+    mitsuba(VARIANT)
+    pads = list(_pads(scene, phi, bends, mutations, seeds))
+    key = _key(scene, phi, bends, mutations, replicates)
+    clock = _Clock(sum(pad.iterations * pad.chains for pad in pads), progress)
+    folder = checkpoint / key if checkpoint else None
+    results = {pad.name: _run(scene, phi, pad, replicates, folder, clock) for pad in pads}
+
+    def gather(indented: bool) -> Array:
+        runs = [
+            np.stack([results[p.name] for p in pads if p.index == b and p.indented is indented])
+            for b in range(len(bends))
+        ]
+        # (bend, seed, replicate, fiber, node, target) -> (replicate, fiber, node, bend, target)
+        stacked = np.stack(runs).reshape(len(bends), -1, *results[pads[0].name].shape[1:3],
+                                         runs[0].shape[-1])  # fmt: skip
+        return stacked.transpose(1, 2, 3, 0, 4)
+
+    pressed = gather(True)
+    shape = (scene.sites.count, scene.indenter.faces)
+    pressed = pressed.reshape(*pressed.shape[:-1], *shape)
+    untouched = gather(False)
+    if mirrors(scene, phi):
+        pressed = 0.5 * (pressed + mirrored(scene, pressed, facets=True))
+        untouched = 0.5 * (untouched + mirrored(scene, untouched, facets=False))
+    count = len(pressed)
+    return Estimate(
+        T=pressed.mean(axis=0),
+        se=pressed.std(axis=0, ddof=1) / np.sqrt(count),
+        background=untouched.mean(axis=0),
+        background_se=untouched.std(axis=0, ddof=1) / np.sqrt(count),
+        replicates=pressed,
+        background_replicates=untouched,
+        seconds=clock.seconds(),
+        settings={
+            "integrator": "pssmlt",
+            "variant": VARIANT,
+            "mutations_per_cell": mutations,
+            "p_large": P_LARGE,
+            "seeds": list(seeds),
+            "replicates_per_seed": replicates,
+            "version": VERSION,
+        },
+    )
+
+
+def _validated(
+    scene: Scene, phi: Array, bends: Array, mutations: int, seeds: Sequence[int]
+) -> tuple[Array, Array]:
+    phi, bends = np.asarray(phi, dtype=np.float64), np.asarray(bends, dtype=np.float64)
+    if phi.ndim == 1:
+        phi = np.tile(phi, (scene.fibers.count, 1))
+    if phi.ndim != 2 or phi.shape[0] != scene.fibers.count or phi.shape[1] == 0:
+        raise RenderError(
+            f"phi has shape {phi.shape}, allowed: (node,) or ({scene.fibers.count}, node)",
+            field="phi",
+        )
+    for name, values in (("phi", phi), ("bends", bends)):
+        bad = ~((values >= 0.0) & (values <= np.pi))
+        if bad.any() or not values.size:
+            raise RenderError(
+                f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name, value=values
+            )
+    if mutations < 1 or not len(seeds) or len(set(seeds)) != len(seeds):
+        raise RenderError(
+            f"mutations = {mutations} and seeds = {list(seeds)}, allowed: at least 1 mutation "
+            "and distinct seeds",
+            field="mutations",
+        )
+    return phi, bends
+
+
+def _pads(
+    scene: Scene, phi: Array, bends: Array, mutations: int, seeds: Sequence[int]
+) -> Iterator[_Pad]:
+    for seed in seeds:
+        for index, bend in enumerate(bends):
+            for indented in (True, False):
+                targets = scene.sites.count * (scene.indenter.faces if indented else 1)
+                bins = targets * phi.shape[0]
+                total = mutations * bins * (1 if indented else UNTOUCHED_SHARE)
+                chains = CHAINS_MAX
+                while chains > 512 and total < ITERATIONS_MIN * chains:
+                    chains //= 2
+                iterations = CHUNK * max(1, round(total / chains / CHUNK))
+                yield _Pad(index, float(bend), indented, seed, bins, chains, iterations)
+
+
+def _key(scene: Scene, phi: Array, bends: Array, mutations: int, replicates: int) -> str:
+    """Return a hash of everything that the results depend on, except the seeds."""
+    import drjit
+    import mitsuba as mi
+
+    content = [scene.hash, phi.tolist(), bends.tolist(), mutations, replicates, VERSION,
+               P_LARGE, CHAINS_MAX, mi.__version__, drjit.__version__]  # fmt: skip
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
+
+
+def _run(
+    scene: Scene, phi: Array, pad: _Pad, replicates: int, folder: Path | None, clock: _Clock
+) -> Array:
+    """Return the estimates ``(replicate, fiber, node, target)`` of one pad, from disk if done."""
+    finished = folder / f"{pad.name}.npz" if folder else None
+    if finished and finished.exists():
+        clock.skip(pad.iterations * pad.chains)
+        return read_npz(finished)["estimate"]
+    from render.metropolis import Chains, Settings
+
+    problem = _problem(scene, phi, pad)
+    chains = Chains(
+        problem,
+        Settings(
+            chains=pad.chains,
+            luminance_samples=max(8 * pad.chains, pad.chains * pad.iterations // 8),
+            p_large=P_LARGE,
+            replicates=replicates,
+            seed=pad.seed,
+        ),
+    )
+    saved = folder / f"{pad.name}.state.npz" if folder else None
+    _start(chains, scene, saved)
+    clock.skip(chains.done * pad.chains)
+    last = time.monotonic()
+    while chains.done < pad.iterations:
+        chains.mutate(CHUNK)
+        clock.tick(CHUNK * pad.chains)
+        if saved and time.monotonic() - last > SAVE_SECONDS:
+            write_npz(saved, chains.state())
+            last = time.monotonic()
+    estimate = chains.estimate().reshape(replicates, phi.shape[0], -1, phi.shape[1])
+    estimate = estimate.transpose(0, 1, 3, 2)
+    empty = np.diff(problem.targets.offset) == 0
+    estimate[..., empty] = np.nan
+    if finished and saved:
+        write_npz(finished, {"estimate": estimate})
+        saved.unlink(missing_ok=True)
+    return estimate
+
+
+def _problem(scene: Scene, phi: Array, pad: _Pad) -> Any:
+    from render.cell_problem import CellProblem, Targets
+
+    masks = facet_masks(scene, pad.bend)
+    faces = scene.indenter.faces
+    chosen = range(faces) if pad.indented else (faces,)
+    lists = [masks.of(site, k) for site in range(scene.sites.count) for k in chosen]
+    offset = np.concatenate([[0], np.cumsum([len(pixels) for pixels in lists])])
+    return CellProblem(scene, phi, pad.bend, pad.indented, Targets(np.concatenate(lists), offset))
+
+
+def _start(chains: Chains, scene: Scene, saved: Path | None) -> None:
+    """Restore the chains from ``saved``, or bootstrap them; a damaged state starts afresh."""
+    if saved and saved.exists():
+        try:
+            chains.restore(read_npz(saved))
+            return
+        except (TableError, KeyError):
+            saved.unlink()
+    chains.bootstrap(flattening_weights(chains.pilot(), scene))
+
+
+def flattening_weights(pilot: Array, scene: Scene) -> Array:
+    """Return target weights ``(bin, node)`` that give every cell about the same share of F.
+
+    From a noisy pilot, averaged over the facets of each site; dim cells are lifted only so far,
+    so that a site in which the pilot saw nothing cannot draw all chains.
+    """
+    fibers, nodes = scene.fibers.count, pilot.shape[1]
+    by_site = pilot.reshape(fibers, scene.sites.count, -1, nodes)
+    level = by_site.mean(axis=2)
+    floor = PILOT_FLOOR * level.mean(axis=(1, 2), keepdims=True)
+    floor = np.maximum(floor, PILOT_FLOOR**2 * level.mean())
+    if not level.mean() > 0:
+        raise RenderError(
+            "no light reaches any facet in the pilot render: check that fibers point at the pad "
+            "and that the diffuser lets light through",
+            field="fibers",
+        )
+    weight = 1.0 / np.maximum(level, floor) / level.size
+    return np.repeat(weight[:, :, None], by_site.shape[2], axis=2).reshape(pilot.shape)
+
+
+class _Clock:
+    """Counts mutations and says how long the rest will take."""
+
+    def __init__(self, total: int, report: Callable[[Progress], None] | None) -> None:
+        self.total, self.report = total, report
+        self.done = self.worked = 0
+        self.began = time.monotonic()
+
+    def seconds(self) -> float:
+        """Return the seconds since the render was asked for."""
+        return time.monotonic() - self.began
+
+    def skip(self, count: int) -> None:
+        """Count mutations that an earlier call made."""
+        self.done += count
+        self.tick(0)
+
+    def tick(self, count: int) -> None:
+        """Count mutations that were made now."""
+        self.done += count
+        self.worked += count
+        if self.report:
+            rate = self.seconds() / self.worked if self.worked else 0.0
+            eta = rate * (self.total - self.done)
+            self.report(Progress(self.done, self.total, self.seconds(), eta))

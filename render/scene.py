@@ -1,0 +1,283 @@
+"""The scene file: what a sensor is made of, read from TOML and validated strictly.
+
+Files hold lengths in mm, angles in degrees and coefficients in 1/mm, each with its unit and the
+source of the value. In memory lengths are mm, angles radians and coefficients 1/mm, all float64.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from render.errors import SceneError
+from render.quantity import Count, Quantity
+
+Edge = Literal["left", "tip", "right"]
+Colour = Literal["red", "green", "blue"]
+EDGES: tuple[Edge, ...] = ("left", "tip", "right")
+COLOURS: tuple[Colour, ...] = ("red", "green", "blue")
+
+Millimetres = Annotated[float, Quantity("mm", 0.01, 1000.0)]
+Coordinate = Annotated[float, Quantity("mm", -1000.0, 1000.0)]
+
+
+class Part(BaseModel):
+    """Base of all scene parts: immutable, no unknown keys, no silent conversion."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Pad(Part):
+    """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z."""
+
+    width: Millimetres
+    length: Millimetres
+    thickness: Millimetres
+    index: Annotated[float, Quantity("", 1.0, 1.7)]
+    roughness: Annotated[float, Quantity("", 0.0, 0.5)]
+
+
+class Diffuser(Part):
+    """The scattering layer on the lit edges, index-matched to the pad (Henyey-Greenstein)."""
+
+    thickness: Millimetres
+    sigma_s: Annotated[float, Quantity("1/mm", 0.0, 50.0)]
+    sigma_a: Annotated[float, Quantity("1/mm", 0.0, 10.0)]
+    g: Annotated[float, Quantity("", -0.99, 0.99)]
+
+
+class Coating(Part):
+    """The Lambertian far side of the pad, seen from inside."""
+
+    albedo: Annotated[float, Quantity("", 0.0, 1.0)]
+
+
+class Fibers(Part):
+    """Fiber ends, evenly spaced per edge; Gaussian radiance profile (thesis 3.3.1).
+
+    ``height`` is the distance of the fiber axis from the camera-side face; ``gap`` the air between
+    fiber end and diffuser; ``tilt`` the fixed angle towards the coating.
+    """
+
+    left: Annotated[int, Count(0, 64)]
+    tip: Annotated[int, Count(0, 64)]
+    right: Annotated[int, Count(0, 64)]
+    diameter: Annotated[float, Quantity("mm", 0.05, 5.0)]
+    gap: Annotated[float, Quantity("mm", 0.05, 10.0)]
+    height: Annotated[float, Quantity("mm", 0.0, 100.0)]
+    sigma_v: Annotated[float, Quantity("deg", 0.1, 89.0)]
+    tilt: Annotated[float, Quantity("deg", -60.0, 60.0)]
+
+    @property
+    def count(self) -> int:
+        """Number of fibers on all edges."""
+        return self.left + self.tip + self.right
+
+
+class Camera(Part):
+    """A pinhole in air below the pad, looking at the coating (+z), image up towards the tip."""
+
+    distance: Millimetres
+    y: Coordinate
+    field_of_view: Annotated[float, Quantity("deg", 1.0, 175.0)]
+    columns: Annotated[int, Count(8, 4096)]
+    rows: Annotated[int, Count(8, 4096)]
+
+
+class Bending(Part):
+    """The total bending angles that are tested; the pad is a circular arc."""
+
+    angles: Annotated[tuple[float, ...], Quantity("deg", 0.0, 180.0, many=True)]
+
+
+class Sites(Part):
+    """The grid of test contacts on the coating: ``columns`` across x, ``rows`` along y."""
+
+    columns: Annotated[int, Count(1, 32)]
+    rows: Annotated[int, Count(1, 64)]
+    spacing: Millimetres
+    centre_x: Coordinate
+    centre_y: Coordinate
+
+    @property
+    def count(self) -> int:
+        """Number of sites."""
+        return self.columns * self.rows
+
+
+class Indenter(Part):
+    """The pyramid that is pressed into the coating at every site (thesis 4.2)."""
+
+    faces: Annotated[int, Count(3, 64)]
+    slope: Annotated[float, Quantity("deg", 1.0, 80.0)]
+    radius: Annotated[float, Quantity("mm", 0.05, 10.0)]
+
+    @property
+    def depth(self) -> float:
+        """Height of the pyramid in mm: how deep its apex is pressed below the coating."""
+        return self.radius * math.cos(math.pi / self.faces) * math.tan(self.slope)
+
+
+class Baseline(Part):
+    """The colour of every edge in the design that others are compared with (thesis 5.1)."""
+
+    left: Colour
+    tip: Colour
+    right: Colour
+
+
+class Scene(Part):
+    """One sensor, completely: what every level of the fidelity ladder is built from."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
+    pad: Pad
+    diffuser: Diffuser | None = None
+    coating: Coating
+    fibers: Fibers
+    camera: Camera
+    bending: Bending
+    sites: Sites
+    indenter: Indenter
+    baseline: Baseline
+
+    @model_validator(mode="after")
+    def _parts_fit_together(self) -> Scene:
+        problems = []
+        if self.fibers.count == 0:
+            problems.append("fibers: left, tip and right are all 0, at least one fiber is needed")
+        if self.fibers.height > self.pad.thickness:
+            problems.append(
+                f"fibers.height = {self.fibers.height:g} mm lies above the pad, "
+                f"allowed: 0 to pad.thickness = {self.pad.thickness:g} mm"
+            )
+        if self.fibers.diameter / 2 >= self.fibers.gap:
+            problems.append(
+                f"fibers.diameter = {self.fibers.diameter:g} mm cuts into the diffuser when the "
+                f"fiber turns, allowed: below 2 fibers.gap = {2 * self.fibers.gap:g} mm"
+            )
+        for edge in EDGES:
+            side = self.pad.width if edge == "tip" else self.pad.length
+            needed = getattr(self.fibers, edge) * self.fibers.diameter
+            if needed > side:
+                problems.append(
+                    f"fibers.{edge} = {getattr(self.fibers, edge)} fibers need {needed:g} mm, "
+                    f"allowed: at most the edge of {side:g} mm"
+                )
+        angles = self.bending.angles
+        if any(b <= a for a, b in itertools.pairwise(angles)):
+            shown = ", ".join(f"{math.degrees(angle):g}" for angle in angles)
+            problems.append(f"bending.angles = {shown} deg, allowed: distinct and ascending")
+        if self.indenter.depth >= self.pad.thickness:
+            problems.append(
+                f"indenter: the pyramid is {self.indenter.depth:g} mm deep, "
+                f"allowed: below pad.thickness = {self.pad.thickness:g} mm"
+            )
+        sites, cell = self.sites, self.indenter.radius * 1.5
+        if sites.count > 1 and sites.spacing < 2 * cell:
+            problems.append(
+                f"sites.spacing = {sites.spacing:g} mm lets pyramids overlap, "
+                f"allowed: at least 3 indenter.radius = {2 * cell:g} mm"
+            )
+        reach_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + cell
+        reach_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + cell
+        if reach_x > self.pad.width / 2 or reach_y > self.pad.length / 2:
+            problems.append(
+                f"sites: the pyramids reach {reach_x:g} x {reach_y:g} mm from the pad's centre, "
+                f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
+            )
+        if problems:
+            raise ValueError("; ".join(problems))
+        return self
+
+    @property
+    def hash(self) -> str:
+        """16 hex digits that identify the physical content (not the sources or the name)."""
+        content = self.model_dump(mode="json", exclude={"name"})
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Return the validated scene of a shipped name (``finger20``) or a TOML file.
+
+    Raises:
+        SceneError: names every problem at once, each with key, value and allowed range.
+    """
+    raw, origin = _read(name_or_path)
+    try:
+        return Scene.model_validate(raw)
+    except ValidationError as error:
+        lines = [_sentence(problem) for problem in error.errors(include_url=False)]
+        first = error.errors(include_url=False)[0]
+        raise SceneError(
+            f"{origin} is not a valid scene: " + "; ".join(lines),
+            field=".".join(str(part) for part in first["loc"]),
+            value=first.get("input"),
+            allowed=str(first.get("ctx", {}).get("allowed", "")),
+        ) from None
+
+
+def sources(name_or_path: str | Path) -> dict[str, str]:
+    """Return the source of every value of a scene file, keyed like ``pad.width``."""
+    raw, _ = _read(name_or_path)
+    found: dict[str, str] = {}
+    for part, content in raw.items():
+        if isinstance(content, dict):
+            for key, quantity in content.items():
+                if isinstance(quantity, dict) and "source" in quantity:
+                    found[f"{part}.{key}"] = str(quantity["source"])
+    return found
+
+
+def shipped_scenes() -> list[str]:
+    """Return the names of the scenes that come with tactilux."""
+    folder = resources.files("render") / "scenes"
+    return sorted(item.name[:-5] for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
+    text_name = str(name_or_path)
+    if text_name in shipped_scenes():
+        text = (resources.files("render") / "scenes" / f"{text_name}.toml").read_text()
+        return tomllib.loads(text), text_name
+    path = Path(name_or_path)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")), str(path)
+    except FileNotFoundError:
+        raise SceneError(
+            f"there is no scene {text_name!r}: give the path of a TOML file or one of "
+            f"{', '.join(shipped_scenes())}",
+            field="scene",
+            value=text_name,
+        ) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SceneError(
+            f"{path} cannot be read as TOML: {error}", field="scene", value=text_name
+        ) from None
+
+
+def _sentence(problem: Any) -> str:
+    """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
+    key = ".".join(str(part) for part in problem["loc"])
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        return f"unknown key {key}"
+    if kind == "missing":
+        return f"missing key {key}"
+    message = problem["msg"].removeprefix("Value error, ")
+    if kind == "value_error" and not key:
+        return str(message)
+    value = problem["input"]
+    if isinstance(value, dict) and "value" in value:
+        unit = f" {value['unit']}" if "unit" in value else ""
+        value = f"{value['value']}{unit}"
+    return f"{key} = {value}: {message}"

@@ -1,0 +1,99 @@
+// The finger as the camera sees it: pinhole ray, refraction at the lower face, then the coating or
+// a facet of a pyramid, shaded with the same irradiance() that fills the transport array.
+
+#define NOTHING vec4(0.0)
+
+uniform vec2 size;            // pixels
+uniform vec2 tangent;         // half the field of view, across and along
+uniform vec3 camera;          // flat frame: x, y, -distance
+uniform vec2 half_pad;        // half width and length of the pad
+uniform float albedo;
+uniform sampler2D indirect;   // interreflected irradiance on the coating, over the pad
+#ifdef FACES
+uniform vec3 site_first;      // flat position of the first site
+uniform vec2 site_step, site_count;
+uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its centre
+uniform sampler2D facet_indirect;  // (facet, site)
+#endif
+
+out vec4 pixel;
+
+// Way to the arc `bend * (y^2 + z^2) = 2 z` from its outside; negative where it is missed.
+float way_to_arc(float bend, vec3 start, vec3 way) {
+    float a = bend * dot(way.yz, way.yz);
+    float half_b = bend * dot(start.yz, way.yz) - way.z;
+    float c = bend * dot(start.yz, start.yz) - 2.0 * start.z;
+    float discriminant = half_b * half_b - a * c;
+    if (discriminant < 0.0 || half_b >= 0.0) return -1.0;
+    return c / (sqrt(discriminant) - half_b);
+}
+
+#ifdef BENT
+float curved = kappa;
+#else
+float curved = 0.0;
+#endif
+
+// World to flat position; `turn` receives cosine and sine of the local frame's rotation.
+vec3 unbend(vec3 world, out vec2 turn) {
+    float y = world.y - camera.y, w = thickness - world.z;
+    vec2 spoke = vec2(1.0 + curved * w, curved * y);
+    float radius = length(spoke);
+    turn = spoke / radius;
+    float below = (curved * (y * y + w * w) + 2.0 * w) / (radius + 1.0);
+#ifdef BENT
+    y = atan(spoke.y, spoke.x) / kappa;
+#endif
+    return vec3(world.x, camera.y + y, thickness - below);
+}
+
+vec3 to_local(vec3 d, vec2 turn) {
+    return vec3(d.x, turn.x * d.y + turn.y * d.z, turn.x * d.z - turn.y * d.y);
+}
+
+void main() {
+    vec2 image = 2.0 * gl_FragCoord.xy / size - 1.0;
+    vec3 ray = normalize(vec3(tangent * image, 1.0));
+    vec3 start = vec3(camera.x, 0.0, camera.z);
+    float bend = curved / (1.0 + curved * thickness);
+    float way = way_to_arc(bend, start, ray);
+    pixel = NOTHING;
+    if (way < 0.0) return;
+    vec3 entry = start + way * ray;
+    vec3 normal = normalize(vec3(0.0, bend * entry.yz - vec2(0.0, 1.0)));
+    float cos_in = -dot(ray, normal);
+    vec3 inside = refract(ray, normal, 1.0 / refractive_index);
+    float passed = 1.0 - reflectance(-dot(inside, normal));
+    way = way_to_arc(curved, entry - vec3(0.0, 0.0, thickness), inside);
+    if (way < 0.0) return;
+    vec2 turn;
+    vec3 target = unbend(entry + way * inside + vec3(0.0, camera.y, 0.0), turn);
+    if (any(greaterThan(abs(target.xy), half_pad))) return;
+    target.z = thickness;
+    vec3 facing = vec3(0.0, 0.0, -1.0);
+    vec3 ambient = texture(indirect, 0.5 * target.xy / half_pad + 0.5).rgb;
+#ifdef FACES
+    vec2 number = clamp(round((target.xy - site_first.xy) / site_step), vec2(0.0), site_count - 1.0);
+    vec3 from_site = target - vec3(site_first.xy + number * site_step, thickness);
+    vec3 d = to_local(inside, turn);
+    // The pyramid is convex: the last plane entered is the facet seen, unless another is left first.
+    float enter = -1e9, leave = 0.0;
+    int facet = 0;
+    for (int i = 0; i < FACES; ++i) {
+        float speed = dot(facet_planes[i].xyz, d);
+        float meets = (facet_planes[i].w - dot(facet_planes[i].xyz, from_site)) / speed;
+        if (speed < 0.0) {
+            if (meets > enter) { enter = meets; facet = i; }
+        } else leave = min(leave, meets);
+    }
+    if (enter < leave) {
+        facing = facet_planes[facet].xyz;
+        target += enter * d;
+        int site = int(number.y * site_count.x + number.x);
+        ambient = texelFetch(facet_indirect, ivec2(facet, site), 0).rgb;
+    }
+#endif
+    vec3 light = irradiance(target, facing, 0, 0) + ambient;
+    float scale = albedo / 3.14159265 * passed / (refractive_index * refractive_index);
+    pixel = vec4(scale * light, 1.0);
+}

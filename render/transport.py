@@ -1,0 +1,166 @@
+"""The transport table: linear radiance per facet and unit fiber power, the shared currency.
+
+Axes everywhere: ``(fiber, phi_node, bend, site, facet)``; the untouched pad (background) is
+``(fiber, phi_node, bend, site)``. Unit: radiance at the camera in 1/(mm^2 sr) per unit radiant
+power of the fiber. float64, errors are one standard deviation of the mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from render.bending import Array
+from render.chebyshev import interpolation_weights
+from render.errors import TableError
+from render.npz import read_npz, write_npz
+
+LEVELS = ("preview", "surrogate", "reference")
+
+
+@dataclass(frozen=True)
+class TransportTable:
+    """Transport on a grid of fiber directions and bends, with its standard errors.
+
+    Arguments:
+        T, se: ``(fiber, phi_node, bend, site, facet)``.
+        phi: ``(phi_node,)`` rad, distinct.
+        bends: ``(bend,)`` rad; empty when a foreign table does not say.
+        background, background_se: ``(fiber, phi_node, bend, site)`` or None.
+        exposure: counts per unit of ``sum_f power_f T_f``.
+        lam: weight of M_phi in eq. (4.6).
+        scene_hash: the scene that it was made for; empty for foreign tables.
+        level: ``preview``, ``surrogate`` or ``reference``.
+    """
+
+    T: Array
+    se: Array
+    phi: Array
+    exposure: float
+    lam: float
+    scene_hash: str = ""
+    level: str = "reference"
+    bends: Array = field(default_factory=lambda: np.zeros(0))
+    background: Array | None = None
+    background_se: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes and values: a table with missing cells is refused, never patched."""
+        if self.level not in LEVELS:
+            raise TableError(
+                f"level = {self.level!r}, allowed: {', '.join(LEVELS)}",
+                field="level",
+                value=self.level,
+            )
+        if self.T.ndim != 5 or 0 in self.T.shape:
+            raise TableError(
+                f"T has shape {self.T.shape}, allowed: five non-empty axes "
+                "(fiber, phi_node, bend, site, facet)",
+                field="T",
+                value=self.T.shape,
+            )
+        expected = {
+            "se": self.T.shape,
+            "phi": self.T.shape[1:2],
+            "bends": self.T.shape[2:3],
+            "background": self.T.shape[:4],
+            "background_se": self.T.shape[:4],
+        }
+        given = {
+            name: shape
+            for name, shape in expected.items()
+            if getattr(self, name) is not None and (name != "bends" or self.bends.size)
+        }
+        for name, shape in given.items():
+            if getattr(self, name).shape != shape:
+                raise TableError(
+                    f"{name} has shape {getattr(self, name).shape}, allowed: {shape}", field=name
+                )
+        for name in ("T", *given):
+            bad = ~np.isfinite(getattr(self, name))
+            if bad.any():
+                raise TableError(
+                    f"{name} has {int(bad.sum())} non-finite cells, the first at "
+                    f"{tuple(int(i) for i in np.argwhere(bad)[0])}: render them again",
+                    field=name,
+                )
+        if len(np.unique(self.phi)) < len(self.phi):
+            raise TableError("phi has equal nodes, allowed: distinct directions", field="phi")
+        if not (np.isfinite(self.exposure) and self.exposure > 0):
+            raise TableError(
+                f"exposure = {self.exposure}, allowed: finite and above 0", field="exposure"
+            )
+        if not (np.isfinite(self.lam) and self.lam >= 0):
+            raise TableError(f"lam = {self.lam}, allowed: finite and at least 0", field="lam")
+
+    def at(self, phi: Array) -> Array:
+        """Return T ``(fiber, bend, site, facet)`` for directions ``phi`` ``(fiber,)`` rad.
+
+        A table of one node knows no other direction and returns that node for every ``phi``.
+        """
+        low, high = self.phi.min(), self.phi.max()
+        if len(self.phi) > 1 and not ((phi >= low) & (phi <= high)).all():
+            raise TableError(
+                f"phi = {np.asarray(phi)} rad leaves the table, allowed: {low:g} to {high:g} rad",
+                field="phi",
+                value=phi,
+            )
+        weights = interpolation_weights(self.phi, phi)
+        return np.asarray(np.einsum("fj,fjbsk->fbsk", weights, self.T))
+
+    def save(self, path: Path) -> None:
+        """Write the table as ``.npz`` without pickles, first beside ``path``, then renamed."""
+        arrays: dict[str, np.ndarray] = {
+            "T": self.T,
+            "se": self.se,
+            "phi": self.phi,
+            "bends": self.bends,
+            "exposure": np.array(self.exposure),
+            "lam": np.array(self.lam),
+            "scene_hash": np.array(self.scene_hash),
+            "level": np.array(self.level),
+        }
+        for name in ("background", "background_se"):
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)
+        write_npz(path, arrays)
+
+
+def load_table(path: Path) -> TransportTable:
+    """Return the table stored in ``path``.
+
+    Raises:
+        TableError: when the file is missing, is not such a table, or has bad cells.
+    """
+    arrays = read_npz(path)
+    missing = {"T", "phi", "exposure", "lam"} - set(arrays)
+    if missing:
+        raise TableError(f"{path} is not a transport table: it has no {sorted(missing)}")
+    numbers = {
+        name: _numbers(path, name, arrays[name])
+        for name in ("T", "se", "phi", "bends", "background", "background_se", "exposure", "lam")
+        if name in arrays
+    }
+    for name in ("exposure", "lam"):
+        if numbers[name].size != 1:
+            raise TableError(f"{path}: {name} has {numbers[name].size} values, allowed: one")
+    return TransportTable(
+        T=numbers["T"],
+        se=numbers.get("se", np.zeros_like(numbers["T"])),
+        phi=numbers["phi"],
+        bends=numbers.get("bends", np.zeros(0)),
+        exposure=float(numbers["exposure"].item()),
+        lam=float(numbers["lam"].item()),
+        scene_hash=str(arrays.get("scene_hash", "")),
+        level=str(arrays.get("level", "reference")),
+        background=numbers.get("background"),
+        background_se=numbers.get("background_se"),
+    )
+
+
+def _numbers(path: Path, name: str, stored: np.ndarray) -> Array:
+    if stored.dtype.kind not in "fiu":
+        raise TableError(f"{path}: {name} holds {stored.dtype}, allowed: real numbers", field=name)
+    return np.asarray(stored, dtype=np.float64)

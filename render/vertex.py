@@ -1,0 +1,147 @@
+"""Path vertices on surfaces and in media, and how light scatters at them.
+
+The vocabulary of bidirectional path tracing (Veach 1997, ch. 10) with media as vertices of their
+own (Lafortune and Willems 1996). A surface vertex evaluates its BSDF times the cosine of the
+outgoing direction; a volume vertex its phase function. Densities are per solid angle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+# MIS quantities are ratios of densities; beyond this they only mean "this strategy never".
+RATIO_MAX = 1e30
+
+
+@dataclass
+class Vertex:
+    """One vertex of a light or camera subpath (a Dr.Jit PyTree, one lane per path).
+
+    ``wi`` points back to the predecessor (world), ``n`` is the geometric normal, ``medium`` the
+    medium through which the path arrived. ``beta`` is the throughput up to and including the
+    arrival. ``vcm`` and ``vc`` are the recursive MIS sums of Georgiev 2012 (without merging).
+    ``weight`` is 1 / probability that this vertex was kept; 0 where there is none.
+    """
+
+    p: Any
+    n: Any
+    frame: Any
+    wi: Any
+    uv: Any
+    bsdf: Any
+    shape: Any
+    medium: Any
+    phase: Any
+    volume: Any
+    diffuse: Any
+    delta: Any
+    terminal: Any
+    beta: Any
+    vcm: Any
+    vc: Any
+    weight: Any
+
+
+def empty_vertex() -> Vertex:
+    """Return a vertex with weight 0, for loops that have not found one yet."""
+    return Vertex(
+        p=dr.zeros(mi.Point3f),
+        n=dr.zeros(mi.Normal3f),
+        frame=mi.Frame3f(mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0), mi.Vector3f(0, 0, 1)),
+        wi=mi.Vector3f(0, 0, 1),
+        uv=dr.zeros(mi.Point2f),
+        bsdf=dr.zeros(mi.BSDFPtr),
+        shape=dr.zeros(mi.ShapePtr),
+        medium=dr.zeros(mi.MediumPtr),
+        phase=dr.zeros(mi.PhaseFunctionPtr),
+        volume=mi.Bool(False),
+        diffuse=mi.Bool(False),
+        delta=mi.Bool(False),
+        terminal=mi.Bool(False),
+        beta=mi.Spectrum(0.0),
+        vcm=mi.Float(0.0),
+        vc=mi.Float(0.0),
+        weight=mi.Float(0.0),
+    )
+
+
+def choose(condition: Any, a: Vertex, b: Vertex) -> Vertex:
+    """Return ``a`` where ``condition`` holds, else ``b``."""
+    return Vertex(**{k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(a)})
+
+
+def surface_interaction(v: Vertex) -> Any:
+    """Return the Mitsuba surface interaction that ``v`` stands for."""
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.p, si.n, si.sh_frame, si.uv, si.shape = v.p, v.n, v.frame, v.uv, v.shape
+    si.wi = v.frame.to_local(v.wi)
+    return si
+
+
+def medium_interaction(v: Vertex) -> Any:
+    """Return the Mitsuba medium interaction that ``v`` stands for."""
+    mei = dr.zeros(mi.MediumInteraction3f)
+    mei.p, mei.wi, mei.medium = v.p, v.wi, v.medium
+    mei.sh_frame = mi.Frame3f(v.wi)
+    return mei
+
+
+def scatter(v: Vertex, wo: Any, mode: Any, active: Any) -> tuple[Any, Any, Any]:
+    """Return value, density of ``wo`` and density of the reverse, at ``v`` for a given ``wo``.
+
+    Arguments:
+        wo: world direction away from the vertex.
+        mode: ``mi.TransportMode`` of the subpath that the vertex belongs to.
+
+    The value of a surface includes the cosine of ``wo``. Phase functions are taken to be
+    symmetric, which all of Mitsuba's are.
+    """
+    surface, volume = active & ~v.volume, active & v.volume
+    si = surface_interaction(v)
+    context = mi.BSDFContext(mode)
+    local = v.frame.to_local(wo)
+    value, pdf = v.bsdf.eval_pdf(context, si, local, surface)
+    back = mi.Vector3f(si.wi)
+    si.wi = local
+    reverse = v.bsdf.pdf(context, si, back, surface)
+    phase, phase_pdf = v.phase.eval_pdf(
+        mi.PhaseFunctionContext(), medium_interaction(v), wo, volume
+    )
+    value = dr.select(v.volume, phase, value)
+    pdf = dr.select(v.volume, phase_pdf, pdf)
+    reverse = dr.select(v.volume, phase_pdf, reverse)
+    return value, pdf, reverse
+
+
+def area_factor(v: Vertex, direction: Any) -> Any:
+    """Return the cosine that turns a density per solid angle into one per area; 1 in a volume."""
+    return dr.select(v.volume, 1.0, dr.abs(dr.dot(v.frame.n, direction)))
+
+
+def leave(v: Vertex, direction: Any) -> tuple[Any, Any]:
+    """Return origin and medium of a ray that leaves ``v`` in ``direction``, off the surface."""
+    outside = dr.dot(v.n, direction) > 0
+    magnitude = (1.0 + dr.max(dr.abs(v.p))) * mi.math.RayEpsilon
+    offset = dr.select(v.volume, 0.0, dr.select(outside, magnitude, -magnitude))
+    transition = ~v.volume & v.shape.is_medium_transition()
+    beyond = dr.select(outside, v.shape.exterior_medium(), v.shape.interior_medium())
+    return v.p + offset * mi.Vector3f(v.n), dr.select(transition, beyond, v.medium)
+
+
+def extinction(medium: Any, active: Any) -> tuple[Any, Any]:
+    """Return ``(sigma_s, sigma_t)`` of homogeneous media in 1/mm; 0 outside of any medium."""
+    inside = active & (medium != None)  # noqa: E711 (a Dr.Jit pointer array)
+    sigma_s, _, sigma_t = medium.get_scattering_coefficients(
+        dr.zeros(mi.MediumInteraction3f), inside
+    )
+    return dr.select(inside, sigma_s, 0.0), dr.select(inside, sigma_t, 0.0)
+
+
+def is_null(si: Any) -> Any:
+    """Return whether a surface is an index-matched boundary that light passes unchanged."""
+    flags = si.bsdf().flags()
+    return mi.has_flag(flags, mi.BSDFFlags.Null) & ~mi.has_flag(flags, mi.BSDFFlags.Smooth)

@@ -1,0 +1,155 @@
+"""Training cells: what the residual must be, how well it is known, and which cells belong together.
+
+Axes of every array here: ``(direction, fiber, bend, site, normal)``. The rows of one direction
+index form one lighting pattern with its own phi per fiber, so that the arrays line up with a batch
+of the checker; the normals are the facets, then the untouched pad.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.bending import Array
+from render.errors import TableError
+from render.layout import flat_fiber_poses
+from render.scene import Scene
+from render.transport import TransportTable
+from surrogate.basis import mirror_signs
+
+UNRELIABLE = 0.5
+"""Relative standard error from which a cell says nothing about the residual and is masked."""
+
+NOISE_FLOOR = 0.01
+"""Relative error that no render is trusted beyond (bias of finite chains, polygon size)."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Reference transport as training data.
+
+    Arguments:
+        phi: ``(direction, fiber)`` rad; bends: ``(bend,)`` rad.
+        transport, error: reference and its standard error, ``(direction, fiber, bend, site,
+            normal)``.
+        group: ``(direction, fiber, bend)`` integers; mirror twins share a group.
+        fiber_group, direction_group, bend_group: the same shape, coarser groups.
+    """
+
+    phi: Array
+    bends: Array
+    transport: Array
+    error: Array
+    group: np.ndarray
+    fiber_group: np.ndarray
+    direction_group: np.ndarray
+    bend_group: np.ndarray
+
+    @property
+    def reliable(self) -> np.ndarray:
+        """True where the cell is positive and its relative error is below UNRELIABLE."""
+        return (self.transport > 0) & (self.error < UNRELIABLE * self.transport)
+
+    @property
+    def relative_error(self) -> Array:
+        """Relative standard error; infinite where the cell is not reliable."""
+        safe = np.where(self.reliable, self.transport, 1.0)
+        return np.where(self.reliable, self.error / safe, np.inf)
+
+    def log_transport(self) -> Array:
+        """Return log T with the bias of the logarithm removed, 0 where it is not reliable.
+
+        E[log(T + noise)] = log T - (se / T)^2 / 2 + ..., the delta method's second order.
+        """
+        safe = np.where(self.reliable, self.transport, 1.0)
+        relative = np.where(self.reliable, self.relative_error, 0.0)
+        return np.log(safe) + 0.5 * relative**2
+
+    def weights(self) -> Array:
+        """Return the inverse variance of log T, 0 where it is not reliable; 1 at NOISE_FLOOR."""
+        return NOISE_FLOOR**2 / (self.relative_error**2 + NOISE_FLOOR**2)
+
+
+def cells_from_table(scene: Scene, table: TransportTable) -> Cells:
+    """Return the training cells of a reference table with background.
+
+    Raises:
+        TableError: when the table lacks bends or background or does not fit the scene.
+    """
+    expected = (scene.fibers.count, scene.sites.count, scene.indenter.faces)
+    found = (table.T.shape[0], *table.T.shape[3:])
+    if found != expected:
+        raise TableError(
+            f"the reference table has (fiber, site, facet) = {found}, allowed: {expected} as in "
+            f"the scene {scene.name}: render it for this scene",
+            field="T",
+            value=found,
+        )
+    if table.background is None or table.background_se is None:
+        raise TableError(
+            "the reference table has no background: render it together with the facets",
+            field="background",
+        )
+    if table.bends.shape != (table.T.shape[2],):
+        raise TableError(
+            f"the reference table names {table.bends.size} bends for {table.T.shape[2]}: "
+            "store its bends",
+            field="bends",
+        )
+    transport = np.concatenate([table.T, table.background[..., None]], axis=-1)
+    error = np.concatenate([table.se, table.background_se[..., None]], axis=-1)
+    phi = np.repeat(table.phi[:, None], scene.fibers.count, axis=1)
+    keys = _group_keys(scene, phi, table.bends)
+    return Cells(
+        phi=phi,
+        bends=table.bends,
+        transport=transport.swapaxes(0, 1),
+        error=error.swapaxes(0, 1),
+        group=_numbered(keys),
+        fiber_group=_numbered(keys[..., :2]),
+        direction_group=_numbered(keys[..., 2:3]),
+        bend_group=_numbered(keys[..., 3:]),
+    )
+
+
+def _group_keys(scene: Scene, phi: Array, bends: Array) -> Array:
+    """Return |x|, y, mirrored phi and bend of every group, ``(direction, fiber, bend, 4)``."""
+    poses = flat_fiber_poses(scene)
+    turns = (mirror_signs(scene) < 0) & (np.abs(poses.along[:, 0]) > 0.5)
+    folded = np.where(turns, np.pi - phi, phi)
+    shape = (*phi.shape, len(bends))
+    columns = [
+        np.broadcast_to(np.abs(poses.position[:, 0])[None, :, None], shape),
+        np.broadcast_to(poses.position[:, 1][None, :, None], shape),
+        np.broadcast_to(folded[..., None], shape),
+        np.broadcast_to(bends, shape),
+    ]
+    return np.round(np.stack(columns, axis=-1), 6)
+
+
+def _numbered(keys: Array) -> np.ndarray:
+    """Return one integer per distinct row of ``keys`` ``(..., column)``."""
+    _, index = np.unique(keys.reshape(-1, keys.shape[-1]), axis=0, return_inverse=True)
+    return np.asarray(index).reshape(keys.shape[:-1])
+
+
+def folds(group: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Return the fold (0 .. count-1) of every entry; whole groups go to one fold, evenly."""
+    groups = int(group.max()) + 1
+    dealt = np.arange(groups) % count
+    return np.random.default_rng(seed).permutation(dealt)[group]
+
+
+def interior_folds(group: np.ndarray, count: int, seed: int, inner: bool) -> np.ndarray:
+    """Return folds of whole groups; with ``inner`` the first and the last group stay in: fold -1.
+
+    Groups are numbered in the order of their value, so that what ``inner`` holds out is always
+    interpolation inside the trained range.
+    """
+    groups = int(group.max()) + 1
+    chosen = np.arange(1, groups - 1) if inner else np.arange(groups)
+    out = np.full(groups, -1)
+    dealt = np.arange(len(chosen)) % max(1, min(count, len(chosen)))
+    out[chosen] = np.random.default_rng(seed).permutation(dealt)
+    return out[group]

@@ -1,0 +1,238 @@
+"""Fitting the residual: ridge, then networks; the one that is better out of fold is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import nn
+
+from render.bending import Array
+from render.scene import Scene
+from surrogate.cells import Cells, folds, interior_folds
+from surrogate.heldout import Designs, Exam, LevelErrors, random_designs
+from surrogate.mlp import NetworkConfig, fit_networks
+from surrogate.preview_grid import PreviewGrid
+from surrogate.ridge import fit_ridge
+from surrogate.rows import Rows, build_rows, held_out
+from surrogate.uncertainty import Quantiles, conformal, counts_spread, coverage, fit_spread
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """How the residual is fitted and examined.
+
+    Arguments:
+        members: folds of the cross-validation and members of the ensemble.
+        network: size and training of the networks.
+        penalties: candidate ridge penalties; the best out of fold is taken.
+        designs: random held-out designs for errors and conformal factors.
+        ranked: designs whose ranking Kendall's tau is reported for, at least 30.
+    """
+
+    members: int = 5
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    penalties: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3)
+    designs: int = 300
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted residual and everything that is known about its errors.
+
+    Arguments:
+        residual: the ensemble that goes into the graph.
+        kind: ``ridge`` or ``network``.
+        spread: parameters of the calibrated residual (see ``graph.Checker``).
+        quantiles: conformal factors from all held-out designs.
+        coverage: what factors from one half of the cells cover of designs from the other half.
+        levels: errors of preview, scaled preview, ridge and networks on held-out designs.
+        splits: errors of the kept kind when whole fiber positions, directions or bends are out.
+        masked, cells: number of unreliable cells and of all cells.
+        noise: median relative standard error of the reference's cells.
+    """
+
+    residual: nn.Module
+    kind: str
+    spread: tuple[float, float]
+    quantiles: Quantiles
+    coverage: Quantiles | None
+    levels: tuple[LevelErrors, ...]
+    splits: tuple[LevelErrors, ...]
+    masked: int
+    cells: int
+    noise: float
+
+
+def fit_residual(
+    scene: Scene,
+    grid: PreviewGrid,
+    cells: Cells,
+    *,
+    exposure: float,
+    lam: float,
+    bends: np.ndarray,
+    seed: int,
+    config: FitConfig,
+    progress: Callable[[str, int, int], None],
+) -> Fit:
+    """Return the residual of ``cells`` on the preview ``grid``; deterministic for a seed.
+
+    ``bends`` are the indices of the bends that designs are examined at. One thread: the products
+    are small and threads that wait for each other cost more than they give.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
+        return _fit(task, config, progress)
+    finally:
+        torch.set_num_threads(threads)
+
+
+@dataclass(frozen=True)
+class _Task:
+    scene: Scene
+    cells: Cells
+    rows: Rows
+    exposure: float
+    lam: float
+    bends: np.ndarray
+    seed: int
+
+    def exam(self, designs: Designs, examined: np.ndarray, bends: np.ndarray) -> Exam:
+        cells = self.cells
+        reference, reliable = cells.transport, cells.reliable
+        return Exam(reference, reliable, designs, self.exposure, self.lam, examined, bends)
+
+    def designs(self, count: int, allowed: np.ndarray, stream: int) -> Designs:
+        return random_designs(count, allowed, np.random.default_rng([self.seed, stream]))
+
+    def residuals(self, model: nn.Module) -> Array:
+        with torch.no_grad():
+            return self.rows.residuals(model(self.rows.x))
+
+    def loss(self, residual: Array) -> float:
+        """Return the weighted mean square of the error in log T."""
+        error = residual.reshape(self.rows.target.shape) - self.rows.target.numpy()
+        weight = self.rows.weight.numpy()
+        return float((weight * error**2).sum() / weight.sum())
+
+
+def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
+    cells, rows = task.cells, task.rows
+    fold = folds(cells.group, config.members, task.seed)
+    everywhere = np.ones(fold.shape, dtype=bool)
+    exam = task.exam(task.designs(config.designs, everywhere[..., 0], 0), everywhere, task.bends)
+
+    progress("ridge", 0, 1)
+    ridges = [(p, fit_ridge(rows, fold, config.members, p)) for p in config.penalties]
+    held = [(task.loss(held_out(task.residuals(m), fold)), p, m) for p, m in ridges]
+    ridge_loss, penalty, ridge = min(held, key=lambda item: item[0])
+    progress("ridge", 1, 1)
+
+    def train(where: np.ndarray, members: int, name: str, network: NetworkConfig) -> nn.Module:
+        def report(done: int, total: int) -> None:
+            progress(name, done, total)
+
+        return fit_networks(rows, where, members, network, task.seed, report)
+
+    network = train(fold, config.members, "networks", config.network)
+    guesses = {"ridge": task.residuals(ridge), "network": task.residuals(network)}
+    better = task.loss(held_out(guesses["network"], fold)) < ridge_loss
+    kind, model = ("network", network) if better else ("ridge", ridge)
+
+    preview = np.exp(rows.log_preview)
+    scaled = float((rows.weight * rows.target).sum() / rows.weight.sum())
+    levels = [exam.grade("preview", preview), exam.grade("preview, scaled", preview * np.exp(scaled))]
+    levels += [
+        exam.grade(name, preview * np.exp(held_out(residual, fold)))
+        for name, residual in guesses.items()
+    ]
+
+    splits = []
+    for name, group, inner in (
+        ("fiber position", cells.fiber_group, False),
+        ("direction", cells.direction_group, True),
+        ("bend", cells.bend_group, True),
+    ):
+        out = interior_folds(group, 3, task.seed, inner)
+        count = int(out.max()) + 1
+        if count < 2:
+            continue
+        coarse = (
+            train(out, count, f"split by {name}", config.network.shorter(2))
+            if better
+            else fit_ridge(rows, out, count, penalty)
+        )
+        residual = held_out(task.residuals(coarse), out)
+        allowed = (out >= 0).any(axis=2)
+        seen = np.flatnonzero((out >= 0).any(axis=(0, 1)))
+        designs = task.designs(config.designs, allowed, 1)
+        strict = task.exam(designs, out >= 0, seen if name == "bend" else task.bends)
+        splits.append(strict.grade(f"unseen {name}", preview * np.exp(residual)))
+
+    residual = held_out(guesses[kind], fold)
+    apart = guesses[kind] - guesses[kind].mean(axis=0)
+    b0, b1 = _spread(task, residual, apart)
+    cell_spread = np.exp(b0 + b1 * rows.brightness)
+    transport = preview * np.exp(residual)
+
+    def spread(of: Exam) -> Array:
+        return counts_spread(of, transport, apart, cell_spread)
+
+    return Fit(
+        residual=model,
+        kind=kind,
+        spread=(b0, b1),
+        quantiles=conformal(exam, transport, spread(exam)),
+        coverage=_coverage(task, config, transport, spread),
+        levels=tuple(levels),
+        splits=tuple(splits),
+        masked=int((~cells.reliable).sum()),
+        cells=int(cells.reliable.size),
+        noise=float(np.median(cells.relative_error)),
+    )
+
+
+def _spread(task: _Task, residual: Array, apart: Array) -> tuple[float, float]:
+    """Calibrate the cells' spread on the reliable cells."""
+    cells, known = task.cells, task.cells.reliable
+    error = residual.reshape(task.rows.target.shape) - task.rows.target.numpy()
+    ensemble = (apart**2).sum(axis=0) / max(len(apart) - 1, 1)
+    brightness = np.broadcast_to(task.rows.brightness[..., None], known.shape)
+    return fit_spread(
+        error.reshape(known.shape)[known],
+        cells.relative_error[known],
+        ensemble[known],
+        brightness[known],
+    )
+
+
+def _coverage(
+    task: _Task, config: FitConfig, transport: Array, spread: Callable[[Exam], Array]
+) -> Quantiles | None:
+    """Return the coverage of designs whose cells had no part in the conformal factors.
+
+    The pairs of fiber and direction are dealt to two halves like a chessboard (twins together);
+    factors from designs of one half are tried on designs of the other, both ways.
+    """
+    cells = task.cells
+    if len(cells.phi) < 2:
+        return None
+    white = (cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0
+    everywhere = np.ones(cells.group.shape, dtype=bool)
+    exams = [
+        task.exam(task.designs(config.designs, half, 2), everywhere, task.bends)
+        for half in (white, ~white)
+    ]
+    spreads = [spread(exam) for exam in exams]
+    found = []
+    for first, second in ((0, 1), (1, 0)):
+        factors = conformal(exams[first], transport, spreads[first])
+        found.append(coverage(exams[second], transport, spreads[second], factors))
+    return Quantiles(
+        float(np.mean([f.counts for f in found])), float(np.mean([f.score for f in found]))
+    )

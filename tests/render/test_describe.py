@@ -1,0 +1,74 @@
+"""A description lists every value with its unit and source, and what is left out."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from render.describe import describe
+from render.scene import Scene, load_scene, sources
+
+SCENE = load_scene("finger20")
+
+
+def left_out(scene: Scene) -> dict[str, str]:
+    return {item.what: item.why for item in describe(scene).left_out}
+
+
+def changed(part: str, **values: object) -> Scene:
+    return SCENE.model_copy(update={part: getattr(SCENE, part).model_copy(update=values)})
+
+
+def test_every_value_of_the_file_is_listed_with_its_unit_and_source() -> None:
+    origins = sources("finger20")
+    values = {item.key: item for item in describe(SCENE, origins).values}
+    assert set(origins) <= set(values)
+    for key, source in origins.items():
+        assert values[key].source == source
+    assert values["pad.width"].value == 18.0
+    assert values["pad.width"].unit == "mm"
+    assert values["fibers.left"].value == 8
+
+
+def test_angles_are_given_in_degrees_as_in_the_file() -> None:
+    values = {item.key: item for item in describe(SCENE).values}
+    assert values["fibers.sigma_v"].value == 15.0
+    assert values["bending.angles"].value == (0.0, 45.0, 90.0)
+    assert values["bending.angles"].unit == "deg"
+
+
+def test_cells_are_counted_per_direction_node() -> None:
+    description = describe(SCENE)
+    assert description.axes == {"fiber": 20, "bend": 3, "site": 15, "facet": 10}
+    assert description.cells == 9000
+    assert description.background_cells == 900
+
+
+def test_the_default_finger_leaves_out_no_medium() -> None:
+    assert "scattering medium" not in left_out(SCENE)
+    assert "bend axis" not in left_out(SCENE)
+    assert "Lambertian" in left_out(SCENE)["specular lobe of the coating"]
+
+
+def test_a_bare_flat_scene_leaves_out_medium_and_bend_axis() -> None:
+    bare = SCENE.model_copy(update={"diffuser": None})
+    assert "no diffuser" in left_out(bare)["scattering medium"]
+    assert not any(item.key.startswith("diffuser") for item in describe(bare).values)
+    assert "bend axis" in left_out(changed("bending", angles=(0.0,)))
+    assert "rough refraction" in left_out(changed("pad", roughness=0.0))
+    assert "light from the tip edge" in left_out(changed("fibers", tip=0))
+
+
+def test_text_and_json_hold_the_same_values() -> None:
+    description = describe(SCENE, sources("finger20"))
+    text = description.text()
+    parsed = json.loads(json.dumps(description.to_json()))
+    assert parsed["scene_hash"] == SCENE.hash
+    for item in parsed["values"]:
+        assert item["key"] in text
+        assert item["source"] in text
+    for item in parsed["left_out"]:
+        assert f"{item['what']}: {item['why']}" in text
+    assert "0, 45, 90 deg" in text
+    assert np.isclose(parsed["cells"], 9000)
