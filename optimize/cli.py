@@ -94,7 +94,7 @@ def verify(
     ] = None,
     model: Model = None,
     mutations: Annotated[
-        int | None, typer.Option(min=1, help="Mutations per design and seed.")
+        int | None, typer.Option(min=1, help="Mutations per cell and seed (default: 200).")
     ] = None,
     minutes: Annotated[
         float | None, typer.Option(min=0.1, help="Rendering time, instead of --mutations.")

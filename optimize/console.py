@@ -65,8 +65,13 @@ class Meter:
 
     def __exit__(self, *_: object) -> None:
         """Take the bar away."""
+        self.close()
+
+    def close(self) -> None:
+        """Take the bar away; calls after that start a new one."""
         if self._bar is not None:
             self._bar.stop()
+            self._bar = None
 
     def __call__(self, done: float, total: float, eta: float | None = None) -> None:
         """Show that ``done`` of ``total`` units are finished."""

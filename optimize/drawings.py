@@ -73,24 +73,17 @@ def scheme(scene: Scene, design: Design) -> Figure:
 
 
 def convergence(steps: Sequence[SearchStep]) -> Figure:
-    """Draw the best score after every stage of the search, over the designs evaluated."""
-    evaluated = [step.evaluated for step in steps]
-    scores = [step.score for step in steps]
-    with drawing(6.4, 2.7) as figure:
+    """Draw the best score after every stage of the search, over the seconds that it took."""
+    with drawing(6.4, 2.5) as figure:
         axes = figure.subplots()
-        axes.step(evaluated, scores, where="post", color="#8a8f98", lw=1.2, zorder=1)
+        seconds = [step.seconds for step in steps]
+        scores = [step.score for step in steps]
+        axes.step(seconds, scores, where="post", color="#b6bbc4", lw=1.2, zorder=1)
         for stage, (label, tone) in STAGES.items():
-            at = [step for step in steps if step.stage == stage]
-            axes.plot(
-                [step.evaluated for step in at],
-                [step.score for step in at],
-                "o",
-                ms=5,
-                color=tone,
-                label=label if at else None,
-            )
-        axes.set_xscale("log")
-        axes.set(xlabel="designs evaluated", ylabel="best score S")
+            at = [(step.seconds, step.score) for step in steps if step.stage == stage]
+            if at:
+                axes.plot(*zip(*at, strict=True), "o", ms=5, color=tone, label=label)
+        axes.set(xlabel="seconds", ylabel="best score S")
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(frameon=False, loc="best")
+        axes.legend(frameon=False, loc="lower right")
     return figure

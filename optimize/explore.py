@@ -19,9 +19,9 @@ from render.metric import clipped_fraction, design_score
 from render.scene import Scene
 from surrogate.checker import Checker
 
-# Direction nodes of the search's transport table; its interpolation error is then far below the
-# surrogate's own.
-PHI_NODES = 17
+# Direction nodes of the table that is searched: its interpolation then moves a score by less than
+# 0.1 counts (measured; with 17 nodes by 0.9).
+PHI_NODES = 33
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,17 +26,21 @@ class ReportContent:
         stages: baseline first, the result last.
         pictures: PNG bytes by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
             ``preview-<stage>-<bend index>`` (baseline and result) and ``convergence``.
+        confidence: coverage of the intervals, as text.
         search_note: what the search did, in one sentence.
         caveats: what the reader must know before believing the numbers.
         facts: origin of the numbers, in the order shown.
+        errors: rows of the model's held-out errors, as in its metadata.
     """
 
     scene: Scene
     stages: Sequence[Stage]
     pictures: Mapping[str, bytes]
+    confidence: str
     search_note: str
     caveats: Sequence[str]
     facts: Sequence[tuple[str, str]]
+    errors: Sequence[Mapping[str, Any]]
     made: str
     verify_command: str
 
@@ -65,7 +69,7 @@ def score_row(stage: Stage) -> dict[str, str]:
         "mean": f"{rating.mean:.1f}",
         "spread_sites": f"{rating.spread_sites:.1f}",
         "spread_bends": f"{rating.spread_bends:.1f}",
-        "clipped": f"{100 * stage.clipped:.1f} %" if stage.clipped else "none",
+        "clipped": f"{stage.clipped:.1%}" if stage.clipped else "none",
         "level": rating.level,
     }
 
@@ -129,7 +133,7 @@ def _context(content: ReportContent) -> dict[str, Any]:
         "scene_hash": scene.hash,
         "made": content.made,
         "level": "surrogate",
-        "confidence": "95 %",
+        "confidence": content.confidence,
         "lam": f"{content.stages[0].rating.lam:.4g}",
         "summary": summary(content.stages),
         "warnings": warnings(content.stages),
@@ -160,6 +164,7 @@ def _context(content: ReportContent) -> dict[str, Any]:
         "caveats": content.caveats,
         "verify_command": content.verify_command,
         "facts": content.facts,
+        "errors": [_error_row(row) for row in content.errors],
     }
 
 
@@ -179,6 +184,17 @@ def _wiring(scene: Scene, stage: Stage) -> list[dict[str, str]]:
             zip(fiber_edges(scene), stage.design.colour_names, strict=True)
         )
     ]
+
+
+def _error_row(row: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        "level": str(row["level"]),
+        "facet_median": f"{row['facet_median']:.1%}",
+        "facet_p95": f"{row['facet_p95']:.1%}",
+        "score_median": f"{row['score_median']:.2f}",
+        "score_p95": f"{row['score_p95']:.2f}",
+        "kendall_tau": f"{row['kendall_tau']:.2f}",
+    }
 
 
 def _data_uri(png: bytes) -> str:

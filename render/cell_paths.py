@@ -18,6 +18,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from render.bridge import Bridge
 from render.fiber_light import FiberLight
 from render.vertex import Vertex, choose, empty_vertex
 from render.walk import Aim, advance, bounce, join, start
@@ -25,20 +26,29 @@ from render.walk import Aim, advance, bounce, join, start
 # Events that one subpath may take; what the bound costs is measured in tests/validation.
 CAMERA_EVENTS = 16
 LIGHT_EVENTS = 4096
+BRIDGE_EVENT = LIGHT_EVENTS // 2
+# Probability that a light vertex is joined to the end of the camera subpath, else to a glossy one.
+END_SHARE = 0.7
 
 
 @dataclass
 class CameraSubpath:
-    """The kept vertices of a camera subpath (weight 0 where there is none)."""
+    """The kept vertices of a camera subpath (weight 0 where there is none).
+
+    ``glossy_bridged`` says that ``glossy`` follows the facet directly, so that a bridge could
+    have found it too; ``end_bridged`` is the density ratio of that for the vertex before ``end``.
+    """
 
     facet: Vertex
     glossy: Vertex
     end: Vertex
+    glossy_bridged: Any
+    end_bridged: Any
 
 
 @dr.syntax
 def camera_subpath(
-    scene: Any, o: Any, d: Any, stream: Any, first: int, aim: Aim | None
+    scene: Any, o: Any, d: Any, stream: Any, first: int, aim: Aim, bridge: Bridge
 ) -> CameraSubpath:
     """Trace camera subpaths from rays ``(o, d)``; takes events of ``stream`` from ``first`` on."""
     facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()
@@ -48,6 +58,11 @@ def camera_subpath(
     active = dr.full(mi.Bool, True, dr.width(o))
     seen = mi.Bool(False)
     glossies = mi.Float(0.0)
+    glossy_bridged, end_bridged = mi.Bool(False), mi.Float(0.0)
+    # Of the vertex before: whether it is the first glossy one after the facet, and where it is.
+    follows, before, before_n, before_vcm = (
+        mi.Bool(False), dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0)
+    )  # fmt: skip
     while active:
         head, v, arrived, escaped = advance(scene, head, active)
         v.terminal = v.terminal | (v.diffuse & seen)
@@ -62,14 +77,23 @@ def camera_subpath(
         is_glossy = arrived & seen & ~v.terminal & ~v.delta & ~v.diffuse
         glossies += dr.select(is_glossy, 1.0, 0.0)
         spare = stream.event(event + CAMERA_EVENTS)[0]
-        glossy = choose(is_glossy & (spare * glossies < 1.0), v, glossy)
+        kept = is_glossy & (spare * glossies < 1.0)
+        glossy = choose(kept, v, glossy)
+        direct = is_glossy & (glossies == 1.0)
+        glossy_bridged = dr.select(kept, direct, glossy_bridged)
+        if absorbed & follows:
+            end_bridged = before_vcm * bridge.area_density(facet.p, before, before_n, v.p)
+        follows = dr.select(arrived, direct, follows)
+        before = dr.select(arrived, v.p, before)
+        before_n = dr.select(arrived, v.n, before_n)
+        before_vcm = dr.select(arrived, v.vcm, before_vcm)
         seen |= is_facet
         going = arrived & ~absorbed
         head, alive = bounce(head, v, mi.TransportMode.Radiance, stream.event(event), going, aim)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + CAMERA_EVENTS)
         event += 1
     glossy.weight = glossies
-    return CameraSubpath(facet, glossy, end)
+    return CameraSubpath(facet, glossy, end, glossy_bridged, end_bridged)
 
 
 @dr.syntax
@@ -80,7 +104,8 @@ def light_subpaths(
     fiber: Any,
     stream: Any,
     paths: int,
-    aim: Aim | None,
+    aim: Aim,
+    bridge: Bridge,
 ) -> list[Any]:
     """Return, per direction node, the mean over ``paths`` light subpaths of the joined radiance.
 
@@ -96,6 +121,7 @@ def light_subpaths(
     head = start(
         o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), mi.Float(0.5)
     )
+    before, before_smooth = dr.zeros(mi.Point3f), mi.Bool(False)
     fresh = dr.full(mi.Bool, True, dr.width(fiber))
     active = mi.Bool(fresh)
     while active:
@@ -109,15 +135,37 @@ def light_subpaths(
                 o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free
             )
             event = path * LIGHT_EVENTS + 2
+            before_smooth = mi.Bool(False)
         head, v, arrived, escaped = advance(scene, head, active)
         v.terminal = v.terminal | v.diffuse
         joined = arrived & ~v.delta
-        collected += _total(join(scene, v, camera.facet, joined, aim))
-        collected += _total(join(scene, v, camera.end, joined))
-        collected += _total(join(scene, v, camera.glossy, joined))
+        smooth = arrived & (v.volume | v.diffuse)
+        # A bridge could have found this glossy vertex from the smooth one before it.
+        found = joined & ~smooth & before_smooth
+        by_bridge = mi.Float(0.0)
+        if found:
+            by_bridge = v.vcm * bridge.area_density(camera.facet.p, v.p, v.n, before)
+        collected += _total(join(scene, v, camera.facet, joined, aim, extra=by_bridge))
+        # Little light takes the other two joins: each vertex tries one of them.
+        number = stream.event(event + BRIDGE_EVENT)
+        other = choose(number[2] < END_SHARE, camera.end, camera.glossy)
+        to_end = number[2] < END_SHARE
+        rarity = dr.select(to_end, 1.0 / END_SHARE, 1.0 / (1.0 - END_SHARE))
+        by_bridge = mi.Float(0.0)
+        if smooth & camera.glossy_bridged & ~to_end:
+            by_bridge = camera.glossy.vcm * bridge.area_density(
+                camera.facet.p, camera.glossy.p, camera.glossy.n, v.p
+            )
+        bridged = dr.select(to_end, camera.end_bridged, 0.0)
+        collected += rarity * _total(
+            join(scene, v, other, joined, extra=by_bridge, bridged=bridged)
+        )
+        collected += _total(bridge.join(scene, v, camera.facet, number[0], number[1], smooth, aim))
+        before = dr.select(arrived, v.p, before)
+        before_smooth = dr.select(arrived, smooth, before_smooth)
         head, alive = bounce(head, v, mi.TransportMode.Importance, stream.event(event), arrived)
         event += 1
-        cut = event >= (path + 1) * LIGHT_EVENTS
+        cut = event >= path * LIGHT_EVENTS + BRIDGE_EVENT
         fresh = active & (escaped | (arrived & ~alive) | cut)
         if fresh:
             weights = light.weights(fiber, o, d)

@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.bending import Array
+from render.bridge import Bridge
 from render.camera import camera_origin
 from render.cell_paths import camera_subpath, light_subpaths
 from render.chains import Deposit
@@ -55,6 +56,7 @@ class CellProblem:
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi, bend)
         self.guide = Guide(scene, bend)
+        self.bridge = Bridge(scene, bend)
         self.targets = targets
         self.fibers, self.channels = phi.shape
         self.bins = self.fibers * targets.count
@@ -75,8 +77,8 @@ class CellProblem:
         pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
         o, d = self._rays(pixel, x, y)
         aim = FacetAim(self.guide, fiber)
-        seen = camera_subpath(self.pad, o, d, camera, FIRST_CAMERA_EVENT, aim)
-        values = light_subpaths(self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim)
+        seen = camera_subpath(self.pad, o, d, camera, FIRST_CAMERA_EVENT, aim, self.bridge)
+        values = light_subpaths(self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim, self.bridge)
         return [Deposit(fiber * count + target, [value * self.bins for value in values])]
 
     def _rays(self, pixel: Any, x: Any, y: Any) -> tuple[Any, Any]:

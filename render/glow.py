@@ -10,7 +10,8 @@ import numpy as np
 from render.bending import Array
 from render.layout import fiber_edges, flat_fiber_poses
 from render.scene import EDGES, Scene
-from render.slab import HEIGHTS, TERMS, SlabResponse, slab_response
+from render.rough_face import fresnel
+from render.slab import HEIGHTS, MIRROR_ALONG, TERMS, SlabResponse, linear_weights, slab_response
 from render.slab_launch import Beam
 
 TEXELS = 3
@@ -23,12 +24,13 @@ class Lights(Protocol):
     """Point lights in flat pad coordinates, and what they emit for given fiber directions.
 
     position: ``(fiber, light, 4)``: x, y, z (mm) and the edge's number.
-    texels: RGBA texels per light; ``edge_albedo``: of the pad's edges, seen from inside;
+    edge_albedo: of the pad's edges, seen from inside.
+    nodes: ``(node,)`` rad when emission is the polynomial in phi through these nodes, else None.
     defines: what the shader is specialised by.
     """
 
     position: Array
-    texels: int
+    nodes: Array | None
     edge_albedo: float
     defines: dict[str, str]
 
@@ -50,12 +52,11 @@ def make_lights(scene: Scene, cache: Path | None = None) -> Lights:
 class Glow:
     """The glow of the diffuser's inner face: the slab response of every fiber, at its place."""
 
-    texels = TEXELS
-
     def __init__(self, scene: Scene, response: SlabResponse) -> None:
         """Place the response at every fiber."""
         self._scene, self._response = scene, response
         self.edge_albedo = response.albedo
+        self.nodes: Array | None = response.phi
         cell = np.median(np.diff(response.offsets)) * scene.pad.thickness / HEIGHTS
         self.defines = {
             "EMISSION_TEXELS": str(TEXELS),
@@ -65,25 +66,24 @@ class Glow:
         place = flat_fiber_poses(scene).position
         centre = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
         reach = np.array([_reach(scene, number) for number in range(len(EDGES))])[edge]
-        # Each light stands for the cell between its neighbours; the part beyond the edge is lost.
-        middle = 0.5 * (response.offsets[1:] + response.offsets[:-1])
-        low = centre[:, None] + np.concatenate([2 * response.offsets[:1] - middle[:1], middle])
-        high = centre[:, None] + np.concatenate([middle, 2 * response.offsets[-1:] - middle[-1:]])
-        bound = reach[:, None]
-        inside = np.minimum(high, bound) - np.maximum(low, -bound)
-        self._part = np.maximum(inside, 0.0) / (high - low)
-        self._along = np.clip(centre[:, None] + response.offsets, -bound, bound)
+        self._keep, self._fold = _ends(response.offsets, centre, reach, _end_reflectance(scene))
+        self._along = np.clip(centre[:, None] + response.offsets, -reach[:, None], reach[:, None])
         self._edge = edge
         self.position = _on_edges(scene, self._along, edge, response.heights)
 
     def emission(self, phi: Array) -> Array:
         """Return ``(..., fiber, light, 12)``."""
-        radiance = self._response.at(phi) * self._part[..., None, None]
-        return _packed(radiance.reshape(*phi.shape, -1, TERMS))
+        return _packed(self._radiance(phi).reshape(*phi.shape, -1, TERMS))
+
+    def _radiance(self, phi: Array) -> Array:
+        """Return ``(..., fiber, offset, height, term)``; layers end with the edges."""
+        endless = self._response.at(phi)
+        kept = endless * self._keep[..., None, None]
+        return kept + np.einsum("fpo,...fozt->...fpzt", self._fold, endless * MIRROR_ALONG)
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return the glow of whole edges, shared linearly between evenly spaced lights."""
-        radiance = self._response.at(phi) * self._part[..., None, None]
+        radiance = self._radiance(phi)
         positions, emissions = [], []
         for number in range(len(EDGES)):
             reach = _reach(self._scene, number)
@@ -103,8 +103,8 @@ class Glow:
 class BareFibers:
     """Fiber ends before a clear pad: seven points of each end face, seen through the pad's edge."""
 
-    texels = 1
     edge_albedo = 0.0
+    nodes = None
 
     def __init__(self, scene: Scene) -> None:
         """Place the images of the fiber ends behind the edge."""
@@ -146,6 +146,40 @@ class BareFibers:
         emission = np.broadcast_to(self.emission(phi), (3, *self.position.shape)).copy()
         emission[..., 3] *= power.T[..., None]
         return self.position.reshape(1, -1, 4), emission.reshape(3, -1, 4)
+
+
+def _ends(offsets: Array, centre: Array, reach: Array, reflectance: float) -> tuple[Array, Array]:
+    """Return what the ends of the layer make of an endless layer's lights.
+
+    Each light stands for the cell between its neighbours. The part of a cell inside the edge is
+    kept, ``(fiber, offset)``; of the part beyond an end, ``reflectance`` comes back mirrored, shared
+    between the two lights nearest to its image, ``(fiber, to offset, from offset)``.
+    """
+    middle = 0.5 * (offsets[1:] + offsets[:-1])
+    low = centre[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
+    high = centre[:, None] + np.concatenate([middle, 2 * offsets[-1:] - middle[-1:]])
+    bound = reach[:, None]
+    keep = np.clip(np.minimum(high, bound) - np.maximum(low, -bound), 0.0, None) / (high - low)
+    fold = np.zeros((len(centre), len(offsets), len(offsets)))
+    for fiber, (place, end) in enumerate(zip(centre, reach, strict=True)):
+        for light in range(len(offsets)):
+            for sign, first, last in (
+                (-1, low[fiber, light], min(high[fiber, light], -end)),
+                (1, max(low[fiber, light], end), high[fiber, light]),
+            ):
+                if last > first:
+                    image = max(2 * end - sign * 0.5 * (first + last), -end) * sign - place
+                    share = linear_weights(np.array([image]), offsets)[0]
+                    beyond = (last - first) / (high[fiber, light] - low[fiber, light])
+                    fold[fiber, :, light] += reflectance * beyond * share
+    return keep, fold
+
+
+def _end_reflectance(scene: Scene) -> float:
+    """Return the reflectance of a dielectric face for diffuse light from inside."""
+    cosine = np.linspace(0.0, 1.0, 2001)
+    reflected = fresnel(cosine, 1 / scene.pad.index)[0]
+    return float(np.trapezoid(2 * cosine * reflected, cosine))
 
 
 def _reach(scene: Scene, edge: int) -> float:

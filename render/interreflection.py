@@ -19,21 +19,28 @@ from render.scene import Scene
 _SPOTS = np.array([-0.5, 0.5]) / np.sqrt(3)
 
 
-def indirect_irradiance(
-    scene: Scene, points: PadPoints, bend: float, edge_albedo: float
-) -> Array:
-    """Return the matrix ``(target, patch)`` from direct to indirect irradiance.
+def total_irradiance(scene: Scene, points: PadPoints, bend: float, edge_albedo: float) -> Array:
+    """Return the matrix ``(target, point)`` from direct to total irradiance.
 
-    Targets are facets, sites and coating patches (in the order of `PadPoints`), sources all
-    patches. ``edge_albedo`` is that of the diffuser for light from inside the pad.
+    Targets are facets, sites and coating patches, in the order of `PadPoints`. ``edge_albedo`` is
+    that of the diffuser for light from inside the pad.
     """
     kernel = _kernel(scene, points, bend)
     albedo = np.full(kernel.shape[1], edge_albedo)
     albedo[: points.columns * points.rows] = scene.coating.albedo
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo
+    total = np.eye(points.first_edge, len(points.position))
     # E = E0 + between E, and targets gather from the final irradiance.
-    return np.linalg.solve((np.eye(len(between)) - between).T, gather.T).T
+    total[:, points.first_patch :] += np.linalg.solve(
+        (np.eye(len(between)) - between).T, gather.T
+    ).T
+    # The part of a facet's sky below the coating is filled by the coating around its site.
+    below = 0.5 * (1 - np.cos(scene.indenter.slope)) * scene.coating.albedo
+    facets = points.sites * points.facets
+    around = total[facets : points.first_patch]
+    total[:facets] += below * np.repeat(around, points.facets, axis=0)
+    return total
 
 
 def _kernel(scene: Scene, points: PadPoints, bend: float) -> Array:

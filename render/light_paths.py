@@ -46,8 +46,9 @@ def direct_path(source: Array, target: Array, thickness: float, kappa: float) ->
     to_source = np.stack([-across, -below_source * sine, sag * below_source - rise], axis=-1)
     distance = np.linalg.norm(to_target, axis=-1)
     dip = np.sqrt(np.maximum(below_target**2 - 1, 0))
-    clear = dip * np.abs(to_source[..., 1]) > to_source[..., 2]
-    visible = (to_target[..., 2] <= 0) | clear
+    # The coating hides what lies beyond its horizon and above the line that touches it there.
+    along = np.abs(to_source[..., 1])
+    visible = (along <= dip / kappa) | (dip * along > to_source[..., 2])
     scale = 1 / np.maximum(distance, 1e-9)
     return Path(
         to_target * scale[..., None],

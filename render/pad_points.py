@@ -13,9 +13,9 @@ from render.bending import Array
 from render.layout import facet_normals, flat_sites, pyramid
 from render.scene import Scene
 
-PATCH = 2.0
+PATCH = 2.5
 """Longest side (mm) of a patch along x and y."""
-STOREYS = 2
+STOREYS = 3
 """Patches of the lit edges from the lower face to the coating."""
 
 

@@ -26,11 +26,15 @@ from render.transport import read_npz, write_npz
 VERSION = 1
 """Part of the cache key: raise it when the walk or the basis changes."""
 PHI_NODES, HEIGHTS, TERMS = 11, 3, 9
+MIRROR_ALONG = np.array([1, -1, 1, 1, -1, 1, 1, -1, 1])
+"""Signs of the terms when the direction along the edge is reversed."""
 LEVELS = (0.0, 0.36, 0.66, 0.88, 0.98)
 """Parts of the light within each offset along the edge."""
 RAYS, BATCH, DIFFUSE_RAYS = 360_000, 60_000, 30_000
 LEAST_STEP = 1e-3
 """Least distance (mm) between offsets."""
+LEAST_POWER = 1e-6
+"""Part of a fiber's light that must pass the diffuser: with less, noise is all there is."""
 EVENTS = 20_000_000
 """Scattering and reflection events after which no further batch is started."""
 
@@ -117,6 +121,15 @@ def compute_response(slab: Slab, beam: Beam, *, rays: int = RAYS, seed: int = 0)
         left, spent = walk(slab, photons, rng)
         leaving.append((left, left.weight[:, None] * weight[left.label]))
         launched, events = launched + BATCH, events + spent
+    passed = max(float(power.sum(axis=0).max()) for _, power in leaving)
+    if passed < LEAST_POWER:
+        raise RenderError(
+            f"the diffuser lets only {passed:.1e} of the light through, allowed: at least "
+            f"{LEAST_POWER:g}; make it thinner, less absorbing, or bring the fibers nearer",
+            field="diffuser",
+            value=passed,
+            allowed=f"at least {LEAST_POWER:g}",
+        )
     offsets = _offsets(leaving)
     deposits = [_deposit(left, power, offsets, heights) for left, power in leaving]
     back, _ = walk(slab, launch_diffuse(slab, DIFFUSE_RAYS, rng), rng)
@@ -129,12 +142,6 @@ def _offsets(leaving: list[tuple[Photons, Array]]) -> Array:
     """Return points along the edge that share the light of all nodes by `LEVELS`."""
     away = np.concatenate([np.abs(left.position[:, 0]) for left, _ in leaving])
     power = np.concatenate([power.sum(axis=1) for _, power in leaving])
-    if not power.sum() > 0:
-        raise RenderError(
-            "no light of any fiber passes the diffuser: allowed are thinner, less absorbing "
-            "layers, or fibers nearer to it",
-            field="diffuser",
-        )
     order = np.argsort(away)
     half = np.interp(LEVELS, np.cumsum(power[order]) / power.sum(), away[order])
     # Points must stay apart even when a clear layer keeps all light in one spot.
@@ -149,7 +156,7 @@ def _deposit(left: Photons, power: Array, offsets: Array, heights: Array) -> Arr
     directions the least-squares radiance, whose normal equations are the moments of the terms.
     """
     position = left.position.astype(np.float64)
-    along = _linear_weights(position[:, 0], offsets)
+    along = linear_weights(position[:, 0], offsets)
     up = interpolation_weights(heights, position[:, 2])
     directional = directional_terms(left.direction.astype(np.float64))
     directional = np.linalg.solve(_moments(), directional.T).T
@@ -161,7 +168,7 @@ def _deposit(left: Photons, power: Array, offsets: Array, heights: Array) -> Arr
     )
 
 
-def _linear_weights(x: Array, nodes: Array) -> Array:
+def linear_weights(x: Array, nodes: Array) -> Array:
     """Return ``(x, node)`` weights that share ``x`` between its neighbours; ends hold the rest."""
     cell = np.clip(np.searchsorted(nodes, x) - 1, 0, len(nodes) - 2)
     part = np.clip((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0.0, 1.0)
@@ -187,8 +194,7 @@ def _moments() -> Array:
 
 def _symmetric(radiance: Array) -> Array:
     """Average with the mirror image: phi and pi - phi, along and against the edge."""
-    odd = np.array([1, -1, 1, 1, -1, 1, 1, -1, 1])
-    return np.asarray(0.5 * (radiance + odd * radiance[::-1, ::-1]))
+    return np.asarray(0.5 * (radiance + MIRROR_ALONG * radiance[::-1, ::-1]))
 
 
 def _slab(scene: Scene) -> Slab:

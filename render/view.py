@@ -9,80 +9,62 @@ from __future__ import annotations
 import numpy as np
 
 from render.bending import Array, bend_frames, curvature
-from render.camera import camera_origin
-from render.layout import Facets, facets, flat_sites, pyramid
+from render.camera import FacetMasks, camera_origin, facet_masks, pixel_directions
+from render.layout import facets, flat_sites, pyramid
 from render.refraction import refract_into_pad
 from render.rough_face import fresnel
 from render.scene import Scene
 
-SHRINK = 0.85
-"""Facets are seen within themselves, shrunk by this factor about their centroid."""
+STEPS = 2
+"""Lines of sight per pixel, in each direction."""
 NORMALS = 48
 """Microfacet normals per line of sight."""
-AIMS = 30
-"""Corrections of a line of sight, each several times better than the last."""
 
 
 def view_weights(scene: Scene, bend: float) -> Array:
     """Return radiance at the camera per irradiance on the coating, ``(site, facet + 1, facet + 1)``.
 
-    Row: what is looked at (facets, then the untouched site); column: what sends the light. The
-    radiance is albedo / pi times the irradiance, times the transmittance of the lower face over
-    the index squared (Veach 1997, eq. 5.3). A facet that the camera cannot see gets the row of an
-    unhindered view: mask it (`render.camera.facet_masks`).
+    Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
+    the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
+    lower face over the index squared (Veach 1997, eq. 5.3). A facet that the camera cannot see
+    gets the row of a head-on, sharp view: leave it out by `render.camera.facet_masks`.
     """
-    placed = facets(scene, bend)
-    aim = _aims(placed)
-    entry, outside = _lines_of_sight(scene, bend, aim)
+    masks = facet_masks(scene, bend)
+    position = facets(scene, bend).site_position
+    owner = np.repeat(np.arange(len(masks.offset) - 1), np.diff(masks.offset))
+    entry, outside = _lines_of_sight(scene, bend, masks)
     directions, weight = _refracted(scene, bend, entry, outside)
-    sites, faces = placed.normal.shape[:2]
+    sites, faces = masks.sites, masks.facets
     weights = np.zeros((sites, faces + 1, faces + 1))
     for site in range(sites):
         turn = bend_frames(scene, flat_sites(scene)[site, 1], bend)
-        start = (entry[site] - placed.site_position[site]) @ turn
-        seen = _first_facet(scene, start, directions[site] @ turn)
-        for facet in range(faces):
-            weights[site, facet] = np.bincount(
-                seen[facet].ravel(), weight[site, facet].ravel(), minlength=faces + 1
+        for target in range(faces + 1):
+            chosen = owner == site * (faces + 1) + target
+            if not chosen.any():
+                head_on = 1 - fresnel(np.ones(1), scene.pad.index)[0]
+                weights[site, target, target] = head_on[0]
+                continue
+            start = (entry[chosen] - position[site]) @ turn
+            seen = _first_facet(scene, start, directions[chosen] @ turn)
+            seen = np.where(target == faces, faces, seen)
+            lines = weight[chosen]
+            weights[site, target] = (
+                np.bincount(seen.ravel(), lines.ravel(), minlength=faces + 1) / lines.size
             )
-        weights[site, faces, faces] = weight[site, faces].sum()
-    weights /= aim.shape[2] * NORMALS
-    unseen = weights.sum(axis=-1) == 0
-    weights[unseen] = np.eye(faces + 1)[np.nonzero(unseen)[1]]
     return weights * scene.coating.albedo / (np.pi * scene.pad.index**2)
 
 
-def _aims(placed: Facets) -> Array:
-    """Return points on facets and sites that are looked at, ``(site, facet + 1, point, 3)`` mm."""
-    # Dunavant's rule of degree 4 has its six points well inside the triangle.
-    a, b = 0.445948490915965, 0.091576213509771
-    share = np.array(
-        [np.roll([1 - 2 * v, v, v], shift) for v in (a, b) for shift in range(3)]
-    )
-    share = SHRINK * share + (1 - SHRINK) / 3
-    on_facets = np.einsum("pc,sfci->sfpi", share, placed.corners)
-    at_site = np.broadcast_to(
-        placed.site_position[:, None, None], (len(on_facets), 1, len(share), 3)
-    )
-    return np.concatenate([on_facets, at_site], axis=1)
+def _lines_of_sight(scene: Scene, bend: float, masks: FacetMasks) -> tuple[Array, Array]:
+    """Return where lines through the masks' pixels enter the pad, and their directions in air.
 
-
-def _lines_of_sight(scene: Scene, bend: float, target: Array) -> tuple[Array, Array]:
-    """Return where lines from the camera enter the pad, and their directions in air, ``(..., 3)``.
-
-    Fixed-point iteration: aim, trace, shift the aim by what the refracted line misses.
+    Both ``(pixel, line, 3)``; the pixels in the order of ``masks.pixel``.
     """
-    origin = camera_origin(scene)
-    aim = target.copy()
-    for _ in range(AIMS):
-        outside = aim - origin
-        outside /= np.linalg.norm(outside, axis=-1, keepdims=True)
-        rays = refract_into_pad(scene, bend, origin, outside)
-        to_target = target - rays.entry
-        along = np.sum(to_target * rays.direction, axis=-1, keepdims=True)
-        miss = to_target - along * rays.direction
-        aim = aim + np.where(rays.inside[..., None], miss, 0.0)
-    return rays.entry, outside
+    steps = (np.arange(STEPS) + 0.5) / STEPS
+    step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
+    column = (masks.pixel % masks.columns)[:, None] + step_x
+    row = (masks.pixel // masks.columns)[:, None] + step_y
+    outside = pixel_directions(scene, masks.columns, masks.rows, column, row)
+    return refract_into_pad(scene, bend, camera_origin(scene), outside).entry, outside
 
 
 def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple[Array, Array]:
@@ -127,7 +109,7 @@ def _slopes() -> Array:
 def _first_facet(scene: Scene, start: Array, direction: Array) -> np.ndarray:
     """Return the facet that lines meet, the number of facets where they pass the pyramid.
 
-    Local frame of the site: ``start`` ``(facet, point, 3)``, ``direction`` ``(facet, point,
+    Local frame of the site: ``start`` ``(pixel, line, 3)``, ``direction`` ``(pixel, line,
     normal, 3)``. The pyramid is convex: the last plane entered is met, unless another plane or
     the coating is left before.
     """

@@ -18,6 +18,8 @@ from render.vertex import (
     RATIO_MAX,
     Vertex,
     area_factor,
+    choose,
+    empty_vertex,
     extinction,
     is_null,
     leave,
@@ -79,12 +81,18 @@ def start(o: Any, d: Any, medium: Any, beta: Any, vcm: Any, vc: Any, sample: Any
     )  # fmt: skip
 
 
+def intersect(scene: Any, ray: Any, active: Any) -> Any:
+    """Return the nearest surface with what BSDFs need, without derivatives of the surface."""
+    needed = mi.RayFlags.UV | mi.RayFlags.ShadingFrame
+    return scene.ray_intersect(ray, ray_flags=needed, coherent=False, active=active)
+
+
 def advance(scene: Any, head: Head, active: Any) -> tuple[Head, Vertex, Any, Any]:
     """Cast one ray; return the head, the vertex, whether it is one, and whether light escaped.
 
     Neither means that a null boundary was crossed and the segment goes on.
     """
-    si = scene.ray_intersect(mi.Ray3f(head.o, head.d), active)
+    si = intersect(scene, mi.Ray3f(head.o, head.d), active)
     sigma_s, sigma_t = extinction(head.medium, active)
     driving = sigma_t[0]
     for c in range(1, len(sigma_t)):
@@ -191,6 +199,40 @@ def pick(condition: Any, a: Head, b: Head) -> Head:
 
 
 @dr.syntax
+def cast(scene: Any, a: Vertex, direction: Any, active: Any) -> tuple[Vertex, Any, Any]:
+    """Return the first real surface from ``a`` in ``direction`` and the optical depth to it.
+
+    The third value says whether there is one. Nothing is scattered on the way.
+    """
+    origin, medium = leave(a, direction)
+    depth = mi.Spectrum(0.0)
+    found = empty_vertex()
+    hit = mi.Bool(False)
+    going = mi.Bool(active)
+    while going:
+        si = intersect(scene, mi.Ray3f(origin, direction), going)
+        sigma_t = extinction(medium, going)[1]
+        valid = going & si.is_valid()
+        depth += dr.select(valid, sigma_t * si.t, 0.0)
+        crossing = valid & is_null(si)
+        arrived = valid & ~crossing
+        flags = si.bsdf().flags()
+        here = Vertex(
+            p=si.p, n=si.n, frame=si.sh_frame, wi=-direction, uv=si.uv, bsdf=si.bsdf(),
+            shape=si.shape, medium=medium, phase=dr.zeros(mi.PhaseFunctionPtr),
+            volume=mi.Bool(False), diffuse=mi.has_flag(flags, mi.BSDFFlags.Diffuse),
+            delta=~mi.has_flag(flags, mi.BSDFFlags.Smooth), terminal=mi.Bool(False),
+            beta=mi.Spectrum(0), vcm=mi.Float(0), vc=mi.Float(0), weight=mi.Float(1),
+        )  # fmt: skip
+        found = choose(arrived, here, found)
+        hit |= arrived
+        origin = dr.select(crossing, si.spawn_ray(direction).o, origin)
+        medium = dr.select(crossing & si.is_medium_transition(), si.target_medium(direction), medium)
+        going = crossing
+    return found, depth, hit
+
+
+@dr.syntax
 def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, Any]:
     """Return the optical depth per channel between two vertices and whether they see each other."""
     direction = dr.normalize(b.p - a.p)
@@ -201,7 +243,7 @@ def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, A
     clear = mi.Bool(active)
     going = mi.Bool(active)
     while going:
-        si = scene.ray_intersect(mi.Ray3f(origin, direction, remaining, 0.0, mi.Color0f()), going)
+        si = intersect(scene, mi.Ray3f(origin, direction, remaining, 0.0, mi.Color0f()), going)
         t = dr.minimum(si.t, remaining)
         sigma_t = extinction(medium, going)[1]
         depth += sigma_t * t
@@ -219,10 +261,20 @@ def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, A
     return depth, clear
 
 
-def join(scene: Any, y: Vertex, z: Vertex, active: Any, aim: Aim | None = None) -> Any:
+def join(
+    scene: Any,
+    y: Vertex,
+    z: Vertex,
+    active: Any,
+    aim: Aim | None = None,
+    extra: Any = 0.0,
+    bridged: Any = 0.0,
+) -> Any:
     """Return the MIS-weighted contribution of joining light vertex ``y`` to camera vertex ``z``.
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
+    ``extra`` is the density ratio of a further strategy to this one; ``bridged`` that of a
+    further strategy to the camera subpath that ends before ``z``.
     """
     span = z.p - y.p
     distance_squared = dr.squared_norm(span)
@@ -246,5 +298,6 @@ def join(scene: Any, y: Vertex, z: Vertex, active: Any, aim: Aim | None = None) 
     r_y = dr.select(y.terminal, 0.0, r_y)
     light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.vcm + y.vc * r_y))
     camera_ratio = light_density * (z.vcm + z.vc * r_z)
-    mis = 1.0 / (1.0 + light_ratio + camera_ratio)
+    further = extra + light_density * z.vcm * bridged
+    mis = 1.0 / (1.0 + light_ratio + camera_ratio + further)
     return dr.select(clear & active, value * transmittance * mis * y.weight * z.weight, 0.0)

@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from render.bending import Array
 from render.layout import facet_normals, flat_fiber_poses, flat_sites
 from render.scene import Scene
+from surrogate.constants import store_constants
 
 ORDERS = np.array([0, 1, 1, 2, 2, 3, 3, 0])
 """How many times faster than the frame each harmonic turns; pairs are (Re, Im)."""
@@ -54,7 +55,7 @@ def mirror_signs(scene: Scene) -> Array:
 
 
 def turning(scene: Scene) -> tuple[Array, Array]:
-    """Return ``(same, other)``, each ``(fiber, site, 8)``, that turn coefficients to the site frame.
+    """Return ``(same, other)``, ``(fiber, site, 8)``, that turn coefficients to the site's frame.
 
     ``site = same * local + other * local[PARTNER]``. With the angle psi of the direction from
     fiber to site, ``a' - i b' = (a -+ i b) exp(-i k psi)``, plus for mirrored fibers.
@@ -70,18 +71,24 @@ def turning(scene: Scene) -> tuple[Array, Array]:
 class Expansion(nn.Module):
     """From coefficients ``(..., fiber, bend, site, 10)`` to residuals ``(..., facet + 1)``."""
 
+    harmonics: Tensor
+    same: Tensor
+    other: Tensor
+    swap: Tensor
+
     def __init__(self, scene: Scene) -> None:
         """Store the harmonics and the turns as float32 constants."""
         super().__init__()
         same, other = turning(scene)
-        constants = {
-            "harmonics": facet_harmonics(scene).T,
-            "same": same[:, None],
-            "other": other[:, None],
-            "swap": np.eye(HARMONICS)[PARTNER],
-        }
-        for name, value in constants.items():
-            self.register_buffer(name, torch.as_tensor(value, dtype=torch.float32))
+        store_constants(
+            self,
+            {
+                "harmonics": facet_harmonics(scene).T,
+                "same": same[:, None],
+                "other": other[:, None],
+                "swap": np.eye(HARMONICS)[PARTNER],
+            },
+        )
 
     def forward(self, coefficients: Tensor, log_preview: Tensor) -> Tensor:
         """Return the residual in log T ``(..., fiber, bend, site, facet + 1)``.

@@ -19,10 +19,7 @@ from render.transport import TransportTable
 from surrogate.basis import mirror_signs
 
 UNRELIABLE = 0.5
-"""Relative standard error from which a cell says nothing about the residual and is masked."""
-
-NOISE_FLOOR = 0.01
-"""Relative error that no render is trusted beyond (bias of finite chains, polygon size)."""
+"""Relative standard error from which a single cell is no yardstick; it is still fitted to."""
 
 
 @dataclass(frozen=True)
@@ -50,25 +47,6 @@ class Cells:
     def reliable(self) -> np.ndarray:
         """True where the cell is positive and its relative error is below UNRELIABLE."""
         return (self.transport > 0) & (self.error < UNRELIABLE * self.transport)
-
-    @property
-    def relative_error(self) -> Array:
-        """Relative standard error; infinite where the cell is not reliable."""
-        safe = np.where(self.reliable, self.transport, 1.0)
-        return np.where(self.reliable, self.error / safe, np.inf)
-
-    def log_transport(self) -> Array:
-        """Return log T with the bias of the logarithm removed, 0 where it is not reliable.
-
-        E[log(T + noise)] = log T - (se / T)^2 / 2 + ..., the delta method's second order.
-        """
-        safe = np.where(self.reliable, self.transport, 1.0)
-        relative = np.where(self.reliable, self.relative_error, 0.0)
-        return np.log(safe) + 0.5 * relative**2
-
-    def weights(self) -> Array:
-        """Return the inverse variance of log T, 0 where it is not reliable; 1 at NOISE_FLOOR."""
-        return NOISE_FLOOR**2 / (self.relative_error**2 + NOISE_FLOOR**2)
 
 
 def cells_from_table(scene: Scene, table: TransportTable) -> Cells:
@@ -138,7 +116,7 @@ def folds(group: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Return the fold (0 .. count-1) of every entry; whole groups go to one fold, evenly."""
     groups = int(group.max()) + 1
     dealt = np.arange(groups) % count
-    return np.random.default_rng(seed).permutation(dealt)[group]
+    return np.asarray(np.random.default_rng(seed).permutation(dealt)[group])
 
 
 def interior_folds(group: np.ndarray, count: int, seed: int, inner: bool) -> np.ndarray:
@@ -152,4 +130,4 @@ def interior_folds(group: np.ndarray, count: int, seed: int, inner: bool) -> np.
     out = np.full(groups, -1)
     dealt = np.arange(len(chosen)) % max(1, min(count, len(chosen)))
     out[chosen] = np.random.default_rng(seed).permutation(dealt)
-    return out[group]
+    return np.asarray(out[group])

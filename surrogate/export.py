@@ -9,12 +9,11 @@ from pathlib import Path
 
 import torch
 
-from surrogate.graph import Checker, Prediction
+from surrogate.graph import Checker
+from surrogate.model_file import INPUTS, OUTPUTS
 
 OPSET = 18
 IR_VERSION = 8
-INPUTS = ("phi", "power", "bend")
-OUTPUTS = Prediction._fields
 
 
 def export_onnx(checker: Checker, fibers: int, path: Path, metadata: Mapping[str, str]) -> None:

@@ -16,8 +16,11 @@ from surrogate.heldout import Designs, Exam, LevelErrors, random_designs
 from surrogate.mlp import NetworkConfig, fit_networks
 from surrogate.preview_grid import PreviewGrid
 from surrogate.ridge import fit_ridge
-from surrogate.rows import Rows, build_rows, held_out
+from surrogate.rows import Rows, build_rows, deviance, held_out
 from surrogate.uncertainty import Quantiles, conformal, counts_spread, coverage, fit_spread
+
+SPLIT_FOLDS = 3
+"""Folds when whole fiber positions, directions or bends are left out."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +32,11 @@ class FitConfig:
         network: size and training of the networks.
         penalties: candidate ridge penalties; the best out of fold is taken.
         designs: random held-out designs for errors and conformal factors.
-        ranked: designs whose ranking Kendall's tau is reported for, at least 30.
     """
 
     members: int = 5
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    penalties: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3)
+    penalties: tuple[float, ...] = (1e-5, 1e-4, 1e-3)
     designs: int = 300
 
 
@@ -50,7 +52,7 @@ class Fit:
         coverage: what factors from one half of the cells cover of designs from the other half.
         levels: errors of preview, scaled preview, ridge and networks on held-out designs.
         splits: errors of the kept kind when whole fiber positions, directions or bends are out.
-        masked, cells: number of unreliable cells and of all cells.
+        unreliable, cells: number of cells with a relative error of half or more, and of all.
         noise: median relative standard error of the reference's cells.
     """
 
@@ -61,7 +63,7 @@ class Fit:
     coverage: Quantiles | None
     levels: tuple[LevelErrors, ...]
     splits: tuple[LevelErrors, ...]
-    masked: int
+    unreliable: int
     cells: int
     noise: float
 
@@ -115,10 +117,10 @@ class _Task:
             return self.rows.residuals(model(self.rows.x))
 
     def loss(self, residual: Array) -> float:
-        """Return the weighted mean square of the error in log T."""
-        error = residual.reshape(self.rows.target.shape) - self.rows.target.numpy()
-        weight = self.rows.weight.numpy()
-        return float((weight * error**2).sum() / weight.sum())
+        """Return the mean deviance of a residual ``(direction, ...)``."""
+        rows = self.rows
+        values = torch.as_tensor(residual, dtype=torch.float32).reshape(rows.ratio.shape)
+        return float(deviance(values, rows).sum() / rows.weight.sum())
 
 
 def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
@@ -145,34 +147,21 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
     kind, model = ("network", network) if better else ("ridge", ridge)
 
     preview = np.exp(rows.log_preview)
-    scaled = float((rows.weight * rows.target).sum() / rows.weight.sum())
-    levels = [exam.grade("preview", preview), exam.grade("preview, scaled", preview * np.exp(scaled))]
+    factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
+    levels = [
+        exam.grade("noise of the reference", _noisy(task)),
+        exam.grade("preview", preview),
+        exam.grade("preview, one factor", preview * factor),
+    ]
     levels += [
         exam.grade(name, preview * np.exp(held_out(residual, fold)))
         for name, residual in guesses.items()
     ]
 
-    splits = []
-    for name, group, inner in (
-        ("fiber position", cells.fiber_group, False),
-        ("direction", cells.direction_group, True),
-        ("bend", cells.bend_group, True),
-    ):
-        out = interior_folds(group, 3, task.seed, inner)
-        count = int(out.max()) + 1
-        if count < 2:
-            continue
-        coarse = (
-            train(out, count, f"split by {name}", config.network.shorter(2))
-            if better
-            else fit_ridge(rows, out, count, penalty)
-        )
-        residual = held_out(task.residuals(coarse), out)
-        allowed = (out >= 0).any(axis=2)
-        seen = np.flatnonzero((out >= 0).any(axis=(0, 1)))
-        designs = task.designs(config.designs, allowed, 1)
-        strict = task.exam(designs, out >= 0, seen if name == "bend" else task.bends)
-        splits.append(strict.grade(f"unseen {name}", preview * np.exp(residual)))
+    def refit(out: np.ndarray, count: int, name: str) -> nn.Module:
+        if better:
+            return train(out, count, f"split by {name}", config.network.shorter(2))
+        return fit_ridge(rows, out, count, penalty)
 
     residual = held_out(guesses[kind], fold)
     apart = guesses[kind] - guesses[kind].mean(axis=0)
@@ -190,24 +179,56 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
         quantiles=conformal(exam, transport, spread(exam)),
         coverage=_coverage(task, config, transport, spread),
         levels=tuple(levels),
-        splits=tuple(splits),
-        masked=int((~cells.reliable).sum()),
+        splits=_splits(task, config, refit),
+        unreliable=int((~cells.reliable).sum()),
         cells=int(cells.reliable.size),
-        noise=float(np.median(cells.relative_error)),
+        noise=float(rows.noise.median()),
     )
 
 
+def _splits(
+    task: _Task, config: FitConfig, refit: Callable[[np.ndarray, int, str], nn.Module]
+) -> tuple[LevelErrors, ...]:
+    """Return the errors when whole fiber positions, inner directions or inner bends are left out.
+
+    ``refit`` takes folds, their number and a name, and returns an ensemble.
+    """
+    cells, found = task.cells, []
+    for name, group, inner in (
+        ("fiber position", cells.fiber_group, False),
+        ("direction", cells.direction_group, True),
+        ("bend", cells.bend_group, True),
+    ):
+        out = interior_folds(group, SPLIT_FOLDS, task.seed, inner)
+        held = np.asarray(out >= 0)
+        count = int(out.max()) + 1
+        if count < 2:
+            continue
+        residual = held_out(task.residuals(refit(out, count, name)), out)
+        bends = np.flatnonzero(held.any(axis=(0, 1))) if name == "bend" else task.bends
+        designs = task.designs(config.designs, np.asarray(held.any(axis=2)), 1)
+        transport = np.exp(task.rows.log_preview + residual)
+        found.append(task.exam(designs, held, bends).grade(f"unseen {name}", transport))
+    return tuple(found)
+
+
+def _noisy(task: _Task) -> Array:
+    """Return the reference with its noise once more: what a perfect model's errors look like."""
+    rows, reference = task.rows, task.cells.transport
+    noise = rows.noise.double().numpy().reshape(reference.shape)
+    random = np.random.default_rng([task.seed, 3]).standard_normal(reference.shape)
+    return np.asarray(reference * (1.0 + noise * random))
+
+
 def _spread(task: _Task, residual: Array, apart: Array) -> tuple[float, float]:
-    """Calibrate the cells' spread on the reliable cells."""
-    cells, known = task.cells, task.cells.reliable
-    error = residual.reshape(task.rows.target.shape) - task.rows.target.numpy()
-    ensemble = (apart**2).sum(axis=0) / max(len(apart) - 1, 1)
-    brightness = np.broadcast_to(task.rows.brightness[..., None], known.shape)
+    """Calibrate the cells' spread."""
+    rows = task.rows
+    ratio = rows.ratio.double().numpy().reshape(residual.shape)
     return fit_spread(
-        error.reshape(known.shape)[known],
-        cells.relative_error[known],
-        ensemble[known],
-        brightness[known],
+        (ratio * np.exp(-residual) - 1.0).ravel(),
+        rows.noise.double().numpy().ravel(),
+        ((apart**2).sum(axis=0) / max(len(apart) - 1, 1)).ravel(),
+        np.broadcast_to(rows.brightness[..., None], residual.shape).ravel(),
     )
 
 
@@ -222,11 +243,11 @@ def _coverage(
     cells = task.cells
     if len(cells.phi) < 2:
         return None
-    white = (cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0
+    white = np.asarray((cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0)
+    halves: tuple[np.ndarray, ...] = (white, ~white)
     everywhere = np.ones(cells.group.shape, dtype=bool)
     exams = [
-        task.exam(task.designs(config.designs, half, 2), everywhere, task.bends)
-        for half in (white, ~white)
+        task.exam(task.designs(config.designs, half, 2), everywhere, task.bends) for half in halves
     ]
     spreads = [spread(exam) for exam in exams]
     found = []

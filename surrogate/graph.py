@@ -17,6 +17,7 @@ from render.bending import Array
 from render.metric import design_score, image_counts, site_metric
 from render.scene import Scene
 from surrogate.basis import Expansion
+from surrogate.constants import store_constants
 from surrogate.inputs import BRIGHTNESS, Inputs
 from surrogate.preview_grid import PreviewGrid
 
@@ -35,13 +36,15 @@ class Prediction(NamedTuple):
 class PreviewTable(nn.Module):
     """The interpolated log preview: ``(batch, fiber, bend, site, facet + 1)``."""
 
+    table: Tensor
+
     def __init__(self, grid: PreviewGrid) -> None:
         """Store the values of ``grid`` at its nodes as float32 constants."""
         super().__init__()
         table = grid.log_transport
         self.shape = table.shape
         flat = table.reshape(table.shape[0], table.shape[1], -1)
-        self.register_buffer("table", torch.as_tensor(flat, dtype=torch.float32))
+        store_constants(self, {"table": flat})
         self.in_phi, self.in_bend = Lagrange(grid.phi), Lagrange(grid.bends)
 
     def forward(self, phi: Tensor, bend: Tensor) -> Tensor:
@@ -62,17 +65,17 @@ class Lagrange(nn.Module):
     float32 values and derivatives are right at the nodes too.
     """
 
+    nodes: Tensor
+    slope: Tensor
+    diagonal: Tensor
+
     def __init__(self, nodes: Array) -> None:
         """Precompute the reciprocal gaps in float64."""
         super().__init__()
         gaps = nodes[:, None] - nodes[None, :] + np.eye(len(nodes))
-        constants = {
-            "nodes": nodes,
-            "slope": (1.0 - np.eye(len(nodes))) / gaps,
-            "diagonal": np.eye(len(nodes)),
-        }
-        for name, value in constants.items():
-            self.register_buffer(name, torch.as_tensor(value, dtype=torch.float32))
+        diagonal = np.eye(len(nodes))
+        slope = (1.0 - diagonal) / gaps
+        store_constants(self, {"nodes": nodes, "slope": slope, "diagonal": diagonal})
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the weights."""
@@ -186,7 +189,9 @@ class Checker(nn.Module):
 
 def _within(x: Tensor, low: float, high: float) -> Tensor:
     """Move finite values into [low, high]; everything else becomes NaN, whatever clamp does."""
-    return torch.where(torch.abs(x) < math.inf, torch.clamp(x, low, high), torch.full_like(x, math.nan))
+    return torch.where(
+        torch.abs(x) < math.inf, torch.clamp(x, low, high), torch.full_like(x, math.nan)
+    )
 
 
 def _excess(x: Tensor, low: float, high: float) -> Tensor:

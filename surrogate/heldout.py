@@ -29,7 +29,7 @@ class Designs:
 
     def transport(self, cells: Array) -> Array:
         """Return ``(design, fiber, bend, site, normal)`` of transport per cell."""
-        return cells[self.direction, np.arange(cells.shape[1])]
+        return np.asarray(cells[self.direction, np.arange(cells.shape[1])])
 
 
 def random_designs(count: int, allowed: np.ndarray, rng: np.random.Generator) -> Designs:
@@ -108,11 +108,14 @@ class Exam:
         truth_scores, guess_scores = self.scores(truth), self.scores(guess)
         score = np.abs(guess_scores - truth_scores)
         return LevelErrors(
-            level,
-            *(float(np.quantile(cell, q)) for q in (0.5, 0.95)),
-            *(float(np.quantile(facet, q)) for q in (0.5, 0.95)),
-            *(float(np.quantile(score, q)) for q in (0.5, 0.95)),
-            kendall_tau(guess_scores, truth_scores),
+            level=level,
+            cell_median=float(np.quantile(cell, 0.5)),
+            cell_p95=float(np.quantile(cell, 0.95)),
+            facet_median=float(np.quantile(facet, 0.5)),
+            facet_p95=float(np.quantile(facet, 0.95)),
+            score_median=float(np.quantile(score, 0.5)),
+            score_p95=float(np.quantile(score, 0.95)),
+            kendall_tau=kendall_tau(guess_scores, truth_scores),
         )
 
 

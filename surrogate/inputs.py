@@ -16,6 +16,7 @@ from render.bending import Array
 from render.layout import flat_fiber_poses, flat_sites
 from render.scene import Scene
 from surrogate.basis import PARTNER, facet_harmonics, mirror_signs, turning
+from surrogate.constants import store_constants
 from surrogate.preview_grid import PreviewGrid
 
 INPUT_NAMES = (
@@ -50,6 +51,16 @@ class Inputs(nn.Module):
         scene: gives positions and directions (flat pad; the bend is an input of its own).
         grid: gives the scale and the offset of the log preview.
     """
+
+    before: Tensor
+    between: Tensor
+    turn: Tensor
+    ahead: Tensor
+    aside: Tensor
+    columns: Tensor
+    partners: Tensor
+    same: Tensor
+    other: Tensor
 
     def __init__(self, scene: Scene, grid: PreviewGrid) -> None:
         """Precompute everything that depends on fiber and site alone, in float64."""
@@ -99,7 +110,7 @@ class Inputs(nn.Module):
         partner = PARTNER[1:5] - 1
         other = other[..., partner]
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
-        buffers = {
+        constants = {
             "before": np.stack(fixed["before"], axis=-1),
             "between": np.stack(fixed["between"], axis=-1),
             "turn": turn,
@@ -110,8 +121,7 @@ class Inputs(nn.Module):
             "same": same,
             "other": other,
         }
-        for name, value in buffers.items():
-            self.register_buffer(name, torch.as_tensor(value, dtype=torch.float32))
+        store_constants(self, constants)
 
     def forward(self, phi: Tensor, bend: Tensor, log_preview: Tensor) -> Tensor:
         """Return the inputs.

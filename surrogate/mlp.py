@@ -45,8 +45,8 @@ def fit_networks(
 ) -> NetworkEnsemble:
     """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
 
-    Minimises the weighted mean square of the error in log T, which is the likelihood of the
-    renders given their error bars. ``progress`` is called with (steps done, steps in all).
+    Minimises the weighted gamma deviance (:func:`surrogate.rows.deviance`). ``progress`` is called
+    with (steps done, steps in all).
     """
     generator = torch.Generator().manual_seed(seed)
     outputs = rows.basis.shape[1]
@@ -55,15 +55,16 @@ def fit_networks(
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, config.steps))
     index = rows.fold_rows(fold)
     seen = (index[None] != torch.arange(members)[:, None]).float()
-    scale = 1.0 / (seen[..., None] * rows.weight).mean(dim=(1, 2))
+    weight = seen[..., None] * rows.weight
+    weight = weight / weight.mean(dim=(1, 2), keepdim=True)
     order = torch.zeros(0, dtype=torch.long)
     for step in range(config.steps):
         if len(order) < config.batch:
             order = torch.cat([order, torch.randperm(len(rows.x), generator=generator)])
         take, order = order[: config.batch], order[config.batch :]
-        error = expand(net(rows.x[take]), rows.basis[take]) - rows.target[take]
-        weight = seen[:, take, None] * rows.weight[take]
-        loss = ((weight * error * error).mean(dim=(1, 2)) * scale).sum()
+        residual = expand(net(rows.x[take]), rows.basis[take])
+        deviance = rows.ratio[take] * torch.exp(-residual) + residual
+        loss = (weight[:, take] * deviance).mean(dim=(1, 2)).sum()
         optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()

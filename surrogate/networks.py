@@ -14,6 +14,8 @@ from torch import Tensor, nn
 class NoResidual(nn.Module):
     """The preview alone: all coefficients are zero (one member)."""
 
+    zeros: Tensor
+
     def __init__(self, outputs: int) -> None:
         """Store the number of basis functions."""
         super().__init__()
@@ -30,6 +32,10 @@ class RidgeEnsemble(nn.Module):
     Arguments of the constructor:
         weight: ``(member, feature, output)`` over the features of :func:`quadratic`.
     """
+
+    weight: Tensor
+    first: Tensor
+    second: Tensor
 
     def __init__(self, weight: Tensor, inputs: int) -> None:
         """Store the weights as constants."""

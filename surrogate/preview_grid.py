@@ -39,7 +39,8 @@ class PreviewGrid:
         """Return the logarithm ``(fiber, phi, bend, site, normal)`` at ``phi`` and ``bends``."""
         in_phi = interpolation_weights(self.phi, phi)
         in_bend = interpolation_weights(self.bends, bends)
-        return np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, self.log_transport, optimize=True)
+        out = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, self.log_transport, optimize=True)
+        return np.asarray(out)
 
 
 def draw_grid(scene: Scene, phi_count: int, bend_count: int) -> PreviewGrid:
@@ -81,6 +82,8 @@ def grid_from_transport(
     Arguments:
         transport: ``(fiber, phi_node, bend_node, site, facet)``.
         background: ``(fiber, phi_node, bend_node, site)``.
+        phi: ``(phi_node,)`` rad.
+        bends: ``(bend_node,)`` rad.
     """
     cells = np.concatenate([transport, background[..., None]], axis=-1)
     brightest = float(cells.max())
@@ -122,4 +125,4 @@ def _between(nodes: Array) -> Array:
     if len(nodes) == 1:
         return nodes
     x = -np.cos(np.pi * (np.arange(len(nodes) - 1) + 0.5) / (len(nodes) - 1))
-    return nodes[0] + 0.5 * (nodes[-1] - nodes[0]) * (x + 1.0)
+    return np.asarray(nodes[0] + 0.5 * (nodes[-1] - nodes[0]) * (x + 1.0))

@@ -17,6 +17,9 @@ from surrogate.inputs import BRIGHTNESS
 from surrogate.networks import NoResidual
 from surrogate.preview_grid import PreviewGrid
 
+NOISE_FLOOR = 0.02
+"""Relative error that no render is trusted beyond (finite chains, facets of finite size)."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -25,21 +28,26 @@ class Rows:
     Arguments:
         x: ``(row, input)`` inputs in the mirrored frame.
         basis: ``(row, output, normal)`` basis of the facet normal, from the row's own frame.
-        target, weight: ``(row, normal)`` log(T_reference / T_preview) and its weight, 0 where the
-            reference is not reliable.
+        ratio: ``(row, normal)`` T_reference / T_preview; noisy, may be 0 or negative.
+        noise: ``(row, normal)`` its relative standard error, smoothed (:func:`smooth_noise`).
         log_preview: ``(direction, fiber, bend, site, normal)`` float64.
     """
 
     x: Tensor
     basis: Tensor
-    target: Tensor
-    weight: Tensor
+    ratio: Tensor
+    noise: Tensor
     log_preview: Array
 
     @property
     def shape(self) -> tuple[int, ...]:
         """``(direction, fiber, bend, site)``."""
         return self.log_preview.shape[:-1]
+
+    @property
+    def weight(self) -> Tensor:
+        """Weight of every cell ``(row, normal)``: inverse variance, 1 well below NOISE_FLOOR."""
+        return NOISE_FLOOR**2 / (self.noise**2 + NOISE_FLOOR**2)
 
     @property
     def brightness(self) -> Array:
@@ -83,15 +91,52 @@ def build_rows(scene: Scene, grid: PreviewGrid, cells: Cells) -> Rows:
         unit = unit.expand(-1, *log_preview.shape[:-1], -1)
         basis = checker.expansion(unit, log_preview)
     normals = log_preview.shape[-1]
-    known = torch.as_tensor(cells.reliable)
-    target = torch.where(known, torch.as_tensor(cells.log_transport()) - log_preview, 0.0)
+    rows = x.reshape(-1, x.shape[-1])
+    preview = np.exp(log_preview.double().numpy())
+    noise = smooth_noise(cells.transport, cells.error, rows.double().numpy())
     return Rows(
-        x=x.reshape(-1, x.shape[-1]),
+        x=rows,
         basis=basis.reshape(SIZE, -1, normals).transpose(0, 1).contiguous(),
-        target=target.float().reshape(-1, normals),
-        weight=torch.as_tensor(cells.weights(), dtype=torch.float32).reshape(-1, normals),
+        ratio=torch.as_tensor(cells.transport / preview, dtype=torch.float32).reshape(-1, normals),
+        noise=torch.as_tensor(noise, dtype=torch.float32).reshape(-1, normals),
         log_preview=log_preview.double().numpy(),
     )
+
+
+def smooth_noise(transport: Array, error: Array, x: Array) -> Array:
+    """Return the relative standard error of every cell, ``(row, normal)``, from a smooth model.
+
+    The error bar of a single cell comes from few replicates and falls and rises with the cell
+    itself; weights made of it would prefer cells that came out dark. So the logarithm of the
+    relative error is fitted by a linear model of the row's inputs, per normal, and the model is
+    used. Cells without a positive value or error bar have no part in it.
+
+    Arguments:
+        transport: ``(..., normal)`` reference.
+        error: ``(..., normal)`` its standard error.
+        x: ``(row, input)``.
+    """
+    values, bars = (a.reshape(len(x), -1) for a in (transport, error))
+    design = np.concatenate([np.ones((len(x), 1)), x], axis=1)
+    out = np.zeros(values.shape)
+    for normal in range(values.shape[1]):
+        known = (values[:, normal] > 0) & (bars[:, normal] > 0)
+        if not known.any():
+            continue  # an exact reference, as in tests and demonstrations
+        target = np.log(bars[known, normal] / values[known, normal])
+        model, *_ = np.linalg.lstsq(design[known], target)
+        out[:, normal] = np.exp(np.clip(design @ model, -10.0, 3.0))
+    return out
+
+
+def deviance(residual: Tensor, rows: Rows) -> Tensor:
+    """Return the weighted gamma deviance of every cell, ``(..., row, normal)``, up to a constant.
+
+    ``w (y exp(-r) + r)`` with ``y = T_reference / T_preview`` and the residual ``r``. Its minimum
+    over noisy ``y`` is log E[y], whatever the noise (McCullagh and Nelder 1989, 8.3), where least
+    squares in log y would be biased by -variance / 2 and could not use cells that came out as 0.
+    """
+    return rows.weight * (rows.ratio * torch.exp(-residual) + residual)
 
 
 def held_out(residuals: Array, fold: np.ndarray) -> Array:
@@ -105,4 +150,4 @@ def held_out(residuals: Array, fold: np.ndarray) -> Array:
     out = residuals.mean(axis=0)
     for member, residual in enumerate(residuals):
         out[fold == member] = residual[fold == member]
-    return out
+    return np.asarray(out)

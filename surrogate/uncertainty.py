@@ -22,7 +22,7 @@ def fit_spread(
     are left to the conformal factor. All arguments are one-dimensional, one entry per cell.
 
     Arguments:
-        error: out-of-fold error in log T.
+        error: out-of-fold ``T_reference / T_prediction - 1``.
         noise: relative standard error of the reference.
         ensemble: variance among the members.
         brightness: the standardised log preview z.
@@ -58,6 +58,7 @@ def conformal(exam: Exam, transport: Array, spread: Array) -> Quantiles:
     """Return the factors that cover the held-out designs of ``exam``.
 
     Arguments:
+        exam: held-out designs with their answers.
         transport: out-of-fold prediction ``(direction, fiber, bend, site, normal)``.
         spread: ``(design, bend, site, facet, 3)`` one standard deviation of the counts.
     """
@@ -77,12 +78,11 @@ def coverage(exam: Exam, transport: Array, spread: Array, quantiles: Quantiles) 
     return Quantiles(float(inside.mean()), float(score.mean()))
 
 
-def counts_spread(
-    exam: Exam, transport: Array, apart: Array, cell_spread: Array
-) -> Array:
+def counts_spread(exam: Exam, transport: Array, apart: Array, cell_spread: Array) -> Array:
     """Return one standard deviation of the counts, as the exported graph computes it.
 
     Arguments:
+        exam: gives designs, bends and exposure.
         transport: ``(direction, fiber, bend, site, normal)``.
         apart: deviation of every member from the mean in log T, ``(member, ...)`` the same.
         cell_spread: ``(direction, fiber, bend, site)`` calibrated residual in log T.

@@ -57,9 +57,7 @@ def _node(table: TransportTable, phi_index: int | None) -> int:
     return phi_index or 0
 
 
-def _search(
-    scorer: TableScorer, phi: Array, method: str, seed: int, meter: Meter
-) -> ColourResult:
+def _search(scorer: TableScorer, phi: Array, method: str, seed: int, meter: Meter) -> ColourResult:
     if method == "grouped":
         from optimize.colors.grouped import grouped_colours
 

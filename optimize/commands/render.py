@@ -18,9 +18,7 @@ from render.scene import Scene, load_scene
 SAMPLES = 256  # per pixel at level 2: grain is visible, colours are not off by more than it
 
 
-def run(
-    scene_name: str, *, design: Path | None, bend: float, level: str, out: Path | None
-) -> None:
+def run(scene_name: str, *, design: Path | None, bend: float, level: str, out: Path | None) -> None:
     """Draw ``design`` (default: the baseline) at ``bend`` degrees into a PNG file."""
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
@@ -43,8 +41,10 @@ def _preview(scene: Scene, design: Design, bend: float) -> Array:
     from render.preview import Preview
 
     with Preview(scene) as preview:
-        size = {"width": scene.camera.columns, "height": scene.camera.rows}
-        return np.asarray(preview.picture(design.phi, design.power, bend, **size))
+        picture = preview.picture(
+            design.phi, design.power, bend, scene.camera.columns, scene.camera.rows
+        )
+    return picture.astype(np.float64)
 
 
 def _reference(scene: Scene, design: Design, bend: float) -> Array:

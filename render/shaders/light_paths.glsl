@@ -6,7 +6,8 @@
 uniform float thickness;
 uniform float refractive_index;
 #ifdef BENT
-uniform float kappa;
+uniform float kappa;   // curvature of the coating, 1/mm
+uniform float radius;  // 1 / kappa
 #endif
 
 struct Path {
@@ -19,90 +20,110 @@ struct Path {
 float reflectance(float cos_in) {
     float squared = 1.0 - refractive_index * refractive_index * (1.0 - cos_in * cos_in);
     float cos_out = sqrt(max(squared, 0.0));
-    float s = (refractive_index * cos_in - cos_out) / (refractive_index * cos_in + cos_out);
-    float p = (cos_in - refractive_index * cos_out) / (cos_in + refractive_index * cos_out);
-    return squared > 0.0 ? 0.5 * (s * s + p * p) : 1.0;
+    vec2 inner = vec2(refractive_index, 1.0) * cos_in, outer = vec2(1.0, refractive_index) * cos_out;
+    vec2 polarised = (inner - outer) / (inner + outer);
+    return squared > 0.0 ? 0.5 * dot(polarised, polarised) : 1.0;
 }
 
 // 1 / d^2, levelling off within SOFT_RADIUS, the cell of the glow that one point light stands for.
 float inverse_square(float squared) {
     const float soft = SOFT_RADIUS * SOFT_RADIUS;
-    return 1.0 / (squared + soft * soft / (squared + soft));
+    float near = squared + soft;
+    return near / (squared * near + soft * soft);
 }
 
 #ifdef BENT
 
-Path direct_path(vec3 source, vec3 target) {
-    float phi = kappa * (target.y - source.y);
-    float chord = 2.0 * sin(0.5 * phi) / kappa, sine = sin(phi) / kappa;
-    float sag = 0.5 * kappa * chord * chord;
+// (sine, cosine) after turning by an angle: series, within 1e-6 up to 0.9 rad (light that bends
+// further round is hidden by the coating).
+vec2 turned(vec2 unit, float angle) {
+    float x = angle * angle;
+    float sine = angle * (1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0)));
+    float cosine = 1.0 - x / 2.0 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * (1.0 - x / 56.0)));
+    return vec2(unit.x * cosine + unit.y * sine, unit.y * cosine - unit.x * sine);
+}
+
+// Sine and cosine of half the angle between the frames of source and target.
+vec2 half_turn(vec3 source, vec3 target) {
+    return turned(vec2(0.0, 1.0), 0.5 * kappa * (target.y - source.y));
+}
+
+Path direct_path(vec3 source, vec3 target, vec2 turn) {
+    vec2 arc = 2.0 * radius * turn.x * turn;  // sagitta of the coating, half its chord's run
     float below_source = 1.0 + kappa * (thickness - source.z);
     float below_target = 1.0 + kappa * (thickness - target.z);
     float across = target.x - source.x, rise = target.z - source.z;
-    vec3 to_target = vec3(across, below_target * sine, rise + sag * below_target);
-    vec3 to_source = vec3(-across, -below_source * sine, sag * below_source - rise);
-    float squared = dot(to_target, to_target);
+    vec3 to_target = vec3(across, below_target * arc.y, rise + arc.x * below_target);
+    vec3 to_source = vec3(-across, -below_source * arc.y, arc.x * below_source - rise);
+    float squared = dot(to_target, to_target) + 1e-12;
     float scale = inversesqrt(squared);
-    // The coating hides what lies beyond its horizon; a raised point sees a lower horizon.
+    // The coating hides what sinks below its horizon; a raised point sees the horizon farther off.
+    // The light stands for a cell of the glow, which sinks gradually.
     float dip = sqrt(max(below_target * below_target - 1.0, 0.0));
     float clearance = dip * abs(to_source.y) - to_source.z;
     float cell = 2.0 * min(thickness - source.z, 0.25 * thickness);
-    float visible = to_target.z <= 0.0 ? 1.0 : clamp(0.5 + clearance / cell, 0.0, 1.0);
+    bool nearer = abs(to_source.y) <= radius * dip;
+    float visible = nearer ? 1.0 : clamp(0.5 + clearance / cell, 0.0, 1.0);
     return Path(to_target * scale, to_source * scale, visible * inverse_square(squared));
 }
 
-Path mirrored_path(vec3 source, vec3 target) {
-    float k = kappa / (1.0 + kappa * thickness);
+Path mirrored_path(vec3 source, vec3 target, vec2 turn) {
+    float face_radius = radius + thickness, k = 1.0 / face_radius;
     float way = sign(target.y - source.y);
     float arc = kappa * abs(target.y - source.y);
     float a = k * source.z, c = k * target.z;
     float p = 1.0 - a, q = 1.0 - c;
-    float theta = arc * a / (a + c);
-    vec2 s1, s2;
-    // Newton's iteration for the arc at which both sides make the same angle with the face.
-    for (int i = 0; i < 3; ++i) {
-        s1 = vec2(sin(0.5 * theta), cos(0.5 * theta));
-        s2 = vec2(sin(0.5 * (arc - theta)), cos(0.5 * (arc - theta)));
+    // Half the arcs from source and target to the point of reflection, from the flat mirror's.
+    float theta = arc * source.z / (source.z + target.z);
+    vec2 s1 = turned(vec2(0.0, 1.0), 0.5 * theta);
+    vec2 s2 = vec2(abs(turn.x) * s1.y - turn.y * s1.x, turn.y * s1.y + abs(turn.x) * s1.x);
+    // Newton's iteration for the arc at which both sides make the same angle with the face: two
+    // steps leave 3e-4 of the arc.
+    for (int i = 0; i < 2; ++i) {
         vec2 w1 = vec2(2.0 * s1.x * s1.y, 1.0 - 2.0 * s1.x * s1.x);
         vec2 w2 = vec2(2.0 * s2.x * s2.y, 1.0 - 2.0 * s2.x * s2.x);
         float n1 = a + 2.0 * p * s1.x * s1.x, n2 = c + 2.0 * q * s2.x * s2.x;
         float f = p * w1.x * n2 - q * w2.x * n1;
         float slope = p * w1.y * n2 + q * w2.y * n1 - 2.0 * p * q * w1.x * w2.x;
+        float old = theta;
         theta = clamp(theta - f / max(slope, 1e-3 * (a + c)), 0.0, arc);
+        s1 = turned(s1, 0.5 * (theta - old));
+        s2 = turned(s2, 0.5 * (old - theta));
     }
-    s1 = vec2(sin(0.5 * theta), cos(0.5 * theta)) / k;
-    s2 = vec2(sin(0.5 * (arc - theta)), cos(0.5 * (arc - theta))) / k;
-    float n1 = source.z + 2.0 * p * k * s1.x * s1.x, n2 = target.z + 2.0 * q * k * s2.x * s2.x;
-    float l1 = length(vec2(2.0 * p * k * s1.x * s1.y, n1));
-    float l2 = length(vec2(2.0 * q * k * s2.x * s2.y, n2));
-    float total = l1 + l2, across = target.x - source.x;
-    float squared = total * total + across * across;
-    float scale = inversesqrt(squared);
-    float drop_source = source.z - 2.0 * k * s1.x * s1.x;
-    float drop_target = target.z - 2.0 * k * s2.x * s2.x;
-    vec3 depart = vec3(across * l1 / total, way * 2.0 * k * s1.x * s1.y, -drop_source);
-    vec3 arrive = vec3(-across * l2 / total, -way * 2.0 * k * s2.x * s2.y, -drop_target);
+    // Legs from source (1) and target (2) to the point of reflection, in mm: n along the normal
+    // there, t along the tangents at their ends, l their lengths.
+    vec2 r1 = 2.0 * face_radius * s1.x * s1, r2 = 2.0 * face_radius * s2.x * s2;
+    float n1 = source.z + p * r1.x, n2 = target.z + q * r2.x;
+    float l1 = sqrt(p * p * r1.y * r1.y + n1 * n1), l2 = sqrt(q * q * r2.y * r2.y + n2 * n2);
+    float total = l1 + l2, across = (target.x - source.x) / total;
+    float stretch = sqrt(1.0 + across * across);
+    float drop_source = source.z - r1.x, drop_target = target.z - r2.x;
+    vec3 depart = vec3(across * l1, way * r1.y, -drop_source) / (l1 * stretch);
+    vec3 arrive = vec3(-across * l2, -way * r2.y, -drop_target) / (l2 * stretch);
     // The arc focuses in its own plane (Coddington); it never does so before the coating.
-    float width = total - 2.0 * k * l1 * l2 * l1 / n1;
-    float dip = 1.0 + kappa * (thickness - target.z);
-    float clearance = sqrt(max(dip * dip - 1.0, 0.0)) * abs(arrive.y) + drop_target;
+    float width = max(total - 2.0 * k * l1 * l2 * l1 / n1, 0.1 * total);
+    float below_target = 1.0 + kappa * (thickness - target.z);
+    float dip = sqrt(max(below_target * below_target - 1.0, 0.0));
     float visible = clamp(10.0 * drop_source / source.z, 0.0, 1.0)
-        * clamp(10.0 * clearance / target.z, 0.0, 1.0);
-    float spread = total * inverse_square(squared) / max(width, 0.1 * total);
-    float cosine = n1 / l1 * total * scale;
-    return Path(normalize(depart), normalize(arrive), visible * spread * reflectance(cosine));
+        * clamp(10.0 * (dip * r2.y + drop_target) / target.z, 0.0, 1.0);
+    float way_length = total * stretch;
+    float spread = visible * total / width * inverse_square(way_length * way_length);
+    return Path(depart, arrive, spread * reflectance(n1 / (l1 * stretch)));
 }
 
 #else
 
-Path direct_path(vec3 source, vec3 target) {
+// The flat pad has one frame.
+vec2 half_turn(vec3 source, vec3 target) { return vec2(0.0, 1.0); }
+
+Path direct_path(vec3 source, vec3 target, vec2 turn) {
     vec3 way = target - source;
-    float squared = dot(way, way);
+    float squared = dot(way, way) + 1e-12;
     vec3 unit = way * inversesqrt(squared);
     return Path(unit, -unit, inverse_square(squared));
 }
 
-Path mirrored_path(vec3 source, vec3 target) {
+Path mirrored_path(vec3 source, vec3 target, vec2 turn) {
     vec3 way = target - source;
     float height = source.z + target.z;
     float squared = dot(way.xy, way.xy) + height * height;

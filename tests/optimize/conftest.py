@@ -1,4 +1,4 @@
-"""A small invented sensor: fibers around a disc, light that falls off with distance and angle."""
+"""What tests of the optimizer share: a small invented sensor, and stages with invented figures."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from optimize.design import Design, Rating, baseline_design
+from optimize.stages import Stage
 from render.chebyshev import chebyshev_nodes
 from render.metric import choose_exposure, choose_lambda, image_counts
+from render.scene import Scene, load_scene
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
+StageMaker = Callable[[float, float, float], list[Stage]]
 
 
 def invent_table(
@@ -26,6 +30,7 @@ def invent_table(
     level: str = "reference",
     seed: int = 0,
 ) -> TransportTable:
+    """Return a table of fibers around a disc, whose light fades with distance and angle."""
     rng = np.random.default_rng(seed)
     around = 2 * np.pi * (np.arange(fibers) + 0.5) / fibers
     inward = -np.stack([np.sin(around), np.cos(around)], axis=-1)
@@ -52,3 +57,55 @@ def invent_table(
 @pytest.fixture
 def make_table() -> MakeTable:
     return invent_table
+
+
+@pytest.fixture(scope="session")
+def finger20() -> Scene:
+    return load_scene("finger20")
+
+
+@pytest.fixture(scope="session")
+def sample_stages(finger20: Scene) -> StageMaker:
+    """Make baseline, colours and optimised stages with given scores, each plus minus 3."""
+    return lambda *scores: _stages(finger20, scores)
+
+
+def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
+    """Return stages whose other figures are made up, for what only shows them."""
+    rng = np.random.default_rng(7)
+    base = baseline_design(scene)
+    shape = (len(scene.bending.angles), scene.sites.count)
+    mixed = np.arange(scene.fibers.count) % 3
+    designs = [
+        base,
+        Design.of_colours(base.phi, mixed),
+        Design.of_colours(rng.uniform(0.5, 2.6, scene.fibers.count), mixed),
+    ]
+    texts = [
+        ("baseline", "Baseline", ""),
+        ("colours", "Colours", "the colour search"),
+        ("optimized", "Optimised", "the fiber directions"),
+    ]
+    return [
+        Stage(
+            key=key,
+            title=title,
+            change=change,
+            design=design,
+            rating=Rating(
+                level="surrogate",
+                score=score,
+                interval=(score - 3, score + 3),
+                mean=score + 20,
+                spread_sites=12.0,
+                spread_bends=8.0,
+                lam=84.0,
+                exposure=3000.0,
+            ),
+            metric=rng.uniform(20, 80, shape),
+            counts=rng.uniform(0, 255, (*shape, scene.indenter.faces, 3)),
+            clipped=0.0,
+            domain_excess=0.0,
+        )
+        for (key, title, change), design, score in zip(texts, designs, scores, strict=True)
+    ]

@@ -29,6 +29,17 @@ def content(scene: Scene, stages: list[Stage]) -> ReportContent:
         search_note="1000 designs in 3 s.",
         caveats=["Off by 2 counts on <held-out> designs."],
         facts=[("Scene", scene.hash)],
+        errors=[
+            {
+                "level": "network",
+                "facet_median": 0.02,
+                "facet_p95": 0.05,
+                "score_median": 0.5,
+                "score_p95": 1.5,
+                "kendall_tau": 0.91,
+            }
+        ],
+        confidence="90%",
         made="1 January 2026",
         verify_command="tactilux verify design.json",
     )

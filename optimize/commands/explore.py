@@ -1,0 +1,75 @@
+"""``tactilux explore``: from a scene to a better design, a table and a report."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import IO
+
+from optimize.console import note, print_json, reserved_stdout
+from optimize.explore import Exploration, explore
+from optimize.explore_output import write_exploration
+from optimize.joint import SearchStep
+from optimize.models import find_model
+from optimize.output import check_target
+from optimize.report import score_row, warnings
+from render.scene import load_scene
+from surrogate.checker import Checker
+
+
+def run(scene_name: str, *, out: Path | None, model: Path | None, seed: int, as_json: bool) -> None:
+    """Search, rate, write the result directory and print the outcome."""
+    began = time.monotonic()
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        target = out or Path("runs") / f"{scene.name}-explore"
+        check_target(target)
+        folder = find_model(scene.name, model)
+        checker = Checker.load(folder, scene.hash)
+        note(f"Exploring {scene.name} on the surrogate in {folder}")
+        found = explore(scene, checker, seed=seed, progress=_say)
+        note("Drawing pictures and the report")
+        result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
+        if as_json:
+            print_json(stream, result)
+        else:
+            _print_table(stream, found)
+            for warning in warnings(found.stages):
+                stream.write(f"Note: {warning}\n")
+            stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
+
+
+def _say(step: SearchStep) -> None:
+    stages = {
+        "start": "baseline",
+        "grouped": "colours in pairs",
+        "quick": "colours, 2-opt",
+        "tied": "directions, tied",
+        "free": "directions, free",
+    }
+    note(
+        f"  {step.seconds:5.1f} s  {stages[step.stage]:<17}  score {step.score:8.3f}"
+        f"  ({step.evaluated:,} designs)"
+    )
+
+
+def _print_table(stream: IO[str], found: Exploration) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{found.scene.name}, {found.scene.hash}", title_justify="left")
+    table.add_column("design")
+    for heading in (
+        "score S",
+        f"{found.checker.coverage:.0%} interval",
+        "mean M",
+        "spread over sites",
+        "spread over bends",
+    ):
+        table.add_column(heading, justify="right")
+    table.add_column("level")
+    for stage in found.stages:
+        row = score_row(stage)
+        keys = ("title", "score", "interval", "mean", "spread_sites", "spread_bends", "level")
+        table.add_row(*(row[key] for key in keys))
+    Console(file=stream, width=None if stream.isatty() else 100).print(table)

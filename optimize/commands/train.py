@@ -1,0 +1,73 @@
+"""``tactilux train``: make the surrogate of a scene, from renders or from a table of them."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from optimize.console import Meter, note, reserved_stdout
+from render.llvm import ensure_llvm
+from render.scene import load_scene
+from render.transport import load_table
+from surrogate.package import check_replaceable
+from surrogate.train import TrainConfig, TrainProgress, train
+
+
+def run(
+    scene_name: str, *, out: Path | None, minutes: float, seed: int, table: Path | None
+) -> None:
+    """Render (unless ``table`` is given), fit, export, and print where the model is."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        folder = out or Path("models") / scene.name
+        check_replaceable(folder)
+        known = None if table is None else load_table(table)
+        if known is None:
+            ensure_llvm()
+        command = ["tactilux", "train", scene_name, "--seed", str(seed)]
+        command += ["--minutes", f"{minutes:g}"] if table is None else ["--table", table.name]
+        with _Stages() as progress:
+            made = train(
+                scene,
+                folder,
+                seed=seed,
+                table=known,
+                config=TrainConfig(minutes=minutes),
+                command=shlex.join(command),
+                progress=progress,
+            )
+        stream.write(
+            f"{'held-out errors':<24}{'colour, median':>15}{'score, median':>15}{'tau':>7}\n"
+        )
+        for row in made.metadata.held_out:
+            stream.write(
+                f"{row['level']:<24}{row['facet_median']:>15.2%}{row['score_median']:>15.3f}"
+                f"{row['kendall_tau']:>7.2f}\n"
+            )
+        stream.write(
+            f"Model: {made.folder} ({made.metadata.residual['kind']}, {made.seconds:.0f} s)\n"
+        )
+
+
+class _Stages:
+    """One progress display per stage of the training."""
+
+    def __init__(self) -> None:
+        self._name = ""
+        self._meter: Meter | None = None
+
+    def __enter__(self) -> _Stages:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._meter is not None:
+            self._meter.close()
+
+    def __call__(self, state: TrainProgress) -> None:
+        if self._meter is None or state.stage != self._name:
+            if self._meter is not None:
+                self._meter.close()
+            self._name, self._meter = state.stage, Meter(state.stage.capitalize())
+            note(f"{state.stage.capitalize()} ...")
+        eta = state.eta_seconds
+        self._meter(state.done, state.total, None if eta != eta else eta)

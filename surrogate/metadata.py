@@ -1,0 +1,122 @@
+"""What a model says about itself: the ``metadata_props`` of ``checker.onnx``, read and written.
+
+Every value is a string in the file; numbers and tables are JSON. Needs no torch and no OpenGL.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from render.errors import ModelError
+from render.metric import MetricConfig
+
+SCHEMA = "tactilux-checker-1"
+LICENCE = "Apache-2.0"
+UNITS = {
+    "phi": "rad",
+    "power": "fraction of full power",
+    "bend": "rad",
+    "counts": "camera counts, 0 to 255",
+    "counts_spread": "camera counts, one standard deviation",
+    "background": "camera counts of the untouched pad",
+    "metric": "camera counts",
+    "score": "camera counts",
+    "domain_excess": "fraction of the trained range, 0 inside",
+}
+
+
+@dataclass(frozen=True)
+class ModelMetadata:
+    """The self-description of a model.
+
+    Arguments:
+        scene, scene_hash: the sensor that the model is of.
+        fibers, sites, facets: sizes of the axes.
+        scene_bends: the scene's own bends, rad; what scores are meant over.
+        bounds: lowest and highest trained ``phi``, ``power`` and ``bend``.
+        exposure: counts per 1/(mm^2 sr); lam: weight of M_phi in eq. (4.6).
+        conventions: the metric's conventions.
+        conformal: ``coverage``, ``counts`` (times counts_spread) and ``score`` (counts): the
+            intervals prediction -+ these hold the held-out reference that often; ``checked``
+            gives the coverage found on cells that had no part in them.
+        held_out: errors per level, on held-out designs.
+        preview: nodes of the table and its interpolation error.
+        renderer: settings, sample counts and seconds of the reference.
+        training_data_hash: SHA-256 of the reference table.
+        git_revision, versions: the sources and packages that made the model.
+        residual: kind and size of what corrects the preview.
+        units, licence, schema: constants of this format.
+    """
+
+    scene: str
+    scene_hash: str
+    fibers: int
+    sites: int
+    facets: int
+    scene_bends: list[float]
+    bounds: dict[str, list[float]]
+    exposure: float
+    lam: float
+    conventions: dict[str, Any]
+    conformal: dict[str, Any]
+    held_out: list[dict[str, Any]]
+    preview: dict[str, Any]
+    renderer: dict[str, Any]
+    training_data_hash: str
+    git_revision: str
+    versions: dict[str, str]
+    residual: dict[str, Any]
+    units: dict[str, str]
+    licence: str = LICENCE
+    schema: str = SCHEMA
+
+    def to_props(self) -> dict[str, str]:
+        """Return the properties to be stored in the file."""
+        content = asdict(self)
+        return {
+            key: value if isinstance(value, str) else json.dumps(value, allow_nan=False)
+            for key, value in content.items()
+        }
+
+    @property
+    def metric(self) -> MetricConfig:
+        """The metric's conventions."""
+        return MetricConfig(**self.conventions)
+
+
+def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
+    """Return the metadata in ``props``.
+
+    Raises:
+        ModelError: the file is no model of ours, or its description is damaged.
+    """
+    if props.get("schema") != SCHEMA:
+        raise ModelError(
+            f"{origin} is not a tactilux model of schema {SCHEMA} (it says "
+            f"{props.get('schema', 'nothing')!r}): use a checker.onnx that `tactilux train` wrote",
+            field="schema",
+            value=props.get("schema"),
+            allowed=SCHEMA,
+        )
+    texts = {"scene", "scene_hash", "training_data_hash", "git_revision", "licence", "schema"}
+    try:
+        content: dict[str, Any] = {
+            field.name: props[field.name] if field.name in texts else json.loads(props[field.name])
+            for field in fields(ModelMetadata)
+        }
+        found = ModelMetadata(**content)
+        _ = found.metric
+        numbers = [found.exposure, found.lam, found.conformal["counts"], found.conformal["score"]]
+        numbers += [x for name in ("phi", "power", "bend") for x in found.bounds[name]]
+        if not all(math.isfinite(x) for x in numbers):
+            raise ValueError("a number in it is not finite")
+    except (KeyError, ValueError, TypeError) as error:
+        raise ModelError(
+            f"{origin} has a damaged description ({error}): take a fresh copy of the model",
+            field="metadata_props",
+        ) from None
+    return found

@@ -1,0 +1,136 @@
+"""The training renders: which cells, how many mutations, and where an interrupted run goes on."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from render.bending import Array
+from render.chebyshev import chebyshev_nodes
+from render.reference import Estimate, Progress, render_transport
+from render.scene import Scene
+from render.transport import TransportTable
+from surrogate.preview_grid import bend_range
+
+TRIAL_MUTATIONS = (8, 40)
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """What is rendered; kept in the run directory, so that a resumed run renders the same.
+
+    Arguments:
+        scene_hash: of the scene.
+        mutations: proposed mutations per (fiber, facet) pair and seed.
+        seeds: of the independent runs.
+        phi, bends: nodes in rad.
+    """
+
+    scene_hash: str
+    mutations: int
+    seeds: list[int]
+    phi: list[float]
+    bends: list[float]
+
+
+def training_bends(scene: Scene, count: int) -> Array:
+    """Return the bends (rad) to render: ``count`` Chebyshev nodes and the scene's own."""
+    low, high = bend_range(scene)
+    nodes = np.array([high]) if low == high else chebyshev_nodes(count, low, high)
+    extra = [a for a in scene.bending.angles if np.abs(nodes - a).min() > 1e-6]
+    return np.sort(np.concatenate([nodes, extra]))
+
+
+def make_plan(
+    scene: Scene,
+    folder: Path,
+    *,
+    minutes: float,
+    mutations: int | None,
+    seed: int,
+    phi_count: int,
+    bend_count: int,
+) -> RenderPlan:
+    """Return the plan in ``folder``, or a new one; ``mutations`` None fills ``minutes``.
+
+    A stored plan is taken up only when it asks for the same scene, nodes, seed and mutations.
+    """
+    phi = chebyshev_nodes(phi_count, 0.0, np.pi).tolist()
+    bends = training_bends(scene, bend_count).tolist()
+    path = folder / "plan.json"
+    stored = _read(path)
+    wanted = (scene.hash, [seed + 1], phi, bends)
+    if (
+        stored is not None
+        and (stored.scene_hash, stored.seeds, stored.phi, stored.bends) == wanted
+        and mutations in (None, stored.mutations)
+    ):
+        return stored
+    if mutations is None:
+        mutations = _affordable(scene, np.array(phi), np.array(bends), minutes)
+    plan = RenderPlan(scene.hash, mutations, [seed + 1], phi, bends)
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(asdict(plan)), encoding="utf-8")
+    temporary.replace(path)
+    return plan
+
+
+def render_plan(
+    scene: Scene, plan: RenderPlan, folder: Path, progress: Callable[[Progress], None] | None
+) -> Estimate:
+    """Render the cells of ``plan``, going on where ``folder`` stands."""
+    return render_transport(
+        scene,
+        np.array(plan.phi),
+        np.array(plan.bends),
+        mutations=plan.mutations,
+        seeds=plan.seeds,
+        checkpoint=folder / "reference",
+        progress=progress,
+    )
+
+
+def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> TransportTable:
+    """Return the estimate as a table, with exposure and lambda still to be fixed."""
+    return TransportTable(
+        T=estimate.T,
+        se=estimate.se,
+        phi=np.array(plan.phi),
+        exposure=1.0,
+        lam=0.0,
+        scene_hash=scene.hash,
+        level="reference",
+        bends=np.array(plan.bends),
+        background=estimate.background,
+        background_se=estimate.background_se,
+    )
+
+
+def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
+    """Return the mutations that fill ``minutes``, from two short renders at one bend.
+
+    Their difference is free of the time for compiling, which both spend.
+    """
+    seconds = []
+    for mutations in TRIAL_MUTATIONS:
+        began = time.monotonic()
+        render_transport(scene, phi, bends[:1], mutations=mutations, seeds=[0])
+        seconds.append(time.monotonic() - began)
+    few, many = TRIAL_MUTATIONS
+    per_mutation = max(seconds[1] - seconds[0], 1e-3) / (many - few) * len(bends)
+    fixed = max(seconds[0] - few * per_mutation / len(bends), 0.0) * len(bends)
+    left = max(60.0 * minutes - sum(seconds) - fixed, 0.0)
+    return max(TRIAL_MUTATIONS[0], int(left / per_mutation))
+
+
+def _read(path: Path) -> RenderPlan | None:
+    try:
+        return RenderPlan(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None

@@ -1,0 +1,207 @@
+"""Making a model: preview table, reference renders, fit, held-out errors, export."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from render.bending import Array
+from render.errors import TableError
+from render.scene import Scene
+from render.transport import TransportTable
+from surrogate.card import Provenance, write_card
+from surrogate.cells import cells_from_table
+from surrogate.describe import describe_model
+from surrogate.fit import Fit, FitConfig, fit_residual
+from surrogate.graph import Checker as Graph
+from surrogate.heldout import scene_bends
+from surrogate.metadata import ModelMetadata
+from surrogate.package import write_package
+from surrogate.preview_grid import draw_grid, interpolation_error
+from surrogate.scale import fix_scale
+
+
+@dataclass(frozen=True)
+class TrainProgress:
+    """How far training is: ``done`` of ``total`` in ``stage``; the rest of it in seconds."""
+
+    stage: str
+    done: int
+    total: int
+    eta_seconds: float
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """What is rendered and fitted.
+
+    Arguments:
+        minutes: rendering time that the mutations are chosen for.
+        mutations: mutations per (fiber, facet) pair instead; the same number on any machine.
+        phi_nodes, bend_nodes: nodes of the reference.
+        preview_nodes: nodes of the preview in phi and bend.
+        fit: the residual.
+    """
+
+    minutes: float = 40.0
+    mutations: int | None = None
+    phi_nodes: int = 11
+    bend_nodes: int = 5
+    preview_nodes: tuple[int, int] = (11, 9)
+    fit: FitConfig = field(default_factory=FitConfig)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A finished model: where it is, what it says about itself, its fit and its training data."""
+
+    folder: Path
+    metadata: ModelMetadata
+    fit: Fit
+    table: TransportTable
+    seconds: float
+
+
+def train(
+    scene: Scene,
+    out: Path,
+    *,
+    seed: int = 0,
+    table: TransportTable | None = None,
+    run: Path | None = None,
+    config: TrainConfig | None = None,
+    command: str = "",
+    progress: Callable[[TrainProgress], None] | None = None,
+) -> Trained:
+    """Make the model of ``scene`` in the folder ``out``; all its files appear together.
+
+    Deterministic for a seed, a number of mutations and a processor type.
+
+    Arguments:
+        scene: the sensor.
+        out: model folder; an older model in it is replaced.
+        seed: of renders, folds, networks and held-out designs.
+        table: a reference table with background to fit to, instead of rendering one.
+        run: directory where an interrupted render goes on (default: beside ``out``); the
+            finished table is ``reference.npz`` in it.
+        config: nodes, mutations and network.
+        command: the command line, for the model card.
+        progress: called as the work goes on.
+
+    Raises:
+        TableError: a table that does not fit the scene.
+        RenderError, CompilerError, GraphicsError: from the renderers.
+        ModelError: ``out`` holds files that are no model.
+    """
+    config = config or TrainConfig()
+    run = run or out.parent / f"{out.name}-training"
+    began = time.monotonic()
+    report = _Reporter(progress)
+
+    report("preview", 0, 1)
+    grid = draw_grid(scene, *config.preview_nodes)
+    preview_error = interpolation_error(scene, grid)
+    report("preview", 1, 1)
+
+    table, renderer = _reference(scene, table, run, seed, config, report)
+    exposure, lam = fix_scale(scene, table)
+    table = replace(table, exposure=exposure, lam=lam)
+    table.save(run / "reference.npz")
+
+    fitting = time.monotonic()
+    fit = fit_residual(
+        scene,
+        grid,
+        cells_from_table(scene, table),
+        exposure=exposure,
+        lam=lam,
+        bends=scene_bends(table, scene.bending.angles),
+        seed=seed,
+        config=config.fit,
+        progress=report,
+    )
+    fit_seconds = time.monotonic() - fitting
+
+    report("export", 0, 1)
+    about = describe_model(scene, grid, preview_error, table, fit, renderer)
+    graph = Graph(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
+    render_seconds = renderer.get("seconds", 0.0)
+    made = Provenance(
+        command=command or f"tactilux train {scene.name} --seed {seed}",
+        seed=seed,
+        render_seconds=render_seconds if isinstance(render_seconds, float) else 0.0,
+        fit_seconds=fit_seconds,
+    )
+    write_package(out, graph, about, write_card(about, fit, made), _golden_inputs(scene, seed))
+    report("export", 1, 1)
+    return Trained(out, about, fit, table, time.monotonic() - began)
+
+
+class _Reporter:
+    """Turns (stage, done, total) into progress with an estimate of the remaining time."""
+
+    def __init__(self, progress: Callable[[TrainProgress], None] | None) -> None:
+        self.progress, self.stage, self.began = progress, "", 0.0
+
+    def __call__(self, stage: str, done: int, total: int, eta: float | None = None) -> None:
+        if stage != self.stage:
+            self.stage, self.began = stage, time.monotonic()
+        if self.progress is None:
+            return
+        if eta is None:
+            spent = time.monotonic() - self.began
+            eta = spent / done * (total - done) if done else math.nan
+        self.progress(TrainProgress(stage, done, total, eta))
+
+
+def _reference(
+    scene: Scene,
+    table: TransportTable | None,
+    run: Path,
+    seed: int,
+    config: TrainConfig,
+    report: _Reporter,
+) -> tuple[TransportTable, dict[str, object]]:
+    """Return the reference table and what is known of its rendering."""
+    if table is not None:
+        if table.scene_hash != scene.hash or table.level != "reference":
+            raise TableError(
+                f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
+                f"allowed: level 'reference' of scene {scene.hash}: render it for {scene.name}",
+                field="table",
+            )
+        return table, {"source": "an existing reference table"}
+    from surrogate.reference_run import estimate_table, make_plan, render_plan
+
+    report("plan", 0, 1)
+    plan = make_plan(
+        scene,
+        run,
+        minutes=config.minutes,
+        mutations=config.mutations,
+        seed=seed,
+        phi_count=config.phi_nodes,
+        bend_count=config.bend_nodes,
+    )
+    report("plan", 1, 1)
+    estimate = render_plan(
+        scene, plan, run, lambda p: report("render", p.done, p.total, p.eta_seconds)
+    )
+    renderer = dict(estimate.settings) | {"seconds": float(estimate.seconds)}
+    return estimate_table(scene, plan, estimate), renderer
+
+
+def _golden_inputs(scene: Scene, seed: int) -> dict[str, Array]:
+    """Return three random designs at the scene's bends, float32, as the graph takes them."""
+    rng = np.random.default_rng([seed, 99])
+    fibers = scene.fibers.count
+    return {
+        "phi": rng.uniform(0.0, np.pi, (3, fibers)).astype(np.float32),
+        "power": rng.uniform(0.0, 1.0, (3, fibers, 3)).astype(np.float32),
+        "bend": np.tile(np.array(scene.bending.angles, dtype=np.float32), (3, 1)),
+    }
