@@ -123,6 +123,10 @@ def train(
         Path | None, typer.Option(help="Model folder (default: models/<scene>).")
     ] = None,
     minutes: Annotated[float, typer.Option(min=0.1, help="Rendering time.")] = 40.0,
+    mutations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Mutations per fiber and facet: the same work on any machine."),
+    ] = None,
     seed: Seed = 0,
     table: Annotated[
         Path | None, typer.Option(help="Fit to this reference table instead of rendering one.")
@@ -131,7 +135,7 @@ def train(
     """Make the surrogate: render, fit, export."""
     from optimize.commands import train as command
 
-    command.run(scene, out=out, minutes=minutes, seed=seed, table=table)
+    command.run(scene, out=out, minutes=minutes, mutations=mutations, seed=seed, table=table)
 
 
 @app.command()

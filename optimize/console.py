@@ -87,6 +87,13 @@ class Meter:
             self._said = now
             note(f"{self.title}: {100 * done / total:.0f} %, {remaining}".rstrip(", "))
 
+    def note(self, text: str) -> None:
+        """Write a line that stays, above the bar if there is one."""
+        if self._bar is None:
+            note(text)
+        else:
+            self._bar.console.print(text, highlight=False)
+
     def _draw(self, done: float, total: float, remaining: str) -> None:
         if self._bar is None:
             from rich.console import Console

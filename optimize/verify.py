@@ -93,9 +93,6 @@ def verify(
         seeds: common to both designs.
         checkpoint: directory from which an interrupted verification goes on.
         progress: called with the name of the design being rendered.
-
-    Raises:
-        RenderError: the camera cannot see some facet, so the score is not defined.
     """
     scene, design, baseline = candidate.scene, candidate.design, baseline_design(candidate.scene)
     bends = np.array(scene.bending.angles)
@@ -114,22 +111,48 @@ def verify(
     first = render("baseline", baseline.phi)
     # Other colours need no other render: light is linear.
     second = first if candidate.recoloured else render("design", design.phi)
-    pair = np.stack([first.replicates[:, :, 0], second.replicates[:, :, 0]], axis=1)
+    predicted = model.run(design.phi[None], design.power[None], bends)
+    return compare(
+        candidate,
+        first.replicates[:, :, 0],
+        second.replicates[:, :, 0],
+        surrogate_score=float(predicted["score"][0]),
+        render_seconds=first.seconds + (0.0 if candidate.recoloured else second.seconds),
+        seeds=tuple(seeds),
+        mutations=mutations,
+    )
+
+
+def compare(
+    candidate: Candidate,
+    baseline: Array,
+    design: Array,
+    *,
+    surrogate_score: float,
+    render_seconds: float,
+    seeds: tuple[int, ...],
+    mutations: int,
+) -> Verification:
+    """Score two sets of replicates ``(R, F, B, S, K)`` of transport, made with common seeds.
+
+    Raises:
+        RenderError: the camera cannot see some facet, so the score is not defined.
+    """
+    pair = np.stack([baseline, design], axis=1)
     _check_seen(pair)
-    powers = (baseline.power, design.power)
+    powers = (baseline_design(candidate.scene).power, candidate.design.power)
 
     def gain(transport: Array) -> float:
         scores = [candidate.parts(transport[i], powers[i])[0] for i in (0, 1)]
         return float(scores[1] - scores[0])
 
-    predicted = model.run(design.phi[None], design.power[None], bends)
     return Verification(
-        baseline=_measure(candidate, pair[:, 0], powers[0]),
-        design=_measure(candidate, pair[:, 1], powers[1]),
+        baseline=_measure(candidate, baseline, powers[0]),
+        design=_measure(candidate, design, powers[1]),
         difference=jackknife(gain, pair),
-        surrogate_score=float(predicted["score"][0]),
-        render_seconds=first.seconds + (0.0 if candidate.recoloured else second.seconds),
-        seeds=tuple(seeds),
+        surrogate_score=surrogate_score,
+        render_seconds=render_seconds,
+        seeds=seeds,
         mutations=mutations,
     )
 

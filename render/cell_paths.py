@@ -19,13 +19,13 @@ import drjit as dr
 import mitsuba as mi
 
 from render.bridge import Bridge
+from render.chains import LIGHT_EVENTS
 from render.fiber_light import FiberLight
 from render.vertex import Vertex, choose, empty_vertex
 from render.walk import Aim, advance, bounce, join, start
 
 # Events that one subpath may take; what the bound costs is measured in tests/validation.
 CAMERA_EVENTS = 16
-LIGHT_EVENTS = 4096
 BRIDGE_EVENT = LIGHT_EVENTS // 2
 # Probability that a light vertex is joined to the end of the camera subpath, else to a glossy one.
 END_SHARE = 0.7

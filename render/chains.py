@@ -27,12 +27,26 @@ from render.primary import hashed
 STEP_SMALL, STEP_LARGE = 1.0 / 1024.0, 1.0 / 64.0
 
 
+LIGHT_EVENTS = 4096
+"""Events by which light subpaths of one chain are apart."""
+LIGHT_SALT = 0x7FEB352D
+"""Separates the streams of light and camera subpaths."""
+
+
 @dataclass
 class Deposit:
     """Values (one per channel) that a path adds to one bin; ``bin`` is uint32 per lane."""
 
     bin: Any
     values: list[Any]
+
+    def where(self, condition: Any, other: Deposit) -> Deposit:
+        """Return this deposit where ``condition`` holds, else ``other``."""
+        pairs = zip(self.values, other.values, strict=True)
+        return Deposit(
+            dr.select(condition, self.bin, other.bin),
+            [dr.select(condition, a, b) for a, b in pairs],
+        )
 
 
 class Problem(Protocol):
@@ -58,6 +72,27 @@ def perturb(value: Any, number: Any) -> Any:
 
 
 @dataclass
+class Chosen:
+    """What a proposal is made of, per chain: its kind, and the seeds of its random numbers.
+
+    ``fresh`` replaces everything on a large step; ``step`` perturbs the stored numbers on a small
+    one; ``tail`` is the current seed of the numbers that are not stored.
+    """
+
+    large: Any
+    fresh: Any
+    step: Any
+    tail: Any
+
+    def spread(self, lane: Any) -> Chosen:
+        """Return the choices of the chains ``lane``."""
+        return Chosen(
+            dr.gather(mi.Bool, self.large, lane),
+            *(dr.gather(mi.UInt32, seed, lane) for seed in (self.fresh, self.step, self.tail)),
+        )
+
+
+@dataclass
 class Proposed:
     """The proposal's primary samples of one kind of subpath, computed on the fly.
 
@@ -68,36 +103,49 @@ class Proposed:
     memory: list[Any]
     lane: Any
     lanes: int
+    chosen: Chosen
+    salt: int
     first: int
     block: int
     blocks: int
     stride: int
-    large: Any
-    fresh: Any
-    step: Any
-    tail: Any
+
+    @staticmethod
+    def camera(memory: list[Any], lane: Any, lanes: int, chosen: Chosen, block: int) -> Proposed:
+        """Return the numbers of camera subpaths, which are one run of events."""
+        return Proposed(memory, lane, lanes, chosen, 0, 0, block, 1, 1 << 24)
+
+    @staticmethod
+    def light(
+        memory: list[Any], lane: Any, lanes: int, chosen: Chosen, first: int, block: int, paths: int
+    ) -> Proposed:
+        """Return the numbers of ``paths`` light subpaths, stored from slot ``first`` on."""
+        return Proposed(
+            memory, lane, lanes, chosen, LIGHT_SALT, first, block, paths, LIGHT_EVENTS
+        )
 
     def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
         """Return the four numbers of event ``index`` (uint32 array)."""
         index = mi.UInt32(index)
-        run = index // self.stride if self.blocks > 1 else mi.UInt32(0)
+        run = index // self.stride
         within = index - run * self.stride
         stored = (within < self.block) & (run < self.blocks)
         slot = self.first + run * self.block + within
         return self._numbers(index, slot, stored)
-
-    def _numbers(self, index: Any, slot: Any, stored: Any) -> tuple[Any, Any, Any, Any]:
-        moving = stored & ~self.large
-        seed = dr.select(self.large, self.fresh, dr.select(stored, self.step, self.tail))
-        numbers = hashed(seed, index)
-        where = slot * self.lanes + self.lane
-        return tuple(  # type: ignore[return-value]
-            dr.select(moving, perturb(dr.gather(mi.Float, array, where, moving), number), number)
-            for array, number in zip(self.memory, numbers, strict=True)
-        )
 
     def slot_numbers(self, slot: Any) -> tuple[Any, Any, Any, Any]:
         """Return the numbers of stored slot ``slot`` (counted from ``first``)."""
         run = slot // self.block
         index = run * self.stride + (slot - run * self.block)
         return self._numbers(index, self.first + slot, dr.full(mi.Bool, True, dr.width(slot)))
+
+    def _numbers(self, index: Any, slot: Any, stored: Any) -> tuple[Any, Any, Any, Any]:
+        moving = stored & ~self.chosen.large
+        small = dr.select(stored, self.chosen.step, self.chosen.tail)
+        seed = dr.select(self.chosen.large, self.chosen.fresh, small) ^ self.salt
+        where = slot * self.lanes + self.lane
+        a, b, c, d = (
+            dr.select(moving, perturb(dr.gather(mi.Float, array, where, moving), number), number)
+            for array, number in zip(self.memory, hashed(seed, index), strict=True)
+        )
+        return a, b, c, d

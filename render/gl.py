@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import importlib
 import os
 from typing import Any
 
@@ -91,8 +92,8 @@ def create_context(backend: str | None = None) -> Any:
     Raises:
         GraphicsError: when none works, with the line that mends it.
     """
-    import moderngl
-
+    # Untyped: moderngl's stubs know neither `context` nor `backend`.
+    make: Any = importlib.import_module("moderngl").create_context
     wanted = backend or os.environ.get(VARIABLE)
     if wanted and wanted not in BACKENDS:
         raise GraphicsError(
@@ -105,8 +106,8 @@ def create_context(backend: str | None = None) -> Any:
     for name in [wanted] if wanted else BACKENDS:
         try:
             if name == "osmesa":
-                return moderngl.create_context(standalone=True, context=OSMesa())
-            return moderngl.create_context(standalone=True, backend="egl")
+                return make(standalone=True, context=OSMesa())
+            return make(standalone=True, backend="egl")
         # moderngl raises bare Exception, ImportError or ValueError, depending on what is missing.
         except Exception as error:
             failures.append(f"{name}: {error}")

@@ -1,52 +1,22 @@
-"""The preview's lights: the diffuser's glow, or bare fiber ends, as point lights in the pad."""
+"""The glow of the diffuser as point lights: the slab response of every fiber, at its place."""
 
 from __future__ import annotations
-
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from render.bending import Array
 from render.layout import fiber_edges, flat_fiber_poses
-from render.scene import EDGES, Scene
 from render.rough_face import fresnel
-from render.slab import HEIGHTS, MIRROR_ALONG, TERMS, SlabResponse, linear_weights, slab_response
-from render.slab_launch import Beam
+from render.scene import EDGES, Scene
+from render.slab_basis import MIRROR_ALONG, TERMS, linear_weights
+from render.slab_response import SlabResponse
 
 TEXELS = 3
 """RGBA texels that hold the 9 terms of one glow."""
-MERGED_STEP = 1.5
-"""Longest step (mm) between the point lights of a whole edge."""
-
-
-class Lights(Protocol):
-    """Point lights in flat pad coordinates, and what they emit for given fiber directions.
-
-    position: ``(fiber, light, 4)``: x, y, z (mm) and the edge's number.
-    edge_albedo: of the pad's edges, seen from inside.
-    nodes: ``(node,)`` rad when emission is the polynomial in phi through these nodes, else None.
-    defines: what the shader is specialised by.
-    """
-
-    position: Array
-    nodes: Array | None
-    edge_albedo: float
-    defines: dict[str, str]
-
-    def emission(self, phi: Array) -> Array:
-        """Return what unit fibers emit at ``phi`` ``(..., fiber)``: ``(..., fiber, light, 4 n)``."""
-
-    def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
-        """Return all fibers' lights in one list ``(1, light, 4)`` and emission ``(3, light, 4 n)``.
-
-        ``phi`` is ``(fiber,)`` rad, ``power`` ``(fiber, 3)``.
-        """
-
-
-def make_lights(scene: Scene, cache: Path | None = None) -> Lights:
-    """Return the lights that the scene requires."""
-    return Glow(scene, slab_response(scene, cache=cache)) if scene.diffuser else BareFibers(scene)
+MERGED_STEP, LEAST_PART = 0.375, 1 / 40
+"""Longest step between the lights of a whole edge, in units of the pad's thickness, and of it."""
+SOFTNESS = 0.7
+"""Distance within which a light levels off, in units of the step to the next."""
 
 
 class Glow:
@@ -56,11 +26,12 @@ class Glow:
         """Place the response at every fiber."""
         self._scene, self._response = scene, response
         self.edge_albedo = response.albedo
-        self.nodes: Array | None = response.phi
-        cell = np.median(np.diff(response.offsets)) * scene.pad.thickness / HEIGHTS
+        self.nodes = response.phi
+        step = max(float(np.median(np.diff(response.offsets))), MERGED_STEP * scene.pad.thickness)
         self.defines = {
+            "GLOW": "1",
             "EMISSION_TEXELS": str(TEXELS),
-            "SOFT_RADIUS": f"{np.sqrt(cell / np.pi):.6f}",
+            "SOFT_RADIUS": f"{SOFTNESS * step:.6f}",
         }
         edge = np.array([EDGES.index(name) for name in fiber_edges(scene)])
         place = flat_fiber_poses(scene).position
@@ -79,7 +50,8 @@ class Glow:
         """Return ``(..., fiber, offset, height, term)``; layers end with the edges."""
         endless = self._response.at(phi)
         kept = endless * self._keep[..., None, None]
-        return kept + np.einsum("fpo,...fozt->...fpzt", self._fold, endless * MIRROR_ALONG)
+        folded = np.einsum("fpo,...fozt->...fpzt", self._fold, endless * MIRROR_ALONG)
+        return np.asarray(kept + folded)
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return the glow of whole edges, shared linearly between evenly spaced lights."""
@@ -87,7 +59,8 @@ class Glow:
         positions, emissions = [], []
         for number in range(len(EDGES)):
             reach = _reach(self._scene, number)
-            count = int(np.ceil(2 * reach / MERGED_STEP)) + 1
+            step = max(MERGED_STEP * self._scene.pad.thickness, LEAST_PART * 2 * reach)
+            count = int(np.ceil(2 * reach / step)) + 1
             grid = np.linspace(-reach, reach, count)
             share = _shares(self._along[self._edge == number].ravel(), grid)
             light = np.einsum(
@@ -100,60 +73,12 @@ class Glow:
         return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
 
 
-class BareFibers:
-    """Fiber ends before a clear pad: seven points of each end face, seen through the pad's edge."""
-
-    edge_albedo = 0.0
-    nodes = None
-
-    def __init__(self, scene: Scene) -> None:
-        """Place the images of the fiber ends behind the edge."""
-        fibers = scene.fibers
-        self._scene = scene
-        self._beam = Beam(fibers.diameter, fibers.gap, fibers.height, fibers.sigma_v, fibers.tilt)
-        self.defines = {
-            "BEAM": "1",
-            "EMISSION_TEXELS": "1",
-            "SOFT_RADIUS": f"{fibers.diameter / 2:.6f}",
-        }
-        poses = flat_fiber_poses(scene)
-        # Rabinowitz and Richter's rule of degree 5 on the disk: its centre and a hexagon.
-        azimuth = np.pi / 3 * np.arange(6)
-        ring = np.sqrt(2 / 3) * fibers.diameter / 2
-        along = np.concatenate([[0.0], ring * np.cos(azimuth)])
-        up = np.concatenate([[0.0], ring * np.sin(azimuth)])
-        self._weight = np.array([0.25] + [0.125] * 6)
-        # Seen from inside the pad the air gap looks longer by the index (paraxial image).
-        image = poses.position - fibers.gap * (scene.pad.index - 1) * poses.inward
-        place = image[:, None] + along[:, None] * poses.along[:, None]
-        place[..., 2] += up
-        margin = 1e-3 * scene.pad.thickness
-        place[..., 2] = np.clip(place[..., 2], margin, scene.pad.thickness - margin)
-        edge = np.array([EDGES.index(name) for name in fiber_edges(scene)], dtype=np.float64)
-        number = np.broadcast_to(edge[:, None, None], (*place.shape[:2], 1))
-        self.position = np.concatenate([place, number], axis=-1)
-
-    def emission(self, phi: Array) -> Array:
-        """Return beam direction in the edge's frame and peak intensity, ``(..., fiber, 7, 4)``."""
-        beam = self._beam.directions(phi)
-        shape = (*phi.shape, len(self._weight))
-        peak = np.broadcast_to(self._weight * self._beam.peak_intensity, shape)
-        beams = np.broadcast_to(beam[..., None, :], (*shape, 3))
-        return np.concatenate([beams, peak[..., None]], axis=-1)
-
-    def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
-        """Return all end points of all fibers."""
-        emission = np.broadcast_to(self.emission(phi), (3, *self.position.shape)).copy()
-        emission[..., 3] *= power.T[..., None]
-        return self.position.reshape(1, -1, 4), emission.reshape(3, -1, 4)
-
-
 def _ends(offsets: Array, centre: Array, reach: Array, reflectance: float) -> tuple[Array, Array]:
     """Return what the ends of the layer make of an endless layer's lights.
 
     Each light stands for the cell between its neighbours. The part of a cell inside the edge is
-    kept, ``(fiber, offset)``; of the part beyond an end, ``reflectance`` comes back mirrored, shared
-    between the two lights nearest to its image, ``(fiber, to offset, from offset)``.
+    kept, ``(fiber, offset)``; of the part beyond an end, ``reflectance`` comes back mirrored,
+    shared between the two lights nearest to its image, ``(fiber, to offset, from offset)``.
     """
     middle = 0.5 * (offsets[1:] + offsets[:-1])
     low = centre[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])

@@ -7,6 +7,8 @@ straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from render.bending import Array, curvature
@@ -15,39 +17,63 @@ from render.pad_points import PadPoints
 from render.rough_face import fresnel
 from render.scene import Scene
 
+TARGETS = 1000
+"""Points that gather light at a time, which bounds the memory."""
 # Gauss points: each patch sends its light from 2 x 2 points.
 _SPOTS = np.array([-0.5, 0.5]) / np.sqrt(3)
 
 
-def total_irradiance(scene: Scene, points: PadPoints, bend: float, edge_albedo: float) -> Array:
-    """Return the matrix ``(target, point)`` from direct to total irradiance.
+@dataclass(frozen=True)
+class Interreflection:
+    """What one bend adds to direct irradiance.
 
-    Targets are facets, sites and coating patches, in the order of `PadPoints`. ``edge_albedo`` is
-    that of the diffuser for light from inside the pad.
+    indirect: ``(target, patch)``, irradiance on facets, sites and coating patches (in the order of
+    `PadPoints`) per direct irradiance on all patches.
     """
-    kernel = _kernel(scene, points, bend)
+
+    scene: Scene
+    points: PadPoints
+    indirect: Array
+
+    def added(self, direct: Array) -> Array:
+        """Return the indirect irradiance ``(row, target)`` for the direct one ``(row, point)``."""
+        points = self.points
+        added = direct[:, points.first_patch :] @ self.indirect.T
+        # The part of a facet's sky below the coating is filled by the coating around its site.
+        below = 0.5 * (1 - np.cos(self.scene.indenter.slope)) * self.scene.coating.albedo
+        sites = slice(points.sites * points.facets, points.first_patch)
+        around = direct[:, sites] + added[:, sites]
+        added[:, : sites.start] += below * np.repeat(around, points.facets, axis=1)
+        return added
+
+
+def interreflection(
+    scene: Scene, points: PadPoints, bend: float, edge_albedo: float
+) -> Interreflection:
+    """Solve the patches' radiosity at ``bend`` radians.
+
+    ``edge_albedo`` is that of the diffuser for light from inside the pad.
+    """
+    kernel = np.concatenate(
+        [
+            _kernel(scene, points, bend, slice(first, first + TARGETS))
+            for first in range(0, len(points.position), TARGETS)
+        ]
+    )
     albedo = np.full(kernel.shape[1], edge_albedo)
     albedo[: points.columns * points.rows] = scene.coating.albedo
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo
-    total = np.eye(points.first_edge, len(points.position))
     # E = E0 + between E, and targets gather from the final irradiance.
-    total[:, points.first_patch :] += np.linalg.solve(
-        (np.eye(len(between)) - between).T, gather.T
-    ).T
-    # The part of a facet's sky below the coating is filled by the coating around its site.
-    below = 0.5 * (1 - np.cos(scene.indenter.slope)) * scene.coating.albedo
-    facets = points.sites * points.facets
-    around = total[facets : points.first_patch]
-    total[:facets] += below * np.repeat(around, points.facets, axis=0)
-    return total
+    solved = np.linalg.solve((np.eye(len(between)) - between).T, gather.T).T
+    return Interreflection(scene, points, solved)
 
 
-def _kernel(scene: Scene, points: PadPoints, bend: float) -> Array:
-    """Return the irradiance at every point per radiosity of every patch, ``(point, patch)``."""
+def _kernel(scene: Scene, points: PadPoints, bend: float, chosen: slice) -> Array:
+    """Return the irradiance at chosen points per radiosity of every patch, ``(point, patch)``."""
     kappa, thickness = curvature(scene, bend), scene.pad.thickness
-    target, facing = points.position[:, None, None], points.normal[:, None, None]
-    on_edge = np.arange(len(points.position)) >= points.first_edge
+    target, facing = points.position[chosen, None, None], points.normal[chosen, None, None]
+    on_edge = np.arange(len(points.position))[chosen] >= points.first_edge
     parts = []
     for first, last in (
         (points.first_patch, points.first_edge),
@@ -66,7 +92,7 @@ def _kernel(scene: Scene, points: PadPoints, bend: float) -> Array:
 
 
 def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
-    """Return points ``(1, patch, 4, 3)`` on patches, their normals and the areas ``(1, patch, 1)``."""
+    """Return points ``(1, patch, spot, 3)`` on patches, normals, and areas ``(1, patch, 1)``."""
     position, size = points.position[chosen], points.size[chosen]
     normal = points.normal[chosen]
     first = np.where(np.abs(normal[:, :1]) > 0.5, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])

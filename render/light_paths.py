@@ -45,7 +45,7 @@ def direct_path(source: Array, target: Array, thickness: float, kappa: float) ->
     to_target = np.stack([across, below_target * sine, rise + sag * below_target], axis=-1)
     to_source = np.stack([-across, -below_source * sine, sag * below_source - rise], axis=-1)
     distance = np.linalg.norm(to_target, axis=-1)
-    dip = np.sqrt(np.maximum(below_target**2 - 1, 0))
+    dip = _horizon_dip(kappa * (thickness - target[..., 2]))
     # The coating hides what lies beyond its horizon and above the line that touches it there.
     along = np.abs(to_source[..., 1])
     visible = (along <= dip / kappa) | (dip * along > to_source[..., 2])
@@ -92,7 +92,7 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
     depart = np.stack([across * l1 / total, way * np.sin(theta) / k, -drop_source], axis=-1)
     arrive = np.stack([-across * l2 / total, -way * np.sin(psi) / k, -drop_target], axis=-1)
     width = np.maximum(total - 2 * k * l1 * l2 * l1 / n1, 0.1 * total)
-    dip = np.sqrt(np.maximum((1 + kappa * (thickness - z_target)) ** 2 - 1, 0))
+    dip = _horizon_dip(kappa * (thickness - z_target))
     visible = (drop_source > 0) & (drop_target + dip * np.abs(arrive[..., 1]) > 0)
     return Path(
         depart / np.linalg.norm(depart, axis=-1, keepdims=True),
@@ -100,3 +100,8 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
         visible * total / (length**2 * width),
         n1 / l1 * total / length,
     )
+
+
+def _horizon_dip(below: Array) -> Array:
+    """Return the tangent of the horizon's dip at a depth ``below`` in units of the arc's radius."""
+    return np.asarray(np.sqrt(np.maximum(below * (2 + below), 0.0)))

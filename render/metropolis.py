@@ -1,7 +1,7 @@
 """Running the chains: bootstrap of the luminance scale, mutations, accumulation, error bars.
 
-All random numbers are counter-based and all sums are integers, so a run that was interrupted and
-resumed from its state ends bit-equal to an unbroken one, on any number of threads.
+All random numbers are counter-based and sums are made in a fixed order, so a run that was
+interrupted and resumed from its state ends bit-equal to an unbroken one.
 """
 
 from __future__ import annotations
@@ -14,14 +14,9 @@ import mitsuba as mi
 import numpy as np
 
 from render.bending import Array
-from render.chains import Deposit, Problem, Proposed
+from render.chains import LIGHT_SALT, Chosen, Deposit, Problem, Proposed
 from render.errors import RenderError
 from render.primary import ROUNDS, Hashed, uniform
-
-# Sums are kept in units of 2^-32 of a bin's expected value: exact, order-free addition.
-QUANTUM = 2.0**32
-# One deposit may be worth this many expected bin values; more would overflow the sums.
-DEPOSIT_MAX = 2.0**28
 
 
 @dataclass(frozen=True)
@@ -37,10 +32,39 @@ class Settings:
     """
 
     chains: int = 16384
-    luminance_samples: int = 262144
+    luminance_samples: int = 100_000
     p_large: float = 0.3
     replicates: int = 8
     seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            RenderError: names the parameter that is out of range.
+        """
+        allowed = {
+            "chains": (self.replicates, 1 << 22),
+            "luminance_samples": (1, 1 << 34),
+            "p_large": (1e-3, 1.0),
+            "replicates": (2, 4096),
+        }
+        for name, (low, high) in allowed.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise RenderError(
+                    f"{name} = {value:g}, allowed: {low:g} to {high:g}", field=name, value=value
+                )
+
+
+def key(seed: int, purpose: int, index: int) -> Any:
+    """Return an opaque uint32 that differs for every seed, purpose and index (splitmix64)."""
+    word = (seed * 0x9E3779B97F4A7C15 + (purpose << 40) + index) & 0xFFFFFFFFFFFFFFFF
+    for multiplier in (0xBF58476D1CE4E5B9, 0x94D049BB133111EB):
+        word = ((word ^ (word >> 30)) * multiplier) & 0xFFFFFFFFFFFFFFFF
+    value = mi.UInt32(word >> 32)
+    dr.make_opaque(value)
+    return value
 
 
 class Chains:
@@ -52,42 +76,42 @@ class Chains:
         camera, paths, light = problem.stored
         self.slots = camera + paths * light
         self.lane = dr.arange(mi.UInt32, settings.chains)
-        self.group = self.lane % settings.replicates
+        self.group = np.arange(settings.chains) % settings.replicates
         self.done = 0
-        size = settings.replicates * problem.bins * problem.channels
-        self.sums = np.zeros(size, dtype=np.int64)
-        self.large = np.zeros((settings.replicates, 3))  # count, sum of F, sum of F^2
+        self.sums = np.zeros((settings.replicates, problem.bins, problem.channels))
+        # Large steps and bootstrap samples per replicate: count, sum of F, sum of F^2.
+        self.plain = np.zeros((settings.replicates, 3))
         self.weights: Array = np.ones((problem.bins, problem.channels))
 
     # -- start ---------------------------------------------------------------------------------
 
     def pilot(self) -> Array:
         """Return a plain Monte Carlo estimate ``(bin, channel)`` from half the bootstrap."""
-        total = np.zeros(self.problem.bins * self.problem.channels)
+        total = np.zeros_like(self.sums)
         for batch in range(self._batches()):
-            deposits, _ = self._plain(2 * batch + 1)
-            total += self._scatter_plain(deposits)
-        mean = total / (self._batches() * self.settings.chains)
-        return mean.reshape(self.problem.bins, self.problem.channels)
+            deposits, _ = self._independent(2 * batch + 1)
+            for deposit in deposits:
+                self._pay(total, deposit, np.ones(self.settings.chains))
+        return np.asarray(total.sum(axis=0) / (self._batches() * self.settings.chains))
 
     def bootstrap(self, weights: Array) -> None:
         """Fix the target's weights ``(bin, channel)``, estimate ``b`` and start the chains.
 
         Raises:
-            RenderError: when no bootstrap path carries light.
+            RenderError: when no bootstrap path carries light, or one is not finite.
         """
+        replicates = self.settings.replicates
         self.weights = np.asarray(weights, dtype=np.float64)
         target, seeds = [], []
-        weight = mi.Float(self.weights.astype(np.float32).ravel())
         for batch in range(self._batches()):
-            deposits, seed = self._plain(2 * batch)
-            target.append(np.array(self._target(deposits, weight)))
+            deposits, seed = self._independent(2 * batch)
+            target.append(np.array(self._target(deposits), dtype=np.float64))
             seeds.append(np.array(seed))
-        values, starts = np.concatenate(target).astype(np.float64), np.concatenate(seeds)
-        group = np.arange(len(values)) % self.settings.replicates
+        values, starts = np.concatenate(target), np.concatenate(seeds)
+        group = np.tile(self.group, self._batches())
         chosen = np.zeros(self.settings.chains, dtype=np.int64)
         rng = np.random.Generator(np.random.PCG64([self.settings.seed, 7]))
-        for r in range(self.settings.replicates):
+        for r in range(replicates):
             members = np.nonzero(group == r)[0]
             f = values[members]
             if not np.isfinite(f).all():
@@ -99,99 +123,84 @@ class Chains:
                     field="luminance_samples",
                     value=self.settings.luminance_samples,
                 )
-            self.large[r] = len(f), f.sum(), (f**2).sum()
-            lanes = np.nonzero(np.array(self.group) == r)[0]
+            self.plain[r] = len(f), f.sum(), (f**2).sum()
+            lanes = np.nonzero(self.group == r)[0]
             # Systematic resampling: chains start in the stationary density, no burn-in.
             edges = np.cumsum(f) / f.sum()
             at = (np.arange(len(lanes)) + rng.random()) / len(lanes)
             chosen[lanes] = members[np.minimum(np.searchsorted(edges, at), len(f) - 1)]
         self._start_from(mi.UInt32(starts[chosen]))
 
+    def scale(self) -> tuple[float, float]:
+        """Return the mean of F, from all plain samples so far, and its standard error."""
+        means = self.plain[:, 1] / self.plain[:, 0]
+        return float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means)))
+
     def _start_from(self, seed: Any) -> None:
         """Set every chain's state to the path of a bootstrap seed."""
-        camera, light = self._proposed(seed, seed, seed, dr.full(mi.Bool, True, dr.width(seed)))
-        deposits = self.problem.evaluate(camera, light)
-        weight = mi.Float(self.weights.astype(np.float32).ravel())
-        self.current = deposits
-        self.current_target = self._target(deposits, weight)
-        self.carried = dr.zeros(mi.Float, self.settings.chains)
-        self.tail = seed
+        always = dr.full(mi.Bool, True, self.settings.chains)
         self.memory = [dr.zeros(mi.Float, self.slots * self.settings.chains) for _ in range(4)]
-        self.memory = self._moved_memory(
-            seed, seed, seed, dr.full(mi.Bool, True, self.settings.chains),
-            dr.full(mi.Bool, True, self.settings.chains),
-        )  # fmt: skip
+        chosen = Chosen(large=always, fresh=seed, step=seed, tail=seed)
+        self.current = self.problem.evaluate(*self._proposed(chosen))
+        self.current_target = self._target(self.current)
+        self.carried = dr.zeros(mi.Float, self.settings.chains)
+        self.memory = self._moved_memory(chosen, always)
+        self.tail = seed
         dr.eval(self.current, self.current_target, self.tail, self.memory)
 
     # -- mutations -----------------------------------------------------------------------------
 
     def mutate(self, count: int) -> None:
-        """Propose ``count`` mutations in every chain."""
-        settings = self.settings
-        weight = mi.Float(self.weights.astype(np.float32).ravel())
-        b = mi.Float((self.large[:, 1] / self.large[:, 0]).astype(np.float32))
-        p_large = mi.Float(settings.p_large)
-        dr.make_opaque(weight, b, p_large)
-        size = len(self.sums)
-        large_count = np.zeros(settings.replicates)
-        large_sum = np.zeros(settings.replicates)
-        large_square = np.zeros(settings.replicates)
-        sums = dr.zeros(mi.Int64, size)
+        """Propose ``count`` mutations in every chain; the scale is brought up to date once."""
+        b = mi.Float((self.plain[:, 1] / self.plain[:, 0]).astype(np.float32))
+        p_large = mi.Float(self.settings.p_large)
+        dr.make_opaque(b, p_large)
+        mean = dr.gather(mi.Float, b, self.lane % self.settings.replicates)
         for _ in range(count):
-            key = mi.UInt32(self._key(3, self.done))
-            dr.make_opaque(key)
-            a, fresh = mi.sample_tea_32(self.lane, key, ROUNDS)
-            step, c = mi.sample_tea_32(self.lane ^ 0x5BD1E995, key, ROUNDS)
-            large = uniform(a) < p_large
-            camera, light = self._proposed(fresh, step, self.tail, large)
-            deposits = self.problem.evaluate(camera, light)
-            target = self._target(deposits, weight)
-            mean = dr.gather(mi.Float, b, self.group)
+            now = key(self.settings.seed, 3, self.done)
+            a, fresh = mi.sample_tea_32(self.lane, now, ROUNDS)
+            step, c = mi.sample_tea_32(self.lane ^ 0x5BD1E995, now, ROUNDS)
+            chosen = Chosen(uniform(a) < p_large, fresh, step, self.tail)
+            proposed = self.problem.evaluate(*self._proposed(chosen))
+            target = self._target(proposed)
             ratio = dr.select(self.current_target > 0, target / self.current_target, 1.0)
             acceptance = dr.minimum(ratio, 1.0)
-            worth = (acceptance + dr.select(large, 1.0, 0.0)) / (target / mean + p_large)
+            large = dr.select(chosen.large, 1.0, 0.0)
+            worth = (acceptance + large) / (target / mean + p_large)
             carried = self.carried + (1.0 - acceptance) / (self.current_target / mean + p_large)
             accepted = uniform(c) < acceptance
-            # What leaves the chain is paid out: the old state when it is replaced, else the
+            # What leaves a chain is paid out: the old state when it is replaced, else the
             # proposal that was turned down.
-            for new, old in zip(deposits, self.current, strict=True):
-                self._pay(
-                    sums,
-                    dr.select(accepted, old.bin, new.bin),
-                    [dr.select(accepted, x, y) for x, y in zip(old.values, new.values, strict=True)],
-                    dr.select(accepted, carried, worth),
-                )
-                old.bin = dr.select(accepted, new.bin, old.bin)
-                old.values = [
-                    dr.select(accepted, y, x) for x, y in zip(old.values, new.values, strict=True)
-                ]
+            leaving = [old.where(accepted, new) for new, old in zip(proposed, self.current, strict=True)]
+            self.current = [new.where(accepted, old) for new, old in zip(proposed, self.current, strict=True)]
+            payment = dr.select(accepted, carried, worth)
             self.carried = dr.select(accepted, worth, carried)
             self.current_target = dr.select(accepted, target, self.current_target)
-            plain = dr.select(large, target, 0.0)
-            dr.eval(sums, self.current, self.carried, self.current_target, accepted, plain, large,
-                    fresh, step)  # fmt: skip
-            self.memory = self._moved_memory(fresh, step, self.tail, large, accepted)
-            self.tail = dr.select(accepted & large, fresh, self.tail)
+            dr.eval(leaving, self.current, payment, self.carried, self.current_target,
+                    accepted, target, chosen.large, fresh, step)  # fmt: skip
+            self.memory = self._moved_memory(chosen, accepted)
+            self.tail = dr.select(accepted & chosen.large, fresh, self.tail)
             dr.eval(self.memory, self.tail)
-            values, flags = np.array(plain).astype(np.float64), np.array(large)
-            group = np.array(self.group)
-            large_count += np.bincount(group, flags, settings.replicates)
-            large_sum += np.bincount(group, values, settings.replicates)
-            large_square += np.bincount(group, values**2, settings.replicates)
+            for deposit in leaving:
+                self._pay(self.sums, deposit, np.array(payment, dtype=np.float64))
+            self._count(np.array(target, dtype=np.float64), np.array(chosen.large))
             self.done += 1
-        self.sums += np.array(sums)
-        self.large += np.stack([large_count, large_sum, large_square], axis=1)
+
+    def _count(self, target: Array, large: np.ndarray) -> None:
+        """Add the large steps, which are plain samples of F, to the estimate of the scale."""
+        if not np.isfinite(target).all():
+            raise RenderError("the path sampler returned a non-finite value")
+        plain = np.where(large, target, 0.0)
+        for column, values in enumerate((large.astype(np.float64), plain, plain**2)):
+            self.plain[:, column] += np.bincount(self.group, values, self.settings.replicates)
 
     def estimate(self) -> Array:
         """Return the estimates ``(replicate, bin, channel)``, states still in chains included."""
-        settings, shape = self.settings, (self.problem.bins, self.problem.channels)
-        sums = dr.zeros(mi.Int64, len(self.sums))
+        total = self.sums.copy()
         for deposit in self.current:
-            self._pay(sums, deposit.bin, deposit.values, self.carried)
-        total = (self.sums + np.array(sums)) / QUANTUM
-        share = np.bincount(np.array(self.group), minlength=settings.replicates) * self.done
-        scaled = total.reshape(settings.replicates, *shape) / share[:, None, None]
-        return scaled / self.weights
+            self._pay(total, deposit, np.array(self.carried, dtype=np.float64))
+        mutations = np.bincount(self.group, minlength=self.settings.replicates) * self.done
+        return np.asarray(total / mutations[:, None, None])
 
     # -- interruption --------------------------------------------------------------------------
 
@@ -200,7 +209,7 @@ class Chains:
         kept = {
             "done": np.int64(self.done),
             "sums": self.sums,
-            "large": self.large,
+            "plain": self.plain,
             "weights": self.weights,
             "tail": np.array(self.tail),
             "carried": np.array(self.carried),
@@ -216,7 +225,7 @@ class Chains:
     def restore(self, kept: dict[str, np.ndarray]) -> None:
         """Continue from a ``state``; the run then ends bit-equal to an unbroken one."""
         self.done = int(kept["done"])
-        self.sums, self.large, self.weights = kept["sums"], kept["large"], kept["weights"]
+        self.sums, self.plain, self.weights = kept["sums"], kept["plain"], kept["weights"]
         self.tail, self.carried = mi.UInt32(kept["tail"]), mi.Float(kept["carried"])
         self.current_target = mi.Float(kept["target"])
         self.memory = [mi.Float(kept[f"memory{i}"]) for i in range(4)]
@@ -231,77 +240,52 @@ class Chains:
     def _batches(self) -> int:
         return max(1, self.settings.luminance_samples // (2 * self.settings.chains))
 
-    def _key(self, purpose: int, index: int) -> int:
-        word = self.settings.seed * 0x9E3779B97F4A7C15 + purpose * 0xBF58476D1CE4E5B9
-        word = (word ^ (word >> 31)) + index * 0x94D049BB133111EB
-        return ((word ^ (word >> 29)) * 0xD6E8FEB86659FD93 >> 32) & 0xFFFFFFFF
-
-    def _plain(self, batch: int) -> tuple[Any, Any]:
+    def _independent(self, batch: int) -> tuple[list[Deposit], Any]:
         """Return the deposits and seeds of one batch of independent paths."""
-        key = mi.UInt32(self._key(1, batch))
-        dr.make_opaque(key)
-        seed, _ = mi.sample_tea_32(self.lane, key, ROUNDS)
+        seed, _ = mi.sample_tea_32(self.lane, key(self.settings.seed, 1, batch), ROUNDS)
         deposits = self.problem.evaluate(Hashed(seed), Hashed(seed ^ LIGHT_SALT))
         dr.eval(deposits, seed)
         return deposits, seed
 
-    def _scatter_plain(self, deposits: Any) -> Array:
-        sums = dr.zeros(mi.Float64, self.problem.bins * self.problem.channels)
-        for deposit in deposits:
-            for c, value in enumerate(deposit.values):
-                where = deposit.bin * self.problem.channels + c
-                dr.scatter_reduce(dr.ReduceOp.Add, sums, mi.Float64(value), where)
-        return np.array(sums)
-
-    def _target(self, deposits: Any, weight: Any) -> Any:
+    def _target(self, deposits: list[Deposit]) -> Any:
+        """Return F of the deposits."""
+        weight = mi.Float(self.weights.astype(np.float32).ravel())
         total = mi.Float(0.0)
         for deposit in deposits:
             for c, value in enumerate(deposit.values):
-                total += value * dr.gather(mi.Float, weight, deposit.bin * self.problem.channels + c)
+                index = deposit.bin * self.problem.channels + c
+                total += value * dr.gather(mi.Float, weight, index)
         return total
 
-    def _pay(self, sums: Any, where: Any, values: list[Any], worth: Any) -> None:
-        weight = mi.Float(self.weights.astype(np.float32).ravel())
-        for c, value in enumerate(values):
-            index = where * self.problem.channels + c
-            scaled = value * worth * dr.gather(mi.Float, weight, index)
-            dr.scatter_reduce(
-                dr.ReduceOp.Add,
-                sums,
-                mi.Int64(dr.round(mi.Float64(scaled) * QUANTUM)),
-                self.group * (self.problem.bins * self.problem.channels) + index,
-            )
+    def _pay(self, sums: Array, deposit: Deposit, worth: Array) -> None:
+        """Add deposits times ``worth`` to ``sums`` ``(replicate, bin, channel)``, lane by lane."""
+        place = self.group * self.problem.bins + np.array(deposit.bin)
+        for c, value in enumerate(deposit.values):
+            paid = np.bincount(place, np.array(value, dtype=np.float64) * worth,
+                               sums.shape[0] * sums.shape[1])  # fmt: skip
+            sums[:, :, c] += paid.reshape(sums.shape[:2])
 
-    def _proposed(self, fresh: Any, step: Any, tail: Any, large: Any) -> tuple[Any, Any]:
+    def _proposed(self, chosen: Chosen) -> tuple[Proposed, Proposed]:
         camera, paths, light = self.problem.stored
-        chains = self.settings.chains
-        memory = getattr(self, "memory", None) or [dr.zeros(mi.Float, 1) for _ in range(4)]
-        common = {"memory": memory, "lane": self.lane, "lanes": chains, "large": large}
+        memory = (self.memory, self.lane, self.settings.chains)
         return (
-            Proposed(**common, first=0, block=camera, blocks=1, stride=1 << 16,
-                     fresh=fresh, step=step, tail=tail),
-            Proposed(**common, first=camera, block=light, blocks=paths, stride=LIGHT_EVENTS,
-                     fresh=fresh ^ LIGHT_SALT, step=step ^ LIGHT_SALT, tail=tail ^ LIGHT_SALT),
-        )  # fmt: skip
+            Proposed.camera(*memory, chosen, camera),
+            Proposed.light(*memory, chosen, camera, light, paths),
+        )
 
-    def _moved_memory(self, fresh: Any, step: Any, tail: Any, large: Any, accepted: Any) -> list[Any]:
+    def _moved_memory(self, chosen: Chosen, accepted: Any) -> list[Any]:
         """Return the chains' memory with accepted proposals written into it."""
         chains = self.settings.chains
         everywhere = dr.arange(mi.UInt32, self.slots * chains)
         slot = everywhere // chains
         lane = everywhere - slot * chains
-        spread = [dr.gather(type(x), x, lane) for x in (fresh, step, tail, large, accepted)]
-        camera, light = self._proposed(*spread[:4])
+        camera, light = self._proposed(chosen.spread(lane))
         camera.lane = light.lane = lane
         from_camera = slot < camera.block
         numbers_camera = camera.slot_numbers(dr.select(from_camera, slot, 0))
         numbers_light = light.slot_numbers(dr.select(from_camera, 0, slot - camera.block))
+        moved = dr.gather(mi.Bool, accepted, lane)
         return [
-            dr.select(spread[4], dr.select(from_camera, a, b), old)
+            dr.select(moved, dr.select(from_camera, a, b), old)
             for a, b, old in zip(numbers_camera, numbers_light, self.memory, strict=True)
         ]
-
-
-LIGHT_SALT = 0x7FEB352D
-"""Separates the streams of light and camera subpaths."""
-LIGHT_EVENTS = 4096

@@ -13,8 +13,8 @@ from render.bending import Array
 from render.layout import facet_normals, flat_sites, pyramid
 from render.scene import Scene
 
-PATCH = 2.5
-"""Longest side (mm) of a patch along x and y."""
+PATCH, LEAST_PART = 0.625, 1 / 16
+"""Longest side of a patch in units of the pad's thickness, and of its longest side."""
 STOREYS = 3
 """Patches of the lit edges from the lower face to the coating."""
 
@@ -57,7 +57,8 @@ def pad_points(scene: Scene) -> PadPoints:
     Without a diffuser light leaves through the clear edges, which then have no patches.
     """
     pad, sites = scene.pad, flat_sites(scene)
-    columns, rows = (int(np.ceil(side / PATCH)) for side in (pad.width, pad.length))
+    longest = max(PATCH * pad.thickness, LEAST_PART * max(pad.width, pad.length))
+    columns, rows = (int(np.ceil(side / longest)) for side in (pad.width, pad.length))
     x = pad.width * ((np.arange(columns) + 0.5) / columns - 0.5)
     y = pad.length * ((np.arange(rows) + 0.5) / rows - 0.5)
     grid_y, grid_x = (grid.ravel() for grid in np.meshgrid(y, x, indexing="ij"))

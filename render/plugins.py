@@ -1,6 +1,12 @@
-"""Registration of this package's Mitsuba plugins, once per variant."""
+"""Registration of this package's Mitsuba plugins, once per variant.
+
+The classes derive from types of the variant that is set, so their modules are loaded anew for
+each variant.
+"""
 
 from __future__ import annotations
+
+import sys
 
 import mitsuba as mi
 
@@ -8,7 +14,17 @@ _registered: set[str] = set()
 
 
 def register() -> None:
-    """Register all plugins for the variant that is set."""
-    if mi.variant() in _registered:
+    """Register ``fiber``, ``bdpt`` and ``pssmlt`` for the variant that is set."""
+    variant = mi.variant()
+    if variant in _registered:
         return
-    _registered.add(mi.variant())
+    # Their base classes are those of the variant that was set when they were loaded.
+    for name in ("render.fiber_emitter", "render.integrators"):
+        sys.modules.pop(name, None)
+    from render.fiber_emitter import FiberEmitter
+    from render.integrators import BDPT, PSSMLT
+
+    mi.register_emitter("fiber", FiberEmitter)
+    mi.register_integrator("pssmlt", PSSMLT)
+    mi.register_integrator("bdpt", BDPT)
+    _registered.add(variant)

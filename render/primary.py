@@ -8,7 +8,7 @@ to be stored for Metropolis (``render.chains``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -29,6 +29,14 @@ def hashed(seed: Any, event: Any) -> tuple[Any, Any, Any, Any]:
     return uniform(a), uniform(b), uniform(c), uniform(d)
 
 
+class Stream(Protocol):
+    """Primary samples by event; see the module's description."""
+
+    def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Return the four numbers of event ``index`` (uint32 array)."""
+        ...
+
+
 @dataclass
 class Hashed:
     """The plain Monte Carlo stream: every event is hashed from the lane's seed."""
@@ -38,11 +46,3 @@ class Hashed:
     def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
         """Return the four numbers of event ``index`` (uint32 array)."""
         return hashed(self.seed, mi.UInt32(index))
-
-
-def lane_seeds(count: int, seed: int, salt: int) -> Any:
-    """Return one independent uint32 stream seed per lane."""
-    key = mi.UInt32((seed * 0x9E3779B9 + salt * 0x85EBCA6B) & 0xFFFFFFFF)
-    dr.make_opaque(key)
-    a, b = mi.sample_tea_32(dr.arange(mi.UInt32, count), key, ROUNDS)
-    return a ^ b

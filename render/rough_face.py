@@ -6,12 +6,13 @@ Smith shadowing that Mitsuba's ``roughdielectric`` uses, so that both levels sha
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
+"""float32 for photons, float64 for geometry."""
 
 
 class Meeting(NamedTuple):
@@ -52,13 +53,17 @@ def shadowing(cos: Floats, alpha: float) -> Floats:
     return np.where(a < 1.6, rational, 1.0).astype(cos.dtype)
 
 
-def meet(direction: Floats, axis: int, alpha: float, eta: float, rng: np.random.Generator) -> Meeting:
+def meet(
+    direction: Floats, axis: int, alpha: float, eta: float, rng: np.random.Generator
+) -> Meeting:
     """Send photons through the face that is normal to ``axis``, whichever way they come.
 
     Arguments:
         direction: ``(photon, 3)`` unit vectors, not parallel to the face.
+        axis: 0, 1 or 2, the coordinate along the face's normal.
         alpha: Beckmann roughness; 0 is a smooth face.
         eta: refractive index behind the face divided by the index in front.
+        rng: where the microfacets come from.
     """
     n = len(direction)
     # The normal that faces the incoming light has the sign opposite to the direction's.
@@ -78,7 +83,9 @@ def meet(direction: Floats, axis: int, alpha: float, eta: float, rng: np.random.
     cos_in = np.maximum(cos_in, 1e-6)
     reflectance, cos_out = fresnel(cos_in, eta)
     # Walter 2007, eq. 41, for normals drawn from D(m) |m.n|.
-    weight = cos_in * shadowing(cos_face, alpha) / (np.maximum(cos_face, 1e-6) * np.abs(micro[:, axis]))
+    weight = (
+        cos_in * shadowing(cos_face, alpha) / (np.maximum(cos_face, 1e-6) * np.abs(micro[:, axis]))
+    )
     weight = np.where(faces, weight, 0)
     reflected = direction + (2 * cos_in)[:, None] * micro
     refracted = direction / np.float32(eta) + (cos_in / np.float32(eta) - cos_out)[:, None] * micro

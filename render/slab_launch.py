@@ -71,7 +71,7 @@ def launch(
     theta, part = beam.flux()
     angle = np.interp(rng.random(count), part, theta)
     s, t = basis(axes[node])
-    direction = turn(axes[node], np.cos(angle), rng)
+    direction = turn(axes[node], np.cos(angle), rng).astype(np.float64)
     radius = 0.5 * beam.diameter * np.sqrt(rng.random(count))
     azimuth = 2 * np.pi * rng.random(count)
     centre = np.array([0.0, -beam.gap, beam.height])
@@ -87,8 +87,9 @@ def launch(
     weight = _radiance_of_nodes(beam, axes, origin - centre, direction)
     weight /= weight.mean(axis=1, keepdims=True) * count
     met = meet(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
+    straight = np.ones(len(hit), dtype=bool)
     photons = Photons(
-        hit.astype(np.float32), met.refracted, met.transmission, np.arange(len(hit))
+        hit.astype(np.float32), met.refracted, met.transmission, np.arange(len(hit)), straight
     )
     return photons[met.transmission > 0], weight
 
@@ -115,5 +116,9 @@ def launch_diffuse(slab: Slab, count: int, rng: np.random.Generator) -> Photons:
     position[:, 2] = slab.height * rng.random(count)
     weight = np.full(count, 1 / count, dtype=np.float32)
     return Photons(
-        position.astype(np.float32), direction.astype(np.float32), weight, np.arange(count)
+        position.astype(np.float32),
+        direction.astype(np.float32),
+        weight,
+        np.arange(count),
+        np.ones(count, dtype=bool),
     )

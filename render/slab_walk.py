@@ -8,14 +8,12 @@ leaves unhindered through the inner face (index matched) and meets a rough diele
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from render.rough_face import meet
-
-Floats = NDArray[np.float32]
+from render.rough_face import Floats, meet
 
 PATIENCE = 400
 """Events after which photons play Russian roulette, so that any walk ends."""
@@ -34,28 +32,33 @@ class Slab:
     index: float
     roughness: float
 
+    @property
+    def optical_thickness(self) -> float:
+        """Return the extinction times the thickness."""
+        return (self.sigma_s + self.sigma_a) * self.thickness
+
 
 @dataclass(frozen=True)
 class Photons:
     """A bundle of light: position and unit direction ``(photon, 3)``, weight ``(photon,)``.
 
-    ``label`` ``(photon,)`` is the number of the photon that was launched.
+    ``label`` ``(photon,)`` is the number of the photon that was launched; ``straight``
+    ``(photon,)`` says that the lower face alone has turned it.
     """
 
     position: Floats
     direction: Floats
     weight: Floats
     label: NDArray[np.int64]
+    straight: NDArray[np.bool_]
 
     def __getitem__(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Photons:
         """Return the chosen photons."""
-        return Photons(
-            self.position[chosen], self.direction[chosen], self.weight[chosen], self.label[chosen]
-        )
+        return Photons(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
-INNER = 1
-"""Number of the inner face; 0 is the outer one, 2 and 3 are z = 0 and z = height."""
+OUTER, INNER, LOWER, UPPER = range(4)
+"""Numbers of the faces: d = 0, d = thickness, z = 0, z = height."""
 
 
 def walk(slab: Slab, photons: Photons, rng: np.random.Generator) -> tuple[Photons, int]:
@@ -74,9 +77,10 @@ def walk(slab: Slab, photons: Photons, rng: np.random.Generator) -> tuple[Photon
         position = position + way[:, None] * direction
         weight = photons.weight * np.exp(np.float32(-slab.sigma_a) * way)
         leaves = ~scatters & (face == INNER)
-        portions.append(Photons(position, direction, weight, photons.label)[leaves])
+        straight = photons.straight & ~scatters & (face != OUTER) & (face != UPPER)
+        portions.append(Photons(position, direction, weight, photons.label, straight)[leaves])
         direction[scatters] = scatter(direction[scatters], slab.g, rng)
-        for number, axis, level in ((0, 1, 0.0), (2, 2, 0.0), (3, 2, slab.height)):
+        for number, axis, level in ((OUTER, 1, 0.0), (LOWER, 2, 0.0), (UPPER, 2, slab.height)):
             met = np.nonzero(~scatters & (face == number))[0]
             meeting = meet(direction[met], axis, slab.roughness, 1 / slab.index, rng)
             position[met, axis] = level
@@ -87,17 +91,16 @@ def walk(slab: Slab, photons: Photons, rng: np.random.Generator) -> tuple[Photon
         if rounds > PATIENCE:
             stays &= rng.random(len(weight), dtype=np.float32) < SURVIVAL
             weight /= np.float32(SURVIVAL)
-        photons = Photons(position, direction, weight, photons.label)[stays]
+        photons = Photons(position, direction, weight, photons.label, straight)[stays]
     return _joined(portions or [photons]), events
 
 
 def _joined(portions: list[Photons]) -> Photons:
-    return Photons(
-        np.concatenate([p.position for p in portions]),
-        np.concatenate([p.direction for p in portions]),
-        np.concatenate([p.weight for p in portions]),
-        np.concatenate([p.label for p in portions]),
+    columns = (
+        np.concatenate([getattr(portion, field.name) for portion in portions])
+        for field in fields(Photons)
     )
+    return Photons(*columns)
 
 
 def _free_path(slab: Slab, count: int, rng: np.random.Generator) -> Floats:
@@ -119,7 +122,7 @@ def _way_to_wall(
             to.append(np.where(speed != 0, (goal - position[:, axis]) / speed, np.inf))
     first = to[0] <= to[1]
     way = np.maximum(np.where(first, to[0], to[1]), 0).astype(np.float32)
-    face = np.where(first, direction[:, 1] > 0, 2 + (direction[:, 2] > 0))
+    face = np.where(first, OUTER + (direction[:, 1] > 0), LOWER + (direction[:, 2] > 0))
     return way, face
 
 
@@ -139,11 +142,8 @@ def turn(direction: Floats, cos: Floats, rng: np.random.Generator) -> Floats:
     azimuth = np.float32(2 * np.pi) * rng.random(len(cos), dtype=np.float32)
     sin = np.sqrt(np.maximum(1 - cos**2, 0))
     s, t = basis(direction)
-    return (
-        (sin * np.cos(azimuth))[:, None] * s
-        + (sin * np.sin(azimuth))[:, None] * t
-        + cos[:, None] * direction
-    )
+    around = (sin * np.cos(azimuth))[:, None] * s + (sin * np.sin(azimuth))[:, None] * t
+    return np.asarray(around + cos[:, None] * direction)
 
 
 def basis(w: Floats) -> tuple[Floats, Floats]:

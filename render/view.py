@@ -22,7 +22,7 @@ NORMALS = 48
 
 
 def view_weights(scene: Scene, bend: float) -> Array:
-    """Return radiance at the camera per irradiance on the coating, ``(site, facet + 1, facet + 1)``.
+    """Return camera radiance per irradiance on the coating, ``(site, facet + 1, facet + 1)``.
 
     Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
     the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
@@ -76,9 +76,7 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
     kappa = curvature(scene, bend)
     kappa_face = kappa / (1 + kappa * scene.pad.thickness)
     y = entry[..., 1] - scene.camera.y
-    normal = np.stack(
-        [np.zeros_like(y), kappa_face * y, kappa_face * entry[..., 2] - 1], axis=-1
-    )
+    normal = np.stack([np.zeros_like(y), kappa_face * y, kappa_face * entry[..., 2] - 1], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     across = np.broadcast_to([1.0, 0.0, 0.0], normal.shape)
     slope = scene.pad.roughness * _slopes()
@@ -90,9 +88,7 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
     cos_in = np.maximum(-np.einsum("...i,...ni->...n", outside, micro), 1e-6)
     reflected, cos_out = fresnel(cos_in, scene.pad.index)
     ratio = 1 / scene.pad.index
-    direction = (
-        ratio * outside[..., None, :] + (ratio * cos_in - cos_out)[..., None] * micro
-    )
+    direction = ratio * outside[..., None, :] + (ratio * cos_in - cos_out)[..., None] * micro
     straight = -np.einsum("...i,...i->...", outside, normal)[..., None]
     area = np.maximum(facing, 0.0) / np.maximum(straight, 1e-6)
     return direction, (1 - reflected) * area

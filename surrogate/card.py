@@ -84,7 +84,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             "Every cell of these random designs was predicted by a member that did not see its "
             "fiber position, direction and bend together. The reference's own noise is part of "
-            "all numbers. Colours: length of the difference over length of the reference's "
+            "all numbers but one: with noise of this size in both, even the reference rendered "
+            "again would show the first row. Colours: length of the difference over length of the reference's "
             "colour. Scores in counts.",
             "",
             *_table(fit.levels),
@@ -96,6 +97,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             "## Intervals",
             "",
+            "For the reference without its noise; compared with a render, the render's own error "
+            "bar is added in quadrature.",
             f"At {conformal['coverage']:.0%}: a channel of a facet lies within "
             f"{conformal['counts']:.2f} times `counts_spread`, a score within "
             f"{conformal['score']:.2f} counts. Tried on designs made of other cells, these held "
@@ -119,13 +122,15 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
 
 def _table(rows: tuple[LevelErrors, ...]) -> list[str]:
     head = [
-        "| level | cell, median | cell, 95 % | colour, median | colour, 95 % | score, median "
+        "| level | cell, median | cell, 95 % | colour, median | colour, 95 % | colour, rms "
+        "| colour, rms without noise | score, median "
         "| score, 95 % | Kendall tau |",
-        "|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     return head + [
         f"| {row.level} | {row.cell_median:.1%} | {row.cell_p95:.1%} | {row.facet_median:.1%} "
-        f"| {row.facet_p95:.1%} | {row.score_median:.2f} | {row.score_p95:.2f} "
+        f"| {row.facet_p95:.1%} | {row.facet_rms:.1%} "
+        f"| {row.facet_rms_true:.1%} | {row.score_median:.2f} | {row.score_p95:.2f} "
         f"| {row.kendall_tau:.2f} |"
         for row in rows
     ]

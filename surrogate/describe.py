@@ -50,6 +50,7 @@ def describe_model(
             "coverage": COVERAGE,
             "counts": fit.quantiles.counts,
             "score": fit.quantiles.score,
+            "score_spread": fit.quantiles.score_spread,
             "checked": asdict(fit.coverage) if fit.coverage else None,
         },
         held_out=[asdict(row) for row in (*fit.levels, *fit.splits)],

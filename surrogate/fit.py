@@ -16,8 +16,17 @@ from surrogate.heldout import Designs, Exam, LevelErrors, random_designs
 from surrogate.mlp import NetworkConfig, fit_networks
 from surrogate.preview_grid import PreviewGrid
 from surrogate.ridge import fit_ridge
-from surrogate.rows import Rows, build_rows, deviance, held_out
-from surrogate.uncertainty import Quantiles, conformal, counts_spread, coverage, fit_spread
+from surrogate.rows import Rows, build_rows, held_out
+from surrogate.uncertainty import (
+    Comparison,
+    Coverage,
+    Quantiles,
+    compare,
+    conformal,
+    counts_spread,
+    coverage,
+    fit_spread,
+)
 
 SPLIT_FOLDS = 3
 """Folds when whole fiber positions, directions or bends are left out."""
@@ -36,7 +45,7 @@ class FitConfig:
 
     members: int = 5
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    penalties: tuple[float, ...] = (1e-5, 1e-4, 1e-3)
+    penalties: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
     designs: int = 300
 
 
@@ -60,7 +69,7 @@ class Fit:
     kind: str
     spread: tuple[float, float]
     quantiles: Quantiles
-    coverage: Quantiles | None
+    coverage: Coverage | None
     levels: tuple[LevelErrors, ...]
     splits: tuple[LevelErrors, ...]
     unreliable: int
@@ -106,8 +115,16 @@ class _Task:
 
     def exam(self, designs: Designs, examined: np.ndarray, bends: np.ndarray) -> Exam:
         cells = self.cells
-        reference, reliable = cells.transport, cells.reliable
-        return Exam(reference, reliable, designs, self.exposure, self.lam, examined, bends)
+        return Exam(
+            reference=cells.transport,
+            error=cells.error,
+            reliable=cells.reliable,
+            designs=designs,
+            exposure=self.exposure,
+            lam=self.lam,
+            examined=examined,
+            bends=bends,
+        )
 
     def designs(self, count: int, allowed: np.ndarray, stream: int) -> Designs:
         return random_designs(count, allowed, np.random.default_rng([self.seed, stream]))
@@ -115,12 +132,6 @@ class _Task:
     def residuals(self, model: nn.Module) -> Array:
         with torch.no_grad():
             return self.rows.residuals(model(self.rows.x))
-
-    def loss(self, residual: Array) -> float:
-        """Return the mean deviance of a residual ``(direction, ...)``."""
-        rows = self.rows
-        values = torch.as_tensor(residual, dtype=torch.float32).reshape(rows.ratio.shape)
-        return float(deviance(values, rows).sum() / rows.weight.sum())
 
 
 def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
@@ -130,9 +141,13 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
     exam = task.exam(task.designs(config.designs, everywhere[..., 0], 0), everywhere, task.bends)
 
     progress("ridge", 0, 1)
+    preview = np.exp(rows.log_preview)
+
+    def grade(name: str, model: nn.Module) -> LevelErrors:
+        return exam.grade(name, preview * np.exp(held_out(task.residuals(model), fold)))
+
     ridges = [(p, fit_ridge(rows, fold, config.members, p)) for p in config.penalties]
-    held = [(task.loss(held_out(task.residuals(m), fold)), p, m) for p, m in ridges]
-    ridge_loss, penalty, ridge = min(held, key=lambda item: item[0])
+    penalty, ridge = min(ridges, key=lambda item: grade("ridge", item[1]).facet_rms)
     progress("ridge", 1, 1)
 
     def train(where: np.ndarray, members: int, name: str, network: NetworkConfig) -> nn.Module:
@@ -142,43 +157,38 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
         return fit_networks(rows, where, members, network, task.seed, report)
 
     network = train(fold, config.members, "networks", config.network)
-    guesses = {"ridge": task.residuals(ridge), "network": task.residuals(network)}
-    better = task.loss(held_out(guesses["network"], fold)) < ridge_loss
-    kind, model = ("network", network) if better else ("ridge", ridge)
-
-    preview = np.exp(rows.log_preview)
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
-    levels = [
+    levels = (
         exam.grade("noise of the reference", _noisy(task)),
         exam.grade("preview", preview),
         exam.grade("preview, one factor", preview * factor),
-    ]
-    levels += [
-        exam.grade(name, preview * np.exp(held_out(residual, fold)))
-        for name, residual in guesses.items()
-    ]
+        grade("ridge", ridge),
+        grade("network", network),
+    )
+    better = levels[-1].facet_rms < levels[-2].facet_rms
+    kind, model = ("network", network) if better else ("ridge", ridge)
 
     def refit(out: np.ndarray, count: int, name: str) -> nn.Module:
         if better:
             return train(out, count, f"split by {name}", config.network.shorter(2))
         return fit_ridge(rows, out, count, penalty)
 
-    residual = held_out(guesses[kind], fold)
-    apart = guesses[kind] - guesses[kind].mean(axis=0)
+    members = task.residuals(model)
+    residual, apart = held_out(members, fold), members - members.mean(axis=0)
     b0, b1 = _spread(task, residual, apart)
-    cell_spread = np.exp(b0 + b1 * rows.brightness)
-    transport = preview * np.exp(residual)
+    cell_spread, transport = np.exp(b0 + b1 * rows.brightness), preview * np.exp(residual)
 
-    def spread(of: Exam) -> Array:
-        return counts_spread(of, transport, apart, cell_spread)
+    def compared(with_exam: Exam) -> Comparison:
+        spread = counts_spread(with_exam, transport, apart, cell_spread)
+        return compare(with_exam, transport, spread, np.random.default_rng([task.seed, 4]))
 
     return Fit(
         residual=model,
         kind=kind,
         spread=(b0, b1),
-        quantiles=conformal(exam, transport, spread(exam)),
-        coverage=_coverage(task, config, transport, spread),
-        levels=tuple(levels),
+        quantiles=conformal(compared(exam)),
+        coverage=_coverage(task, config, compared),
+        levels=levels,
         splits=_splits(task, config, refit),
         unreliable=int((~cells.reliable).sum()),
         cells=int(cells.reliable.size),
@@ -214,27 +224,26 @@ def _splits(
 
 def _noisy(task: _Task) -> Array:
     """Return the reference with its noise once more: what a perfect model's errors look like."""
-    rows, reference = task.rows, task.cells.transport
-    noise = rows.noise.double().numpy().reshape(reference.shape)
-    random = np.random.default_rng([task.seed, 3]).standard_normal(reference.shape)
-    return np.asarray(reference * (1.0 + noise * random))
+    cells = task.cells
+    random = np.random.default_rng([task.seed, 3]).standard_normal(cells.error.shape)
+    return np.asarray(cells.transport + cells.error * random)
 
 
 def _spread(task: _Task, residual: Array, apart: Array) -> tuple[float, float]:
     """Calibrate the cells' spread."""
     rows = task.rows
-    ratio = rows.ratio.double().numpy().reshape(residual.shape)
+    predicted = np.exp(rows.log_preview + residual)
     return fit_spread(
-        (ratio * np.exp(-residual) - 1.0).ravel(),
-        rows.noise.double().numpy().ravel(),
+        (task.cells.transport / predicted - 1.0).ravel(),
+        (task.cells.error / predicted).ravel(),
         ((apart**2).sum(axis=0) / max(len(apart) - 1, 1)).ravel(),
         np.broadcast_to(rows.brightness[..., None], residual.shape).ravel(),
     )
 
 
 def _coverage(
-    task: _Task, config: FitConfig, transport: Array, spread: Callable[[Exam], Array]
-) -> Quantiles | None:
+    task: _Task, config: FitConfig, compared: Callable[[Exam], Comparison]
+) -> Coverage | None:
     """Return the coverage of designs whose cells had no part in the conformal factors.
 
     The pairs of fiber and direction are dealt to two halves like a chessboard (twins together);
@@ -246,14 +255,11 @@ def _coverage(
     white = np.asarray((cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0)
     halves: tuple[np.ndarray, ...] = (white, ~white)
     everywhere = np.ones(cells.group.shape, dtype=bool)
-    exams = [
-        task.exam(task.designs(config.designs, half, 2), everywhere, task.bends) for half in halves
-    ]
-    spreads = [spread(exam) for exam in exams]
-    found = []
-    for first, second in ((0, 1), (1, 0)):
-        factors = conformal(exams[first], transport, spreads[first])
-        found.append(coverage(exams[second], transport, spreads[second], factors))
-    return Quantiles(
+    first, second = (
+        compared(task.exam(task.designs(config.designs, half, 2), everywhere, task.bends))
+        for half in halves
+    )
+    found = coverage(second, conformal(first)), coverage(first, conformal(second))
+    return Coverage(
         float(np.mean([f.counts for f in found])), float(np.mean([f.score for f in found]))
     )

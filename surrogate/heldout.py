@@ -56,6 +56,9 @@ class LevelErrors:
         level: what predicted.
         cell_median, cell_p95: ``|T / T_reference - 1|`` of single cells.
         facet_median, facet_p95: ``|c - c_reference| / |c_reference|`` of facet colours.
+        facet_rms: root of ``sum |c - c_reference|^2 / sum |c_reference|^2``.
+        facet_rms_true: the same without the reference's own noise, whose known variance is taken
+            off both sums; 0 when the noise explains everything.
         score_median, score_p95: ``|S - S_reference|`` in counts.
         kendall_tau: rank agreement of the scores.
     """
@@ -65,6 +68,8 @@ class LevelErrors:
     cell_p95: float
     facet_median: float
     facet_p95: float
+    facet_rms: float
+    facet_rms_true: float
     score_median: float
     score_p95: float
     kendall_tau: float
@@ -75,7 +80,8 @@ class Exam:
     """Held-out designs with the reference's answer.
 
     Arguments:
-        reference: transport ``(direction, fiber, bend, site, normal)``; reliable: the same shape.
+        reference, error: transport ``(direction, fiber, bend, site, normal)`` and its standard
+            error; reliable: the same shape.
         designs: what is asked.
         exposure, lam: of the scene.
         examined: ``(direction, fiber, bend)`` cells that were held out.
@@ -83,6 +89,7 @@ class Exam:
     """
 
     reference: Array
+    error: Array
     reliable: np.ndarray
     designs: Designs
     exposure: float
@@ -95,6 +102,12 @@ class Exam:
         light = self.designs.transport(transport[:, :, self.bends, :, :-1])
         return np.asarray(image_counts(light, self.designs.power, self.exposure))
 
+    def counts_noise(self) -> Array:
+        """Return the standard error of the reference's counts, the shape of :meth:`counts`."""
+        error = self.designs.transport(self.error[:, :, self.bends, :, :-1])
+        variance = np.einsum("dfc,dfbsk->dbskc", self.designs.power**2, error**2, optimize=True)
+        return np.asarray(self.exposure * np.sqrt(variance))
+
     def scores(self, counts: Array) -> Array:
         """Return S ``(design,)`` over the bends of ``counts``."""
         return np.asarray(design_score(site_metric(counts, self.lam)).score)
@@ -105,6 +118,8 @@ class Exam:
         cell = np.abs(transport[known] / self.reference[known] - 1.0)
         truth, guess = self.counts(self.reference), self.counts(transport)
         facet = np.linalg.norm(guess - truth, axis=-1) / np.linalg.norm(truth, axis=-1)
+        off, light = ((guess - truth) ** 2).sum(), (truth**2).sum()
+        noise = (self.counts_noise() ** 2).sum()
         truth_scores, guess_scores = self.scores(truth), self.scores(guess)
         score = np.abs(guess_scores - truth_scores)
         return LevelErrors(
@@ -113,6 +128,10 @@ class Exam:
             cell_p95=float(np.quantile(cell, 0.95)),
             facet_median=float(np.quantile(facet, 0.5)),
             facet_p95=float(np.quantile(facet, 0.95)),
+            facet_rms=float(np.sqrt(off / light)),
+            facet_rms_true=float(
+                np.sqrt(max(off - noise, 0.0) / max(light - noise, 1e-12 * light))
+            ),
             score_median=float(np.quantile(score, 0.5)),
             score_p95=float(np.quantile(score, 0.95)),
             kendall_tau=kendall_tau(guess_scores, truth_scores),

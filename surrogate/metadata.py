@@ -41,8 +41,9 @@ class ModelMetadata:
         exposure: counts per 1/(mm^2 sr); lam: weight of M_phi in eq. (4.6).
         conventions: the metric's conventions.
         conformal: ``coverage``, ``counts`` (times counts_spread) and ``score`` (counts): the
-            intervals prediction -+ these hold the held-out reference that often; ``checked``
-            gives the coverage found on cells that had no part in them.
+            intervals prediction -+ these hold the noise-free reference that often;
+            ``score_spread`` is one standard deviation of the score; ``checked`` gives the
+            coverage found on cells that had no part in them.
         held_out: errors per level, on held-out designs.
         preview: nodes of the table and its interpolation error.
         renderer: settings, sample counts and seconds of the reference.

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from surrogate.networks import NetworkEnsemble
-from surrogate.rows import Rows, expand
+from surrogate.rows import Rows, deviance, expand
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def fit_networks(
             order = torch.cat([order, torch.randperm(len(rows.x), generator=generator)])
         take, order = order[: config.batch], order[config.batch :]
         residual = expand(net(rows.x[take]), rows.basis[take])
-        deviance = rows.ratio[take] * torch.exp(-residual) + residual
-        loss = (weight[:, take] * deviance).mean(dim=(1, 2)).sum()
+        error = deviance(rows.ratio[take], residual)
+        loss = (weight[:, take] * error).mean(dim=(1, 2)).sum()
         optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()

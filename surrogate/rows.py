@@ -129,14 +129,14 @@ def smooth_noise(transport: Array, error: Array, x: Array) -> Array:
     return out
 
 
-def deviance(residual: Tensor, rows: Rows) -> Tensor:
-    """Return the weighted gamma deviance of every cell, ``(..., row, normal)``, up to a constant.
+def deviance(ratio: Tensor, residual: Tensor) -> Tensor:
+    """Return the gamma deviance ``y exp(-r) + r`` of every cell, up to a constant.
 
-    ``w (y exp(-r) + r)`` with ``y = T_reference / T_preview`` and the residual ``r``. Its minimum
-    over noisy ``y`` is log E[y], whatever the noise (McCullagh and Nelder 1989, 8.3), where least
-    squares in log y would be biased by -variance / 2 and could not use cells that came out as 0.
+    ``y`` is T_reference / T_preview and ``r`` the residual. Its minimum over noisy ``y`` is
+    log E[y], whatever the noise (McCullagh and Nelder 1989, 8.3), where least squares in log y
+    would be biased by -variance / 2 and could not use cells that came out as 0.
     """
-    return rows.weight * (rows.ratio * torch.exp(-residual) + residual)
+    return ratio * torch.exp(-residual) + residual
 
 
 def held_out(residuals: Array, fold: np.ndarray) -> Array:

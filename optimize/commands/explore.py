@@ -6,13 +6,15 @@ import time
 from pathlib import Path
 from typing import IO
 
-from optimize.console import note, print_json, reserved_stdout
+from optimize.console import Meter, note, print_json, reserved_stdout
+from optimize.drawings import STAGES
 from optimize.explore import Exploration, explore
 from optimize.explore_output import write_exploration
 from optimize.joint import SearchStep
 from optimize.models import find_model
 from optimize.output import check_target
 from optimize.report import score_row, warnings
+from render.gl import create_context
 from render.scene import load_scene
 from surrogate.checker import Checker
 
@@ -26,10 +28,13 @@ def run(scene_name: str, *, out: Path | None, model: Path | None, seed: int, as_
         check_target(target)
         folder = find_model(scene.name, model)
         checker = Checker.load(folder, scene.hash)
+        # The pictures need OpenGL: better to miss it now than after the search.
+        create_context().release()
         note(f"Exploring {scene.name} on the surrogate in {folder}")
-        found = explore(scene, checker, seed=seed, progress=_say)
-        note("Drawing pictures and the report")
-        result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
+        with Meter("Exploring") as meter:
+            found = explore(scene, checker, seed=seed, progress=_Steps(meter))
+            meter.note("  drawing pictures and the report")
+            result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
         if as_json:
             print_json(stream, result)
         else:
@@ -39,18 +44,25 @@ def run(scene_name: str, *, out: Path | None, model: Path | None, seed: int, as_
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
 
 
-def _say(step: SearchStep) -> None:
-    stages = {
-        "start": "baseline",
-        "grouped": "colours in pairs",
-        "quick": "colours, 2-opt",
-        "tied": "directions, tied",
-        "free": "directions, free",
-    }
-    note(
-        f"  {step.seconds:5.1f} s  {stages[step.stage]:<17}  score {step.score:8.3f}"
-        f"  ({step.evaluated:,} designs)"
-    )
+class _Steps:
+    """Says what every stage of the search reached, and estimates what is left.
+
+    The number of rounds is not known before; two are usual, and later rounds have three stages.
+    """
+
+    def __init__(self, meter: Meter) -> None:
+        self.meter, self.done, self.expected = meter, 0, 9
+
+    def __call__(self, step: SearchStep) -> None:
+        label = STAGES[step.stage][0]
+        self.meter.note(
+            f"  {step.seconds:5.1f} s  {label:<17}  score {step.score:8.3f}"
+            f"  ({step.evaluated:,} designs)"
+        )
+        self.done += 1
+        if self.done == self.expected:
+            self.expected += 3
+        self.meter(self.done, self.expected)
 
 
 def _print_table(stream: IO[str], found: Exploration) -> None:

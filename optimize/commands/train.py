@@ -14,7 +14,13 @@ from surrogate.train import TrainConfig, TrainProgress, train
 
 
 def run(
-    scene_name: str, *, out: Path | None, minutes: float, seed: int, table: Path | None
+    scene_name: str,
+    *,
+    out: Path | None,
+    minutes: float,
+    mutations: int | None,
+    seed: int,
+    table: Path | None,
 ) -> None:
     """Render (unless ``table`` is given), fit, export, and print where the model is."""
     with reserved_stdout() as stream:
@@ -25,14 +31,19 @@ def run(
         if known is None:
             ensure_llvm()
         command = ["tactilux", "train", scene_name, "--seed", str(seed)]
-        command += ["--minutes", f"{minutes:g}"] if table is None else ["--table", table.name]
+        if table is not None:
+            command += ["--table", table.name]
+        elif mutations is not None:
+            command += ["--mutations", str(mutations)]
+        else:
+            command += ["--minutes", f"{minutes:g}"]
         with _Stages() as progress:
             made = train(
                 scene,
                 folder,
                 seed=seed,
                 table=known,
-                config=TrainConfig(minutes=minutes),
+                config=TrainConfig(minutes=minutes, mutations=mutations),
                 command=shlex.join(command),
                 progress=progress,
             )

@@ -48,6 +48,12 @@ vec2 half_turn(vec3 source, vec3 target) {
     return turned(vec2(0.0, 1.0), 0.5 * kappa * (target.y - source.y));
 }
 
+// Tangent of the angle by which the coating's horizon lies below the local level at height z.
+float horizon_dip(float z) {
+    float below = kappa * (thickness - z);
+    return sqrt(max(below * (2.0 + below), 0.0));
+}
+
 Path direct_path(vec3 source, vec3 target, vec2 turn) {
     vec2 arc = 2.0 * radius * turn.x * turn;  // sagitta of the coating, half its chord's run
     float below_source = 1.0 + kappa * (thickness - source.z);
@@ -59,7 +65,7 @@ Path direct_path(vec3 source, vec3 target, vec2 turn) {
     float scale = inversesqrt(squared);
     // The coating hides what sinks below its horizon; a raised point sees the horizon farther off.
     // The light stands for a cell of the glow, which sinks gradually.
-    float dip = sqrt(max(below_target * below_target - 1.0, 0.0));
+    float dip = horizon_dip(target.z);
     float clearance = dip * abs(to_source.y) - to_source.z;
     float cell = 2.0 * min(thickness - source.z, 0.25 * thickness);
     bool nearer = abs(to_source.y) <= radius * dip;
@@ -102,8 +108,7 @@ Path mirrored_path(vec3 source, vec3 target, vec2 turn) {
     vec3 arrive = vec3(-across * l2, -way * r2.y, -drop_target) / (l2 * stretch);
     // The arc focuses in its own plane (Coddington); it never does so before the coating.
     float width = max(total - 2.0 * k * l1 * l2 * l1 / n1, 0.1 * total);
-    float below_target = 1.0 + kappa * (thickness - target.z);
-    float dip = sqrt(max(below_target * below_target - 1.0, 0.0));
+    float dip = horizon_dip(target.z);
     float visible = clamp(10.0 * drop_source / source.z, 0.0, 1.0)
         * clamp(10.0 * (dip * r2.y + drop_target) / target.z, 0.0, 1.0);
     float way_length = total * stretch;

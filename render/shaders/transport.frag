@@ -1,13 +1,15 @@
 // One cell of the transport array: column = point of the pad, row = fiber * nodes + node.
 
-uniform sampler2D points;  // (2 * point): position, then normal
+uniform sampler2D points;  // position and normal, texel by texel, POINT_COLUMNS points per row
+uniform int first_point;
 uniform int nodes;
 
 out Spectrum cell;
 
 void main() {
-    int point = int(gl_FragCoord.x), list = int(gl_FragCoord.y);
-    vec3 position = texelFetch(points, ivec2(2 * point, 0), 0).xyz;
-    vec3 normal = texelFetch(points, ivec2(2 * point + 1, 0), 0).xyz;
+    int point = int(gl_FragCoord.x) + first_point, list = int(gl_FragCoord.y);
+    ivec2 texel = ivec2(2 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
+    vec3 position = texelFetch(points, texel, 0).xyz;
+    vec3 normal = texelFetchOffset(points, texel, 0, ivec2(1, 0)).xyz;
     cell = irradiance(position, normal, list / nodes, list);
 }

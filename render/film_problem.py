@@ -1,0 +1,82 @@
+"""A picture as a sampling problem: the film position is two primary dimensions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from render.chains import Deposit
+from render.emission import Emission
+from render.errors import RenderError
+from render.film_paths import Limits, camera_part, light_part
+
+CAMERA_STORED = 16
+LIGHT_STORED = 24
+
+
+class FilmProblem:
+    """All pixels of one sensor; see ``render.chains.Problem``. Bins are pixels, row by row."""
+
+    stored = (CAMERA_STORED, 1, LIGHT_STORED)
+
+    def __init__(self, scene: Any, sensor: Any, limits: Limits) -> None:
+        """Prepare the scene's emitters.
+
+        Raises:
+            RenderError: an emitter, sensor or medium that the sampler does not support.
+        """
+        if sensor.class_name() != "PerspectiveCamera":
+            raise RenderError(
+                f"sensor {sensor.class_name()} is not supported, allowed: perspective",
+                field="sensor",
+                value=sensor.class_name(),
+            )
+        _refuse_heterogeneous(scene)
+        self.scene, self.sensor, self.limits = scene, sensor, limits
+        self.emission = Emission(scene)
+        self.width, self.height = (int(n) for n in sensor.film().crop_size())
+        self.bins = self.width * self.height
+        self.channels = len(mi.Spectrum(0.0))
+        self.medium = mi.MediumPtr(sensor.get_medium()) if sensor.get_medium() else None
+
+    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+        """Return two deposits per lane: at the chosen pixel, and where light met the film."""
+        x, y, _, _ = camera.event(mi.UInt32(0))
+        position = mi.Point2f(x, y)
+        ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, mi.Point2f(0.5))
+        ahead = dr.zeros(mi.Interaction3f)
+        ahead.p = ray.o + ray.d
+        # At unit distance the importance is the density of the ray per solid angle.
+        _, importance = self.sensor.sample_direction(ahead, mi.Point2f(0.5))
+        medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
+        part = camera_part(
+            self.scene, self.emission, ray, medium, dr.mean(importance),
+            beta + dr.zeros(mi.Spectrum, dr.width(x)), camera, self.limits,
+        )  # fmt: skip
+        joined, splat, where = light_part(
+            self.scene, self.sensor, self.emission, part, light, self.limits
+        )
+        # A film position has density 1, a pixel the share 1 / bins.
+        here = [value * self.bins for value in part.radiance + joined]
+        there = [value * self.bins for value in splat]
+        size = mi.Vector2f(self.width, self.height)
+        return [Deposit(self._pixel(position * size), here), Deposit(self._pixel(where), there)]
+
+    def _pixel(self, position: Any) -> Any:
+        """Return the pixel of film positions in pixels."""
+        column = dr.minimum(mi.UInt32(dr.maximum(position.x, 0.0)), self.width - 1)
+        row = dr.minimum(mi.UInt32(dr.maximum(position.y, 0.0)), self.height - 1)
+        return row * self.width + column
+
+
+def _refuse_heterogeneous(scene: Any) -> None:
+    for shape in scene.shapes():
+        for medium in (shape.interior_medium(), shape.exterior_medium()):
+            if medium is not None and not medium.is_homogeneous():
+                raise RenderError(
+                    f"medium {medium.id()!r} is heterogeneous, allowed: homogeneous media; "
+                    "use volpath for this scene",
+                    field="medium",
+                )

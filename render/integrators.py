@@ -1,0 +1,114 @@
+"""The Mitsuba integrators ``pssmlt`` and ``bdpt``.
+
+``pssmlt``: primary sample space Metropolis light transport (Kelemen et al. 2002) over a
+bidirectional path sampler with multiple importance sampling (Veach 1997), for scenes of surfaces
+and homogeneous media. ``bdpt`` is the same sampler without Metropolis: plain Monte Carlo.
+
+Parameters, named as in Mitsuba 0.6 where it has them:
+
+- ``max_depth`` (-1): greatest number of path edges; ``rr_depth`` (5).
+- ``luminance_samples`` (100000), ``p_large`` (0.3), ``chains`` (16384): Metropolis only.
+- ``replicates`` (8): independent groups, for the error bars.
+- ``error_bars`` (false): append one channel per colour with the standard error of each pixel.
+
+Samples per pixel are mutations per pixel. Pixels are box-filtered.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.bending import Array
+from render.film_paths import Limits
+from render.film_problem import FilmProblem
+from render.metropolis import Chains, Settings
+from render.monte_carlo import plain_replicates
+
+CHUNK = 8
+LANES = 1 << 16
+
+
+class Bidirectional(mi.SamplingIntegrator):  # type: ignore[misc]
+    """What both integrators share: parameters, and images from replicates."""
+
+    def __init__(self, props: Any) -> None:
+        """Read the parameters."""
+        mi.SamplingIntegrator.__init__(self, props)
+        self.limits = Limits(int(props.get("max_depth", -1)), int(props.get("rr_depth", 5)))
+        self.replicates = int(props.get("replicates", 8))
+        self.error_bars = bool(props.get("error_bars", False))
+
+    def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
+        """Return independent images ``(replicate, pixel, channel)``."""
+        raise NotImplementedError
+
+    def render(
+        self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True,
+        evaluate: bool = True,
+    ) -> Any:  # fmt: skip
+        """Render the scene; returns ``(height, width, channel)``."""
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        if spp == 0:
+            spp = sensor.sampler().sample_count()
+        problem = FilmProblem(scene, sensor, self.limits)
+        replicates = self.replicate_images(problem, int(dr.slice(mi.UInt32(seed))), spp)
+        image = replicates.mean(axis=0)
+        if self.error_bars:
+            error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
+            image = np.concatenate([image, error], axis=-1)
+        shape = (problem.height, problem.width, image.shape[-1])
+        return mi.TensorXf(image.reshape(shape).astype(np.float32))
+
+    def aov_names(self) -> list[str]:
+        """Return the names of the channels that ``error_bars`` appends."""
+        channels = ["Y"] if "mono" in mi.variant() else ["R", "G", "B"]
+        return [f"standard_error.{c}" for c in channels] if self.error_bars else []
+
+    def traverse(self, callback: Any) -> None:
+        """Expose no differentiable parameters."""
+
+
+class PSSMLT(Bidirectional):
+    """Primary sample space Metropolis light transport."""
+
+    def __init__(self, props: Any) -> None:
+        """Read the Metropolis parameters."""
+        Bidirectional.__init__(self, props)
+        self.luminance_samples = int(props.get("luminance_samples", 100_000))
+        self.p_large = float(props.get("p_large", 0.3))
+        self.chains = int(props.get("chains", 16384))
+
+    def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
+        """Run the chains; the target is luminance."""
+        settings = Settings(
+            self.chains, self.luminance_samples, self.p_large, self.replicates, seed
+        )
+        chains = Chains(problem, settings)
+        weights = [1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722]
+        chains.bootstrap(np.tile(weights, (problem.bins, 1)))
+        chains.mutate(CHUNK * max(1, round(spp * problem.bins / settings.chains / CHUNK)))
+        return chains.estimate()
+
+    def to_string(self) -> str:
+        """Describe the integrator."""
+        return f"PSSMLT[chains = {self.chains}, p_large = {self.p_large:g}]"
+
+
+class BDPT(Bidirectional):
+    """The same paths by plain Monte Carlo."""
+
+    def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
+        """Average independent paths."""
+        passes = max(1, round(spp * problem.bins / LANES))
+        return plain_replicates(
+            problem, lanes=LANES, passes=passes, replicates=self.replicates, seed=seed
+        )
+
+    def to_string(self) -> str:
+        """Describe the integrator."""
+        return "BDPT[]"

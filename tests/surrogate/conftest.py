@@ -1,0 +1,111 @@
+"""What tests of the surrogate share: a small sensor, its real preview, and a known residual."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from render.preview import Preview
+from render.scene import Scene
+from render.transport import TransportTable
+from surrogate.fit import FitConfig
+from surrogate.mlp import NetworkConfig
+from surrogate.preview_grid import PreviewGrid, draw_grid, grid_nodes
+from surrogate.train import TrainConfig, Trained, train
+
+PHI_NODES, BEND_NODES = 7, 5
+
+
+def small_scene(**changes: dict[str, Any]) -> Scene:
+    """Return finger20 with 8 fibers, 6 sites and 6 facets; ``changes`` replace keys of parts."""
+    text = (resources.files("render") / "scenes" / "finger20.toml").read_text()
+    content = tomllib.loads(text)
+    content["fibers"] |= {"left": 3, "tip": 2, "right": 3}
+    content["sites"] |= {"columns": 3, "rows": 2}
+    content["indenter"] |= {"faces": 6}
+    for part, keys in changes.items():
+        content[part] |= keys
+    return Scene.model_validate(content)
+
+
+def invent_reference(scene: Scene, noise: float = 0.02, seed: int = 0) -> TransportTable:
+    """Return the preview times a smooth, mirror-symmetric residual, with noise of known size."""
+    phi, bends = grid_nodes(scene, PHI_NODES, BEND_NODES)
+    with Preview(scene) as preview:
+        transport, background = preview.transport(phi, bends)
+    ahead = np.sin(phi)[:, None, None]
+    trend = 0.4 + 0.3 * ahead - 0.2 * (bends / np.pi)[:, None]
+    azimuth = 2 * np.pi * np.arange(scene.indenter.faces) / scene.indenter.faces
+    facets = transport * np.exp(trend[..., None] + 0.2 * np.cos(azimuth))
+    untouched = background * np.exp(trend)
+    rng = np.random.default_rng(seed)
+
+    def noisy(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values * (1 + noise * rng.standard_normal(values.shape)))
+
+    return TransportTable(
+        T=noisy(facets),
+        se=noise * facets,
+        phi=phi,
+        exposure=1.0,
+        lam=0.0,
+        scene_hash=scene.hash,
+        bends=bends,
+        background=noisy(untouched),
+        background_se=noise * untouched,
+    )
+
+
+SceneMaker = Callable[..., Scene]
+
+
+@pytest.fixture(scope="session")
+def make_scene() -> SceneMaker:
+    """Make the small sensor with some keys of some parts replaced."""
+    return small_scene
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    return small_scene()
+
+
+@pytest.fixture(scope="session")
+def grid(scene: Scene) -> PreviewGrid:
+    return draw_grid(scene, PHI_NODES, BEND_NODES)
+
+
+@pytest.fixture(scope="session")
+def reference(scene: Scene) -> TransportTable:
+    return invent_reference(scene)
+
+
+@pytest.fixture(scope="session")
+def quick() -> TrainConfig:
+    """A training of seconds."""
+    network = NetworkConfig(width=8, steps=200, batch=256)
+    fit = FitConfig(members=3, network=network, penalties=(1e-4,), designs=40)
+    return TrainConfig(preview_nodes=(PHI_NODES, BEND_NODES), fit=fit)
+
+
+@pytest.fixture(scope="session")
+def trained(
+    scene: Scene,
+    reference: TransportTable,
+    quick: TrainConfig,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Trained:
+    """A model of the small sensor, made by the real training."""
+    folder = tmp_path_factory.mktemp("models") / "small"
+    return train(scene, folder, table=reference, config=quick, command="tactilux train small")
+
+
+@pytest.fixture(scope="session")
+def model_folder(trained: Trained) -> Path:
+    return trained.folder

@@ -1,0 +1,68 @@
+"""Spread and conformal intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surrogate.heldout import Exam, random_designs
+from surrogate.uncertainty import conformal, counts_spread, coverage, fit_spread
+
+SHAPE = (4, 6, 2, 3, 5)
+
+
+def _exam(seed: int, designs: int = 300) -> tuple[Exam, np.ndarray]:
+    """Return an exam and a prediction whose cells are off by 5 % at random."""
+    rng = np.random.default_rng(seed)
+    reference = rng.uniform(1.0, 2.0, SHAPE)
+    guess = reference * (1 + 0.05 * rng.standard_normal(SHAPE))
+    known = np.ones(SHAPE, dtype=bool)
+    chosen = random_designs(designs, known[..., 0, 0, 0], rng)
+    return Exam(reference, known, chosen, 5.0, 10.0, known[..., 0, 0], np.arange(2)), guess
+
+
+def test_the_spread_is_found_below_the_noise_of_the_reference() -> None:
+    rng = np.random.default_rng(0)
+    z = rng.normal(size=50_000)
+    model, noise = np.exp(-3.0 + 0.4 * z), 0.1
+    error = np.hypot(model, noise) * rng.standard_normal(z.shape)
+    found = fit_spread(error, np.full(z.shape, noise), np.zeros(z.shape), z)
+    assert found == pytest.approx((-3.0, 0.4), abs=0.12)
+
+
+def test_intervals_cover_nine_of_ten_of_designs_they_have_not_seen() -> None:
+    first, guess = _exam(0)
+    again, other = _exam(1)
+    quantiles = conformal(first, guess, _spread(first, guess))
+    found = coverage(again, other, _spread(again, other), quantiles)
+    assert found.counts == pytest.approx(0.9, abs=0.02)
+    assert found.score == pytest.approx(0.9, abs=0.05)
+
+
+def test_the_conformal_quantile_is_that_of_the_finite_sample() -> None:
+    exam, guess = _exam(0, designs=9)
+    score = np.abs(exam.scores(exam.counts(guess)) - exam.scores(exam.counts(exam.reference)))
+    # ceil((9 + 1) 0.9) = 9: the largest of nine.
+    assert conformal(exam, guess, _spread(exam, guess)).score == score.max()
+
+
+def test_disagreement_and_residual_add_in_quadrature() -> None:
+    exam, guess = _exam(2, designs=5)
+    apart = 0.1 * np.array([1.0, -1.0])[:, None, None, None, None, None] * np.ones(SHAPE)
+    cell = np.full(SHAPE[:4], 0.05)
+    together, shared, alone = (
+        counts_spread(exam, guess, a, c)
+        for a, c in ((apart, cell), (apart, 0 * cell), (0 * apart, cell))
+    )
+    np.testing.assert_allclose(together**2, shared**2 + alone**2)
+    unclipped = replace(exam, exposure=1.0)
+    total = unclipped.counts(guess)
+    np.testing.assert_allclose(
+        counts_spread(unclipped, guess, apart, 0 * cell), np.sqrt(2) * 0.1 * total
+    )
+
+
+def _spread(exam: Exam, guess: np.ndarray) -> np.ndarray:
+    return counts_spread(exam, guess, np.zeros((1, *SHAPE)), np.full(SHAPE[:4], 0.05))
