@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
 import os
 import sys
@@ -27,10 +28,14 @@ def reserved_stdout() -> Iterator[IO[str]]:
     kept = os.dup(1)
     try:
         os.dup2(2, 1)
-        with os.fdopen(os.dup(kept), "w", encoding="utf-8") as stream:
+        with (
+            contextlib.redirect_stdout(sys.stderr),
+            os.fdopen(os.dup(kept), "w", encoding="utf-8") as stream,
+        ):
             yield stream
     finally:
-        sys.stdout.flush()
+        # What C code has printed may still wait in its buffer for the end of the process.
+        ctypes.CDLL(None).fflush(None)
         os.dup2(kept, 1)
         os.close(kept)
 

@@ -27,7 +27,7 @@ INK = {"red": "#d1352b", "green": "#1e9e4a", "blue": "#2f5fd0", "off": "#9aa0aa"
 
 
 def scheme(scene: Scene, design: Design) -> Figure:
-    """Draw the pad as the camera sees it, with every fiber's colour, number and direction."""
+    """Draw the pad from outside, tip up, with every fiber's colour, number and direction."""
     poses = flat_fiber_poses(scene)
     beams = poses.directions(design.phi, 0.0)
     half = np.array([scene.pad.width, scene.pad.length]) / 2

@@ -1,8 +1,8 @@
 """Figures 5.1 and 5.2: the metric at every site and bend, and the facets' colours there.
 
-Maps are drawn as the camera sees the pad: across to the right, the tip at the top. Every figure is
-a plain matplotlib ``Figure`` on the Agg canvas, without pyplot's global state and without a
-display.
+Maps are drawn as one looks at the skin from outside: across to the right, the tip at the top. The
+camera looks from within and records the mirror image. Every figure is a plain matplotlib
+``Figure`` on the Agg canvas, without pyplot's global state and without a display.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ from optimize.design import Array, baseline_design
 from optimize.jackknife import JackknifeEstimate, jackknife
 from render.errors import RenderError
 from render.metric import clipped_fraction
-from render.reference import Estimate, Progress, render_transport
+from render.progress import Progress
+from render.reference import Estimate, render_transport
 from surrogate.checker import Checker
 
 

@@ -20,9 +20,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.connect import cast, optical_depth
 from render.scene import Scene
+from render.segments import Aim
 from render.vertex import Vertex, area_factor, extinction, scatter
-from render.walk import Aim, cast, optical_depth
 
 # Degrees of freedom of the bivariate t distribution: heavy tails for imperfect mirror images.
 TAIL = 3.0
@@ -57,8 +58,10 @@ class Bridge:
         centre_y, centre_z, outer = (self._constant(i) for i in range(3))
         angle_a = dr.atan2(a.y - centre_y, centre_z - a.z)
         angle_y = dr.atan2(y.y - centre_y, centre_z - y.z)
-        height_a = dr.abs(outer - dr.hypot(a.y - centre_y, centre_z - a.z))
-        height_y = dr.abs(outer - dr.hypot(y.y - centre_y, centre_z - y.z))
+        radius_a: Any = dr.hypot(a.y - centre_y, centre_z - a.z)  # type: ignore[no-untyped-call]
+        radius_y: Any = dr.hypot(y.y - centre_y, centre_z - y.z)  # type: ignore[no-untyped-call]
+        height_a: Any = dr.abs(outer - radius_a)
+        height_y: Any = dr.abs(outer - radius_y)
         share = height_a / dr.maximum(height_a + height_y, 1e-6)
         sin, cos = dr.sincos(angle_a + share * (angle_y - angle_a))
         normal = mi.Vector3f(0.0, -sin, cos)
@@ -71,7 +74,9 @@ class Bridge:
         reach = dr.norm(image - a)
         axis = (image - a) / dr.maximum(reach, 1e-6)
         across = dr.cross(axis, normal)
-        across = dr.select(dr.squared_norm(across) > 1e-8, dr.normalize(across), mi.Vector3f(1, 0, 0))
+        across = dr.select(
+            dr.squared_norm(across) > 1e-8, dr.normalize(across), mi.Vector3f(1, 0, 0)
+        )
         along = dr.normalize(dr.cross(across, axis))
         across = dr.cross(axis, along)
         total = dr.maximum(height_a + height_y, 1e-6)
@@ -103,9 +108,7 @@ class Bridge:
         direction = span * dr.rsqrt(squared)
         return self.density(a, y, direction) * dr.abs(dr.dot(normal, direction)) / squared
 
-    def join(
-        self, scene: Any, y: Vertex, a: Vertex, u: Any, v: Any, active: Any, aim: Aim
-    ) -> Any:
+    def join(self, scene: Any, y: Vertex, a: Vertex, u: Any, v: Any, active: Any, aim: Aim) -> Any:
         """Return the MIS-weighted contribution of light vertex ``y`` to facet ``a`` by a bridge."""
         active = active & (a.weight > 0)
         direction = self.sample(a.p, y.p, u, v)

@@ -3,7 +3,7 @@
 A camera subpath starts in a pixel of one facet, refracts through the rough lower face and meets
 the coating; light subpaths start at one fiber. Every vertex of every light subpath is joined to
 the kept vertices of the camera subpath, with MIS weights over all the ways in which the same path
-could have been found (``render.walk.join``).
+could have been found (``render.connect.join``).
 
 Camera subpaths are absorbed at their first volume vertex and at the second diffuse surface: light
 subpaths do the long scattering, so no long path is ever stored. Kept are: ``facet`` (the first
@@ -20,9 +20,10 @@ import mitsuba as mi
 
 from render.bridge import Bridge
 from render.chains import LIGHT_EVENTS
+from render.connect import join
 from render.fiber_light import FiberLight
+from render.segments import Aim, advance, bounce, start
 from render.vertex import Vertex, choose, empty_vertex
-from render.walk import Aim, advance, bounce, join, start
 
 # Events that one subpath may take; what the bound costs is measured in tests/validation.
 CAMERA_EVENTS = 16

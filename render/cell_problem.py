@@ -16,7 +16,7 @@ import numpy as np
 
 from render.bending import Array
 from render.bridge import Bridge
-from render.camera import camera_origin
+from render.camera_rays import pixel_rays
 from render.cell_paths import camera_subpath, light_subpaths
 from render.chains import Deposit
 from render.fiber_light import FiberLight
@@ -60,7 +60,8 @@ class CellProblem:
         self.targets = targets
         self.fibers, self.channels = phi.shape
         self.bins = self.fibers * targets.count
-        self._pixel = mi.UInt32(targets.pixel.astype(np.uint32))
+        # One more entry: a target without pixels at the end reads past the others'.
+        self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
         self._offset = mi.UInt32(targets.offset.astype(np.uint32))
         dr.make_opaque(self._pixel, self._offset)
 
@@ -75,21 +76,15 @@ class CellProblem:
         size = dr.gather(mi.UInt32, self._offset, target + 1) - begin
         within = dr.minimum(mi.UInt32(pick_pixel * mi.Float(size)), size - 1)
         pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
-        o, d = self._rays(pixel, x, y)
+        film = self.scene.camera
+        row = pixel // film.columns
+        column = pixel - row * film.columns
+        o, d = pixel_rays(
+            self.scene, mi.Float(column) + x, mi.Float(row) + y, film.columns, film.rows
+        )
         aim = FacetAim(self.guide, fiber)
         seen = camera_subpath(self.pad, o, d, camera, FIRST_CAMERA_EVENT, aim, self.bridge)
-        values = light_subpaths(self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim, self.bridge)
+        values = light_subpaths(
+            self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim, self.bridge
+        )
         return [Deposit(fiber * count + target, [value * self.bins for value in values])]
-
-    def _rays(self, pixel: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return rays through a uniformly chosen point of each pixel."""
-        camera = self.scene.camera
-        row = pixel // camera.columns
-        column = pixel - row * camera.columns
-        half_height = float(np.tan(camera.field_of_view / 2))
-        half_width = half_height * camera.columns / camera.rows
-        u = 1 - 2 * (mi.Float(column) + x) / camera.columns
-        v = 1 - 2 * (mi.Float(row) + y) / camera.rows
-        d = dr.normalize(mi.Vector3f(u * half_width, v * half_height, 1.0))
-        origin = mi.Point3f(*camera_origin(self.scene).tolist())
-        return origin + dr.zeros(mi.Point3f, dr.width(pixel)), d

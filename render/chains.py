@@ -120,9 +120,7 @@ class Proposed:
         memory: list[Any], lane: Any, lanes: int, chosen: Chosen, first: int, block: int, paths: int
     ) -> Proposed:
         """Return the numbers of ``paths`` light subpaths, stored from slot ``first`` on."""
-        return Proposed(
-            memory, lane, lanes, chosen, LIGHT_SALT, first, block, paths, LIGHT_EVENTS
-        )
+        return Proposed(memory, lane, lanes, chosen, LIGHT_SALT, first, block, paths, LIGHT_EVENTS)
 
     def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
         """Return the four numbers of event ``index`` (uint32 array)."""

@@ -39,10 +39,12 @@ class Drawing:
         self._passes: dict[tuple[str, bool, int, bool], Pass] = {}
         self._context: Any = create_context(backend)
         with self._context:
-            texels = np.stack([points.position, points.normal], axis=1)
+            texels = np.zeros((self._count, 2, 4))
+            texels[:, 0, :3], texels[:, 1, :3] = points.position, points.normal
+            texels[:, 1, 3] = points.clear
             short = -self._count % POINT_COLUMNS
             texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
-            texels = texels.reshape(-1, 2 * POINT_COLUMNS, 3)
+            texels = texels.reshape(-1, 2 * POINT_COLUMNS, 4)
             self._points = float_texture(self._context, texels)
             self._fibers = float_texture(self._context, lights.position)
 

@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.connect import optical_depth
 from render.errors import RenderError
 from render.fiber_profile import angle, cut, density, sample_direction
 from render.vertex import (
@@ -23,7 +24,6 @@ from render.vertex import (
     scatter,
     surface_interaction,
 )
-from render.walk import optical_depth
 
 AREA, POINT, FIBER = 0, 1, 2
 _KINDS = {"AreaLight": AREA, "PointLight": POINT, "FiberEmitter": FIBER}
@@ -97,7 +97,7 @@ class Emission:
     def start(self, pick: Any, square: Any, u: Any, v: Any) -> Start:
         """Sample rays that leave the emitters."""
         index = dr.minimum(mi.UInt32(pick * self.count), self.count - 1)
-        emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
+        emitter: Any = dr.gather(mi.EmitterPtr, self.pointers, index)
         kind = dr.gather(mi.UInt32, self.kind, index)
         ps, _ = emitter.sample_position(mi.Float(0.0), square)
         point = kind == POINT
@@ -147,10 +147,11 @@ class Emission:
         """
         si = surface_interaction(v)
         active = active & ~v.volume
-        emitter = si.emitter(self.scene, active)
+        emitter: Any = si.emitter(self.scene, active)
         hit = active & (emitter != None)  # noqa: E711 (a Dr.Jit pointer array)
         radiance = emitter.eval(si, hit)
-        index = dr.gather(mi.UInt32, self.places, dr.reinterpret_array(mi.UInt32, emitter), hit)
+        number: Any = dr.reinterpret_array(mi.UInt32, emitter)
+        index = dr.gather(mi.UInt32, self.places, number, hit)
         position_pdf = dr.rcp(v.shape.surface_area()) / self.count
         ratio = position_pdf * (vcm + self._profile(index, si.wi) * v.vc)
         return dr.select(hit, v.beta * radiance / (1.0 + ratio), 0.0)
@@ -161,7 +162,7 @@ class Emission:
         Georgiev 2012, eq. 44, with positions sampled per area.
         """
         index = dr.minimum(mi.UInt32(pick * self.count), self.count - 1)
-        emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
+        emitter: Any = dr.gather(mi.EmitterPtr, self.pointers, index)
         point = dr.gather(mi.UInt32, self.kind, index) == POINT
         ps, _ = emitter.sample_position(mi.Float(0.0), square, active)
         span = ps.p - v.p
@@ -185,7 +186,9 @@ class Emission:
         reach = dr.select(v.volume, dr.mean(sigma_v * transmittance), dr.mean(transmittance))
         # Against a camera subpath that runs into the emitter, and light subpaths that reach v.
         hit = dr.select(
-            point | v.terminal, 0.0, pdf * cosine * dr.mean(transmittance) / (squared * position_pdf)
+            point | v.terminal,
+            0.0,
+            pdf * cosine * dr.mean(transmittance) / (squared * position_pdf),
         )
         local = mi.Frame3f(normal).to_local(-d)
         arrival = self._profile(index, local) * area_factor(v, d) * reach / squared

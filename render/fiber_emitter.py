@@ -20,7 +20,7 @@ from render.fiber_profile import angle, cut, falloff, peak_radiance, sample_dire
 from render.fiber_profile import density as profile_density
 
 
-class FiberEmitter(mi.Emitter):  # type: ignore[misc]
+class FiberEmitter(mi.Emitter):
     """An emitting surface with ``L(theta) = L_max exp(-(theta / (2 sigma_v))^2)``."""
 
     def __init__(self, props: Any) -> None:
@@ -33,7 +33,8 @@ class FiberEmitter(mi.Emitter):  # type: ignore[misc]
             )
         self.sigma_v = degrees * dr.pi / 180
         self.power = float(props.get("power", 1.0))
-        self.given = float(props["radiance"]) if props.has_property("radiance") else None
+        given: Any = props.get("radiance", None)
+        self.given = None if given is None else float(given)
         for name, value in (("power", self.power), ("radiance", self.given)):
             if value is not None and not 0.0 <= value < float("inf"):
                 raise RenderError(
@@ -47,9 +48,9 @@ class FiberEmitter(mi.Emitter):  # type: ignore[misc]
     def peak(self) -> float:
         """On-axis radiance; known once the shape, and so its area, is attached."""
         if self._peak is None:
-            area = float(dr.slice(self.get_shape().surface_area()))
+            area: Any = dr.slice(self.get_shape().surface_area())
             given = self.given
-            self._peak = self.power * peak_radiance(self.sigma_v, area) if given is None else given
+            self._peak = self.power * peak_radiance(self.sigma_v, float(area)) if given is None else given
         return self._peak
 
     def _radiance(self, local: Any) -> Any:
@@ -87,7 +88,7 @@ class FiberEmitter(mi.Emitter):  # type: ignore[misc]
     def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
         """Sample a point of the shape, uniformly, as seen from ``it``."""
         ps, _ = self.sample_position(it.time, sample, active)
-        ds = mi.DirectionSample3f(ps)
+        ds: Any = mi.DirectionSample3f(ps)
         ds.d = ds.p - it.p
         squared = dr.squared_norm(ds.d)
         ds.dist = dr.sqrt(squared)

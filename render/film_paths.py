@@ -15,10 +15,11 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from render.connect import join, optical_depth
 from render.emission import Emission
 from render.primary import Stream
+from render.segments import advance, bounce, start
 from render.vertex import Vertex, area_factor, choose, empty_vertex, extinction, scatter
-from render.walk import advance, bounce, join, optical_depth, start
 
 # Second event of the same vertex: direct light and reservoirs draw from here on.
 SPARE = 2048
@@ -171,4 +172,5 @@ def light_part(
         active &= ~escaped & (~arrived | alive) & (event < EVENTS)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    return joined, splat * total, where
+    splat *= total
+    return joined, splat, where

@@ -44,8 +44,11 @@ class FilmProblem:
     def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
         """Return two deposits per lane: at the chosen pixel, and where light met the film."""
         x, y, _, _ = camera.event(mi.UInt32(0))
-        position = mi.Point2f(x, y)
+        position: Any = mi.Point2f(x, y)
         ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, mi.Point2f(0.5))
+        # Mitsuba's rays begin at the near plane; densities count from the pinhole.
+        ray.o = mi.Point3f(self.sensor.world_transform().translation())
+        ray.o += dr.zeros(mi.Point3f, dr.width(x))
         ahead = dr.zeros(mi.Interaction3f)
         ahead.p = ray.o + ray.d
         # At unit distance the importance is the density of the ray per solid angle.
@@ -61,7 +64,7 @@ class FilmProblem:
         # A film position has density 1, a pixel the share 1 / bins.
         here = [value * self.bins for value in part.radiance + joined]
         there = [value * self.bins for value in splat]
-        size = mi.Vector2f(self.width, self.height)
+        size: Any = mi.Vector2f(self.width, self.height)
         return [Deposit(self._pixel(position * size), here), Deposit(self._pixel(where), there)]
 
     def _pixel(self, position: Any) -> Any:

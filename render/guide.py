@@ -66,10 +66,9 @@ class Guide:
         return dr.select(hit, area * dr.square(distance) / cosine, 0.0)
 
 
-
 @dataclass
 class FacetAim:
-    """The guide of each lane's fiber, used at the facet vertex (see ``render.walk.Aim``)."""
+    """The guide of each lane's fiber, used at the facet vertex (see ``render.segments.Aim``)."""
 
     guide: Guide
     fiber: Any

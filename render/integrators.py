@@ -32,7 +32,7 @@ CHUNK = 8
 LANES = 1 << 16
 
 
-class Bidirectional(mi.SamplingIntegrator):  # type: ignore[misc]
+class Bidirectional(mi.SamplingIntegrator):
     """What both integrators share: parameters, and images from replicates."""
 
     def __init__(self, props: Any) -> None:
@@ -56,7 +56,7 @@ class Bidirectional(mi.SamplingIntegrator):  # type: ignore[misc]
         if spp == 0:
             spp = sensor.sampler().sample_count()
         problem = FilmProblem(scene, sensor, self.limits)
-        replicates = self.replicate_images(problem, int(dr.slice(mi.UInt32(seed))), spp)
+        replicates = self.replicate_images(problem, _number(seed), spp)
         image = replicates.mean(axis=0)
         if self.error_bars:
             error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
@@ -66,11 +66,17 @@ class Bidirectional(mi.SamplingIntegrator):  # type: ignore[misc]
 
     def aov_names(self) -> list[str]:
         """Return the names of the channels that ``error_bars`` appends."""
-        channels = ["Y"] if "mono" in mi.variant() else ["R", "G", "B"]
+        channels = ["Y"] if "mono" in str(mi.variant()) else ["R", "G", "B"]
         return [f"standard_error.{c}" for c in channels] if self.error_bars else []
 
     def traverse(self, callback: Any) -> None:
         """Expose no differentiable parameters."""
+
+
+def _number(seed: Any) -> int:
+    """Return a seed, which Mitsuba may hand over as an array of one, as a plain number."""
+    value: Any = dr.slice(mi.UInt32(seed))
+    return int(value)
 
 
 class PSSMLT(Bidirectional):

@@ -1,8 +1,8 @@
 """Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
 
-The coating and the diffuser's inner faces reflect diffusely; patches see each other straight and
-by way of the lower face, which reflects totally beyond the critical angle. With irradiance ``E0``
-straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
+The coating and the diffuser's inner faces reflect diffusely, clear edges are taken to do so too;
+patches see each other straight and by way of the lower face, which reflects totally beyond the
+critical angle. With irradiance ``E0`` straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.bending import Array, curvature
 from render.light_paths import Path, direct_path, mirrored_path
@@ -60,7 +61,8 @@ def interreflection(
             for first in range(0, len(points.position), TARGETS)
         ]
     )
-    albedo = np.full(kernel.shape[1], edge_albedo)
+    # What a clear edge receives is already what it reflects.
+    albedo = np.where(points.clear[points.first_patch :], 1.0, edge_albedo)
     albedo[: points.columns * points.rows] = scene.coating.albedo
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo
@@ -73,6 +75,7 @@ def _kernel(scene: Scene, points: PadPoints, bend: float, chosen: slice) -> Arra
     """Return the irradiance at chosen points per radiosity of every patch, ``(point, patch)``."""
     kappa, thickness = curvature(scene, bend), scene.pad.thickness
     target, facing = points.position[chosen, None, None], points.normal[chosen, None, None]
+    clear = points.clear[chosen, None, None]
     on_edge = np.arange(len(points.position))[chosen] >= points.first_edge
     parts = []
     for first, last in (
@@ -82,11 +85,11 @@ def _kernel(scene: Scene, points: PadPoints, bend: float, chosen: slice) -> Arra
         source, normal, area = _spots(points, slice(first, last))
         mirrored = mirrored_path(source, target, thickness, kappa)
         reflected = fresnel(mirrored.cosine, 1 / scene.pad.index)[0]
-        part = _coupling(mirrored, normal, facing) * reflected
+        part = _coupling(scene, mirrored, normal, facing, clear) * reflected
         # The coating is flat or convex: only edges see it straight.
         sees = slice(None) if first == points.first_edge else on_edge
         direct = direct_path(source, target[sees], thickness, kappa)
-        part[sees] += _coupling(direct, normal, facing[sees])
+        part[sees] += _coupling(scene, direct, normal, facing[sees], clear[sees])
         parts.append((part * area).mean(axis=2))
     return np.concatenate(parts, axis=1)
 
@@ -104,8 +107,14 @@ def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
     return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
 
 
-def _coupling(path: Path, normal: Array, facing: Array) -> Array:
-    """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2)."""
+def _coupling(
+    scene: Scene, path: Path, normal: Array, facing: Array, clear: NDArray[np.bool_]
+) -> Array:
+    """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2).
+
+    Of what lands on a clear face only the part that it reflects counts.
+    """
     leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
     lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
-    return np.asarray(leaves * lands * path.spread / np.pi)
+    kept = np.where(clear, fresnel(lands, 1 / scene.pad.index)[0], 1.0)
+    return np.asarray(leaves * lands * kept * path.spread / np.pi)

@@ -37,8 +37,8 @@ LEAST_CURVATURE = 1e-9
 def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> Path:
     """Return the straight ways between flat positions ``(..., 3)`` (mm), hidden by the horizon."""
     kappa = max(kappa, LEAST_CURVATURE)
-    across, along, rise = np.moveaxis(target - source, -1, 0)
-    phi = kappa * along
+    across, around, rise = np.moveaxis(target - source, -1, 0)
+    phi = kappa * around
     sine, sag = np.sin(phi) / kappa, 2 * np.sin(phi / 2) ** 2 / kappa
     below_source = 1 + kappa * (thickness - source[..., 2])
     below_target = 1 + kappa * (thickness - target[..., 2])
@@ -48,7 +48,8 @@ def direct_path(source: Array, target: Array, thickness: float, kappa: float) ->
     dip = _horizon_dip(kappa * (thickness - target[..., 2]))
     # The coating hides what lies beyond its horizon and above the line that touches it there.
     along = np.abs(to_source[..., 1])
-    visible = (along <= dip / kappa) | (dip * along > to_source[..., 2])
+    nearer = (along <= dip / kappa) & (np.cos(phi) > 0)
+    visible = nearer | (dip * along > to_source[..., 2])
     scale = 1 / np.maximum(distance, 1e-9)
     return Path(
         to_target * scale[..., None],

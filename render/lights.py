@@ -12,7 +12,7 @@ from render.bending import Array
 from render.glow import Glow
 from render.scene import Scene
 from render.slab import slab_of, slab_response
-from render.slab_response import OPAQUE
+from render.slab_response import OPAQUE, RAYS
 
 
 class Lights(Protocol):
@@ -46,7 +46,7 @@ def make_lights(scene: Scene, cache: Path | None = None) -> Lights:
     """Return the lights that the scene requires: beams, the diffuser's glow, or both."""
     if scene.diffuser is None:
         return Beams(scene)
-    glow = Glow(scene, slab_response(scene, cache=cache))
+    glow = Glow(scene, slab_response(scene, cache=cache, rays=RAYS))
     return glow if slab_of(scene).optical_thickness >= OPAQUE else Both(glow, Beams(scene))
 
 

@@ -62,7 +62,7 @@ def mitsuba(variant: str = VARIANT) -> ModuleType:
     import render
 
     render.register_plugins()
-    return mi  # type: ignore[no-any-return]
+    return mi
 
 
 def _loads(path: str) -> bool:

@@ -75,7 +75,7 @@ class Chains:
         self.problem, self.settings = problem, settings
         camera, paths, light = problem.stored
         self.slots = camera + paths * light
-        self.lane = dr.arange(mi.UInt32, settings.chains)
+        self.lane: Any = dr.arange(mi.UInt32, settings.chains)
         self.group = np.arange(settings.chains) % settings.replicates
         self.done = 0
         self.sums = np.zeros((settings.replicates, problem.bins, problem.channels))
@@ -171,8 +171,9 @@ class Chains:
             accepted = uniform(c) < acceptance
             # What leaves a chain is paid out: the old state when it is replaced, else the
             # proposal that was turned down.
-            leaving = [old.where(accepted, new) for new, old in zip(proposed, self.current, strict=True)]
-            self.current = [new.where(accepted, old) for new, old in zip(proposed, self.current, strict=True)]
+            pairs = list(zip(proposed, self.current, strict=True))
+            leaving = [old.where(accepted, new) for new, old in pairs]
+            self.current = [new.where(accepted, old) for new, old in pairs]
             payment = dr.select(accepted, carried, worth)
             self.carried = dr.select(accepted, worth, carried)
             self.current_target = dr.select(accepted, target, self.current_target)
@@ -206,8 +207,8 @@ class Chains:
 
     def state(self) -> dict[str, np.ndarray]:
         """Return everything that ``restore`` needs, as arrays."""
-        kept = {
-            "done": np.int64(self.done),
+        kept: dict[str, np.ndarray] = {
+            "done": np.array(self.done),
             "sums": self.sums,
             "plain": self.plain,
             "weights": self.weights,

@@ -63,7 +63,7 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
     coating = {
         "type": "diffuse",
         "reflectance": {"type": "rgb", "value": scene.coating.albedo}
-        if "rgb" in mi.variant()
+        if "rgb" in str(mi.variant())
         else {"type": "uniform", "value": scene.coating.albedo},
     }
     content["coating"] = _shape(meshes.coating, folder / "coating.ply", coating)
@@ -85,5 +85,6 @@ def pad_scene(scene: Scene, bend: float, indented: bool) -> Any:
 
 
 def _shape(mesh: trimesh.Trimesh, path: Path, bsdf: dict[str, Any]) -> dict[str, Any]:
-    path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+    content: Any = mesh.export(file_type="ply", vertex_normal=False)
+    path.write_bytes(content)
     return {"type": "ply", "filename": str(path), "face_normals": True, "bsdf": bsdf}

@@ -15,7 +15,7 @@ _registered: set[str] = set()
 
 def register() -> None:
     """Register ``fiber``, ``bdpt`` and ``pssmlt`` for the variant that is set."""
-    variant = mi.variant()
+    variant = str(mi.variant())
     if variant in _registered:
         return
     # Their base classes are those of the variant that was set when they were loaded.

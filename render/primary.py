@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import drjit as dr
 import mitsuba as mi
 
 # Four rounds pass the spectral tests of Zafar et al. 2010 for rendering; six is their safe choice.

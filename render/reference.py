@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from render.camera import facet_masks
 from render.errors import RenderError, TableError
 from render.llvm import VARIANT, mitsuba
 from render.npz import read_npz, write_npz
+from render.progress import Clock, Progress
 from render.scene import Scene
 from render.symmetry import mirrored, mirrors
 
@@ -38,16 +40,6 @@ UNTOUCHED_SHARE = 2
 """How many times more mutations a cell of the untouched pad gets: there are few of them."""
 PILOT_FLOOR = 0.05
 """Least brightness, in units of the fiber's mean, to which dim cells are lifted."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a long render is: ``done`` of ``total`` mutations, seconds spent and to come."""
-
-    done: int
-    total: int
-    seconds: float
-    eta_seconds: float
 
 
 @dataclass(frozen=True)
@@ -117,18 +109,19 @@ def render_transport(
     mitsuba(VARIANT)
     pads = list(_pads(scene, phi, bends, mutations, seeds))
     key = _key(scene, phi, bends, mutations, replicates)
-    clock = _Clock(sum(pad.iterations * pad.chains for pad in pads), progress)
+    clock = Clock(sum(pad.iterations * pad.chains for pad in pads), progress)
     folder = checkpoint / key if checkpoint else None
-    results = {pad.name: _run(scene, phi, pad, replicates, folder, clock) for pad in pads}
+    runs = {pad.name: _run(scene, phi, pad, replicates, folder, clock) for pad in pads}
+    results = {name: estimate for name, (estimate, _) in runs.items()}
 
     def gather(indented: bool) -> Array:
-        runs = [
+        by_bend = [
             np.stack([results[p.name] for p in pads if p.index == b and p.indented is indented])
             for b in range(len(bends))
         ]
         # (bend, seed, replicate, fiber, node, target) -> (replicate, fiber, node, bend, target)
-        stacked = np.stack(runs).reshape(len(bends), -1, *results[pads[0].name].shape[1:3],
-                                         runs[0].shape[-1])  # fmt: skip
+        stacked = np.stack(by_bend).reshape(len(bends), -1, *results[pads[0].name].shape[1:3],
+                                         by_bend[0].shape[-1])  # fmt: skip
         return stacked.transpose(1, 2, 3, 0, 4)
 
     pressed = gather(True)
@@ -146,7 +139,7 @@ def render_transport(
         background_se=untouched.std(axis=0, ddof=1) / np.sqrt(count),
         replicates=pressed,
         background_replicates=untouched,
-        seconds=clock.seconds(),
+        seconds=sum(seconds for _, seconds in runs.values()),
         settings={
             "integrator": "pssmlt",
             "variant": VARIANT,
@@ -203,22 +196,20 @@ def _pads(
 
 def _key(scene: Scene, phi: Array, bends: Array, mutations: int, replicates: int) -> str:
     """Return a hash of everything that the results depend on, except the seeds."""
-    import drjit
-    import mitsuba as mi
-
     content = [scene.hash, phi.tolist(), bends.tolist(), mutations, replicates, VERSION,
-               P_LARGE, CHAINS_MAX, mi.__version__, drjit.__version__]  # fmt: skip
+               P_LARGE, CHAINS_MAX, version("mitsuba"), version("drjit")]  # fmt: skip
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
 
 
 def _run(
-    scene: Scene, phi: Array, pad: _Pad, replicates: int, folder: Path | None, clock: _Clock
-) -> Array:
-    """Return the estimates ``(replicate, fiber, node, target)`` of one pad, from disk if done."""
+    scene: Scene, phi: Array, pad: _Pad, replicates: int, folder: Path | None, clock: Clock
+) -> tuple[Array, float]:
+    """Return ``(replicate, fiber, node, target)`` of one pad and the seconds that it took."""
     finished = folder / f"{pad.name}.npz" if folder else None
-    if finished and finished.exists():
+    kept = _read(finished)
+    if kept is not None and "estimate" in kept:
         clock.skip(pad.iterations * pad.chains)
-        return read_npz(finished)["estimate"]
+        return kept["estimate"], float(kept["seconds"])
     from render.metropolis import Chains, Settings
 
     problem = _problem(scene, phi, pad)
@@ -233,23 +224,35 @@ def _run(
         ),
     )
     saved = folder / f"{pad.name}.state.npz" if folder else None
-    _start(chains, scene, saved)
+    began = last = time.monotonic()
+    began -= _start(chains, scene, _read(saved))
     clock.skip(chains.done * pad.chains)
-    last = time.monotonic()
     while chains.done < pad.iterations:
         chains.mutate(CHUNK)
         clock.tick(CHUNK * pad.chains)
         if saved and time.monotonic() - last > SAVE_SECONDS:
-            write_npz(saved, chains.state())
             last = time.monotonic()
+            write_npz(saved, chains.state() | {"seconds": np.float64(last - began)})
     estimate = chains.estimate().reshape(replicates, phi.shape[0], -1, phi.shape[1])
     estimate = estimate.transpose(0, 1, 3, 2)
     empty = np.diff(problem.targets.offset) == 0
     estimate[..., empty] = np.nan
+    seconds = time.monotonic() - began
     if finished and saved:
-        write_npz(finished, {"estimate": estimate})
+        write_npz(finished, {"estimate": estimate, "seconds": np.float64(seconds)})
         saved.unlink(missing_ok=True)
-    return estimate
+    return estimate, seconds
+
+
+def _read(path: Path | None) -> dict[str, np.ndarray] | None:
+    """Return the arrays of a checkpoint, None without one; a damaged one is rendered again."""
+    if path is None or not path.exists():
+        return None
+    try:
+        return read_npz(path)
+    except TableError:
+        path.unlink()
+        return None
 
 
 def _problem(scene: Scene, phi: Array, pad: _Pad) -> Any:
@@ -260,18 +263,22 @@ def _problem(scene: Scene, phi: Array, pad: _Pad) -> Any:
     chosen = range(faces) if pad.indented else (faces,)
     lists = [masks.of(site, k) for site in range(scene.sites.count) for k in chosen]
     offset = np.concatenate([[0], np.cumsum([len(pixels) for pixels in lists])])
+    if offset[-1] == 0:
+        raise RenderError(
+            f"the camera sees no facet at a bend of {np.degrees(pad.bend):g} deg: move the camera "
+            "or the sites, or raise camera.columns and camera.rows",
+            field="camera",
+        )
     return CellProblem(scene, phi, pad.bend, pad.indented, Targets(np.concatenate(lists), offset))
 
 
-def _start(chains: Chains, scene: Scene, saved: Path | None) -> None:
-    """Restore the chains from ``saved``, or bootstrap them; a damaged state starts afresh."""
-    if saved and saved.exists():
-        try:
-            chains.restore(read_npz(saved))
-            return
-        except (TableError, KeyError):
-            saved.unlink()
+def _start(chains: Chains, scene: Scene, kept: dict[str, np.ndarray] | None) -> float:
+    """Restore the chains, or bootstrap them; return the seconds that they have cost so far."""
+    if kept is not None:
+        chains.restore(kept)
+        return float(kept["seconds"])
     chains.bootstrap(flattening_weights(chains.pilot(), scene))
+    return 0.0
 
 
 def flattening_weights(pilot: Array, scene: Scene) -> Array:
@@ -293,30 +300,3 @@ def flattening_weights(pilot: Array, scene: Scene) -> Array:
         )
     weight = 1.0 / np.maximum(level, floor) / level.size
     return np.repeat(weight[:, :, None], by_site.shape[2], axis=2).reshape(pilot.shape)
-
-
-class _Clock:
-    """Counts mutations and says how long the rest will take."""
-
-    def __init__(self, total: int, report: Callable[[Progress], None] | None) -> None:
-        self.total, self.report = total, report
-        self.done = self.worked = 0
-        self.began = time.monotonic()
-
-    def seconds(self) -> float:
-        """Return the seconds since the render was asked for."""
-        return time.monotonic() - self.began
-
-    def skip(self, count: int) -> None:
-        """Count mutations that an earlier call made."""
-        self.done += count
-        self.tick(0)
-
-    def tick(self, count: int) -> None:
-        """Count mutations that were made now."""
-        self.done += count
-        self.worked += count
-        if self.report:
-            rate = self.seconds() / self.worked if self.worked else 0.0
-            eta = rate * (self.total - self.done)
-            self.report(Progress(self.done, self.total, self.seconds(), eta))

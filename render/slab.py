@@ -22,9 +22,7 @@ VERSION = 3
 """Part of the cache key: raise it when the walk or the basis changes."""
 
 
-def slab_response(
-    scene: Scene, *, cache: Path | None = None, rays: int = RAYS
-) -> SlabResponse:
+def slab_response(scene: Scene, *, cache: Path | None = None, rays: int = RAYS) -> SlabResponse:
     """Return the response for the scene's diffuser and fibers, from the cache or made now.
 
     Arguments:

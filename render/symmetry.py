@@ -25,7 +25,7 @@ def _mirrored_phi(scene: Scene, phi: Array) -> Array:
     twin = phi[mirrored_fibers(scene)]
     tip = np.array([edge == "tip" for edge in fiber_edges(scene)])
     twin[tip] = np.pi - twin[tip][:, ::-1]
-    return twin
+    return np.asarray(twin)
 
 
 def mirrored(scene: Scene, values: Array, *, facets: bool) -> Array:

@@ -93,12 +93,9 @@ def medium_interaction(v: Vertex) -> Any:
 def scatter(v: Vertex, wo: Any, mode: Any, active: Any) -> tuple[Any, Any, Any]:
     """Return value, density of ``wo`` and density of the reverse, at ``v`` for a given ``wo``.
 
-    Arguments:
-        wo: world direction away from the vertex.
-        mode: ``mi.TransportMode`` of the subpath that the vertex belongs to.
-
-    The value of a surface includes the cosine of ``wo``. Phase functions are taken to be
-    symmetric, which all of Mitsuba's are.
+    ``wo`` is a world direction away from the vertex, ``mode`` the ``mi.TransportMode`` of the
+    subpath that the vertex belongs to. The value of a surface includes the cosine of ``wo``.
+    Phase functions are taken to be symmetric, which all of Mitsuba's are.
     """
     surface, volume = active & ~v.volume, active & v.volume
     si = surface_interaction(v)

@@ -17,8 +17,8 @@ from render.scene import Scene
 
 STEPS = 2
 """Lines of sight per pixel, in each direction."""
-NORMALS = 48
-"""Microfacet normals per line of sight."""
+NORMALS = 64
+"""Microfacet normals per line of sight, in mirrored pairs."""
 
 
 def view_weights(scene: Scene, bend: float) -> Array:
@@ -96,10 +96,12 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
 
 def _slopes() -> Array:
     """Return `NORMALS` slopes ``(normal, 2)`` of a surface with alpha 1, evenly spread."""
-    index = np.arange(NORMALS) + 0.5
-    radius = np.sqrt(-np.log1p(-index / NORMALS))
+    pairs = NORMALS // 2
+    index = np.arange(pairs) + 0.5
+    radius = np.sqrt(-np.log1p(-index / pairs))
     golden = np.pi * (3 - np.sqrt(5)) * index
-    return np.stack([radius * np.cos(golden), radius * np.sin(golden)], axis=-1)
+    half = np.stack([radius * np.cos(golden), radius * np.sin(golden)], axis=-1)
+    return np.concatenate([half, half * [-1, 1]])
 
 
 def _first_facet(scene: Scene, start: Array, direction: Array) -> np.ndarray:

@@ -85,8 +85,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "Every cell of these random designs was predicted by a member that did not see its "
             "fiber position, direction and bend together. The reference's own noise is part of "
             "all numbers but one: with noise of this size in both, even the reference rendered "
-            "again would show the first row. Colours: length of the difference over length of the reference's "
-            "colour. Scores in counts.",
+            "again would show the first row. Colours: length of the difference over "
+            "length of the reference's colour. Scores in counts.",
             "",
             *_table(fit.levels),
             "",

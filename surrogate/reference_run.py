@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from render.bending import Array
 from render.chebyshev import chebyshev_nodes
-from render.reference import Estimate, Progress, render_transport
+from render.progress import Progress
+from render.reference import Estimate, render_transport
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.preview_grid import bend_range
@@ -74,26 +76,55 @@ def make_plan(
     if mutations is None:
         mutations = _affordable(scene, np.array(phi), np.array(bends), minutes)
     plan = RenderPlan(scene.hash, mutations, [seed + 1], phi, bends)
-    folder.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(asdict(plan)), encoding="utf-8")
-    temporary.replace(path)
+    _write_json(path, asdict(plan))
     return plan
 
 
 def render_plan(
     scene: Scene, plan: RenderPlan, folder: Path, progress: Callable[[Progress], None] | None
 ) -> Estimate:
-    """Render the cells of ``plan``, going on where ``folder`` stands."""
-    return render_transport(
+    """Render the cells of ``plan``, going on where ``folder`` stands.
+
+    The estimate's ``seconds`` are those of all attempts together.
+    """
+    clock = _Clock(folder / "seconds.json", plan)
+
+    def report(state: Progress) -> None:
+        clock.tick()
+        if progress is not None:
+            progress(state)
+
+    estimate = render_transport(
         scene,
         np.array(plan.phi),
         np.array(plan.bends),
         mutations=plan.mutations,
         seeds=plan.seeds,
         checkpoint=folder / "reference",
-        progress=progress,
+        progress=report,
     )
+    return replace(estimate, seconds=clock.tick(now=True))
+
+
+class _Clock:
+    """Seconds spent on a plan, kept in a file from one attempt to the next."""
+
+    INTERVAL = 10.0
+
+    def __init__(self, path: Path, plan: RenderPlan) -> None:
+        self.path, self.plan = path, asdict(plan)
+        self.began = self.saved = time.monotonic()
+        stored = _read_json(path)
+        self.earlier = float(stored["seconds"]) if stored.get("plan") == self.plan else 0.0
+
+    def tick(self, *, now: bool = False) -> float:
+        """Store the seconds spent so far, every INTERVAL seconds or ``now``; return them."""
+        moment = time.monotonic()
+        total = self.earlier + moment - self.began
+        if now or moment - self.saved > self.INTERVAL:
+            self.saved = moment
+            _write_json(self.path, {"plan": self.plan, "seconds": total})
+        return total
 
 
 def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> TransportTable:
@@ -131,6 +162,22 @@ def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
 
 def _read(path: Path) -> RenderPlan | None:
     try:
-        return RenderPlan(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        return RenderPlan(**_read_json(path))
+    except TypeError:
         return None
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Return the object in ``path``; nothing when there is none or it is damaged."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content), encoding="utf-8")
+    temporary.replace(path)

@@ -8,6 +8,7 @@ better one does not break them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +98,8 @@ class Comparison:
     def score_spread(self) -> float:
         """One standard deviation of the model's S: what the noise does not explain."""
         total = float(np.mean(self.score_error**2))
-        return float(np.sqrt(max(total - np.mean(self.score_noise**2), LEAST_SHARE * total)))
+        beyond = total - float(np.mean(self.score_noise**2))
+        return math.sqrt(max(beyond, LEAST_SHARE * total))
 
 
 def compare(exam: Exam, transport: Array, spread: Array, rng: np.random.Generator) -> Comparison:

@@ -16,7 +16,7 @@ from optimize.verify import Measured, Verification, verify
 from optimize.verify_budget import affordable_mutations
 from render.errors import RenderError
 from render.llvm import ensure_llvm
-from render.reference import Progress
+from render.progress import Progress
 from surrogate.checker import Checker
 
 MUTATIONS = 200

@@ -68,7 +68,7 @@ Path direct_path(vec3 source, vec3 target, vec2 turn) {
     float dip = horizon_dip(target.z);
     float clearance = dip * abs(to_source.y) - to_source.z;
     float cell = 2.0 * min(thickness - source.z, 0.25 * thickness);
-    bool nearer = abs(to_source.y) <= radius * dip;
+    bool nearer = abs(to_source.y) <= radius * dip && 2.0 * turn.x * turn.x < 1.0;
     float visible = nearer ? 1.0 : clamp(0.5 + clearance / cell, 0.0, 1.0);
     return Path(to_target * scale, to_source * scale, visible * inverse_square(squared));
 }
@@ -83,9 +83,9 @@ Path mirrored_path(vec3 source, vec3 target, vec2 turn) {
     float theta = arc * source.z / (source.z + target.z);
     vec2 s1 = turned(vec2(0.0, 1.0), 0.5 * theta);
     vec2 s2 = vec2(abs(turn.x) * s1.y - turn.y * s1.x, turn.y * s1.y + abs(turn.x) * s1.x);
-    // Newton's iteration for the arc at which both sides make the same angle with the face: two
-    // steps leave 3e-4 of the arc.
-    for (int i = 0; i < 2; ++i) {
+    // Newton's iteration for the arc at which both sides make the same angle with the face: three
+    // steps leave 1e-6 of the arc.
+    for (int i = 0; i < 3; ++i) {
         vec2 w1 = vec2(2.0 * s1.x * s1.y, 1.0 - 2.0 * s1.x * s1.x);
         vec2 w2 = vec2(2.0 * s2.x * s2.y, 1.0 - 2.0 * s2.x * s2.x);
         float n1 = a + 2.0 * p * s1.x * s1.x, n2 = c + 2.0 * q * s2.x * s2.x;

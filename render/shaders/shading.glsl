@@ -66,13 +66,15 @@ float sent(int i, int row, bool beam, vec3 d, float by_d, vec3 m, float by_m) {
 #endif
 }
 
-float received(Path path, vec3 normal) {
-    return path.spread * max(dot(path.arrive, normal), 0.0);
+// Irradiance per intensity at the source; on a clear face the part of it that is reflected.
+float received(Path path, vec3 normal, bool clear) {
+    float cosine = max(dot(path.arrive, normal), 0.0);
+    return path.spread * cosine * (clear ? reflectance(cosine) : 1.0);
 }
 
 // Direct irradiance (1/mm^2 per unit power) at a flat pad position with a local unit normal.
 // `first` is the row of `lights`, `list` the row (or group of rows) of `emissions`.
-Spectrum irradiance(vec3 position, vec3 normal, int first, int list) {
+Spectrum irradiance(vec3 position, vec3 normal, bool clear, int first, int list) {
     Spectrum sum = Spectrum(0.0);
     for (int i = 0; i < light_count; ++i) {
         vec4 light = texelFetch(lights, ivec2(i, first), 0);
@@ -82,7 +84,7 @@ Spectrum irradiance(vec3 position, vec3 normal, int first, int list) {
         bool beam = light.w >= 4.0;
         float edge = beam ? light.w - 4.0 : light.w;
         vec3 d = to_edge(direct.depart, edge), m = to_edge(mirrored.depart, edge);
-        float by_d = received(direct, normal), by_m = received(mirrored, normal);
+        float by_d = received(direct, normal, clear), by_m = received(mirrored, normal, clear);
 #if CHANNELS == 3
         for (int c = 0; c < 3; ++c) sum[c] += sent(i, 3 * list + c, beam, d, by_d, m, by_m);
 #else

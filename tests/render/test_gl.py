@@ -1,3 +1,5 @@
+"""OpenGL contexts without a display."""
+
 import ctypes.util
 
 import numpy as np
@@ -52,7 +54,7 @@ def test_two_contexts_alternate() -> None:
 
 def test_the_environment_chooses_the_back_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(gl.VARIABLE, "vulkan")
-    with pytest.raises(GraphicsError, match="TACTILUX_GL = 'vulkan' .* allowed: osmesa, egl"):
+    with pytest.raises(GraphicsError, match=r"TACTILUX_GL = 'vulkan' .* allowed: osmesa, egl"):
         gl.create_context()
 
 

@@ -1,3 +1,5 @@
+"""Fresnel, Snell and the Beckmann face against closed forms."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""The slab response and its cache."""
+
 import time
 from pathlib import Path
 
@@ -137,7 +139,7 @@ def test_another_seed_changes_the_response_little(scene: Scene, response: SlabRe
 
 def test_an_opaque_layer_is_an_error_that_names_it(scene: Scene, tmp_path: Path) -> None:
     layer = scene.diffuser.model_copy(update={"sigma_a": 10.0})
-    with pytest.raises(RenderError, match="lets only .* allowed: at least 1e-06"):
+    with pytest.raises(RenderError, match=r"lets only .* allowed: at least 1e-06"):
         slab_response(scene.model_copy(update={"diffuser": layer}), cache=tmp_path, rays=FEW)
     assert not list(tmp_path.iterdir())
 

@@ -1,3 +1,5 @@
+"""The random walk against tabulated and exact results."""
+
 import numpy as np
 import pytest
 

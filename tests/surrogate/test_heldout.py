@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import kendalltau
@@ -19,12 +21,30 @@ def exam() -> Exam:
     designs = random_designs(40, np.ones(SHAPE[:2], dtype=bool), rng)
     reference = rng.uniform(1.0, 2.0, SHAPE)
     known = np.ones(SHAPE, dtype=bool)
-    return Exam(reference, known, designs, 5.0, 10.0, known[..., 0, 0], np.arange(2))
+    return Exam(
+        reference=reference,
+        error=0.1 * reference,
+        reliable=known,
+        designs=designs,
+        exposure=5.0,
+        lam=10.0,
+        examined=known[..., 0, 0],
+        bends=np.arange(2),
+    )
 
 
 def test_a_perfect_prediction_has_no_error(exam: Exam) -> None:
     grade = exam.grade("reference", exam.reference)
     assert (grade.cell_p95, grade.facet_p95, grade.score_p95, grade.kendall_tau) == (0, 0, 0, 1)
+
+
+def test_known_noise_of_the_reference_is_taken_off_the_error(exam: Exam) -> None:
+    rng = np.random.default_rng(1)
+    noise = exam.error * rng.standard_normal(SHAPE)
+    noisy = replace(exam, reference=exam.reference + noise)
+    grade = noisy.grade("the truth", exam.reference)
+    assert grade.facet_rms > 0.03
+    assert grade.facet_rms_true < 0.4 * grade.facet_rms
 
 
 def test_a_common_factor_is_the_error_of_every_facet(exam: Exam) -> None:

@@ -8,19 +8,45 @@ import numpy as np
 import pytest
 
 from surrogate.heldout import Exam, random_designs
-from surrogate.uncertainty import conformal, counts_spread, coverage, fit_spread
+from surrogate.uncertainty import (
+    Comparison,
+    compare,
+    conformal,
+    counts_spread,
+    coverage,
+    fit_spread,
+)
 
 SHAPE = (4, 6, 2, 3, 5)
+MODEL = 0.05
 
 
-def _exam(seed: int, designs: int = 300) -> tuple[Exam, np.ndarray]:
-    """Return an exam and a prediction whose cells are off by 5 % at random."""
+def _exam(seed: int, noise: float = 0.0, designs: int = 300) -> tuple[Exam, np.ndarray]:
+    """Return an exam and a prediction whose cells are off by 5 %, the reference's by ``noise``."""
     rng = np.random.default_rng(seed)
-    reference = rng.uniform(1.0, 2.0, SHAPE)
-    guess = reference * (1 + 0.05 * rng.standard_normal(SHAPE))
+    truth = rng.uniform(1.0, 2.0, SHAPE)
+    guess = truth * (1 + MODEL * rng.standard_normal(SHAPE))
     known = np.ones(SHAPE, dtype=bool)
     chosen = random_designs(designs, known[..., 0, 0, 0], rng)
-    return Exam(reference, known, chosen, 5.0, 10.0, known[..., 0, 0], np.arange(2)), guess
+    exam = Exam(
+        reference=truth * (1 + noise * rng.standard_normal(SHAPE)),
+        error=noise * truth,
+        reliable=known,
+        designs=chosen,
+        exposure=5.0,
+        lam=10.0,
+        examined=known[..., 0, 0],
+        bends=np.arange(2),
+    )
+    return exam, guess
+
+
+def _compare(exam: Exam, guess: np.ndarray) -> Comparison:
+    return compare(exam, guess, _spread(exam, guess), np.random.default_rng(9))
+
+
+def _spread(exam: Exam, guess: np.ndarray) -> np.ndarray:
+    return counts_spread(exam, guess, np.zeros((1, *SHAPE)), np.full(SHAPE[:4], MODEL))
 
 
 def test_the_spread_is_found_below_the_noise_of_the_reference() -> None:
@@ -32,20 +58,27 @@ def test_the_spread_is_found_below_the_noise_of_the_reference() -> None:
     assert found == pytest.approx((-3.0, 0.4), abs=0.12)
 
 
-def test_intervals_cover_nine_of_ten_of_designs_they_have_not_seen() -> None:
-    first, guess = _exam(0)
-    again, other = _exam(1)
-    quantiles = conformal(first, guess, _spread(first, guess))
-    found = coverage(again, other, _spread(again, other), quantiles)
-    assert found.counts == pytest.approx(0.9, abs=0.02)
-    assert found.score == pytest.approx(0.9, abs=0.05)
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_intervals_cover_nine_of_ten_of_designs_they_have_not_seen(noise: float) -> None:
+    found = [
+        coverage(_compare(*_exam(10 + seed, noise)), conformal(_compare(*_exam(seed, noise))))
+        for seed in range(4)
+    ]
+    assert np.mean([f.counts for f in found]) == pytest.approx(0.9, abs=0.02)
+    assert np.mean([f.score for f in found]) == pytest.approx(0.9, abs=0.05)
+
+
+def test_a_noisy_reference_does_not_widen_the_intervals() -> None:
+    clean, noisy = (conformal(_compare(*_exam(3, noise))) for noise in (0.0, 0.05))
+    assert noisy.counts == pytest.approx(clean.counts, rel=0.1)
+    assert noisy.score < 1.5 * clean.score
 
 
 def test_the_conformal_quantile_is_that_of_the_finite_sample() -> None:
-    exam, guess = _exam(0, designs=9)
-    score = np.abs(exam.scores(exam.counts(guess)) - exam.scores(exam.counts(exam.reference)))
+    found = _compare(*_exam(0, designs=9))
+    quantiles = conformal(found)
     # ceil((9 + 1) 0.9) = 9: the largest of nine.
-    assert conformal(exam, guess, _spread(exam, guess)).score == score.max()
+    assert quantiles.score == pytest.approx(np.abs(found.score_error).max())
 
 
 def test_disagreement_and_residual_add_in_quadrature() -> None:
@@ -62,7 +95,3 @@ def test_disagreement_and_residual_add_in_quadrature() -> None:
     np.testing.assert_allclose(
         counts_spread(unclipped, guess, apart, 0 * cell), np.sqrt(2) * 0.1 * total
     )
-
-
-def _spread(exam: Exam, guess: np.ndarray) -> np.ndarray:
-    return counts_spread(exam, guess, np.zeros((1, *SHAPE)), np.full(SHAPE[:4], 0.05))

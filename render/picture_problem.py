@@ -1,0 +1,67 @@
+"""A lit sensor's picture as a sampling problem: bins are pixels, channels are red, green, blue."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.bending import Array
+from render.bridge import Bridge
+from render.camera_rays import pixel_rays
+from render.cell_paths import camera_subpath, light_subpaths
+from render.chains import Deposit
+from render.fiber_light import FiberLight
+from render.guide import FacetAim, Guide
+from render.optics import pad_scene
+from render.scene import Scene
+
+LIGHT_PATHS = 2
+
+
+class PictureProblem:
+    """All pixels of a picture of one design; see ``render.chains.Problem``."""
+
+    stored = (10, LIGHT_PATHS, 10)
+    channels = 3
+
+    def __init__(
+        self,
+        scene: Scene,
+        phi: Array,
+        power: Array,
+        bend: float,
+        indented: bool,
+        width: int,
+        height: int,
+    ) -> None:
+        """Load the pad; ``phi`` ``(fiber,)`` rad, ``power`` ``(fiber, 3)``, ``bend`` rad."""
+        self.scene, self.width, self.height = scene, width, height
+        self.bins = width * height
+        self.pad = pad_scene(scene, bend, indented)
+        self.light = FiberLight(scene, phi[:, None], bend)
+        self.guide, self.bridge = Guide(scene, bend), Bridge(scene, bend)
+        lit = np.nonzero(power.max(axis=1) > 0)[0]
+        self.lit = len(lit)
+        self._fiber = mi.UInt32(lit.astype(np.uint32))
+        self._power = [mi.Float(power[:, c].astype(np.float32)) for c in range(3)]
+        dr.make_opaque(self._fiber, self._power)
+
+    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+        """Return one deposit per lane: radiance per colour, over the bin's probability."""
+        x, y, pick, _ = camera.event(mi.UInt32(0))
+        chosen = dr.minimum(mi.UInt32(pick * self.lit), self.lit - 1)
+        fiber = dr.gather(mi.UInt32, self._fiber, chosen)
+        column = dr.minimum(mi.UInt32(x * self.width), self.width - 1)
+        row = dr.minimum(mi.UInt32(y * self.height), self.height - 1)
+        o, d = pixel_rays(self.scene, x * self.width, y * self.height, self.width, self.height)
+        aim = FacetAim(self.guide, fiber)
+        seen = camera_subpath(self.pad, o, d, camera, 1, aim, self.bridge)
+        value = light_subpaths(
+            self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim, self.bridge
+        )[0]
+        scale = self.lit * self.bins
+        colours = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
+        return [Deposit(row * self.width + column, colours)]

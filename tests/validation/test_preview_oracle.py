@@ -1,0 +1,186 @@
+"""The shader against the same formula in float64 numpy, in world coordinates.
+
+Straight ways come from world positions; the mirrored way is found by bisection (the shader takes
+three Newton steps in the pad's own coordinates). Where a way is just about hidden the two differ by
+more than rounding, hence the absolute part of the tolerance. Edge patches of a bent pad are left
+out: at middle height they see several reflections in the arc, of which each side finds one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from render.bending import bend_frames, bend_points, curvature
+from render.lights import Lights, make_lights
+from render.pad_points import PadPoints, pad_points
+from render.preview import Preview
+from render.rough_face import fresnel
+from render.scene import Scene, load_scene
+from render.slab_basis import directional_terms
+
+RELATIVE, ABSOLUTE = 1e-3, 2e-6
+
+
+def with_parts(scene: Scene, **parts: object) -> Scene:
+    return scene.model_copy(update=parts)
+
+
+def soft_inverse_square(squared: np.ndarray, lights: Lights) -> np.ndarray:
+    soft = float(lights.defines["SOFT_RADIUS"]) ** 2
+    return 1 / (squared + soft**2 / (squared + soft))
+
+
+def to_edge(local: np.ndarray, edge: np.ndarray) -> np.ndarray:
+    """Turn local pad directions into (along the edge, into the pad, up)."""
+    x, y, z = np.moveaxis(local, -1, 0)
+    along = np.where(edge == 1, x, y)
+    into = np.choose(edge.astype(int), [x, -y, -x])
+    return np.stack(np.broadcast_arrays(along, into, z), axis=-1)
+
+
+def straight(scene: Scene, lights: Lights, source, target, bend: float):
+    way = bend_points(scene, target, bend) - bend_points(scene, source, bend)
+    squared = (way**2).sum(axis=-1)
+    unit = way / np.sqrt(squared)[..., None]
+    depart = np.einsum("...ji,...j->...i", bend_frames(scene, source[..., 1], bend), unit)
+    arrive = -np.einsum("...ji,...j->...i", bend_frames(scene, target[..., 1], bend), unit)
+    visible = np.ones_like(squared)
+    kappa = curvature(scene, bend)
+    if kappa:
+        thickness = scene.pad.thickness
+        dip = np.sqrt((1 + kappa * (thickness - target[..., 2])) ** 2 - 1)
+        back = arrive * np.sqrt(squared)[..., None]
+        cell = 2 * np.minimum(thickness - source[..., 2], thickness / 4)
+        sunk = np.clip(0.5 + (dip * np.abs(back[..., 1]) - back[..., 2]) / cell, 0, 1)
+        ahead = np.cos(kappa * (target[..., 1] - source[..., 1])) > 0
+        visible = np.where((np.abs(back[..., 1]) <= dip / kappa) & ahead, 1.0, sunk)
+    return depart, arrive, visible * soft_inverse_square(squared, lights)
+
+
+def mirrored(scene: Scene, lights: Lights, source, target, bend: float):
+    kappa, index = curvature(scene, bend), scene.pad.index
+    across, along, _ = np.moveaxis(target - source, -1, 0)
+    a, c = np.broadcast_arrays(source[..., 2], target[..., 2])
+    if not kappa:
+        squared = across**2 + along**2 + (a + c) ** 2
+        scale = 1 / np.sqrt(squared)
+        depart = np.stack([across, along, -(a + c)], axis=-1) * scale[..., None]
+        reflected = fresnel((a + c) * scale, 1 / index)[0]
+        spread = soft_inverse_square(squared, lights) * reflected
+        return depart, depart * [-1, -1, 1], spread
+    radius = 1 / kappa + scene.pad.thickness
+    arc, sign = kappa * np.abs(along), np.sign(along)
+    low, high = np.zeros_like(arc), arc
+    for _ in range(60):
+        theta = 0.5 * (low + high)
+        psi = arc - theta
+        first = (radius - a) * np.sin(theta) * (radius - (radius - c) * np.cos(psi))
+        second = (radius - c) * np.sin(psi) * (radius - (radius - a) * np.cos(theta))
+        low, high = np.where(first < second, theta, low), np.where(first < second, high, theta)
+    theta, psi = 0.5 * (low + high), arc - 0.5 * (low + high)
+    # In the plane of the arc, from source (first) and target (second) to the reflection.
+    t1, d1 = radius * np.sin(theta), a - radius * (1 - np.cos(theta))
+    t2, d2 = radius * np.sin(psi), c - radius * (1 - np.cos(psi))
+    l1, l2 = np.hypot(t1, d1), np.hypot(t2, d2)
+    total = l1 + l2
+    squared = total**2 + across**2
+    depart = np.stack([across * l1 / total, sign * t1, -d1], axis=-1)
+    arrive = np.stack([-across * l2 / total, -sign * t2, -d2], axis=-1)
+    plane_cosine = (radius - (radius - a) * np.cos(theta)) / l1
+    width = np.maximum(total - 2 * l1 * l2 / (radius * plane_cosine), 0.1 * total)
+    dip = np.sqrt((1 + kappa * (scene.pad.thickness - c)) ** 2 - 1)
+    visible = np.clip(10 * d1 / a, 0, 1) * np.clip(10 * (dip * t2 + d2) / c, 0, 1)
+    reflected = fresnel(np.clip(plane_cosine * total / np.sqrt(squared), 0, 1), 1 / index)[0]
+    spread = visible * reflected * total / width * soft_inverse_square(squared, lights)
+    unit = [v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (depart, arrive)]
+    return unit[0], unit[1], spread
+
+
+def intensity(scene: Scene, emission, direction, beam) -> np.ndarray:
+    """Return intensities for ``(light, n)`` emissions and directions ``(light, point, 3)``."""
+    cosine = np.maximum(direction[..., 1], 0.0)
+    glow = (
+        np.einsum("lpk,lk->lp", directional_terms(direction), emission[:, :9]) * cosine
+        if emission.shape[1] >= 9
+        else 0.0
+    )
+    if not beam.any():
+        return glow
+    n, layer = scene.pad.index, scene.diffuser
+    side = n * direction[..., [0, 2]]
+    inside = (side**2).sum(axis=-1) < 1
+    height = np.sqrt(np.where(inside, 1 - (side**2).sum(axis=-1), 1.0))
+    air = np.stack([side[..., 0], height, side[..., 1]], axis=-1)
+    towards = np.einsum("lpi,li->lp", air, emission[:, :3])
+    theta = np.arccos(np.clip(towards, -1, 1)) / (2 * scene.fibers.sigma_v)
+    safe = np.maximum(cosine, 1e-12)
+    depth = (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0
+    passed = (1 - fresnel(cosine, 1 / n)[0]) * np.exp(-depth / safe) * n**2 * cosine / height
+    ray = emission[:, 3:4] * np.exp(-(theta**2)) * np.maximum(towards, 0) * passed
+    return np.where(beam, np.where(inside & (cosine > 0), ray, 0.0), glow)
+
+
+def irradiance(scene: Scene, lights: Lights, points: PadPoints, phi, bend: float) -> np.ndarray:
+    """Return direct irradiance ``(fiber, node, point)`` for ``phi`` ``(fiber, node)``."""
+    emissions = lights.emission(phi.T).swapaxes(0, 1)
+    result = np.zeros((*phi.shape, len(points.position)))
+    for fiber, list_of_lights in enumerate(lights.position):
+        source, mark = list_of_lights[:, None, :3], list_of_lights[:, None, 3]
+        beam, edge = mark >= 4, mark % 4
+        for way in (straight, mirrored):
+            depart, arrive, spread = way(scene, lights, source, points.position[None], bend)
+            cosine = np.maximum((arrive * points.normal).sum(axis=-1), 0)
+            reflected = fresnel(np.minimum(cosine, 1.0), 1 / scene.pad.index)[0]
+            received = spread * cosine * np.where(points.clear, reflected, 1.0)
+            local = to_edge(depart, edge)
+            for node in range(phi.shape[1]):
+                sent = intensity(scene, emissions[fiber, node], local, beam)
+                result[fiber, node] += (sent * received).sum(axis=0)
+    return result
+
+
+def few(scene: Scene) -> Scene:
+    """The same sensor with three fibers, one per edge."""
+    fibers = scene.fibers.model_copy(update={"left": 1, "tip": 1, "right": 1})
+    return with_parts(scene, fibers=fibers)
+
+
+def thin(scene: Scene) -> Scene:
+    layer = scene.diffuser.model_copy(update={"thickness": 0.5})
+    return with_parts(scene, diffuser=layer)
+
+
+SCENES = {
+    "diffuser": few,
+    "bare": lambda scene: with_parts(few(scene), diffuser=None),
+    "thin diffuser": lambda scene: few(thin(scene)),
+}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("slab")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_shader_draws_what_float64_numpy_computes(
+    name: str, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The numbers do not matter here, only that both sides use the same ones.
+    monkeypatch.setattr("render.lights.RAYS", 3_000)
+    scene = SCENES[name](load_scene("finger20"))
+    phi = np.array([[0.0, 1.3], [0.7, 2.9], [np.pi / 2, np.pi]])
+    with Preview(scene, cache=cache) as preview:
+        lights, points = make_lights(scene, cache), pad_points(scene)
+        for bend in (0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi):
+            seen = slice(None, points.first_edge if bend > 0.1 else None)
+            drawn = preview.direct_irradiance(phi, bend)[..., seen]
+            exact = irradiance(scene, lights, points, phi, bend)[..., seen]
+            error = np.abs(drawn - exact)
+            allowed = RELATIVE * exact + ABSOLUTE * exact.max(axis=-1, keepdims=True)
+            assert (error <= allowed).all(), f"{bend}: {(error / allowed).max()}"
+            lit = exact > 1e-3 * exact.max()
+            assert np.median(error[lit] / exact[lit]) < 2e-5
