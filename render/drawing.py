@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from render.bending import Array, curvature
 from render.gl import create_context
 from render.layout import facet_normals, flat_sites, pyramid
-from render.light_paths import LEAST_CURVATURE
+from render.light_paths import LEAST_CURVATURE, near_base
 from render.lights import Lights
 from render.pad_points import PadPoints
 from render.scene import Scene
@@ -39,12 +39,10 @@ class Drawing:
         self._passes: dict[tuple[str, bool, int, bool], Pass] = {}
         self._context: Any = create_context(backend)
         with self._context:
-            texels = np.zeros((self._count, 2, 4))
-            texels[:, 0, :3], texels[:, 1, :3] = points.position, points.normal
-            texels[:, 1, 3] = points.clear
+            texels = np.stack([points.position, points.normal], axis=1)
             short = -self._count % POINT_COLUMNS
             texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
-            texels = texels.reshape(-1, 2 * POINT_COLUMNS, 4)
+            texels = texels.reshape(-1, 2 * POINT_COLUMNS, 3)
             self._points = float_texture(self._context, texels)
             self._fibers = float_texture(self._context, lights.position)
 
@@ -148,6 +146,8 @@ class Drawing:
             "kappa": kappa,
             "radius": 1 / kappa,
             "light_count": lights,
+            "base": -pad.length / 2,
+            "near_base": near_base(self._scene),
             "inverse_width": 1 / (2 * fibers.sigma_v),
             "optical_thickness": (
                 (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0

@@ -62,7 +62,9 @@ class Emission:
             )
         kinds, spreads = [], []
         for emitter in emitters:
-            name = emitter.class_name()
+            # Emitters written in Python all share one class name in Mitsuba.
+            name = type(emitter).__name__
+            name = emitter.class_name() if name == "Emitter" else name
             if name not in _KINDS:
                 raise RenderError(
                     f"emitter {name} is not supported, allowed: area, point, fiber",

@@ -64,7 +64,7 @@ class FiberEmitter(mi.Emitter):
         """Sample a point of the shape uniformly; the weight is the inverse density."""
         ps = self.get_shape().sample_position(time, sample, active)
         weight = dr.select(active & (ps.pdf > 0), dr.rcp(ps.pdf), 0.0)
-        return ps, mi.Spectrum(weight)
+        return ps, weight
 
     def pdf_position(self, ps: Any, active: Any = True) -> Any:
         """Return the density per area of ``sample_position``."""
@@ -83,7 +83,7 @@ class FiberEmitter(mi.Emitter):
         # A surface interaction moves the origin off the shape.
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.p, si.n, si.time = ps.p, ps.n, time
-        return si.spawn_ray(mi.Frame3f(ps.n).to_world(local)), weight
+        return si.spawn_ray(mi.Frame3f(ps.n).to_world(local)), mi.Spectrum(weight)
 
     def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
         """Sample a point of the shape, uniformly, as seen from ``it``."""

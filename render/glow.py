@@ -37,7 +37,12 @@ class Glow:
         place = flat_fiber_poses(scene).position
         centre = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
         reach = np.array([_reach(scene, number) for number in range(len(EDGES))])[edge]
-        self._keep, self._fold = _ends(response.offsets, centre, reach, _end_reflectance(scene))
+        # At the tip's corners the layer goes on, and its walls send light back. At the base it ends:
+        # about half of what comes back there scattered back in the endless layer as well.
+        walls = _wall_reflectance(scene)
+        low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
+        returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
+        self._keep, self._fold = _ends(response.offsets, centre, reach, returned)
         self._along = np.clip(centre[:, None] + response.offsets, -reach[:, None], reach[:, None])
         self._edge = edge
         self.position = _on_edges(scene, self._along, edge, response.heights)
@@ -73,12 +78,13 @@ class Glow:
         return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
 
 
-def _ends(offsets: Array, centre: Array, reach: Array, reflectance: float) -> tuple[Array, Array]:
+def _ends(offsets: Array, centre: Array, reach: Array, returned: Array) -> tuple[Array, Array]:
     """Return what the ends of the layer make of an endless layer's lights.
 
     Each light stands for the cell between its neighbours. The part of a cell inside the edge is
-    kept, ``(fiber, offset)``; of the part beyond an end, ``reflectance`` comes back mirrored,
-    shared between the two lights nearest to its image, ``(fiber, to offset, from offset)``.
+    kept, ``(fiber, offset)``; of what lies beyond an end, the part ``returned`` ``(fiber, end)``
+    comes back mirrored, shared between the two lights nearest to its image, ``(fiber, to offset,
+    from offset)``.
     """
     middle = 0.5 * (offsets[1:] + offsets[:-1])
     low = centre[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
@@ -96,11 +102,11 @@ def _ends(offsets: Array, centre: Array, reach: Array, reflectance: float) -> tu
                     image = max(2 * end - sign * 0.5 * (first + last), -end) * sign - place
                     share = linear_weights(np.array([image]), offsets)[0]
                     beyond = (last - first) / (high[fiber, light] - low[fiber, light])
-                    fold[fiber, :, light] += reflectance * beyond * share
+                    fold[fiber, :, light] += returned[fiber, (sign + 1) // 2] * beyond * share
     return keep, fold
 
 
-def _end_reflectance(scene: Scene) -> float:
+def _wall_reflectance(scene: Scene) -> float:
     """Return the reflectance of a dielectric face for diffuse light from inside."""
     cosine = np.linspace(0.0, 1.0, 2001)
     reflected = fresnel(cosine, 1 / scene.pad.index)[0]

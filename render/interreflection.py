@@ -1,8 +1,8 @@
 """Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
 
-The coating and the diffuser's inner faces reflect diffusely, clear edges are taken to do so too;
-patches see each other straight and by way of the lower face, which reflects totally beyond the
-critical angle. With irradiance ``E0`` straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
+The coating and the diffuser's inner faces reflect diffusely; patches see each other straight and
+by way of the lower face, which reflects totally beyond the critical angle. With irradiance ``E0``
+straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from render.bending import Array, curvature
-from render.light_paths import Path, direct_path, mirrored_path
+from render.light_paths import Path, direct_path, mirrored_path, near_base
 from render.pad_points import PadPoints
 from render.rough_face import fresnel
 from render.scene import Scene
@@ -61,8 +60,7 @@ def interreflection(
             for first in range(0, len(points.position), TARGETS)
         ]
     )
-    # What a clear edge receives is already what it reflects.
-    albedo = np.where(points.clear[points.first_patch :], 1.0, edge_albedo)
+    albedo = np.full(kernel.shape[1], edge_albedo)
     albedo[: points.columns * points.rows] = scene.coating.albedo
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo
@@ -75,23 +73,37 @@ def _kernel(scene: Scene, points: PadPoints, bend: float, chosen: slice) -> Arra
     """Return the irradiance at chosen points per radiosity of every patch, ``(point, patch)``."""
     kappa, thickness = curvature(scene, bend), scene.pad.thickness
     target, facing = points.position[chosen, None, None], points.normal[chosen, None, None]
-    clear = points.clear[chosen, None, None]
     on_edge = np.arange(len(points.position))[chosen] >= points.first_edge
     parts = []
     for first, last in (
         (points.first_patch, points.first_edge),
         (points.first_edge, len(points.position)),
     ):
-        source, normal, area = _spots(points, slice(first, last))
-        mirrored = mirrored_path(source, target, thickness, kappa)
-        reflected = fresnel(mirrored.cosine, 1 / scene.pad.index)[0]
-        part = _coupling(scene, mirrored, normal, facing, clear) * reflected
         # The coating is flat or convex: only edges see it straight.
         sees = slice(None) if first == points.first_edge else on_edge
-        direct = direct_path(source, target[sees], thickness, kappa)
-        part[sees] += _coupling(scene, direct, normal, facing[sees], clear[sees])
+        source, normal, area = _spots(points, slice(first, last))
+        part = np.zeros((len(target), *source.shape[1:3]))
+        near = points.position[first:last, 1] < near_base(scene)
+        image = source[:, near] * [1, -1, 1] - [0, scene.pad.length, 0]
+        for seen, place, turned, in_base in (
+            (slice(None), source, normal, False),
+            (near, image, normal[:, near] * [1, -1, 1], True),
+        ):
+            mirrored = mirrored_path(place, target, thickness, kappa)
+            part[:, seen] += _reflected(scene, mirrored.cosine) * _coupling(
+                scene, mirrored, turned, facing, in_base
+            )
+            direct = direct_path(place, target[sees], thickness, kappa)
+            straight = np.zeros_like(part[:, seen])
+            straight[sees] = _coupling(scene, direct, turned, facing[sees], in_base)
+            part[:, seen] += straight
         parts.append((part * area).mean(axis=2))
     return np.concatenate(parts, axis=1)
+
+
+def _reflected(scene: Scene, cosine: Array) -> Array:
+    """Return the reflectance of a face between silicone and air from inside."""
+    return np.asarray(fresnel(cosine, 1 / scene.pad.index)[0])
 
 
 def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
@@ -107,14 +119,12 @@ def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
     return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
 
 
-def _coupling(
-    scene: Scene, path: Path, normal: Array, facing: Array, clear: NDArray[np.bool_]
-) -> Array:
+def _coupling(scene: Scene, path: Path, normal: Array, facing: Array, in_base: bool) -> Array:
     """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2).
 
-    Of what lands on a clear face only the part that it reflects counts.
+    Light of an image in the base is what the base reflects.
     """
     leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
     lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
-    kept = np.where(clear, fresnel(lands, 1 / scene.pad.index)[0], 1.0)
+    kept = _reflected(scene, np.abs(path.depart[..., 1])) if in_base else 1.0
     return np.asarray(leaves * lands * kept * path.spread / np.pi)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.bending import Array
+from render.scene import Scene
 
 
 class Path(NamedTuple):
@@ -30,8 +31,19 @@ class Path(NamedTuple):
     cosine: Array
 
 
+BASE_REACH = 3.0
+"""Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
 LEAST_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
+
+
+def near_base(scene: Scene) -> float:
+    """Return the y (mm) below which a light's image in the base counts.
+
+    The base is the clear lower end of the pad: a plane through the bend axis, so that the image of
+    flat position (x, y, z) is (x, 2 base - y, z) at any bend. It reflects what grazes it.
+    """
+    return -scene.pad.length / 2 + BASE_REACH * scene.pad.thickness
 
 
 def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> Path:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from render.bending import Array
 from render.layout import facet_normals, flat_sites, pyramid
@@ -17,7 +16,7 @@ from render.scene import Scene
 PATCH, LEAST_PART = 0.625, 1 / 16
 """Longest side of a patch in units of the pad's thickness, and of its longest side."""
 STOREYS = 3
-"""Patches of the edges from the lower face to the coating."""
+"""Patches of the lit edges from the lower face to the coating."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +27,6 @@ class PadPoints:
         position, normal: ``(point, 3)`` mm and unit vectors into the pad.
         size: ``(point, 2)`` mm, extent of a patch along its edge (or x) and upwards (or y); 0 for
             facets and sites.
-        clear: ``(point,)``, patches of edges without diffuser: like a dielectric face they reflect
-            part of the light, but diffusely. The others receive all of it.
         sites, facets: their numbers; ``columns`` and ``rows`` of the coating patches.
         edges: number of edge patches.
     """
@@ -37,7 +34,6 @@ class PadPoints:
     position: Array
     normal: Array
     size: Array
-    clear: NDArray[np.bool_]
     sites: int
     facets: int
     columns: int
@@ -56,7 +52,10 @@ class PadPoints:
 
 
 def pad_points(scene: Scene) -> PadPoints:
-    """Return the points of a scene; the base is always clear, the other edges without diffuser."""
+    """Return the points of a scene; the lit edges are those with a diffuser that sends light back.
+
+    Without a diffuser light leaves through the clear edges, which then have no patches.
+    """
     pad, sites = scene.pad, flat_sites(scene)
     longest = max(PATCH * pad.thickness, LEAST_PART * max(pad.width, pad.length))
     columns, rows = (int(np.ceil(side / longest)) for side in (pad.width, pad.length))
@@ -69,7 +68,6 @@ def pad_points(scene: Scene) -> PadPoints:
     coating = np.stack([grid_x, grid_y, np.full(grid_x.shape, pad.thickness)], axis=-1)
     coating_size = np.tile([pad.width / columns, pad.length / rows], (len(coating), 1))
     edge_position, edge_normal, edge_size = _edge_patches(scene, x, y)
-    lit = len(edge_position) - STOREYS * columns if scene.diffuser else 0
     position = [facet_position.reshape(-1, 3), sites, coating, edge_position]
     normal = [
         facet_normal.reshape(-1, 3),
@@ -77,12 +75,10 @@ def pad_points(scene: Scene) -> PadPoints:
         edge_normal,
     ]
     point_size = np.zeros((len(sites) * (scene.indenter.faces + 1), 2))
-    size = np.concatenate([point_size, coating_size, edge_size])
     return PadPoints(
         np.concatenate(position),
         np.concatenate(normal),
-        size,
-        np.arange(len(size)) >= len(size) - len(edge_position) + lit,
+        np.concatenate([point_size, coating_size, edge_size]),
         scene.sites.count,
         scene.indenter.faces,
         columns,
@@ -92,7 +88,9 @@ def pad_points(scene: Scene) -> PadPoints:
 
 
 def _edge_patches(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Return position, normal and size of the patches on the edges, the base last."""
+    """Return position, normal and size of the patches on the diffuser's inner faces."""
+    if scene.diffuser is None:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2))
     pad = scene.pad
     z = pad.thickness * (np.arange(STOREYS) + 0.5) / STOREYS
     position, normal, size = [], [], []
@@ -100,7 +98,6 @@ def _edge_patches(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array
         (y, pad.length / len(y), (-pad.width / 2, None), (1.0, 0.0, 0.0)),
         (x, pad.width / len(x), (None, pad.length / 2), (0.0, -1.0, 0.0)),
         (y, pad.length / len(y), (pad.width / 2, None), (-1.0, 0.0, 0.0)),
-        (x, pad.width / len(x), (None, -pad.length / 2), (0.0, 1.0, 0.0)),
     ):
         grid_z, grid = (part.ravel() for part in np.meshgrid(z, along, indexing="ij"))
         across, up = (grid if fixed is None else np.full_like(grid, fixed) for fixed in place)

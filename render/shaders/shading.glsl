@@ -4,6 +4,8 @@
 uniform sampler2D lights;     // (light, list): x, y, z in flat pad coordinates (mm), edge (+ 4: beam)
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
+uniform float base;       // y of the pad's lower end
+uniform float near_base;  // lights below this y are seen in the base as well
 
 #if CHANNELS == 3
 #define Spectrum vec3
@@ -66,30 +68,39 @@ float sent(int i, int row, bool beam, vec3 d, float by_d, vec3 m, float by_m) {
 #endif
 }
 
-// Irradiance per intensity at the source; on a clear face the part of it that is reflected.
-float received(Path path, vec3 normal, bool clear) {
-    float cosine = max(dot(path.arrive, normal), 0.0);
-    return path.spread * cosine * (clear ? reflectance(cosine) : 1.0);
+float received(Path path, vec3 normal) {
+    return path.spread * max(dot(path.arrive, normal), 0.0);
 }
 
 // Direct irradiance (1/mm^2 per unit power) at a flat pad position with a local unit normal.
-// `first` is the row of `lights`, `list` the row (or group of rows) of `emissions`.
-Spectrum irradiance(vec3 position, vec3 normal, bool clear, int first, int list) {
+// `first` is the row of `lights`, `list` the row (or group of rows) of `emissions`. Lights near the
+// base, the clear lower end of the pad, also shine by their image in it.
+Spectrum irradiance(vec3 position, vec3 normal, int first, int list) {
     Spectrum sum = Spectrum(0.0);
     for (int i = 0; i < light_count; ++i) {
         vec4 light = texelFetch(lights, ivec2(i, first), 0);
-        vec2 turn = half_turn(light.xyz, position);
-        Path direct = direct_path(light.xyz, position, turn);
-        Path mirrored = mirrored_path(light.xyz, position, turn);
         bool beam = light.w >= 4.0;
         float edge = beam ? light.w - 4.0 : light.w;
-        vec3 d = to_edge(direct.depart, edge), m = to_edge(mirrored.depart, edge);
-        float by_d = received(direct, normal, clear), by_m = received(mirrored, normal, clear);
+        int images = light.y < near_base ? 2 : 1;
+        for (int image = 0; image < images; ++image) {
+            if (image == 1) light.y = 2.0 * base - light.y;
+            vec2 turn = half_turn(light.xyz, position);
+            Path direct = direct_path(light.xyz, position, turn);
+            Path mirrored = mirrored_path(light.xyz, position, turn);
+            float by_d = received(direct, normal), by_m = received(mirrored, normal);
+            if (image == 1) {
+                by_d *= reflectance(abs(direct.depart.y));
+                by_m *= reflectance(abs(mirrored.depart.y));
+                direct.depart.y = -direct.depart.y;
+                mirrored.depart.y = -mirrored.depart.y;
+            }
+            vec3 d = to_edge(direct.depart, edge), m = to_edge(mirrored.depart, edge);
 #if CHANNELS == 3
-        for (int c = 0; c < 3; ++c) sum[c] += sent(i, 3 * list + c, beam, d, by_d, m, by_m);
+            for (int c = 0; c < 3; ++c) sum[c] += sent(i, 3 * list + c, beam, d, by_d, m, by_m);
 #else
-        sum += sent(i, list, beam, d, by_d, m, by_m);
+            sum += sent(i, list, beam, d, by_d, m, by_m);
 #endif
+        }
     }
     return sum;
 }

@@ -1,6 +1,6 @@
 // One cell of the transport array: column = point of the pad, row = fiber * nodes + node.
 
-uniform sampler2D points;  // position, then normal and whether clear, POINT_COLUMNS points per row
+uniform sampler2D points;  // position and normal, texel by texel, POINT_COLUMNS points per row
 uniform int first_point;
 uniform int nodes;
 
@@ -10,6 +10,6 @@ void main() {
     int point = int(gl_FragCoord.x) + first_point, list = int(gl_FragCoord.y);
     ivec2 texel = ivec2(2 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
     vec3 position = texelFetch(points, texel, 0).xyz;
-    vec4 normal = texelFetchOffset(points, texel, 0, ivec2(1, 0));
-    cell = irradiance(position, normal.xyz, normal.w > 0.0, list / nodes, list);
+    vec3 normal = texelFetchOffset(points, texel, 0, ivec2(1, 0)).xyz;
+    cell = irradiance(position, normal, list / nodes, list);
 }

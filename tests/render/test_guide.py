@@ -20,7 +20,7 @@ def scene() -> Scene:
 
 
 def facet_points(scene: Scene, bend: float) -> np.ndarray:
-    return np.asarray(facets(scene, bend).centre).reshape(-1, 3)
+    return np.asarray(facets(scene, bend).centroid).reshape(-1, 3)
 
 
 def lanes(mono: ModuleType, points: np.ndarray) -> Any:

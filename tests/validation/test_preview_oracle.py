@@ -8,12 +8,14 @@ out: at middle height they see several reflections in the arc, of which each sid
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from render.bending import bend_frames, bend_points, curvature
+from render.light_paths import near_base
 from render.lights import Lights, make_lights
 from render.pad_points import PadPoints, pad_points
 from render.preview import Preview
@@ -128,13 +130,18 @@ def irradiance(scene: Scene, lights: Lights, points: PadPoints, phi, bend: float
     emissions = lights.emission(phi.T).swapaxes(0, 1)
     result = np.zeros((*phi.shape, len(points.position)))
     for fiber, list_of_lights in enumerate(lights.position):
-        source, mark = list_of_lights[:, None, :3], list_of_lights[:, None, 3]
+        place, mark = list_of_lights[:, None, :3], list_of_lights[:, None, 3]
         beam, edge = mark >= 4, mark % 4
-        for way in (straight, mirrored):
+        image = place * [1, -1, 1] - [0, scene.pad.length, 0]
+        near = place[..., 1] < near_base(scene)
+        for way, in_base in itertools.product((straight, mirrored), (False, True)):
+            source = image if in_base else place
             depart, arrive, spread = way(scene, lights, source, points.position[None], bend)
-            cosine = np.maximum((arrive * points.normal).sum(axis=-1), 0)
-            reflected = fresnel(np.minimum(cosine, 1.0), 1 / scene.pad.index)[0]
-            received = spread * cosine * np.where(points.clear, reflected, 1.0)
+            received = spread * np.maximum((arrive * points.normal).sum(axis=-1), 0)
+            if in_base:
+                cosine = np.minimum(np.abs(depart[..., 1]), 1.0)
+                received = received * near * fresnel(cosine, 1 / scene.pad.index)[0]
+                depart = depart * [1, -1, 1]
             local = to_edge(depart, edge)
             for node in range(phi.shape[1]):
                 sent = intensity(scene, emissions[fiber, node], local, beam)
