@@ -65,8 +65,7 @@ def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, A
     direction = dr.normalize(b.p - a.p)
     origin, medium = leave(a, direction)
     target = leave(b, -direction)[0]
-    # Both ends are off their surfaces, so the segment need not be cut short.
-    remaining = dr.norm(target - origin)
+    remaining = dr.norm(target - origin) * (1.0 - mi.math.ShadowEpsilon)
     depth = mi.Spectrum(0.0)
     clear = mi.Bool(active)
     going = mi.Bool(active)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from render.bending import Array, curvature
 from render.gl import create_context
 from render.layout import facet_normals, flat_sites, pyramid
-from render.light_paths import LEAST_CURVATURE, near_base
-from render.lights import Lights
+from render.light_paths import LEAST_CURVATURE
+from render.lights import Lights, with_images
 from render.pad_points import PadPoints
 from render.scene import Scene
 from render.shader import Pass, float_texture, source
@@ -44,14 +44,17 @@ class Drawing:
             texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
             texels = texels.reshape(-1, 2 * POINT_COLUMNS, 3)
             self._points = float_texture(self._context, texels)
-            self._fibers = float_texture(self._context, lights.position)
+            self._fibers = float_texture(self._context, with_images(scene, lights.position))
 
     def release(self) -> None:
         """Free the OpenGL context."""
         self._context.release()
 
     def direct(self, emission: Array, bend: float) -> NDArray[np.float32]:
-        """Draw direct irradiance of every fiber's lights at every point, ``(fiber, node, point)``.
+        """Draw direct irradiance of every fiber's lights, ``(fiber, node, point, 2)``.
+
+        The second is that of the coating at the foot of the point's facet, without what comes
+        from behind the facet: that is in the pyramid's shadow.
 
         ``emission`` is ``(fiber, node, light, n)``.
         """
@@ -61,7 +64,7 @@ class Drawing:
             texture = float_texture(self._context, rows)
             drawn = self._at_points(bend, self._fibers, texture, fibers * nodes, 1, nodes)
             texture.release()
-        return drawn.reshape(fibers, nodes, -1)
+        return drawn.reshape(fibers, nodes, -1, 2)
 
     def merged(self, position: Array, emission: Array, bend: float) -> NDArray[np.float32]:
         """Draw direct irradiance of one list of lights at every point, ``(3, point)``.
@@ -69,7 +72,7 @@ class Drawing:
         ``position`` is ``(1, light, 4)``, ``emission`` ``(3, light, n)``.
         """
         with self._context:
-            lights = float_texture(self._context, position)
+            lights = float_texture(self._context, with_images(self._scene, position))
             emissions = float_texture(self._context, emission.reshape(3, -1, 4))
             drawn = self._at_points(bend, lights, emissions, 1, 3, 1)
             lights.release()
@@ -95,15 +98,16 @@ class Drawing:
             bend: rad.
             size: width and height in pixels.
         """
+        lights = with_images(self._scene, position)
         with self._context:
             images = {
-                "lights": float_texture(self._context, position),
+                "lights": float_texture(self._context, lights),
                 "emissions": float_texture(self._context, emission.reshape(3, -1, 4)),
                 "indirect": float_texture(self._context, np.moveaxis(coating, 0, -1), smooth=True),
             }
             if facet is not None:
                 images["facet_indirect"] = float_texture(self._context, np.moveaxis(facet, 0, -1))
-            uniforms = self._uniforms(bend, position.shape[1]) | self._view(size)
+            uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
             drawing = self._pass("picture.frag", bend, 3, facet is not None)
             picture = drawing.draw(size, 3, uniforms, images)
             for image in images.values():
@@ -120,7 +124,8 @@ class Drawing:
         parts = []
         for first in range(0, self._count, LARGEST):
             size = (min(LARGEST, self._count - first), rows)
-            parts.append(drawing.draw(size, channels, uniforms | {"first_point": first}, images))
+            wanted = uniforms | {"first_point": first}
+            parts.append(drawing.draw(size, 3 if channels == 3 else 2, wanted, images))
         return np.concatenate(parts, axis=1)
 
     def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> Pass:
@@ -146,8 +151,6 @@ class Drawing:
             "kappa": kappa,
             "radius": 1 / kappa,
             "light_count": lights,
-            "base": -pad.length / 2,
-            "near_base": near_base(self._scene),
             "inverse_width": 1 / (2 * fibers.sigma_v),
             "optical_thickness": (
                 (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0

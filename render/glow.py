@@ -37,8 +37,8 @@ class Glow:
         place = flat_fiber_poses(scene).position
         centre = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
         reach = np.array([_reach(scene, number) for number in range(len(EDGES))])[edge]
-        # At the tip's corners the layer goes on, and its walls send light back. At the base it ends:
-        # about half of what comes back there scattered back in the endless layer as well.
+        # At the tip's corners the layer goes on, and its walls send light back. At the base it
+        # ends: about half of what comes back there scattered back in the endless layer as well.
         walls = _wall_reflectance(scene)
         low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
         returned = np.stack([low, np.full(low.shape, walls)], axis=-1)

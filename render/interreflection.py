@@ -37,14 +37,15 @@ class Interreflection:
 
     def added(self, direct: Array) -> Array:
         """Return the indirect irradiance ``(row, target)`` for the direct one ``(row, point)``."""
-        points = self.points
-        added = direct[:, points.first_patch :] @ self.indirect.T
-        # The part of a facet's sky below the coating is filled by the coating around its site.
-        below = 0.5 * (1 - np.cos(self.scene.indenter.slope)) * self.scene.coating.albedo
-        sites = slice(points.sites * points.facets, points.first_patch)
-        around = direct[:, sites] + added[:, sites]
-        added[:, : sites.start] += below * np.repeat(around, points.facets, axis=1)
-        return added
+        return np.asarray(direct[:, self.points.first_patch :] @ self.indirect.T)
+
+    def below(self, around: Array) -> Array:
+        """Return what the coating around facets adds to them, for its irradiance ``around``.
+
+        It fills the part of a facet's sky that lies below the coating's plane.
+        """
+        part = 0.5 * (1 - np.cos(self.scene.indenter.slope))
+        return np.asarray(part * self.scene.coating.albedo * around)
 
 
 def interreflection(

@@ -10,9 +10,13 @@ import numpy as np
 from render.beams import Beams
 from render.bending import Array
 from render.glow import Glow
+from render.light_paths import near_base
 from render.scene import Scene
 from render.slab import slab_of, slab_response
 from render.slab_response import OPAQUE, RAYS
+
+IMAGE_MARK, END_MARK = 8, -1
+"""Parts of a light's mark, see `with_images`."""
 
 
 class Lights(Protocol):
@@ -48,6 +52,24 @@ def make_lights(scene: Scene, cache: Path | None = None) -> Lights:
         return Beams(scene)
     glow = Glow(scene, slab_response(scene, cache=cache, rays=RAYS))
     return glow if slab_of(scene).optical_thickness >= OPAQUE else Both(glow, Beams(scene))
+
+
+def with_images(scene: Scene, position: Array) -> Array:
+    """Return lists of lights ``(list, light, 4)`` followed by their images in the pad's base.
+
+    Only lights near the base have an image that counts. Its mark is the light's own plus 8 times
+    the light's number from 1. Lists end with the mark -1, padded to the longest.
+    """
+    near = position[..., 1] < near_base(scene)
+    longest = int(near.sum(axis=1).max())
+    images = np.zeros((len(position), longest + 1, 4))
+    images[..., 3] = END_MARK
+    for row, lights in enumerate(position):
+        (index,) = np.nonzero(near[row])
+        image = lights[index] * [1, -1, 1, 1] - [0, scene.pad.length, 0, 0]
+        image[:, 3] += IMAGE_MARK * (index + 1)
+        images[row, : len(index)] = image
+    return np.concatenate([position, images], axis=1)
 
 
 class Both:

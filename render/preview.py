@@ -113,18 +113,27 @@ class Preview:
         ``phi`` is ``(fiber, node)`` rad. `transport` gives the same and draws only when it must.
         """
         points, bent = self._points, self._at(bend)
-        direct = self.direct_irradiance(phi, bend).reshape(phi.size, -1)
+        drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
+        direct, foot = drawn[..., 0], drawn[..., 1]
         total = direct[:, : points.first_edge] + bent.light.added(direct)
-        facets = total[:, : points.sites * points.facets].reshape(-1, points.sites, points.facets)
-        site = total[:, points.sites * points.facets : points.first_patch, None]
-        mixed = np.einsum("sij,rsj->rsi", bent.view, np.concatenate([facets, site], axis=-1))
-        return np.asarray(mixed.reshape(*phi.shape, points.sites, -1))
+        shape = (phi.size, points.sites, points.facets)
+        facets = slice(0, points.sites * points.facets)
+        site = total[:, facets.stop : points.first_patch, None]
+        # At the foot of a facet the pyramid's shadow leaves what the site gets indirectly.
+        shadow = site - direct[:, facets.stop : points.first_patch, None]
+        around = foot[:, facets].reshape(shape) + shadow
+        facet = total[:, facets].reshape(shape) + bent.light.below(around)
+        view = bent.view[:, :-1]
+        seen = np.einsum("sij,rsj->rsi", view[..., :-1], facet) + view[..., -1] * around
+        background = bent.view[:, -1, -1:] * site
+        return np.concatenate([seen, background], axis=-1).reshape(*phi.shape, points.sites, -1)
 
     def direct_irradiance(self, phi: Array, bend: float) -> Array:
-        """Draw the light that has met nothing but the lower face, ``(fiber, node, point)``.
+        """Draw the light that has met nothing but clear faces, ``(fiber, node, point, 2)``.
 
-        ``phi`` is ``(fiber, node)`` rad; the points are those of `render.pad_points`. Unit: 1/mm^2
-        per unit power of a fiber.
+        The second is that of the coating at the foot of a point's facet, without what the pyramid
+        hides. ``phi`` is ``(fiber, node)`` rad; the points are those of `render.pad_points`. Unit:
+        1/mm^2 per unit power of a fiber.
         """
         emission = self._lights.emission(phi.T).swapaxes(0, 1)
         return self._open.direct(emission, bend).astype(np.float64)
@@ -161,10 +170,13 @@ class Preview:
         position, emission = self._lights.merged(phi, power)
         direct = self._open.merged(position, emission, bend)
         points = self._points
-        indirect = self._at(bend).light.added(direct.astype(np.float64))
+        light = self._at(bend).light
+        indirect = light.added(direct.astype(np.float64))
         coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
-        facet = indirect[:, : points.sites * points.facets]
-        facet = facet.reshape(3, points.sites, points.facets)
+        facets, sites = np.split(
+            indirect[:, : points.first_patch], [points.sites * points.facets], 1
+        )
+        facet = facets.reshape(3, points.sites, points.facets) + light.below(sites)[..., None]
         return self._open.picture(
             position, emission, coating, facet if indented else None, bend, (width, height)
         )

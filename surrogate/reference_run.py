@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -87,44 +87,15 @@ def render_plan(
 
     The estimate's ``seconds`` are those of all attempts together.
     """
-    clock = _Clock(folder / "seconds.json", plan)
-
-    def report(state: Progress) -> None:
-        clock.tick()
-        if progress is not None:
-            progress(state)
-
-    estimate = render_transport(
+    return render_transport(
         scene,
         np.array(plan.phi),
         np.array(plan.bends),
         mutations=plan.mutations,
         seeds=plan.seeds,
         checkpoint=folder / "reference",
-        progress=report,
+        progress=progress,
     )
-    return replace(estimate, seconds=clock.tick(now=True))
-
-
-class _Clock:
-    """Seconds spent on a plan, kept in a file from one attempt to the next."""
-
-    INTERVAL = 10.0
-
-    def __init__(self, path: Path, plan: RenderPlan) -> None:
-        self.path, self.plan = path, asdict(plan)
-        self.began = self.saved = time.monotonic()
-        stored = _read_json(path)
-        self.earlier = float(stored["seconds"]) if stored.get("plan") == self.plan else 0.0
-
-    def tick(self, *, now: bool = False) -> float:
-        """Store the seconds spent so far, every INTERVAL seconds or ``now``; return them."""
-        moment = time.monotonic()
-        total = self.earlier + moment - self.began
-        if now or moment - self.saved > self.INTERVAL:
-            self.saved = moment
-            _write_json(self.path, {"plan": self.plan, "seconds": total})
-        return total
 
 
 def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> TransportTable:

@@ -93,7 +93,7 @@ void main() {
         ambient = texelFetch(facet_indirect, ivec2(facet, site), 0).rgb;
     }
 #endif
-    vec3 light = irradiance(target, facing, 0, 0) + ambient;
+    vec3 light = irradiance(target, facing, 0, 0).here + ambient;
     float scale = albedo / 3.14159265 * passed / (refractive_index * refractive_index);
     pixel = vec4(scale * light, 1.0);
 }

@@ -1,11 +1,11 @@
 // The shading function: direct irradiance at a point of the pad from a list of secondary lights,
-// once straight and once by way of the lower face, per channel.
+// straight and by way of the lower face, per channel.
 
-uniform sampler2D lights;     // (light, list): x, y, z in flat pad coordinates (mm), edge (+ 4: beam)
+// (light, list): x, y, z in flat pad coordinates (mm); mark: the edge's number, + 4 for a beam,
+// + 8 (i + 1) for the image of light i in the pad's base, -1 behind the last light of a list.
+uniform sampler2D lights;
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
-uniform float base;       // y of the pad's lower end
-uniform float near_base;  // lights below this y are seen in the base as well
 
 #if CHANNELS == 3
 #define Spectrum vec3
@@ -14,9 +14,9 @@ uniform float near_base;  // lights below this y are seen in the base as well
 #endif
 
 // A local direction in the frame of an edge: along it, into the pad, towards the coating.
-vec3 to_edge(vec3 direction, float edge) {
-    if (edge == 1.0) return vec3(direction.x, -direction.y, direction.z);
-    return vec3(direction.y, edge == 0.0 ? direction.x : -direction.x, direction.z);
+vec3 to_edge(vec3 direction, int edge) {
+    if (edge == 1) return vec3(direction.x, -direction.y, direction.z);
+    return vec3(direction.y, edge == 0 ? direction.x : -direction.x, direction.z);
 }
 
 #ifdef BEAM
@@ -51,56 +51,62 @@ float glow_intensity(vec4 low, vec4 high, float last, vec3 d) {
 
 #endif
 
-// What light `i` of emission row `row` sends into two directions, each with its weight.
-float sent(int i, int row, bool beam, vec3 d, float by_d, vec3 m, float by_m) {
+// What light `i` of emission row `row` sends into two directions.
+vec2 intensities(int i, int row, bool beam, vec3 d, vec3 m) {
     ivec2 texel = ivec2(i * EMISSION_TEXELS, row);
     vec4 low = texelFetch(emissions, texel, 0);
 #ifdef BEAM
 #ifdef GLOW
     if (beam)
 #endif
-    return by_d * beam_intensity(low, d) + by_m * beam_intensity(low, m);
+    return vec2(beam_intensity(low, d), beam_intensity(low, m));
 #endif
 #ifdef GLOW
     vec4 high = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
     float last = texelFetchOffset(emissions, texel, 0, ivec2(2, 0)).x;
-    return by_d * glow_intensity(low, high, last, d) + by_m * glow_intensity(low, high, last, m);
+    return vec2(glow_intensity(low, high, last, d), glow_intensity(low, high, last, m));
 #endif
 }
 
-float received(Path path, vec3 normal) {
-    return path.spread * max(dot(path.arrive, normal), 0.0);
-}
+struct Light {
+    Spectrum here;  // direct irradiance at the point
+    Spectrum foot;  // and on the coating at the foot of its facet, unless the pyramid is before it
+};
 
-// Direct irradiance (1/mm^2 per unit power) at a flat pad position with a local unit normal.
-// `first` is the row of `lights`, `list` the row (or group of rows) of `emissions`. Lights near the
-// base, the clear lower end of the pad, also shine by their image in it.
-Spectrum irradiance(vec3 position, vec3 normal, int first, int list) {
-    Spectrum sum = Spectrum(0.0);
+// Irradiance in 1/mm^2 per unit power at a flat pad position with a local unit normal. `first` is
+// the row of `lights`, `list` the row (or group of rows) of `emissions`.
+Light irradiance(vec3 position, vec3 normal, int first, int list) {
+    Light sum = Light(Spectrum(0.0), Spectrum(0.0));
     for (int i = 0; i < light_count; ++i) {
         vec4 light = texelFetch(lights, ivec2(i, first), 0);
-        bool beam = light.w >= 4.0;
-        float edge = beam ? light.w - 4.0 : light.w;
-        int images = light.y < near_base ? 2 : 1;
-        for (int image = 0; image < images; ++image) {
-            if (image == 1) light.y = 2.0 * base - light.y;
-            vec2 turn = half_turn(light.xyz, position);
-            Path direct = direct_path(light.xyz, position, turn);
-            Path mirrored = mirrored_path(light.xyz, position, turn);
-            float by_d = received(direct, normal), by_m = received(mirrored, normal);
-            if (image == 1) {
-                by_d *= reflectance(abs(direct.depart.y));
-                by_m *= reflectance(abs(mirrored.depart.y));
-                direct.depart.y = -direct.depart.y;
-                mirrored.depart.y = -mirrored.depart.y;
-            }
-            vec3 d = to_edge(direct.depart, edge), m = to_edge(mirrored.depart, edge);
-#if CHANNELS == 3
-            for (int c = 0; c < 3; ++c) sum[c] += sent(i, 3 * list + c, beam, d, by_d, m, by_m);
-#else
-            sum += sent(i, list, beam, d, by_d, m, by_m);
-#endif
+        if (light.w < 0.0) break;
+        int mark = int(light.w), sender = mark < 8 ? i : mark / 8 - 1;
+        bool beam = (mark & 4) != 0;
+        vec2 turn = half_turn(light.xyz, position);
+        Path direct = direct_path(light.xyz, position, turn);
+        Path mirrored = mirrored_path(light.xyz, position, turn);
+        vec2 spread = vec2(direct.spread, mirrored.spread);
+        if (mark >= 8) {
+            spread *= vec2(reflectance(abs(direct.depart.y)), reflectance(abs(mirrored.depart.y)));
+            direct.depart.y = -direct.depart.y;
+            mirrored.depart.y = -mirrored.depart.y;
         }
+        vec3 d = to_edge(direct.depart, mark & 3), m = to_edge(mirrored.depart, mark & 3);
+                    vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
+                    vec2 here = spread * max(cosine, 0.0);
+                    vec2 foot = spread * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0)
+                        * step(0.0, cosine);
+                    #if CHANNELS == 3
+                    for (int c = 0; c < 3; ++c) {
+                        vec2 sent = intensities(sender, 3 * list + c, beam, d, m);
+                        sum.here[c] += dot(here, sent);
+                        sum.foot[c] += dot(foot, sent);
+                    }
+        #else
+                    vec2 sent = intensities(sender, list, beam, d, m);
+                    sum.here += dot(here, sent);
+                    sum.foot += dot(foot, sent);
+        #endif
     }
     return sum;
 }

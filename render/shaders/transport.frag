@@ -4,12 +4,21 @@ uniform sampler2D points;  // position and normal, texel by texel, POINT_COLUMNS
 uniform int first_point;
 uniform int nodes;
 
-out Spectrum cell;
+#if CHANNELS == 3
+out vec3 cell;
+#else
+out vec2 cell;  // at the point, at the foot of its facet
+#endif
 
 void main() {
     int point = int(gl_FragCoord.x) + first_point, list = int(gl_FragCoord.y);
     ivec2 texel = ivec2(2 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
     vec3 position = texelFetch(points, texel, 0).xyz;
     vec3 normal = texelFetchOffset(points, texel, 0, ivec2(1, 0)).xyz;
-    cell = irradiance(position, normal, list / nodes, list);
+    Light light = irradiance(position, normal, list / nodes, list);
+#if CHANNELS == 3
+    cell = light.here;
+#else
+    cell = vec2(light.here, light.foot);
+#endif
 }

@@ -32,7 +32,9 @@ def points(mono: ModuleType, scene: Scene, bend: float, count: int) -> tuple[Any
 
 def axis(mono: ModuleType, bridge: Bridge, scene: Scene, bend: float) -> np.ndarray:
     a, y = points(mono, scene, bend, 1)
-    return np.array(bridge.sample(a, y, mono.Float([0.0]), mono.Float([0.0])), dtype=np.float64)[:, 0]
+    return np.array(bridge.sample(a, y, mono.Float([0.0]), mono.Float([0.0])), dtype=np.float64)[
+        :, 0
+    ]
 
 
 def polar(centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -94,7 +94,9 @@ def test_a_parameter_out_of_range_is_named_with_what_is_allowed(
 def test_path_bdpt_and_pssmlt_agree_on_what_the_emitter_lights(mono: ModuleType) -> None:
     scene = lit_floor(mono)
     path = mono.load_dict({"type": "path"})
-    runs = np.stack([np.array(mono.render(scene, integrator=path, spp=256, seed=s)) for s in range(8)])
+    runs = np.stack(
+        [np.array(mono.render(scene, integrator=path, spp=256, seed=s)) for s in range(8)]
+    )
     truth, error = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(8)
     assert truth.mean() > 0
     for kind in ("bdpt", "pssmlt"):

@@ -69,9 +69,17 @@ def test_max_depth_counts_edges_as_mitsubas_path_does(mono: ModuleType, depth: i
     box = mono.cornell_box() | {"sensor": sensor(mono, [0, 0, 3.9])}
     scene = mono.load_dict(box)
     path = mono.load_dict({"type": "path", "max_depth": depth})
-    truth = np.stack([np.array(mono.render(scene, integrator=path, spp=256, seed=s)) for s in (1, 2)])
-    result = image(mono, scene, 512, type="bdpt", max_depth=depth)
-    assert result[..., 0].mean() == pytest.approx(truth[..., 0].mean(), rel=0.02)
+    # The lamp itself is bright and small; what it lights says more about depth.
+    dim = (slice(3, None), slice(None))
+    runs = np.stack(
+        [np.array(mono.render(scene, integrator=path, spp=256, seed=s))[..., 0] for s in range(8)]
+    )
+    truth = runs.mean(axis=0)[dim]
+    error = runs.std(axis=0, ddof=1)[dim] / np.sqrt(8)
+    result = image(mono, scene, 1024, type="bdpt", max_depth=depth)[dim]
+    bar = np.sqrt((error**2 + result[..., 1] ** 2).sum()) / truth.size
+    assert abs(result[..., 0].mean() - truth.mean()) < 4 * bar
+    assert result[..., 0].mean() == pytest.approx(truth.mean(), rel=0.03)
 
 
 def test_without_a_bounce_a_lit_plane_stays_exactly_black(mono: ModuleType) -> None:

@@ -94,8 +94,8 @@ def test_light_falls_from_where_the_fiber_is(
     facets = transport[0][:, 1, 0].mean(axis=1)
     normal = facet_normals(scene)
     right, left = normal[:, 0].argmax(), normal[:, 0].argmin()
-    assert (facets[:8, left] > 1.2 * facets[:8, right]).all()
-    assert (facets[12:, right] > 1.2 * facets[12:, left]).all()
+    assert (facets[2:8, left] > 1.5 * facets[2:8, right]).all()
+    assert (facets[12:18, right] > 1.5 * facets[12:18, left]).all()
 
 
 def test_pictures_superpose(preview: Preview, scene: Scene) -> None:

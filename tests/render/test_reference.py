@@ -61,7 +61,6 @@ def test_a_fiber_lights_the_sites_near_it_most(scene: Scene, estimate: Estimate)
     assert sites[-right:, :, -1].mean() > sites[-right:, :, 0].mean()
 
 
-
 def test_an_interrupted_render_goes_on_and_ends_bit_equal_to_an_unbroken_one(
     scene: Scene, estimate: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

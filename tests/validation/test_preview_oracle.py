@@ -126,9 +126,9 @@ def intensity(scene: Scene, emission, direction, beam) -> np.ndarray:
 
 
 def irradiance(scene: Scene, lights: Lights, points: PadPoints, phi, bend: float) -> np.ndarray:
-    """Return direct irradiance ``(fiber, node, point)`` for ``phi`` ``(fiber, node)``."""
+    """Return direct irradiance at points and at their facets' feet, ``(fiber, node, point, 2)``."""
     emissions = lights.emission(phi.T).swapaxes(0, 1)
-    result = np.zeros((*phi.shape, len(points.position)))
+    result = np.zeros((*phi.shape, len(points.position), 2))
     for fiber, list_of_lights in enumerate(lights.position):
         place, mark = list_of_lights[:, None, :3], list_of_lights[:, None, 3]
         beam, edge = mark >= 4, mark % 4
@@ -137,15 +137,17 @@ def irradiance(scene: Scene, lights: Lights, points: PadPoints, phi, bend: float
         for way, in_base in itertools.product((straight, mirrored), (False, True)):
             source = image if in_base else place
             depart, arrive, spread = way(scene, lights, source, points.position[None], bend)
-            received = spread * np.maximum((arrive * points.normal).sum(axis=-1), 0)
+            cosine = (arrive * points.normal).sum(axis=-1)
+            foot = np.maximum(-arrive[..., 2], 0) * (cosine > 0)
             if in_base:
-                cosine = np.minimum(np.abs(depart[..., 1]), 1.0)
-                received = received * near * fresnel(cosine, 1 / scene.pad.index)[0]
+                steep = np.minimum(np.abs(depart[..., 1]), 1.0)
+                spread = spread * near * fresnel(steep, 1 / scene.pad.index)[0]
                 depart = depart * [1, -1, 1]
             local = to_edge(depart, edge)
             for node in range(phi.shape[1]):
                 sent = intensity(scene, emissions[fiber, node], local, beam)
-                result[fiber, node] += (sent * received).sum(axis=0)
+                received = np.stack([np.maximum(cosine, 0), foot], axis=-1)
+                result[fiber, node] += ((sent * spread)[..., None] * received).sum(axis=0)
     return result
 
 
@@ -184,10 +186,10 @@ def test_the_shader_draws_what_float64_numpy_computes(
         lights, points = make_lights(scene, cache), pad_points(scene)
         for bend in (0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi):
             seen = slice(None, points.first_edge if bend > 0.1 else None)
-            drawn = preview.direct_irradiance(phi, bend)[..., seen]
-            exact = irradiance(scene, lights, points, phi, bend)[..., seen]
+            drawn = preview.direct_irradiance(phi, bend)[:, :, seen]
+            exact = irradiance(scene, lights, points, phi, bend)[:, :, seen]
             error = np.abs(drawn - exact)
-            allowed = RELATIVE * exact + ABSOLUTE * exact.max(axis=-1, keepdims=True)
+            allowed = RELATIVE * exact + ABSOLUTE * exact.max(axis=2, keepdims=True)
             assert (error <= allowed).all(), f"{bend}: {(error / allowed).max()}"
             lit = exact > 1e-3 * exact.max()
             assert np.median(error[lit] / exact[lit]) < 2e-5

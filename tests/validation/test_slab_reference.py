@@ -18,7 +18,7 @@ import trimesh
 
 BLOCKS = Path(__file__).with_name("slab_disk_beckmann_blocks.npz")
 COATED = np.s_[:, 2:]
-SPP = 96
+SPP = 192
 Corner = tuple[float, float, float]
 
 
@@ -107,7 +107,7 @@ def ours(mono: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> np.ndarr
     scene = slab(mono, tmp_path_factory.mktemp("slab"))
     integrator = mono.load_dict({"type": "bdpt", "replicates": 16})
     problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
-    replicates = integrator.replicate_images(problem, 1, SPP)
+    replicates = integrator.replicate_images(problem, 5, SPP)
     return blocks(replicates.reshape(-1, 64, 96))
 
 
