@@ -50,7 +50,9 @@ class FiberEmitter(mi.Emitter):
         if self._peak is None:
             area: Any = dr.slice(self.get_shape().surface_area())
             given = self.given
-            self._peak = self.power * peak_radiance(self.sigma_v, float(area)) if given is None else given
+            self._peak = (
+                self.power * peak_radiance(self.sigma_v, float(area)) if given is None else given
+            )
         return self._peak
 
     def _radiance(self, local: Any) -> Any:

@@ -103,15 +103,19 @@ def _versions() -> dict[str, str]:
 
 
 def _git_revision() -> str:
-    """Return the commit of the sources, marked when they differ from it."""
+    """Return the commit of the sources, marked when they differ from it.
+
+    The package folders alone count: a model that was made before is no source of the next.
+    """
+    folder = Path(__file__).parents[1]
+    sources = [str(folder / name) for name in ("render", "surrogate", "optimize")]
     try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
-            cwd=Path(__file__).parent,
-            capture_output=True,
-            text=True,
-            check=True,
+        head, changes = (
+            subprocess.run(
+                ["git", *words], cwd=folder, capture_output=True, text=True, check=True
+            ).stdout.strip()
+            for words in (["rev-parse", "HEAD"], ["status", "--porcelain", "--", *sources])
         )
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    return done.stdout.strip()
+    return f"{head}-dirty" if changes else head

@@ -92,21 +92,21 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
             mirrored.depart.y = -mirrored.depart.y;
         }
         vec3 d = to_edge(direct.depart, mark & 3), m = to_edge(mirrored.depart, mark & 3);
-                    vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
-                    vec2 here = spread * max(cosine, 0.0);
-                    vec2 foot = spread * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0)
-                        * step(0.0, cosine);
-                    #if CHANNELS == 3
-                    for (int c = 0; c < 3; ++c) {
-                        vec2 sent = intensities(sender, 3 * list + c, beam, d, m);
-                        sum.here[c] += dot(here, sent);
-                        sum.foot[c] += dot(foot, sent);
-                    }
-        #else
-                    vec2 sent = intensities(sender, list, beam, d, m);
-                    sum.here += dot(here, sent);
-                    sum.foot += dot(foot, sent);
-        #endif
+        vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
+        vec2 here = spread * max(cosine, 0.0);
+        vec2 foot = step(0.0, cosine) * spread
+            * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0);
+#if CHANNELS == 3
+        for (int c = 0; c < 3; ++c) {
+            vec2 sent = intensities(sender, 3 * list + c, beam, d, m);
+            sum.here[c] += dot(here, sent);
+            sum.foot[c] += dot(foot, sent);
+        }
+#else
+        vec2 sent = intensities(sender, list, beam, d, m);
+        sum.here += dot(here, sent);
+        sum.foot += dot(foot, sent);
+#endif
     }
     return sum;
 }

@@ -1,3 +1,5 @@
+"""Bridges aim at mirror images with the density that they state."""
+
 from __future__ import annotations
 
 from types import ModuleType

@@ -1,3 +1,5 @@
+"""Proposals in primary sample space, and what chains store of them."""
+
 from __future__ import annotations
 
 from types import ModuleType

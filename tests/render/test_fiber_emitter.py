@@ -1,3 +1,5 @@
+"""The ``fiber`` emitter by itself and under three integrators."""
+
 from __future__ import annotations
 
 import subprocess

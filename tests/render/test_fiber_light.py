@@ -1,3 +1,5 @@
+"""Light rays of fibers and their weights for many directions at once."""
+
 from __future__ import annotations
 
 from types import ModuleType

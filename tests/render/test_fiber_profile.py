@@ -1,3 +1,5 @@
+"""The Gaussian profile of a fiber end."""
+
 from __future__ import annotations
 
 from types import ModuleType

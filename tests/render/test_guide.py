@@ -1,3 +1,5 @@
+"""Guided directions follow the density that they state."""
+
 from __future__ import annotations
 
 from types import ModuleType

@@ -1,3 +1,5 @@
+"""The integrators ``bdpt`` and ``pssmlt`` on scenes with known answers."""
+
 from __future__ import annotations
 
 from types import ModuleType

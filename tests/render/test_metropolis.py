@@ -1,3 +1,5 @@
+"""Chains over a problem whose integrals are known."""
+
 from __future__ import annotations
 
 from collections.abc import Callable

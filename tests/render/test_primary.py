@@ -1,3 +1,5 @@
+"""Hashed primary samples."""
+
 from __future__ import annotations
 
 from types import ModuleType

@@ -1,3 +1,5 @@
+"""Rendered transport tables: shapes, error bars and resuming."""
+
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""What mirror symmetry says about transport."""
+
 from __future__ import annotations
 
 import numpy as np
