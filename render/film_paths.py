@@ -172,5 +172,4 @@ def light_part(
         active &= ~escaped & (~arrived | alive) & (event < EVENTS)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    splat *= total
-    return joined, splat, where
+    return joined, total * splat, where

@@ -51,9 +51,15 @@ def render_image(
     """Render a design at one bend.
 
     Arguments:
-        phi: ``(fiber,)`` rad; power: ``(fiber, 3)`` in [0, 1]; bend: rad.
-        width, height: pixels; the camera's vertical field of view spans ``height``.
+        scene: the sensor.
+        phi: ``(fiber,)`` rad.
+        power: ``(fiber, 3)`` in [0, 1].
+        bend: rad.
+        width: pixels per row.
+        height: rows, which span the camera's vertical field of view.
         samples: mutations per pixel.
+        seed: of all random numbers.
+        indented: pressed by the pyramids, or untouched.
         progress: called after every few mutations of all chains.
 
     Raises:

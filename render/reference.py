@@ -232,14 +232,14 @@ def _run(
         clock.tick(CHUNK * pad.chains)
         if saved and time.monotonic() - last > SAVE_SECONDS:
             last = time.monotonic()
-            write_npz(saved, chains.state() | {"seconds": np.float64(last - began)})
+            write_npz(saved, chains.state() | {"seconds": np.array(last - began)})
     estimate = chains.estimate().reshape(replicates, phi.shape[0], -1, phi.shape[1])
     estimate = estimate.transpose(0, 1, 3, 2)
     empty = np.diff(problem.targets.offset) == 0
     estimate[..., empty] = np.nan
     seconds = time.monotonic() - began
     if finished and saved:
-        write_npz(finished, {"estimate": estimate, "seconds": np.float64(seconds)})
+        write_npz(finished, {"estimate": estimate, "seconds": np.array(seconds)})
         saved.unlink(missing_ok=True)
     return estimate, seconds
 
