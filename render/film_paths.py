@@ -172,4 +172,8 @@ def light_part(
         active &= ~escaped & (~arrived | alive) & (event < EVENTS)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    return joined, total * splat, where
+    return joined, _scaled(splat, total), where
+
+
+def _scaled(spectrum: Any, factor: Any) -> Any:
+    return spectrum * factor
