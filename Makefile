@@ -1,6 +1,6 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-.PHONY: help explore verify train test unit benchmark lint format check-format types clean
+.PHONY: help explore verify train test unit validation benchmark lint format check-format types clean
 
 SCENE ?= finger20
 DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/explore/design.json)
@@ -23,10 +23,16 @@ verify: $(FULL) ## Prove DESIGN against the baseline by physically based renderi
 train: $(FULL) ## Render the training cells of SCENE and fit its surrogate (about an hour)
 	$(BIN)/tactilux train $(SCENE)
 
-test: lint check-format types unit benchmark ## Everything that CI runs
+test: lint check-format types unit validation benchmark ## Everything that CI runs
 
 unit: $(FULL) ## The tests alone
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
+		--ignore tests/validation
+
+# A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
+# have come and gone in one.
+validation: $(FULL) ## Against other renderers, closed forms and slow exact code
+	set -e; for file in tests/validation/test_*.py; do $(BIN)/python -m pytest $$file; done
 
 benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
 	$(BIN)/python -m pytest --capture no tests/benchmarks

@@ -8,6 +8,8 @@ import numpy as np
 import onnxruntime
 import pytest
 
+from surrogate.checker import Checker
+
 MODELS = Path(__file__).resolve().parents[2] / "models"
 FOLDERS = sorted(path.parent for path in MODELS.glob("*/checker.onnx"))
 INPUTS = ("phi", "power", "bend")
@@ -27,8 +29,8 @@ def test_a_shipped_model_replays_its_golden_pair(folder: Path) -> None:
         np.testing.assert_allclose(value, golden[name], rtol=1e-4, atol=1e-3, err_msg=name)
 
 
-def test_shipped_folders_are_whole() -> None:
-    for folder in MODELS.iterdir():
-        if folder.is_dir():
-            found = {item.name for item in folder.iterdir()}
-            assert found == {"checker.onnx", "checker.md", "checker.sha256", "golden.npz"}
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_a_shipped_folder_is_whole_and_unaltered(folder: Path) -> None:
+    found = {item.name for item in folder.iterdir()}
+    assert found == {"checker.onnx", "checker.md", "checker.sha256", "golden.npz"}
+    assert Checker.load(folder).metadata.scene == folder.name
