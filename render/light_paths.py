@@ -31,7 +31,7 @@ class Path(NamedTuple):
     cosine: Array
 
 
-BASE_REACH = 3.0
+BASE_REACH = 2.0
 """Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
 LEAST_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
