@@ -63,8 +63,9 @@ def explore(
         TableScorer(table), baseline, edges=fiber_edges(scene), seed=seed, progress=progress
     )
     coloured = next(step for step in search.history if step.stage == "quick")
+    first_round = [step.score for step in search.history if step.round == 1]
     later = "the fiber directions"
-    if search.history[-1].round > 1:
+    if search.score > first_round[-1]:
         later += " and the rounds after"
     chosen = [
         ("baseline", "Baseline", "", baseline),

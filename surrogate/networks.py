@@ -7,8 +7,14 @@ are evaluated in one batched matrix product.
 
 from __future__ import annotations
 
+import sys
+
 import torch
 from torch import Tensor, nn
+
+# torch's CUDA builds load Triton when an optimizer is made; its LLVM crashes beside those of Mesa
+# and Dr.Jit, and nothing here uses it.
+sys.modules.setdefault("triton", None)  # type: ignore[arg-type]
 
 
 class NoResidual(nn.Module):
