@@ -3,7 +3,7 @@
 .PHONY: help explore verify train test unit validation benchmark lint format check-format types clean
 
 SCENE ?= finger20
-DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/explore/design.json)
+DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20-explore/design.json)
 BIN := .venv/bin
 BASE := .venv/base.stamp
 FULL := .venv/full.stamp
