@@ -68,6 +68,11 @@ class Bridge:
         foot = mi.Point3f(0.0, centre_y + outer * sin, centre_z - outer * cos)
         return y - 2.0 * dr.dot(y - foot, normal) * normal, normal, height_a, height_y
 
+    def mirror(self, y: Any, a: Any) -> tuple[Any, Any]:
+        """Return the mirror image of ``a`` as seen from ``y``, and the mirror's normal."""
+        image, normal, _, _ = self._mirror(y, a)
+        return image, normal
+
     def _lobe(self, a: Any, y: Any) -> tuple[Any, Any, Any, Any, Any]:
         """Return axis, the two tangents and the two widths of the aim."""
         image, normal, height_a, height_y = self._mirror(a, y)

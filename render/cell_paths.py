@@ -1,13 +1,9 @@
-"""Bidirectional paths from fibers to facets: the estimator behind every transport cell.
+"""Light subpaths of the cell sampler, joined to camera subpaths: the estimator behind every cell.
 
-A camera subpath starts in a pixel of one facet, refracts through the rough lower face and meets
-the coating; light subpaths start at one fiber. Every vertex of every light subpath is joined to
-the kept vertices of the camera subpath, with MIS weights over all the ways in which the same path
-could have been found (``render.connect.join``).
-
-Camera subpaths are absorbed at their first volume vertex and at the second diffuse surface: light
-subpaths do the long scattering, so no long path is ever stored. Kept are: ``facet`` (the first
-diffuse vertex), ``end`` (where the subpath is absorbed) and one of the glossy vertices between.
+A camera subpath sees one facet (``render.cell_camera``); light subpaths start at one fiber. One
+vertex of each light subpath, drawn by its promise (``render.resampling``), is joined to every kept
+vertex of the camera subpath, directly and over a bridge, with MIS weights over all the ways in
+which the same path could have been found (``render.connect.join``).
 """
 
 from __future__ import annotations
@@ -19,82 +15,41 @@ import drjit as dr
 import mitsuba as mi
 
 from render.bridge import Bridge
+from render.cell_camera import CameraSubpath
 from render.chains import LIGHT_EVENTS
 from render.connect import join
 from render.fiber_light import FiberLight
+from render.lane_memory import LaneMemory
+from render.resampling import Promise
 from render.segments import Aim, advance, bounce, start
 from render.vertex import Vertex, choose, empty_vertex
 
-# Events that one subpath may take; what the bound costs is measured in tests/validation.
-CAMERA_EVENTS = 16
-BRIDGE_EVENT = LIGHT_EVENTS // 2
-# Probability that a light vertex is joined to the end of the camera subpath, else to a glossy one.
-END_SHARE = 0.7
+# Events that one light subpath may take; the numbers that pick a vertex come after them.
+PICK_EVENT = LIGHT_EVENTS // 2
 
 
 @dataclass
-class CameraSubpath:
-    """The kept vertices of a camera subpath (weight 0 where there is none).
+class Picked:
+    """The vertex that stands for a light subpath (a Dr.Jit PyTree).
 
-    ``glossy_bridged`` says that ``glossy`` follows the facet directly, so that a bridge could
-    have found it too; ``end_bridged`` is the density ratio of that for the vertex before ``end``.
+    ``share`` is total promise over its own, ``before`` the vertex before it and ``(o, d)`` the ray
+    that the subpath began with.
     """
 
-    facet: Vertex
-    glossy: Vertex
-    end: Vertex
-    glossy_bridged: Any
-    end_bridged: Any
+    vertex: Vertex
+    before: Any
+    before_smooth: Any
+    share: Any
+    o: Any
+    d: Any
 
 
-@dr.syntax
-def camera_subpath(
-    scene: Any, o: Any, d: Any, stream: Any, first: int, aim: Aim, bridge: Bridge
-) -> CameraSubpath:
-    """Trace camera subpaths from rays ``(o, d)``; takes events of ``stream`` from ``first`` on."""
-    facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()
-    free = stream.event(mi.UInt32(first))[0]
-    head = start(o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free)
-    event = mi.UInt32(first + 1)
-    active = dr.full(mi.Bool, True, dr.width(o))
-    seen = mi.Bool(False)
-    glossies = mi.Float(0.0)
-    glossy_bridged, end_bridged = mi.Bool(False), mi.Float(0.0)
-    # Of the vertex before: whether it is the first glossy one after the facet, and where it is.
-    follows, before, before_n, before_vcm = (
-        mi.Bool(False), dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0)
+def _nothing() -> Picked:
+    """Return no vertex, for loops that have not picked one yet."""
+    return Picked(
+        empty_vertex(), dr.zeros(mi.Point3f), mi.Bool(False), mi.Float(0),
+        dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1),
     )  # fmt: skip
-    while active:
-        head, v, arrived, escaped = advance(scene, head, active)
-        v.terminal = v.terminal | (v.diffuse & seen)
-        # Up to the facet only one strategy exists: there are no sums to carry.
-        v.vcm = dr.select(seen, v.vcm, 0.0)
-        v.vc = dr.select(seen, v.vc, 0.0)
-        absorbed = arrived & v.terminal
-        end = choose(absorbed, v, end)
-        is_facet = arrived & v.diffuse & ~seen
-        facet = choose(is_facet, v, facet)
-        # Reservoir of size 1: every glossy vertex is kept with the same probability.
-        is_glossy = arrived & seen & ~v.terminal & ~v.delta & ~v.diffuse
-        glossies += dr.select(is_glossy, 1.0, 0.0)
-        spare = stream.event(event + CAMERA_EVENTS)[0]
-        kept = is_glossy & (spare * glossies < 1.0)
-        glossy = choose(kept, v, glossy)
-        direct = is_glossy & (glossies == 1.0)
-        glossy_bridged = dr.select(kept, direct, glossy_bridged)
-        if absorbed & follows:
-            end_bridged = before_vcm * bridge.area_density(facet.p, before, before_n, v.p)
-        follows = dr.select(arrived, direct, follows)
-        before = dr.select(arrived, v.p, before)
-        before_n = dr.select(arrived, v.n, before_n)
-        before_vcm = dr.select(arrived, v.vcm, before_vcm)
-        seen |= is_facet
-        going = arrived & ~absorbed
-        head, alive = bounce(head, v, mi.TransportMode.Radiance, stream.event(event), going, aim)
-        active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + CAMERA_EVENTS)
-        event += 1
-    glossy.weight = glossies
-    return CameraSubpath(facet, glossy, end, glossy_bridged, end_bridged)
 
 
 @dr.syntax
@@ -107,6 +62,7 @@ def light_subpaths(
     paths: int,
     aim: Aim,
     bridge: Bridge,
+    promise: Promise,
 ) -> list[Any]:
     """Return, per direction node, the mean over ``paths`` light subpaths of the joined radiance.
 
@@ -115,21 +71,23 @@ def light_subpaths(
     """
     last = mi.UInt32(paths)
     dr.make_opaque(last)
-    sums = [dr.zeros(mi.Float, dr.width(fiber)) for _ in range(light.nodes)]
-    collected = mi.Float(0.0)
     path, event = mi.UInt32(0), mi.UInt32(0)
     o, d = dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1)
     head = start(
         o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), mi.Float(0.5)
     )
     before, before_smooth = dr.zeros(mi.Point3f), mi.Bool(False)
+    picked, promised, total = _nothing(), mi.Float(0.0), mi.Float(0.0)
+    kept = LaneMemory(picked, dr.width(fiber), paths)
     fresh = dr.full(mi.Bool, True, dr.width(fiber))
     active = mi.Bool(fresh)
     while active:
         if fresh:
             pick_node, u, v_angle, free = stream.event(path * LIGHT_EVENTS)
             x, y, _, _ = stream.event(path * LIGHT_EVENTS + 1)
-            o, d = light.sample(fiber, pick_node, (u, v_angle), mi.Point2f(x, y))
+            # The paths of a lane divide the direction nodes among themselves.
+            stratum = (mi.Float(path) + pick_node) / mi.Float(last)
+            o, d = light.sample(fiber, stratum, (u, v_angle), mi.Point2f(x, y))
             # Light comes from outside the scene's surfaces: joining to the fiber end itself, or
             # hitting it by chance, are no strategies here, hence both sums start at 0.
             head = start(
@@ -137,45 +95,67 @@ def light_subpaths(
             )
             event = path * LIGHT_EVENTS + 2
             before_smooth = mi.Bool(False)
+            total = mi.Float(0.0)
         head, v, arrived, escaped = advance(scene, head, active)
         v.terminal = v.terminal | v.diffuse
         joined = arrived & ~v.delta
         smooth = arrived & (v.volume | v.diffuse)
-        # A bridge could have found this glossy vertex from the smooth one before it.
-        found = joined & ~smooth & before_smooth
-        by_bridge = mi.Float(0.0)
-        if found:
-            by_bridge = v.vcm * bridge.area_density(camera.facet.p, v.p, v.n, before)
-        collected += _total(join(scene, v, camera.facet, joined, aim, extra=by_bridge))
-        # Little light takes the other two joins: each vertex tries one of them.
-        number = stream.event(event + BRIDGE_EVENT)
-        other = choose(number[2] < END_SHARE, camera.end, camera.glossy)
-        to_end = number[2] < END_SHARE
-        rarity = dr.select(to_end, 1.0 / END_SHARE, 1.0 / (1.0 - END_SHARE))
-        by_bridge = mi.Float(0.0)
-        if smooth & camera.glossy_bridged & ~to_end:
-            by_bridge = camera.glossy.vcm * bridge.area_density(
-                camera.facet.p, camera.glossy.p, camera.glossy.n, v.p
-            )
-        bridged = dr.select(to_end, camera.end_bridged, 0.0)
-        collected += rarity * _total(
-            join(scene, v, other, joined, extra=by_bridge, bridged=bridged)
-        )
-        collected += _total(bridge.join(scene, v, camera.facet, number[0], number[1], smooth, aim))
+        hope = promise.of(v, camera.facet, joined)
+        total += hope
+        taken = (hope > 0) & (stream.event(event + PICK_EVENT)[0] * total < hope)
+        picked.vertex = choose(taken, v, picked.vertex)
+        promised = dr.select(taken, hope, promised)
+        picked.before = dr.select(taken, before, picked.before)
+        picked.before_smooth = dr.select(taken, before_smooth, picked.before_smooth)
         before = dr.select(arrived, v.p, before)
         before_smooth = dr.select(arrived, smooth, before_smooth)
         head, alive = bounce(head, v, mi.TransportMode.Importance, stream.event(event), arrived)
         event += 1
-        cut = event >= path * LIGHT_EVENTS + BRIDGE_EVENT
+        cut = event >= path * LIGHT_EVENTS + PICK_EVENT
         fresh = active & (escaped | (arrived & ~alive) | cut)
-        if fresh:
-            weights = light.weights(fiber, o, d)
-            for j in range(light.nodes):
-                sums[j] += collected * weights[j]
-            collected = mi.Float(0.0)
-            path += 1
+        picked.o = o
+        picked.d = d
+        picked.share = dr.select(total > 0, total / promised, 0.0)
+        kept.write(path, picked, fresh)
+        path += dr.select(fresh, 1, 0)
         active = active & (path < last)
+    # Joining in a kernel of its own keeps all SIMD lanes busy.
+    dr.eval(kept.records, camera)
+    sums = [dr.zeros(mi.Float, dr.width(fiber)) for _ in range(light.nodes)]
+    for k in range(paths):
+        chosen = kept.read(k)
+        numbers = stream.event(mi.UInt32(k * LIGHT_EVENTS + LIGHT_EVENTS - 1))
+        found = chosen.share * joined_light(
+            scene, chosen, camera, numbers, chosen.share > 0, aim, bridge
+        )
+        weights = light.weights(fiber, chosen.o, chosen.d)
+        for j in range(light.nodes):
+            sums[j] += found * weights[j]
     return [value / mi.Float(last) for value in sums]
+
+
+@dr.syntax
+def joined_light(
+    scene: Any, picked: Picked, camera: CameraSubpath, numbers: Any, active: Any, aim: Aim,
+    bridge: Bridge,
+) -> Any:  # fmt: skip
+    """Return the light of the picked vertex over all joins."""
+    y = picked.vertex
+    smooth = active & (y.volume | y.diffuse)
+    # A bridge could have found this glossy vertex from the smooth one before it.
+    by_bridge = mi.Float(0.0)
+    if active & ~smooth & picked.before_smooth:
+        by_bridge = y.vcm * bridge.area_density(camera.facet.p, y.p, y.n, picked.before)
+    light = _total(join(scene, y, camera.facet, active, aim, extra=by_bridge))
+    by_bridge = mi.Float(0.0)
+    if smooth & camera.glossy_bridged:
+        by_bridge = camera.glossy.vcm * bridge.area_density(
+            camera.facet.p, camera.glossy.p, camera.glossy.n, y.p
+        )
+    light += _total(join(scene, y, camera.glossy, active, aim, extra=by_bridge))
+    light += _total(join(scene, y, camera.end, active, aim, bridged=camera.end_bridged))
+    light += _total(bridge.join(scene, y, camera.facet, numbers[0], numbers[1], smooth, aim))
+    return light
 
 
 def _total(value: Any) -> Any:

@@ -17,11 +17,13 @@ import numpy as np
 from render.bending import Array
 from render.bridge import Bridge
 from render.camera_rays import pixel_rays
-from render.cell_paths import camera_subpath, light_subpaths
+from render.cell_camera import camera_subpath
+from render.cell_paths import light_subpaths
 from render.chains import Deposit
 from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
 from render.optics import pad_scene
+from render.resampling import Promise
 from render.scene import Scene
 
 LIGHT_PATHS = 4
@@ -57,6 +59,7 @@ class CellProblem:
         self.light = FiberLight(scene, phi, bend)
         self.guide = Guide(scene, bend)
         self.bridge = Bridge(scene, bend)
+        self.promise = Promise(scene, bend, self.bridge)
         self.targets = targets
         self.fibers, self.channels = phi.shape
         self.bins = self.fibers * targets.count
@@ -85,6 +88,14 @@ class CellProblem:
         aim = FacetAim(self.guide, fiber)
         seen = camera_subpath(self.pad, o, d, camera, FIRST_CAMERA_EVENT, aim, self.bridge)
         values = light_subpaths(
-            self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim, self.bridge
+            self.pad,
+            seen,
+            self.light,
+            fiber,
+            light,
+            LIGHT_PATHS,
+            aim,
+            self.bridge,
+            self.promise,
         )
         return [Deposit(fiber * count + target, [value * self.bins for value in values])]

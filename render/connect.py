@@ -62,10 +62,13 @@ def cast(scene: Any, a: Vertex, direction: Any, active: Any) -> tuple[Vertex, An
 @dr.syntax
 def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, Any]:
     """Return the optical depth per channel between two vertices and whether they see each other."""
-    direction = dr.normalize(b.p - a.p)
-    origin, medium = leave(a, direction)
-    target = leave(b, -direction)[0]
-    remaining = dr.norm(target - origin) * (1.0 - mi.math.ShadowEpsilon)
+    between = b.p - a.p
+    origin, medium = leave(a, between)
+    # Both ends are off their surfaces: a ray that is shorter, or parallel to the line between the
+    # vertices instead, misses walls close to them.
+    span = leave(b, -between)[0] - origin
+    remaining = dr.norm(span)
+    direction = span / dr.maximum(remaining, 1e-30)
     depth = mi.Spectrum(0.0)
     clear = mi.Bool(active)
     going = mi.Bool(active)

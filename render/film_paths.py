@@ -24,6 +24,7 @@ from render.vertex import Vertex, area_factor, choose, empty_vertex, extinction,
 # Second event of the same vertex: direct light and reservoirs draw from here on.
 SPARE = 2048
 EVENTS = 2000
+DIFFUSE_SHARE = 8.0
 """Events that one subpath may take, null boundaries included."""
 
 
@@ -92,10 +93,12 @@ def camera_part(
         begins = smooth & (first.weight == 0)
         first = choose(begins, v, first)
         first_edges = dr.select(begins, edges, first_edges)
-        later = smooth & ~begins
-        kept += dr.select(later, 1.0, 0.0)
-        taken = later & (spare[3] * kept < 1.0)
+        share = dr.select(v.diffuse, DIFFUSE_SHARE, 1.0)
+        share = dr.select(smooth & ~begins, share, 0.0)
+        kept += share
+        taken = (share > 0) & (spare[3] * kept < share)
         other = choose(taken, v, other)
+        other.weight = dr.select(taken, dr.rcp(share), other.weight)
         other_edges = dr.select(taken, edges, other_edges)
         numbers = stream.event(event)
         going = arrived & ~v.terminal & (edges < most)
@@ -106,7 +109,7 @@ def camera_part(
         active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    other.weight = kept
+    other.weight *= kept
     return CameraPart(radiance, first, first_edges, other, other_edges)
 
 

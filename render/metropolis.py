@@ -16,7 +16,7 @@ import numpy as np
 from render.bending import Array
 from render.chains import LIGHT_SALT, Chosen, Deposit, Problem, Proposed
 from render.errors import RenderError
-from render.primary import ROUNDS, Hashed, uniform
+from render.primary import ROUNDS, Hashed, key, uniform
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,6 @@ class Settings:
                 raise RenderError(
                     f"{name} = {value:g}, allowed: {low:g} to {high:g}", field=name, value=value
                 )
-
-
-def key(seed: int, purpose: int, index: int) -> Any:
-    """Return an opaque uint32 that differs for every seed, purpose and index (splitmix64)."""
-    word = (seed * 0x9E3779B97F4A7C15 + (purpose << 40) + index) & 0xFFFFFFFFFFFFFFFF
-    for multiplier in (0xBF58476D1CE4E5B9, 0x94D049BB133111EB):
-        word = ((word ^ (word >> 30)) * multiplier) & 0xFFFFFFFFFFFFFFFF
-    value = mi.UInt32(word >> 32)
-    dr.make_opaque(value)
-    return value
 
 
 class Chains:

@@ -11,11 +11,13 @@ import numpy as np
 from render.bending import Array
 from render.bridge import Bridge
 from render.camera_rays import pixel_rays
-from render.cell_paths import camera_subpath, light_subpaths
+from render.cell_camera import camera_subpath
+from render.cell_paths import light_subpaths
 from render.chains import Deposit
 from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
 from render.optics import pad_scene
+from render.resampling import Promise
 from render.scene import Scene
 
 LIGHT_PATHS = 2
@@ -43,6 +45,7 @@ class PictureProblem:
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi[:, None], bend)
         self.guide, self.bridge = Guide(scene, bend), Bridge(scene, bend)
+        self.promise = Promise(scene, bend, self.bridge)
         lit = np.nonzero(power.max(axis=1) > 0)[0]
         self.lit = len(lit)
         self._fiber = mi.UInt32(lit.astype(np.uint32))
@@ -60,7 +63,15 @@ class PictureProblem:
         aim = FacetAim(self.guide, fiber)
         seen = camera_subpath(self.pad, o, d, camera, 1, aim, self.bridge)
         value = light_subpaths(
-            self.pad, seen, self.light, fiber, light, LIGHT_PATHS, aim, self.bridge
+            self.pad,
+            seen,
+            self.light,
+            fiber,
+            light,
+            LIGHT_PATHS,
+            aim,
+            self.bridge,
+            self.promise,
         )[0]
         scale = self.lit * self.bins
         colours = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]

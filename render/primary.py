@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import drjit as dr
 import mitsuba as mi
 
 # Four rounds pass the spectral tests of Zafar et al. 2010 for rendering; six is their safe choice.
@@ -26,6 +27,16 @@ def hashed(seed: Any, event: Any) -> tuple[Any, Any, Any, Any]:
     a, b = mi.sample_tea_32(seed, 2 * event, ROUNDS)
     c, d = mi.sample_tea_32(seed, 2 * event + 1, ROUNDS)
     return uniform(a), uniform(b), uniform(c), uniform(d)
+
+
+def key(seed: int, purpose: int, index: int) -> Any:
+    """Return an opaque uint32 that differs for every seed, purpose and index (splitmix64)."""
+    word = (seed * 0x9E3779B97F4A7C15 + (purpose << 40) + index) & 0xFFFFFFFFFFFFFFFF
+    for multiplier in (0xBF58476D1CE4E5B9, 0x94D049BB133111EB):
+        word = ((word ^ (word >> 30)) * multiplier) & 0xFFFFFFFFFFFFFFFF
+    value = mi.UInt32(word >> 32)
+    dr.make_opaque(value)
+    return value
 
 
 class Stream(Protocol):

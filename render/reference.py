@@ -1,7 +1,9 @@
 """The reference: transport cells by PSSMLT, with error bars, resumable at any instant.
 
-Every pad (a bend, pressed by the pyramids or untouched) is one Metropolis run per seed, in which
-fiber, facet and direction node are primary dimensions (``render.cell_problem``).
+Every pad (a bend, pressed by the pyramids or untouched) is one run per seed, in which fiber, facet
+and direction node are primary dimensions (``render.cell_problem``). The path sampler serves all
+cells so evenly that small steps only correlate its samples: by measurement (README.md) large steps
+alone, ``p_large`` 1, are the cheapest, and the default.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ from render.symmetry import mirrored, mirrors
 
 if TYPE_CHECKING:
     from render.metropolis import Chains
+    from render.monte_carlo import Independent
 
-VERSION = 1
+VERSION = 2
 CHUNK = 8
 """Mutations between updates of the scale and chances to save."""
 SAVE_SECONDS = 20.0
-CHAINS_MAX = 16384
+CHAINS_MAX = 32768
 ITERATIONS_MIN = 24
-P_LARGE = 0.5
 UNTOUCHED_SHARE = 2
 """How many times more mutations a cell of the untouched pad gets: there are few of them."""
 PILOT_FLOOR = 0.05
@@ -87,6 +89,7 @@ def render_transport(
     mutations: int,
     seeds: Sequence[int] = (1,),
     replicates: int = 8,
+    p_large: float = 1.0,
     checkpoint: Path | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Estimate:
@@ -99,6 +102,7 @@ def render_transport(
         mutations: proposed mutations per (fiber, facet) pair and seed, on average.
         seeds: independent runs; the same seeds give common random numbers between designs.
         replicates: independent chain groups per seed, for the error bars.
+        p_large: probability of large steps; 1 is plain bidirectional Monte Carlo.
         checkpoint: a folder; an interrupted render goes on there and ends bit-equal.
         progress: called every few seconds.
 
@@ -108,10 +112,10 @@ def render_transport(
     phi, bends = _validated(scene, phi, bends, mutations, seeds)
     mitsuba(VARIANT)
     pads = list(_pads(scene, phi, bends, mutations, seeds))
-    key = _key(scene, phi, bends, mutations, replicates)
+    key = _key(scene, phi, bends, mutations, replicates, p_large)
     clock = Clock(sum(pad.iterations * pad.chains for pad in pads), progress)
     folder = checkpoint / key if checkpoint else None
-    runs = {pad.name: _run(scene, phi, pad, replicates, folder, clock) for pad in pads}
+    runs = {pad.name: _run(scene, phi, pad, replicates, p_large, folder, clock) for pad in pads}
     results = {name: estimate for name, (estimate, _) in runs.items()}
 
     def gather(indented: bool) -> Array:
@@ -144,7 +148,7 @@ def render_transport(
             "integrator": "pssmlt",
             "variant": VARIANT,
             "mutations_per_cell": mutations,
-            "p_large": P_LARGE,
+            "p_large": p_large,
             "seeds": list(seeds),
             "replicates_per_seed": replicates,
             "version": VERSION,
@@ -194,15 +198,23 @@ def _pads(
                 yield _Pad(index, float(bend), indented, seed, bins, chains, iterations)
 
 
-def _key(scene: Scene, phi: Array, bends: Array, mutations: int, replicates: int) -> str:
+def _key(
+    scene: Scene, phi: Array, bends: Array, mutations: int, replicates: int, p_large: float
+) -> str:
     """Return a hash of everything that the results depend on, except the seeds."""
     content = [scene.hash, phi.tolist(), bends.tolist(), mutations, replicates, VERSION,
-               P_LARGE, CHAINS_MAX, version("mitsuba"), version("drjit")]  # fmt: skip
+               p_large, CHAINS_MAX, version("mitsuba"), version("drjit")]  # fmt: skip
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
 
 
 def _run(
-    scene: Scene, phi: Array, pad: _Pad, replicates: int, folder: Path | None, clock: Clock
+    scene: Scene,
+    phi: Array,
+    pad: _Pad,
+    replicates: int,
+    p_large: float,
+    folder: Path | None,
+    clock: Clock,
 ) -> tuple[Array, float]:
     """Return ``(replicate, fiber, node, target)`` of one pad and the seconds that it took."""
     finished = folder / f"{pad.name}.npz" if folder else None
@@ -210,32 +222,23 @@ def _run(
     if kept is not None and "estimate" in kept:
         clock.skip(pad.iterations * pad.chains)
         return kept["estimate"], float(kept["seconds"])
-    from render.metropolis import Chains, Settings
-
     problem = _problem(scene, phi, pad)
-    chains = Chains(
-        problem,
-        Settings(
-            chains=pad.chains,
-            luminance_samples=max(8 * pad.chains, pad.chains * pad.iterations // 8),
-            p_large=P_LARGE,
-            replicates=replicates,
-            seed=pad.seed,
-        ),
-    )
     saved = folder / f"{pad.name}.state.npz" if folder else None
     began = last = time.monotonic()
-    began -= _start(chains, scene, _read(saved))
-    clock.skip(chains.done * pad.chains)
-    while chains.done < pad.iterations:
-        chains.mutate(CHUNK)
+    run, spent = _start(scene, problem, pad, replicates, p_large, _read(saved))
+    began -= spent
+    clock.skip(run.done * pad.chains)
+    while run.done < pad.iterations:
+        run.mutate(CHUNK)
         clock.tick(CHUNK * pad.chains)
         if saved and time.monotonic() - last > SAVE_SECONDS:
             last = time.monotonic()
-            write_npz(saved, chains.state() | {"seconds": np.array(last - began)})
-    estimate = chains.estimate().reshape(replicates, phi.shape[0], -1, phi.shape[1])
+            write_npz(saved, run.state() | {"seconds": np.array(last - began)})
+    estimate = run.estimate().reshape(replicates, phi.shape[0], -1, phi.shape[1])
     estimate = estimate.transpose(0, 1, 3, 2)
     empty = np.diff(problem.targets.offset) == 0
+    if not np.nansum(estimate) > 0:
+        raise _no_light()
     estimate[..., empty] = np.nan
     seconds = time.monotonic() - began
     if finished and saved:
@@ -272,13 +275,36 @@ def _problem(scene: Scene, phi: Array, pad: _Pad) -> Any:
     return CellProblem(scene, phi, pad.bend, pad.indented, Targets(np.concatenate(lists), offset))
 
 
-def _start(chains: Chains, scene: Scene, kept: dict[str, np.ndarray] | None) -> float:
-    """Restore the chains, or bootstrap them; return the seconds that they have cost so far."""
+def _start(
+    scene: Scene,
+    problem: Any,
+    pad: _Pad,
+    replicates: int,
+    p_large: float,
+    kept: dict[str, np.ndarray] | None,
+) -> tuple[Chains | Independent, float]:
+    """Return a run, restored or at its beginning, and the seconds that it has cost so far."""
+    from render.metropolis import Chains, Settings
+    from render.monte_carlo import Independent
+
+    settings = Settings(
+        chains=pad.chains,
+        luminance_samples=max(8 * pad.chains, pad.chains * pad.iterations // 8),
+        p_large=p_large,
+        replicates=replicates,
+        seed=pad.seed,
+    )
+    run: Chains | Independent
+    if p_large == 1.0:
+        run = Independent(problem, pad.chains, replicates, pad.seed)
+    else:
+        run = Chains(problem, settings)
     if kept is not None:
-        chains.restore(kept)
-        return float(kept["seconds"])
-    chains.bootstrap(flattening_weights(chains.pilot(), scene))
-    return 0.0
+        run.restore(kept)
+        return run, float(kept["seconds"])
+    if isinstance(run, Chains):
+        run.bootstrap(flattening_weights(run.pilot(), scene))
+    return run, 0.0
 
 
 def flattening_weights(pilot: Array, scene: Scene) -> Array:
@@ -293,10 +319,14 @@ def flattening_weights(pilot: Array, scene: Scene) -> Array:
     floor = PILOT_FLOOR * level.mean(axis=(1, 2), keepdims=True)
     floor = np.maximum(floor, PILOT_FLOOR**2 * level.mean())
     if not level.mean() > 0:
-        raise RenderError(
-            "no light reaches any facet in the pilot render: check that fibers point at the pad "
-            "and that the diffuser lets light through",
-            field="fibers",
-        )
+        raise _no_light()
     weight = 1.0 / np.maximum(level, floor) / level.size
     return np.repeat(weight[:, :, None], by_site.shape[2], axis=2).reshape(pilot.shape)
+
+
+def _no_light() -> RenderError:
+    return RenderError(
+        "no light reaches any facet: check that fibers point at the pad and that the diffuser "
+        "lets light through",
+        field="fibers",
+    )

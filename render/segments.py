@@ -90,12 +90,13 @@ def advance(scene: Any, head: Head, active: Any) -> tuple[Head, Vertex, Any, Any
 
     Neither means that a null boundary was crossed and the segment goes on.
     """
-    si = intersect(scene, mi.Ray3f(head.o, head.d), active)
     sigma_s, sigma_t = extinction(head.medium, active)
     driving = sigma_t[0]
     for c in range(1, len(sigma_t)):
         driving = dr.select(head.channel == c, sigma_t[c], driving)
     free = dr.select(driving > 0, head.tau / driving, dr.inf)
+    # Rays that end with the free path are much cheaper to cast than unbounded ones.
+    si = intersect(scene, mi.Ray3f(mi.Ray3f(head.o, head.d), free), active)
     volume = active & (free < si.t)
     escaped = active & ~volume & ~si.is_valid()
     t = dr.select(volume, free, si.t)

@@ -114,6 +114,17 @@ def scatter(v: Vertex, wo: Any, mode: Any, active: Any) -> tuple[Any, Any, Any]:
     return value, pdf, reverse
 
 
+def value(v: Vertex, wo: Any, mode: Any, active: Any) -> Any:
+    """Return the first result of ``scatter`` alone."""
+    si = surface_interaction(v)
+    local = v.frame.to_local(wo)
+    surface = v.bsdf.eval(mi.BSDFContext(mode), si, local, active & ~v.volume)
+    phase, _ = v.phase.eval_pdf(
+        mi.PhaseFunctionContext(), medium_interaction(v), wo, active & v.volume
+    )
+    return dr.select(v.volume, phase, surface)
+
+
 def area_factor(v: Vertex, direction: Any) -> Any:
     """Return the cosine that turns a density per solid angle into one per area; 1 in a volume."""
     return dr.select(v.volume, 1.0, dr.abs(dr.dot(v.frame.n, direction)))

@@ -12,9 +12,9 @@ import pytest
 
 from render.chains import LIGHT_EVENTS, LIGHT_SALT, Deposit
 from render.errors import RenderError
-from render.metropolis import Chains, Settings, key
+from render.metropolis import Chains, Settings
 from render.monte_carlo import plain_replicates
-from render.primary import hashed
+from render.primary import hashed, key
 
 SHARES = [0.2, 0.5, 1.0]
 

@@ -46,17 +46,7 @@ WALLS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    "wall",
-    [
-        WALLS[0],
-        pytest.param(
-            WALLS[1],
-            marks=pytest.mark.xfail(reason="about 1e-5 leaks where two faces of a mesh meet"),
-        ),
-    ],
-    ids=["black", "white"],
-)
+@pytest.mark.parametrize("wall", WALLS, ids=["black", "white"])
 def test_inside_a_closed_box_the_camera_sees_exactly_nothing(
     mono: ModuleType, wall: dict[str, Any]
 ) -> None:

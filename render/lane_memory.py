@@ -1,0 +1,45 @@
+"""Records that lanes write inside a traced loop and read after it.
+
+Global memory with one record per lane and slot. Dr.Jit's own local memory (1.5) does not compile
+masks on LLVM. Records must be written under a mask argument, outside of a traced ``if``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import is_dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+
+class LaneMemory:
+    """``slots`` records per lane, shaped like the dataclass tree ``example``."""
+
+    def __init__(self, example: Any, lanes: int, slots: int) -> None:
+        """Allocate, uninitialised."""
+        self.lanes = lanes
+        self.lane: Any = dr.arange(mi.UInt32, lanes)
+        self.records = _room(example, lanes * slots)
+
+    def write(self, slot: Any, record: Any, active: Any) -> None:
+        """Store ``record`` in each active lane's ``slot``."""
+        dr.scatter(self.records, record, slot * self.lanes + self.lane, active)
+
+    def read(self, slot: Any) -> Any:
+        """Return each lane's record in ``slot``."""
+        return _taken(self.records, slot * self.lanes + self.lane)
+
+
+def _room(tree: Any, size: int) -> Any:
+    kind: Any = type(tree)
+    if is_dataclass(tree):
+        return kind(**{name: _room(value, size) for name, value in vars(tree).items()})
+    return dr.empty(kind, size)
+
+
+def _taken(tree: Any, index: Any) -> Any:
+    kind: Any = type(tree)
+    if is_dataclass(tree):
+        return kind(**{name: _taken(value, index) for name, value in vars(tree).items()})
+    return dr.gather(kind, tree, index)
