@@ -1,9 +1,8 @@
 """Camera subpaths of the cell sampler: from a pixel of one facet to the coating and beyond.
 
 They refract through the rough lower face, meet the coating (the *facet* vertex) and go on until
-they are absorbed: at their first volume vertex or the second diffuse surface. Light subpaths do
-the long scattering, so no long path is ever stored. Kept are the facet, the *end* where the
-subpath is absorbed and one of the glossy vertices between.
+the second diffuse surface. Volumes end them: light subpaths do the scattering. Kept are the facet,
+the *end* on the second diffuse surface and one of the glossy vertices between.
 """
 
 from __future__ import annotations
@@ -39,13 +38,13 @@ class CameraSubpath:
 
 @dr.syntax
 def camera_subpath(
-    scene: Any, o: Any, d: Any, stream: Any, first: int, aim: Aim, bridge: Bridge
+    scene: Any, o: Any, d: Any, stream: Any, first: Any, aim: Aim, bridge: Bridge
 ) -> CameraSubpath:
-    """Trace camera subpaths from rays ``(o, d)``; takes events of ``stream`` from ``first`` on."""
+    """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first`` (uint32)."""
     facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()
-    free = stream.event(mi.UInt32(first))[0]
+    free = stream.event(first)[0]
     head = start(o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free)
-    event = mi.UInt32(first + 1)
+    event = first + 1
     active = dr.full(mi.Bool, True, dr.width(o))
     seen = mi.Bool(False)
     glossies = mi.Float(0.0)
@@ -61,7 +60,7 @@ def camera_subpath(
         v.vcm = dr.select(seen, v.vcm, 0.0)
         v.vc = dr.select(seen, v.vc, 0.0)
         absorbed = arrived & v.terminal
-        end = choose(absorbed, v, end)
+        end = choose(absorbed & ~v.volume, v, end)
         is_facet = arrived & v.diffuse & ~seen
         facet = choose(is_facet, v, facet)
         # Reservoir of size 1: every glossy vertex is kept with the same probability.

@@ -1,8 +1,9 @@
 """Transport cells as a sampling problem: fiber and facet are extra primary dimensions.
 
-One run fills ``T[fiber, node, target]``: primary numbers choose the target (a facet, or the
-untouched pad at a site), the pixel inside its mask, the fiber, and everything along the path; all
-direction nodes of the fiber are served by the same light paths (``render.fiber_light``).
+One run fills ``T[fiber, node, target]``: primary numbers choose the site, the fiber, a pixel inside
+the mask of each of the site's targets (its facets, or the untouched pad), and everything along the
+paths. The same light paths serve all direction nodes of the fiber (``render.fiber_light``) and
+all facets of the site, so errors of facets of one site are correlated; those of sites are not.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from render.bending import Array
 from render.bridge import Bridge
 from render.camera_rays import pixel_rays
 from render.cell_camera import camera_subpath
-from render.cell_paths import light_subpaths
+from render.cell_paths import joined_nodes
 from render.chains import Deposit
 from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
+from render.layout import facets
+from render.light_picks import LightPicks, light_picks
 from render.optics import pad_scene
 from render.resampling import Promise
 from render.scene import Scene
@@ -29,7 +32,8 @@ from render.scene import Scene
 LIGHT_PATHS = 4
 CAMERA_STORED = 10
 LIGHT_STORED = 10
-FIRST_CAMERA_EVENT = 2
+# Events by which the camera subpaths of one lane are apart.
+CAMERA_STRIDE = 40
 
 
 @dataclass(frozen=True)
@@ -62,22 +66,57 @@ class CellProblem:
         self.promise = Promise(scene, bend, self.bridge)
         self.targets = targets
         self.fibers, self.channels = phi.shape
+        self.sites = scene.sites.count
+        self.faces = targets.count // self.sites
         self.bins = self.fibers * targets.count
+        place = facets(scene, bend)
+        self._point = _points(place.centroid.mean(axis=1) if indented else place.site_position)
+        self._normal = mi.Vector3f(_points(place.site_normal))
         # One more entry: a target without pixels at the end reads past the others'.
         self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
         self._offset = mi.UInt32(targets.offset.astype(np.uint32))
-        dr.make_opaque(self._pixel, self._offset)
+        dr.make_opaque(self._pixel, self._offset, self._point, self._normal)
 
     def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
-        """Return one deposit per lane: radiance per direction node, over the bin's probability."""
-        pick_target, pick_pixel, x, y = camera.event(mi.UInt32(0))
-        pick_fiber = camera.event(mi.UInt32(1))[0]
-        count = self.targets.count
-        target = dr.minimum(mi.UInt32(pick_target * count), count - 1)
+        """Return a deposit per facet of the chosen site: radiance per direction node."""
+        pick_site, pick_fiber, _, _ = camera.event(mi.UInt32(0))
+        site = dr.minimum(mi.UInt32(pick_site * self.sites), self.sites - 1)
         fiber = dr.minimum(mi.UInt32(pick_fiber * self.fibers), self.fibers - 1)
+        picks = light_picks(
+            self.pad, self.promise, dr.gather(mi.Point3f, self._point, site),
+            dr.gather(mi.Vector3f, self._normal, site), self.light, fiber, light, LIGHT_PATHS,
+        )  # fmt: skip
+        # From here on one lane per facet: all facets of a site share its light subpaths.
+        lanes = dr.width(site)
+        wide: Any = dr.arange(mi.UInt32, lanes * self.faces)
+        face = wide // lanes
+        lane = wide - face * lanes
+        values = self._seen(
+            dr.gather(mi.UInt32, site, lane) * self.faces + face,
+            dr.gather(mi.UInt32, fiber, lane), picks, lane, face, camera.spread(lane),
+            light.spread(lane),
+        )  # fmt: skip
+        dr.eval(values)
+        scale = float(self.fibers * self.sites)
+        first = dr.arange(mi.UInt32, lanes)
+        return [
+            Deposit(
+                fiber * self.targets.count + site * self.faces + k,
+                [scale * dr.gather(mi.Float, value, first + k * lanes) for value in values],
+            )
+            for k in range(self.faces)
+        ]
+
+    def _seen(
+        self, target: Any, fiber: Any, picks: LightPicks, lane: Any, face: Any, camera: Any,
+        light: Any,
+    ) -> list[Any]:  # fmt: skip
+        """Return the radiance per direction node that one camera subpath per target finds."""
+        first = 1 + face * CAMERA_STRIDE
+        pick_pixel, _, x, y = camera.event(first)
         begin = dr.gather(mi.UInt32, self._offset, target)
         size = dr.gather(mi.UInt32, self._offset, target + 1) - begin
-        within = dr.minimum(mi.UInt32(pick_pixel * mi.Float(size)), size - 1)
+        within = dr.minimum(mi.UInt32(pick_pixel * mi.Float(size)), dr.maximum(size, 1) - 1)
         pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
         film = self.scene.camera
         row = pixel // film.columns
@@ -86,16 +125,10 @@ class CellProblem:
             self.scene, mi.Float(column) + x, mi.Float(row) + y, film.columns, film.rows
         )
         aim = FacetAim(self.guide, fiber)
-        seen = camera_subpath(self.pad, o, d, camera, FIRST_CAMERA_EVENT, aim, self.bridge)
-        values = light_subpaths(
-            self.pad,
-            seen,
-            self.light,
-            fiber,
-            light,
-            LIGHT_PATHS,
-            aim,
-            self.bridge,
-            self.promise,
-        )
-        return [Deposit(fiber * count + target, [value * self.bins for value in values])]
+        seen = camera_subpath(self.pad, o, d, camera, first + 1, aim, self.bridge)
+        return joined_nodes(self.pad, picks, lane, seen, light, face, aim, self.bridge)
+
+
+def _points(array: Array) -> Any:
+    """Return ``(n, 3)`` as n points."""
+    return mi.Point3f(*(mi.Float(column) for column in array.T.astype(np.float32)))

@@ -15,7 +15,7 @@ is the mean of ``F``. With ``p_large = 1`` this is plain bidirectional Monte Car
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import drjit as dr
@@ -130,6 +130,11 @@ class Proposed:
         stored = (within < self.block) & (run < self.blocks)
         slot = self.first + run * self.block + within
         return self._numbers(index, slot, stored)
+
+    def spread(self, lane: Any) -> Proposed:
+        """Return the numbers of the chains ``lane`` (uint32 array)."""
+        there = dr.gather(mi.UInt32, self.lane, lane)
+        return replace(self, lane=there, chosen=self.chosen.spread(lane))
 
     def slot_numbers(self, slot: Any) -> tuple[Any, Any, Any, Any]:
         """Return the numbers of stored slot ``slot`` (counted from ``first``)."""

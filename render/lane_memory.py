@@ -22,13 +22,17 @@ class LaneMemory:
         self.lane: Any = dr.arange(mi.UInt32, lanes)
         self.records = _room(example, lanes * slots)
 
+    def index(self, slot: Any, lane: Any) -> Any:
+        """Return where the records of ``lane`` in ``slot`` are."""
+        return slot * self.lanes + lane
+
     def write(self, slot: Any, record: Any, active: Any) -> None:
         """Store ``record`` in each active lane's ``slot``."""
-        dr.scatter(self.records, record, slot * self.lanes + self.lane, active)
+        dr.scatter(self.records, record, self.index(slot, self.lane), active)
 
-    def read(self, slot: Any) -> Any:
-        """Return each lane's record in ``slot``."""
-        return _taken(self.records, slot * self.lanes + self.lane)
+    def read(self, slot: Any, lane: Any) -> Any:
+        """Return the records of ``lane`` in ``slot``."""
+        return _taken(self.records, self.index(slot, lane))
 
 
 def _room(tree: Any, size: int) -> Any:

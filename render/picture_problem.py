@@ -12,10 +12,11 @@ from render.bending import Array
 from render.bridge import Bridge
 from render.camera_rays import pixel_rays
 from render.cell_camera import camera_subpath
-from render.cell_paths import light_subpaths
+from render.cell_paths import joined_nodes
 from render.chains import Deposit
 from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
+from render.light_picks import light_picks
 from render.optics import pad_scene
 from render.resampling import Promise
 from render.scene import Scene
@@ -61,18 +62,14 @@ class PictureProblem:
         row = dr.minimum(mi.UInt32(y * self.height), self.height - 1)
         o, d = pixel_rays(self.scene, x * self.width, y * self.height, self.width, self.height)
         aim = FacetAim(self.guide, fiber)
-        seen = camera_subpath(self.pad, o, d, camera, 1, aim, self.bridge)
-        value = light_subpaths(
-            self.pad,
-            seen,
-            self.light,
-            fiber,
-            light,
-            LIGHT_PATHS,
-            aim,
-            self.bridge,
-            self.promise,
-        )[0]
+        seen = camera_subpath(self.pad, o, d, camera, mi.UInt32(1), aim, self.bridge)
+        dr.eval(seen)
+        picks = light_picks(
+            self.pad, self.promise, seen.facet.p, mi.Vector3f(seen.facet.n), self.light, fiber,
+            light, LIGHT_PATHS,
+        )  # fmt: skip
+        lane = dr.arange(mi.UInt32, dr.width(fiber))
+        value = joined_nodes(self.pad, picks, lane, seen, light, mi.UInt32(0), aim, self.bridge)[0]
         scale = self.lit * self.bins
         colours = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
         return [Deposit(row * self.width + column, colours)]

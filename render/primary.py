@@ -46,6 +46,10 @@ class Stream(Protocol):
         """Return the four numbers of event ``index`` (uint32 array)."""
         ...
 
+    def spread(self, lane: Any) -> Stream:
+        """Return the streams of the lanes ``lane`` (uint32 array)."""
+        ...
+
 
 @dataclass
 class Hashed:
@@ -56,3 +60,7 @@ class Hashed:
     def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
         """Return the four numbers of event ``index`` (uint32 array)."""
         return hashed(self.seed, mi.UInt32(index))
+
+    def spread(self, lane: Any) -> Hashed:
+        """Return the streams of the lanes ``lane`` (uint32 array)."""
+        return Hashed(dr.gather(mi.UInt32, self.seed, lane))

@@ -36,7 +36,7 @@ VERSION = 2
 CHUNK = 8
 """Mutations between updates of the scale and chances to save."""
 SAVE_SECONDS = 20.0
-CHAINS_MAX = 32768
+CHAINS_MIN, CHAINS_MAX = 64, 16384
 ITERATIONS_MIN = 24
 UNTOUCHED_SHARE = 2
 """How many times more mutations a cell of the untouched pad gets: there are few of them."""
@@ -71,7 +71,6 @@ class _Pad:
     bend: float
     indented: bool
     seed: int
-    bins: int
     chains: int
     iterations: int
 
@@ -188,14 +187,14 @@ def _pads(
     for seed in seeds:
         for index, bend in enumerate(bends):
             for indented in (True, False):
-                targets = scene.sites.count * (scene.indenter.faces if indented else 1)
-                bins = targets * phi.shape[0]
-                total = mutations * bins * (1 if indented else UNTOUCHED_SHARE)
+                # One sample serves all facets of a site.
+                pairs = scene.sites.count * phi.shape[0]
+                total = mutations * pairs * (1 if indented else UNTOUCHED_SHARE)
                 chains = CHAINS_MAX
-                while chains > 512 and total < ITERATIONS_MIN * chains:
+                while chains > CHAINS_MIN and total < ITERATIONS_MIN * chains:
                     chains //= 2
                 iterations = CHUNK * max(1, round(total / chains / CHUNK))
-                yield _Pad(index, float(bend), indented, seed, bins, chains, iterations)
+                yield _Pad(index, float(bend), indented, seed, chains, iterations)
 
 
 def _key(

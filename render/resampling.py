@@ -1,11 +1,12 @@
-"""Choosing which vertex of a light subpath is joined to the camera subpath.
+"""Choosing which vertex of a light subpath is joined to the camera subpaths.
 
-A light subpath scatters some forty times in the diffuser, and each join costs several ray casts,
-but the few vertices close to the diffuser's inner face carry nearly all of the light. So one
-vertex per subpath is drawn in proportion to a *promise*: the join's value without visibility and
-MIS weight, with the medium ending at the inner face. Weighted by total promise over its own
-promise, it stands for all of them: resampled importance sampling (Talbot et al. 2005) with a
-reservoir. The promise is positive wherever the join can be, so its errors cost time, not truth.
+A light subpath scatters some twenty times, and each join costs several ray casts, but the few
+vertices close to the diffuser's inner face carry nearly all of the light. So one vertex per
+subpath is drawn in proportion to a *promise*: the light that it would send to a point of the
+coating, directly and over the lower face, without visibility and with the medium ending at the
+inner face. Weighted by total promise over its own promise, it stands for all of them: resampled
+importance sampling (Talbot et al. 2005) with a reservoir. The promise is positive wherever a join
+can be, so its errors cost time, not truth.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ from render.vertex import Vertex, extinction, value
 DEPTH_MAX = 6.0
 # What a rough face reflects below the critical angle, for the promise alone.
 PARTIAL = 0.1
-# Facets glimpsed over a rough reflection are never quite edge-on.
-GRAZING = 0.05
-# Least promise relative to isotropic scattering onto a white facet.
-GLIMPSE = 0.02 / np.pi**2
+# Facets are tilted: added to the cosine at the untouched coating.
+TILT = 0.3
+# Least promise relative to isotropic scattering.
+GLIMPSE = 0.03
+# Most that a glossy vertex after a smooth one scatters: its lobe's peak belongs to the bridge.
+GLARE = 4.0
 
 
 class Promise:
@@ -49,6 +52,40 @@ class Promise:
         self.critical = mi.Float(1.0 - scene.pad.index**-2.0)
         dr.make_opaque(self.planes, self.critical)
 
+    def of(self, y: Vertex, after_smooth: Any, point: Any, normal: Any, active: Any) -> Any:
+        """Return the promise of ``y`` for a point of the coating; positive where active.
+
+        ``after_smooth`` says that the vertex before ``y`` is in a volume or diffuse; ``normal``
+        is the untouched coating's, into the pad.
+        """
+        total = self._joined(y, after_smooth, point, normal, active)
+        total += self._bridged(y, point, normal, active)
+        return dr.select(active, total, 0.0)
+
+    def _joined(self, y: Vertex, after_smooth: Any, point: Any, normal: Any, active: Any) -> Any:
+        span = point - y.p
+        squared = dr.maximum(dr.squared_norm(span), 1e-6)
+        w = span * dr.rsqrt(squared)
+        facing = dr.maximum(-dr.dot(normal, w), 0.0) + TILT
+        # Other vertices of the camera subpaths may see what the facets do not.
+        seen = self._scattered(y, w, active)
+        bridged = after_smooth & ~(y.volume | y.diffuse)
+        seen = dr.select(bridged, dr.minimum(seen, GLARE), seen) + GLIMPSE * dr.mean(y.beta)
+        return seen * facing / squared * self._transmittance(y, w, active)
+
+    def _bridged(self, y: Vertex, point: Any, normal: Any, active: Any) -> Any:
+        active = active & (y.volume | y.diffuse)
+        image, face = self.bridge.mirror(y.p, point)
+        span = image - y.p
+        squared = dr.maximum(dr.squared_norm(span), 1e-6)
+        w = span * dr.rsqrt(squared)
+        onto = dr.dot(w, face)
+        reflected = w - 2.0 * onto * face
+        facing = dr.maximum(-dr.dot(normal, reflected), 0.0) + TILT
+        beyond = dr.select(dr.square(onto) < self.critical, 1.0, PARTIAL)
+        light = self._scattered(y, w, active) * facing * beyond / squared
+        return light * self._transmittance(y, w, active)
+
     def _reach(self, p: Any, direction: Any) -> Any:
         """Return the distance (mm) from ``p`` along ``direction`` to the diffuser's inner face."""
         longest = mi.Float(0.0)
@@ -59,35 +96,6 @@ class Promise:
             cosine = dr.maximum(dr.dot(normal, direction), 1e-3)
             longest = dr.maximum(longest, depth / cosine)
         return longest
-
-    def of(self, y: Vertex, facet: Vertex, active: Any) -> Any:
-        """Return the promise of light vertex ``y`` for the facet; positive where active."""
-        return dr.select(
-            active, self._joined(y, facet, active) + self._bridged(y, facet, active), 0.0
-        )
-
-    def _joined(self, y: Vertex, facet: Vertex, active: Any) -> Any:
-        span = facet.p - y.p
-        squared = dr.maximum(dr.squared_norm(span), 1e-6)
-        w = span * dr.rsqrt(squared)
-        facing = dr.mean(facet.beta * value(facet, -w, mi.TransportMode.Radiance, active))
-        seen = self._scattered(y, w, active) * facing
-        # Other vertices of the camera subpath may see what the facet does not.
-        least = GLIMPSE * dr.mean(y.beta) * dr.mean(facet.beta)
-        return (seen + least) / squared * self._transmittance(y, w, active)
-
-    def _bridged(self, y: Vertex, facet: Vertex, active: Any) -> Any:
-        active = active & (y.volume | y.diffuse)
-        image, normal = self.bridge.mirror(y.p, facet.p)
-        span = image - y.p
-        squared = dr.maximum(dr.squared_norm(span), 1e-6)
-        w = span * dr.rsqrt(squared)
-        onto = dr.dot(w, normal)
-        reflected = w - 2.0 * onto * normal
-        cosine = dr.maximum(-dr.dot(facet.frame.n, reflected), GRAZING)
-        beyond = dr.select(dr.square(onto) < self.critical, 1.0, PARTIAL)
-        light = self._scattered(y, w, active) * dr.mean(facet.beta) * (cosine / dr.pi)
-        return light * beyond / squared * self._transmittance(y, w, active)
 
     def _transmittance(self, y: Vertex, w: Any, active: Any) -> Any:
         sigma = dr.mean(extinction(y.medium, active & y.volume)[1])
