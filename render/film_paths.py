@@ -24,7 +24,6 @@ from render.vertex import Vertex, area_factor, choose, empty_vertex, extinction,
 # Second event of the same vertex: direct light and reservoirs draw from here on.
 SPARE = 2048
 EVENTS = 2000
-DIFFUSE_SHARE = 8.0
 """Events that one subpath may take, null boundaries included."""
 
 
@@ -53,10 +52,8 @@ class CameraPart:
     """What a camera subpath found by itself, and the vertices that it keeps for joins."""
 
     radiance: Any
-    first: Vertex
-    first_edges: Any
-    other: Vertex
-    other_edges: Any
+    kept: list[Vertex]
+    edges: list[Any]
 
 
 def survive(beta: Any, edges: Any, roulette: Any, number: Any) -> Any:
@@ -72,9 +69,9 @@ def camera_part(
     stream: Stream, limits: Limits,
 ) -> CameraPart:  # fmt: skip
     """Trace camera subpaths along ``ray``, which was drawn with ``density`` per solid angle."""
-    first, other = empty_vertex(), empty_vertex()
-    first_edges, other_edges = mi.UInt32(0), mi.UInt32(0)
-    kept = mi.Float(0.0)
+    first, diffuse, end, other = (empty_vertex() for _ in range(4))
+    first_edges, diffuse_edges, end_edges, other_edges = (mi.UInt32(0) for _ in range(4))
+    others = mi.Float(0.0)
     radiance = mi.Spectrum(0.0)
     most, roulette = limits.edges(), limits.roulette()
     free = stream.event(mi.UInt32(1))[0]
@@ -93,12 +90,18 @@ def camera_part(
         begins = smooth & (first.weight == 0)
         first = choose(begins, v, first)
         first_edges = dr.select(begins, edges, first_edges)
-        share = dr.select(v.diffuse, DIFFUSE_SHARE, 1.0)
-        share = dr.select(smooth & ~begins, share, 0.0)
-        kept += share
-        taken = (share > 0) & (spare[3] * kept < share)
+        later = smooth & ~begins
+        bright = later & v.diffuse & (diffuse.weight == 0)
+        diffuse = choose(bright, v, diffuse)
+        diffuse_edges = dr.select(bright, edges, diffuse_edges)
+        ends = later & v.volume
+        end = choose(ends, v, end)
+        end_edges = dr.select(ends, edges, end_edges)
+        # Reservoir of size 1: each of the rest is kept with the same probability.
+        rest = later & ~bright & ~ends
+        others += dr.select(rest, 1.0, 0.0)
+        taken = rest & (spare[3] * others < 1.0)
         other = choose(taken, v, other)
-        other.weight = dr.select(taken, dr.rcp(share), other.weight)
         other_edges = dr.select(taken, edges, other_edges)
         numbers = stream.event(event)
         going = arrived & ~v.terminal & (edges < most)
@@ -109,8 +112,12 @@ def camera_part(
         active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    other.weight *= kept
-    return CameraPart(radiance, first, first_edges, other, other_edges)
+    other.weight = others
+    return CameraPart(
+        radiance,
+        [first, diffuse, end, other],
+        [first_edges, diffuse_edges, end_edges, other_edges],
+    )
 
 
 def project(scene: Any, sensor: Any, v: Vertex, active: Any) -> tuple[Any, Any]:
@@ -155,10 +162,9 @@ def light_part(
         head, v, arrived, escaped = advance(scene, head, active)
         smooth = arrived & ~v.delta
         spare = stream.event(event + SPARE)
-        fits = smooth & (edges + camera.first_edges < most)
-        joined += join(scene, v, camera.first, fits)
-        fits = smooth & (edges + camera.other_edges < most)
-        joined += join(scene, v, camera.other, fits)
+        for i in range(4):
+            fits = smooth & (edges + camera.edges[i] < most)
+            joined += join(scene, v, camera.kept[i], fits)
         uv, value = project(scene, sensor, v, smooth & (edges < most))
         amount = dr.mean(value)
         total += amount
