@@ -2,7 +2,8 @@
 
 They refract through the rough lower face, meet the coating (the *facet* vertex) and go on until
 the second diffuse surface. Volumes end them: light subpaths do the scattering. Kept are the facet,
-the *end* on the second diffuse surface and one of the glossy vertices between.
+the *end* on the second diffuse surface (or in a volume that hides the coating) and one of the
+glossy vertices between.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ def camera_subpath(
         v.vcm = dr.select(seen, v.vcm, 0.0)
         v.vc = dr.select(seen, v.vc, 0.0)
         absorbed = arrived & v.terminal
-        end = choose(absorbed & ~v.volume, v, end)
+        # A volume behind the facet is left to light subpaths; one before it is what is seen.
+        end = choose(absorbed & ~(v.volume & seen), v, end)
         is_facet = arrived & v.diffuse & ~seen
         facet = choose(is_facet, v, facet)
         # Reservoir of size 1: every glossy vertex is kept with the same probability.

@@ -1,8 +1,9 @@
 """The picture that the camera sees, by PSSMLT: level 2 for eyes.
 
 Fiber and film position are primary dimensions; the estimator is that of the transport cells, so
-guiding and bridges work here too. Colours are superposed inside one render, since materials do
-not depend on the channel.
+guiding and bridges work here too, and large steps alone are the cheapest. Colours are superposed
+inside one render, since materials do not depend on the channel. Made for the coating: the glow of
+the diffuser's own faces beside it converges slowly.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ from render.llvm import VARIANT, mitsuba
 from render.progress import Clock, Progress
 from render.scene import Scene
 
-CHAINS = 16384
-CHUNK = 8
-REPLICATES = 4
+LANES = 16384
+REPLICATES = 8
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ def render_image(
         bend: rad.
         width: pixels per row.
         height: rows, which span the camera's vertical field of view.
-        samples: mutations per pixel.
+        samples: per pixel.
         seed: of all random numbers.
         indented: pressed by the pyramids, or untouched.
-        progress: called after every few mutations of all chains.
+        progress: called after every pass over all lanes.
 
     Raises:
         RenderError: a design without light.
@@ -69,31 +69,15 @@ def render_image(
     if not len(lit):
         raise RenderError("power is 0 for all fibers: switch at least one on", field="power")
     mitsuba(VARIANT)
-    from render.metropolis import Chains, Settings
+    from render.monte_carlo import Independent
     from render.picture_problem import PictureProblem
 
     problem = PictureProblem(scene, phi, power, bend, indented, width, height)
-    chains = min(CHAINS, 1 << int(np.log2(max(1024, width * height))))
-    run = Chains(
-        problem,
-        Settings(chains, max(8 * chains, samples * width * height // 8), 0.5, REPLICATES, seed),
-    )
-    pilot = run.pilot().sum(axis=1)
-    # Dark pixels are lifted, so that the error is even over the picture.
-    level = np.maximum(_smooth(pilot.reshape(height, width)), 0.02 * pilot.mean()).ravel()
-    if not pilot.mean() > 0:
-        raise RenderError("no light reaches the camera in the pilot render", field="power")
-    run.bootstrap(np.repeat(1.0 / level[:, None], 3, axis=1) / len(level))
-    total = CHUNK * max(1, round(samples * width * height / chains / CHUNK))
+    run = Independent(problem, LANES, REPLICATES, seed)
+    total = max(1, round(samples * width * height / LANES))
     clock = Clock(total, progress)
     while run.done < total:
-        run.mutate(CHUNK)
-        clock.tick(CHUNK)
+        run.mutate(1)
+        clock.tick(1)
     images = run.estimate().reshape(REPLICATES, height, width, 3)[:, :, ::-1]
     return Picture(images.mean(axis=0), images.std(axis=0, ddof=1) / np.sqrt(REPLICATES))
-
-
-def _smooth(image: Array) -> Array:
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(image, 3.0, mode="nearest"))

@@ -64,10 +64,12 @@ class PictureProblem:
         aim = FacetAim(self.guide, fiber)
         seen = camera_subpath(self.pad, o, d, camera, mi.UInt32(1), aim, self.bridge)
         dr.eval(seen)
+        coated = seen.facet.weight > 0
+        point = dr.select(coated, seen.facet.p, seen.end.p)
+        normal = mi.Vector3f(dr.select(coated, seen.facet.n, seen.end.n))
         picks = light_picks(
-            self.pad, self.promise, seen.facet.p, mi.Vector3f(seen.facet.n), self.light, fiber,
-            light, LIGHT_PATHS,
-        )  # fmt: skip
+            self.pad, self.promise, point, normal, self.light, fiber, light, LIGHT_PATHS
+        )
         lane = dr.arange(mi.UInt32, dr.width(fiber))
         value = joined_nodes(self.pad, picks, lane, seen, light, mi.UInt32(0), aim, self.bridge)[0]
         scale = self.lit * self.bins

@@ -71,7 +71,7 @@ class Promise:
         seen = self._scattered(y, w, active)
         bridged = after_smooth & ~(y.volume | y.diffuse)
         seen = dr.select(bridged, dr.minimum(seen, GLARE), seen) + GLIMPSE * dr.mean(y.beta)
-        return seen * facing / squared * self._transmittance(y, w, active)
+        return seen * facing / squared * self._transmittance(y, w, dr.sqrt(squared), active)
 
     def _bridged(self, y: Vertex, point: Any, normal: Any, active: Any) -> Any:
         active = active & (y.volume | y.diffuse)
@@ -84,7 +84,7 @@ class Promise:
         facing = dr.maximum(-dr.dot(normal, reflected), 0.0) + TILT
         beyond = dr.select(dr.square(onto) < self.critical, 1.0, PARTIAL)
         light = self._scattered(y, w, active) * facing * beyond / squared
-        return light * self._transmittance(y, w, active)
+        return light * self._transmittance(y, w, dr.sqrt(squared), active)
 
     def _reach(self, p: Any, direction: Any) -> Any:
         """Return the distance (mm) from ``p`` along ``direction`` to the diffuser's inner face."""
@@ -97,9 +97,10 @@ class Promise:
             longest = dr.maximum(longest, depth / cosine)
         return longest
 
-    def _transmittance(self, y: Vertex, w: Any, active: Any) -> Any:
+    def _transmittance(self, y: Vertex, w: Any, distance: Any, active: Any) -> Any:
         sigma = dr.mean(extinction(y.medium, active & y.volume)[1])
-        return dr.exp(-dr.minimum(sigma * self._reach(y.p, w), DEPTH_MAX))
+        length = dr.minimum(self._reach(y.p, w), distance)
+        return dr.exp(-dr.minimum(sigma * length, DEPTH_MAX))
 
     def _scattered(self, y: Vertex, w: Any, active: Any) -> Any:
         return dr.mean(y.beta * value(y, w, mi.TransportMode.Importance, active))

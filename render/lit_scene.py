@@ -1,0 +1,97 @@
+"""A whole sensor as a Mitsuba scene: pad, lit fibers and camera, for any integrator.
+
+The cell sampler does not need it (``render.cell_problem`` knows fibers and camera by itself). It is
+for Mitsuba's own integrators, for ``bdpt`` and ``pssmlt`` as plugins, and for other tools.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from render.bending import Array
+from render.camera import camera_origin
+from render.layout import fiber_poses
+from render.optics import pad_shapes
+from render.scene import Scene
+
+
+def lit_scene(
+    scene: Scene,
+    phi: Array,
+    power: Array,
+    bend: float,
+    *,
+    width: int,
+    height: int,
+    indented: bool = True,
+) -> Any:
+    """Return the loaded Mitsuba scene of a lit sensor.
+
+    Arguments:
+        scene: the sensor.
+        phi: ``(fiber,)`` rad.
+        power: ``(fiber,)`` emitted power of each fiber; those of 0 are left out.
+        bend: rad.
+        width: pixels per row of the sensor's film.
+        height: rows, which span the camera's vertical field of view.
+        indented: pressed by the pyramids, or untouched.
+
+    Pixel ``(row, column)`` is that of ``render.camera``; lengths in mm.
+    """
+    with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
+        content = pad_shapes(scene, bend, indented, Path(folder))
+        content |= _fibers(scene, phi, power, bend)
+        content["camera"] = _camera(scene, width, height)
+        # Unoptimised: the loader would merge equal emitters, and each belongs to one disk.
+        return mi.load_dict({"type": "scene", **content}, optimize=False)
+
+
+def _fibers(scene: Scene, phi: Array, power: Array, bend: float) -> dict[str, Any]:
+    """Return a black disk with a ``fiber`` emitter per lit fiber."""
+    poses = fiber_poses(scene, bend)
+    beams = poses.directions(phi, scene.fibers.tilt)
+    transform = mi.ScalarTransform4f()
+    disks = {}
+    for i in np.nonzero(power > 0)[0]:
+        centre, beam = poses.position[i], beams[i]
+        frame = transform.look_at(
+            origin=centre.tolist(), target=(centre + beam).tolist(), up=poses.up[i].tolist()
+        )
+        disks[f"fiber{i}"] = {
+            "type": "disk",
+            "to_world": frame.scale(scene.fibers.diameter / 2),
+            # What comes back is lost, as with all light that leaves the silicone.
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
+            "emitter": {
+                "type": "fiber",
+                "sigma_v": float(np.degrees(scene.fibers.sigma_v)),
+                "power": float(power[i]),
+            },
+        }
+    return disks
+
+
+def _camera(scene: Scene, width: int, height: int) -> dict[str, Any]:
+    origin = camera_origin(scene)
+    ahead = (origin + [0.0, 0.0, 1.0]).tolist()
+    return {
+        "type": "perspective",
+        "fov_axis": "y",
+        "fov": float(np.degrees(scene.camera.field_of_view)),
+        "near_clip": 0.01,
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=origin.tolist(), target=ahead, up=[0, 1, 0]
+        ),
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "luminance",
+        },
+    }
