@@ -23,7 +23,7 @@ from render.cell_paths import joined_nodes
 from render.chains import Deposit
 from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
-from render.layout import facets
+from render.layout import facets, fiber_poses
 from render.light_picks import LightPicks, light_picks
 from render.optics import pad_scene
 from render.resampling import Promise
@@ -32,6 +32,9 @@ from render.scene import Scene
 LIGHT_PATHS = 4
 CAMERA_STORED = 10
 LIGHT_STORED = 10
+# Fibers are chosen by slots of equal probability. This share of them falls to all fibers alike, so
+# that dim ones are known as well; the rest to near ones, which make the colours.
+SLOTS, EVEN = 512, 0.4
 # Events by which the camera subpaths of one lane are apart.
 CAMERA_STRIDE = 40
 
@@ -47,6 +50,18 @@ class Targets:
     def count(self) -> int:
         """Number of targets."""
         return len(self.offset) - 1
+
+
+def fiber_slots(site: Array, fiber: Array) -> np.ndarray:
+    """Return the fiber of every slot, ``(site, SLOTS)``, from positions ``(site | fiber, 3)`` mm.
+
+    Every fiber gets slots in proportion to ``EVEN`` shares plus the inverse square of its distance.
+    """
+    near = 1.0 / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
+    share = EVEN / len(fiber) + (1.0 - EVEN) * near / near.sum(axis=1, keepdims=True)
+    middle = (np.arange(SLOTS) + 0.5) / SLOTS
+    edges = np.cumsum(share, axis=1)
+    return np.stack([np.searchsorted(row / row[-1], middle) for row in edges])
 
 
 class CellProblem:
@@ -72,16 +87,23 @@ class CellProblem:
         place = facets(scene, bend)
         self._point = _points(place.centroid.mean(axis=1) if indented else place.site_position)
         self._normal = mi.Vector3f(_points(place.site_normal))
+        slots = fiber_slots(place.site_position, fiber_poses(scene, bend).position)
+        self._fiber = mi.UInt32(slots.astype(np.uint32).ravel())
+        shares = np.stack([np.bincount(row, minlength=self.fibers)[row] for row in slots])
+        self._scale = mi.Float((self.sites * SLOTS / shares).astype(np.float32).ravel())
         # One more entry: a target without pixels at the end reads past the others'.
         self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
         self._offset = mi.UInt32(targets.offset.astype(np.uint32))
-        dr.make_opaque(self._pixel, self._offset, self._point, self._normal)
+        dr.make_opaque(
+            self._pixel, self._offset, self._point, self._normal, self._fiber, self._scale
+        )
 
     def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
         """Return a deposit per facet of the chosen site: radiance per direction node."""
         pick_site, pick_fiber, _, _ = camera.event(mi.UInt32(0))
         site = dr.minimum(mi.UInt32(pick_site * self.sites), self.sites - 1)
-        fiber = dr.minimum(mi.UInt32(pick_fiber * self.fibers), self.fibers - 1)
+        slot = site * SLOTS + dr.minimum(mi.UInt32(pick_fiber * SLOTS), SLOTS - 1)
+        fiber = dr.gather(mi.UInt32, self._fiber, slot)
         picks = light_picks(
             self.pad, self.promise, dr.gather(mi.Point3f, self._point, site),
             dr.gather(mi.Vector3f, self._normal, site), self.light, fiber, light, LIGHT_PATHS,
@@ -97,7 +119,7 @@ class CellProblem:
             light.spread(lane),
         )  # fmt: skip
         dr.eval(values)
-        scale = float(self.fibers * self.sites)
+        scale = dr.gather(mi.Float, self._scale, slot)
         first = dr.arange(mi.UInt32, lanes)
         return [
             Deposit(

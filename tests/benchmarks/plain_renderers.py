@@ -1,0 +1,102 @@
+"""Facet colours by simpler means, to compare the reference renderer's cost with.
+
+Both return replicates ``(replicate, target)`` of the radiance of every facet with all fibers lit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.camera_rays import pixel_rays
+from render.cell_problem import Targets
+from render.chains import LIGHT_EVENTS
+from render.emission import Emission
+from render.film_paths import project
+from render.primary import Hashed
+from render.scene import Scene
+from render.segments import advance, bounce, start
+
+LANES = 1 << 16
+
+
+def by_volpath(
+    scene: Scene, lit: Any, targets: Targets, passes: int, replicates: int, seed: int
+) -> np.ndarray:
+    """Mitsuba's ``volpath``, from random pixels of every facet."""
+    integrator = mi.load_dict({"type": "volpath", "max_depth": -1, "rr_depth": 1000})
+    rng = np.random.default_rng(seed)
+    sums = np.zeros((replicates, targets.count))
+    counts = np.zeros((replicates, targets.count))
+    group = np.arange(LANES) % replicates
+    for number in range(passes):
+        target = rng.integers(targets.count, size=LANES)
+        size = np.diff(targets.offset)[target]
+        pixel = targets.pixel[targets.offset[target] + rng.integers(np.maximum(size, 1))]
+        columns, rows = scene.camera.columns, scene.camera.rows
+        column = mi.Float(((pixel % columns) + rng.random(LANES)).astype(np.float32))
+        row = mi.Float(((pixel // columns) + rng.random(LANES)).astype(np.float32))
+        o, d = pixel_rays(scene, column, row, columns, rows)
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed * 1000 + number, LANES)
+        found = integrator.sample(lit, sampler, mi.RayDifferential3f(mi.Ray3f(o, d)))
+        value: Any = dr.mean(found[0])
+        np.add.at(sums, (group, target), np.array(value, dtype=np.float64))
+        np.add.at(counts, (group, target), 1.0)
+    return sums / counts
+
+
+@dr.syntax
+def _light_tracer(scene: Any, sensor: Any, emission: Emission, stream: Any) -> tuple[Any, Any]:
+    """Trace light, join one random vertex that the camera sees to the camera, without MIS."""
+    pick, x, y, free = stream.event(mi.UInt32(0))
+    u, w, _, _ = stream.event(mi.UInt32(1))
+    begin = emission.start(pick, mi.Point2f(x, y), u, w)
+    head = start(begin.o, begin.d, begin.medium, begin.beta, mi.Float(0), mi.Float(0), free)
+    event = mi.UInt32(2)
+    total, where = mi.Float(0.0), mi.Point2f(0.0)
+    active = dr.max(begin.beta) > 0
+    coated = mi.Bool(False)
+    while active:
+        head, v, arrived, escaped = advance(scene, head, active)
+        v.vcm, v.vc = mi.Float(0.0), mi.Float(0.0)
+        # Facet colours are light that comes from the coating: through the face after it.
+        uv, value = project(scene, sensor, v, arrived & ~v.delta & coated & ~v.volume)
+        amount = dr.mean(value)
+        total += amount
+        taken = (amount > 0) & (stream.event(event + LIGHT_EVENTS)[0] * total < amount)
+        where = dr.select(taken, uv, where)
+        coated = dr.select(arrived, v.diffuse, coated)
+        numbers = stream.event(event)
+        head, alive = bounce(head, v, mi.TransportMode.Importance, numbers, arrived)
+        active &= ~escaped & (~arrived | alive) & (event < LIGHT_EVENTS)
+        event += 1
+    return total, where
+
+
+def by_light_tracing(
+    scene: Scene, lit: Any, targets: Targets, passes: int, replicates: int, seed: int
+) -> np.ndarray:
+    """Light paths alone, joined to the camera where they leave the silicone."""
+    columns, rows = scene.camera.columns, scene.camera.rows
+    owner = np.full(columns * rows, targets.count)
+    for t in range(targets.count):
+        owner[targets.pixel[targets.offset[t] : targets.offset[t + 1]]] = t
+    # A film position has density 1: a pixel is worth its solid angle in the film's measure.
+    size = np.diff(targets.offset)
+    emission = Emission(lit)
+    sums = np.zeros((replicates, targets.count + 1))
+    group = np.arange(LANES) % replicates
+    lane: Any = dr.arange(mi.UInt32, LANES)
+    for number in range(passes):
+        streams, _ = mi.sample_tea_32(lane, mi.UInt32(seed * 1000 + number), 6)
+        total, where = _light_tracer(lit, lit.sensors()[0], emission, Hashed(streams))
+        uv = np.array(where).T
+        column = np.minimum((uv[:, 0]).astype(int), columns - 1)
+        row = np.minimum((uv[:, 1]).astype(int), rows - 1)
+        np.add.at(sums, (group, owner[row * columns + column]), np.array(total, dtype=np.float64))
+    paths = LANES * passes / replicates
+    return sums[:, :-1] / paths * (columns * rows) / np.maximum(size, 1)

@@ -1,0 +1,113 @@
+"""What a facet colour costs at level 2, against simpler renderers: squared error times seconds.
+
+Cost = squared relative error (pooled over all facets: sum of variances over sum of squared means)
+x processor seconds over two cores; it does not depend on how long a renderer runs. The colours
+are those of finger20 with all fibers lit, flat. A renderer that has not yet seen its rare bright
+paths looks better than it is: the ratios for the simpler ones are lower bounds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from render.chebyshev import chebyshev_nodes
+from render.reference import _Pad, _problem
+from render.scene import Scene, load_scene
+
+REPLICATES = 16
+CORES = 2
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("finger20")
+
+
+def problem(scene: Scene, nodes: np.ndarray, bend: float = 0.0) -> Any:
+    phi = np.tile(nodes, (scene.fibers.count, 1))
+    return _problem(scene, phi, _Pad(0, bend, True, 1, 1, 1))
+
+
+def cost(draw: Callable[[int], np.ndarray]) -> tuple[float, float, float]:
+    """Return cost, brightness and its standard error, from a function of seed to replicates."""
+    draw(1)
+    began = time.process_time()
+    replicates = draw(2)
+    seconds = (time.process_time() - began) / CORES
+    mean = replicates.mean(axis=0)
+    variance = replicates.var(axis=0, ddof=1) / len(replicates)
+    total = replicates.sum(axis=1)
+    return (
+        float(variance.sum() / (mean**2).sum() * seconds),
+        float(total.mean()),
+        float(total.std(ddof=1) / np.sqrt(len(total))),
+    )
+
+
+def test_the_cost_of_facet_colours(
+    mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from render.lit_scene import lit_scene
+    from render.monte_carlo import plain_replicates
+    from tests.benchmarks.plain_renderers import by_light_tracing, by_volpath
+
+    cells = problem(scene, np.array([np.pi / 2]))
+    camera, fibers = scene.camera, scene.fibers.count
+    lit = lit_scene(
+        scene, np.full(fibers, np.pi / 2), np.ones(fibers), 0.0,
+        width=camera.columns, height=camera.rows,
+    )  # fmt: skip
+
+    def ours(seed: int) -> np.ndarray:
+        found = plain_replicates(cells, lanes=8192, passes=8, replicates=REPLICATES, seed=seed)
+        return found.reshape(REPLICATES, fibers, -1).sum(axis=1)
+
+    rows = {
+        "cells (ours)": cost(ours),
+        "light tracer": cost(
+            lambda s: by_light_tracing(scene, lit, cells.targets, 8, REPLICATES, s)
+        ),
+        "volpath": cost(lambda s: by_volpath(scene, lit, cells.targets, 6, REPLICATES, s)),
+    }
+    base, truth, _ = rows["cells (ours)"]
+    with capsys.disabled():
+        print("\nrenderer       cost (s)  times ours  brightness relative to ours")
+        for name, (value, mean, error) in rows.items():
+            print(
+                f"{name:14} {value:8.3g} {value / base:11.1f} "
+                f"{mean / truth:12.3f} +- {error / truth:.3f}"
+            )
+    assert rows["light tracer"][0] > base
+    assert rows["volpath"][0] > base
+
+
+def test_the_training_table(
+    mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """20 fibers x 11 direction nodes x 3 bends x 150 facets, both mirror images averaged."""
+    from render.monte_carlo import plain_replicates
+
+    nodes = chebyshev_nodes(11, 0.0, np.pi)
+    minutes = []
+    for bend in scene.bending.angles:
+        cells = problem(scene, nodes, bend)
+        lanes, passes = 8192, 4
+        plain_replicates(cells, lanes=lanes, passes=1, replicates=REPLICATES, seed=1)
+        began = time.process_time()
+        found = plain_replicates(cells, lanes=lanes, passes=passes, replicates=REPLICATES, seed=2)
+        seconds = (time.process_time() - began) / CORES
+        mean, variance = found.mean(axis=0), found.var(axis=0, ddof=1) / REPLICATES
+        seen = mean > 0
+        # The median over cells of the squared relative error; halved by the mirror images.
+        error = float(np.median(variance[seen] / mean[seen] ** 2)) / 2
+        minutes.append(error / 0.03**2 * seconds / 60)
+    with capsys.disabled():
+        print(f"\nthe training table at a median error of 3 %: {sum(minutes):.1f} minutes, "
+              f"{sum(minutes) / 30:.2f} of the allowed 30")  # fmt: skip
+    assert np.isfinite(minutes).all()
