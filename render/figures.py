@@ -1,0 +1,210 @@
+"""Figures 3.2 and 3.3 of the thesis, made again: renderers compared, and the luminance scale.
+
+``python -m render.figures OUT`` writes ``fig32.png``, ``fig33.png`` and ``figures.json``:
+
+- Fig. 3.2: one picture of finger20 by path tracing (Mitsuba's ``volpath``), ``bdpt`` and ``pssmlt``
+  at equal samples per pixel and at equal time, with the relative error of each against a long
+  ``bdpt`` render of another seed.
+- Fig. 3.3: the standard deviation of the mean intensity over independent seeds against the number
+  of luminance samples, relative to the mean.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from render.bending import Array
+from render.llvm import VARIANT, mitsuba
+from render.scene import Scene, load_scene
+
+WIDTH, HEIGHT = 96, 160
+# Errors are taken over square blocks of so many pixels, where the coating fills the picture.
+BLOCK = 8
+SEEDS = 8
+INTEGRATORS = ("volpath", "bdpt", "pssmlt")
+SAMPLES = (10_000, 100_000, 1_000_000, 10_000_000)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One render: radiance ``(row, column)`` float64, samples per pixel and seconds."""
+
+    integrator: str
+    picture: Array
+    spp: int
+    seconds: float
+
+    def error(self, truth: Array) -> float:
+        """Return the root mean square relative error over blocks."""
+        found, expected = blocks(self.picture), blocks(truth)
+        lit = expected > 0.05 * expected.max()
+        return float(np.sqrt((((found - expected) / expected)[lit] ** 2).mean()))
+
+
+def blocks(picture: Array) -> Array:
+    """Return block means of ``(row, column)``."""
+    rows, columns = picture.shape
+    cut = picture.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK)
+    return np.asarray(cut.mean(axis=(1, 3)))
+
+
+def pictures(
+    scene: Scene, spp: int, seconds: float, say: Callable[[str], None]
+) -> tuple[dict[str, list[Shot]], Array]:
+    """Return shots at equal samples and at equal time, and the long render they are held to."""
+    import mitsuba as mi
+
+    from render.lit_scene import lit_scene
+
+    count = scene.fibers.count
+    lit = lit_scene(
+        scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
+    )
+
+    def shoot(integrator: str, samples: int, seed: int) -> Shot:
+        say(f"{integrator}, {samples} samples per pixel")
+        depth = {"max_depth": -1, "rr_depth": 1000} if integrator == "volpath" else {}
+        plugin: Any = mi.load_dict({"type": integrator, **depth})
+        began = time.perf_counter()
+        total = np.zeros((HEIGHT, WIDTH))
+        # In parts, so that no wavefront outgrows the memory.
+        parts = max(1, samples // 64)
+        for part in range(parts):
+            found = np.array(plugin.render(lit, seed=seed * 1000 + part, spp=samples // parts))
+            total += found[..., 0] / parts
+        return Shot(integrator, total, samples, time.perf_counter() - began)
+
+    shoot("bdpt", 1, 0)
+    equal_samples = [shoot(name, spp, 1) for name in INTEGRATORS]
+    equal_time = [
+        shoot(shot.integrator, max(1, round(shot.spp * seconds / shot.seconds)), 2)
+        for shot in equal_samples
+    ]
+    truth = shoot("bdpt", 4 * max(shot.spp for shot in equal_time if shot.integrator == "bdpt"), 3)
+    return {"equal samples": equal_samples, "equal time": equal_time}, truth.picture
+
+
+def luminance_scale(scene: Scene, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
+    """Return the relative standard deviation of the mean intensity per luminance samples."""
+    from render.film_paths import Limits
+    from render.film_problem import FilmProblem
+    from render.lit_scene import lit_scene
+    from render.monte_carlo import Independent
+
+    count = scene.fibers.count
+    lit = lit_scene(
+        scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
+    )
+    problem = FilmProblem(lit, lit.sensors()[0], Limits())
+    rows = []
+    for wanted in SAMPLES:
+        per_pass = min(wanted, 16384)
+        run = Independent(problem, SEEDS * per_pass, SEEDS, seed=4)
+        while run.done * per_pass < min(wanted, most):
+            run.mutate(1)
+        means = run.estimate().mean(axis=(1, 2))
+        spread = float(means.std(ddof=1) / means.mean())
+        samples = run.done * per_pass
+        # The last one is the standard error of a standard deviation from so few seeds.
+        rows.append(
+            {
+                "luminance_samples": samples,
+                "relative_std": spread,
+                "relative_std_se": spread / float(np.sqrt(2 * (SEEDS - 1))),
+            }
+        )
+        say(f"{samples} luminance samples: {100 * spread:.2f} %")
+        if wanted >= most:
+            break
+    return rows
+
+
+def draw_pictures(shots: dict[str, list[Shot]], truth: Array, path: Path) -> None:
+    """Write Fig. 3.2."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 11), layout="constrained")
+    axes = figure.subplots(2, 4)
+    top = np.percentile(truth, 99)
+    for row, (title, pictures) in zip(axes, shots.items(), strict=True):
+        for axis, shot in zip(row, pictures, strict=False):
+            axis.imshow((np.clip(shot.picture / top, 0, 1)) ** (1 / 2.2), cmap="gray")
+            axis.set_title(
+                f"{shot.integrator}, {title}\n{shot.spp} spp, {shot.seconds:.1f} s, "
+                f"error {100 * shot.error(truth):.1f} %",
+                fontsize=9,
+            )
+        row[3].imshow((np.clip(truth / top, 0, 1)) ** (1 / 2.2), cmap="gray")
+        row[3].set_title("bdpt, long", fontsize=9)
+    for axis in axes.flat:
+        axis.set_axis_off()
+    figure.savefig(path, dpi=100)
+
+
+def draw_scale(rows: list[dict[str, float]], path: Path) -> None:
+    """Write Fig. 3.3."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 4), layout="constrained")
+    axis = figure.subplots()
+    samples = np.array([row["luminance_samples"] for row in rows])
+    spread = 100 * np.array([row["relative_std"] for row in rows])
+    error = 100 * np.array([row["relative_std_se"] for row in rows])
+    axis.errorbar(samples, spread, error, fmt="o-", capsize=3, label="measured")
+    axis.axhline(0.2, color="grey", linestyle="--", label="0.2 %")
+    axis.set(xscale="log", yscale="log", xlabel="luminance samples")
+    axis.set_ylabel("standard deviation of the mean intensity (%)")
+    axis.legend()
+    figure.savefig(path, dpi=120)
+
+
+def main(arguments: list[str]) -> None:
+    """Write both figures and their numbers."""
+    parser = argparse.ArgumentParser(prog="python -m render.figures", description=__doc__)
+    parser.add_argument("out", type=Path, help="folder for the results")
+    parser.add_argument("--spp", type=int, default=64, help="samples per pixel in Fig. 3.2")
+    parser.add_argument("--seconds", type=float, default=20.0, help="equal time in Fig. 3.2")
+    parser.add_argument("--most", type=int, default=10_000_000, help="samples in Fig. 3.3")
+    chosen = parser.parse_args(arguments)
+    began = time.monotonic()
+
+    def say(line: str) -> None:
+        print(f"{time.monotonic() - began:7.1f} s  {line}", file=sys.stderr, flush=True)
+
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    mitsuba(VARIANT)
+    scene = load_scene("finger20")
+    shots, truth = pictures(scene, chosen.spp, chosen.seconds, say)
+    draw_pictures(shots, truth, chosen.out / "fig32.png")
+    rows = luminance_scale(scene, chosen.most, say)
+    draw_scale(rows, chosen.out / "fig33.png")
+    numbers = {
+        "fig32": [
+            {
+                "at": title,
+                "integrator": shot.integrator,
+                "spp": shot.spp,
+                "seconds": shot.seconds,
+                "error": shot.error(truth),
+            }
+            for title, pictures_ in shots.items()
+            for shot in pictures_
+        ],
+        "fig33": rows,
+    }
+    text = json.dumps(numbers, indent=1)
+    (chosen.out / "figures.json").write_text(text + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
