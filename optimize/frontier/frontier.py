@@ -52,6 +52,7 @@ class Frontier:
             "rows": [row.to_json() for row in self.rows],
             "reference": {
                 "level": "PSSMLT",
+                "p_large": 1.0,
                 "mutations": self.reference.mutations,
                 "seed": REFERENCE_SEED,
                 "replicates": self.reference.replicates,

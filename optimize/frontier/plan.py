@@ -135,8 +135,8 @@ def _affordable(scene: Scene, nodes: Nodes, seconds: float, *, renders_table: bo
     bends = len(scene.bending.angles)
     slope = bends * max(spent[1] - spent[0], 1e-3) / (many - few)
     fixed = bends * max(spent[0] - few * slope / bends, 0.0)
-    # The longest of the short renders is made once more, for one design alone.
-    parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1]]
+    # The longest of the short renders is made once more with small steps, and for one design.
+    parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
     parts += [1.0 / TABLE_SHARE] if renders_table else []
     left = seconds - sum(spent) - fixed * len(parts)
     return max(SHORTER[0], int(left / (slope * sum(parts))))

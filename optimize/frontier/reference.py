@@ -52,6 +52,7 @@ def render_designs(
     mutations: int,
     seed: int,
     checkpoint: Path,
+    p_large: float = 1.0,
     progress: Callable[[Progress], None] | None = None,
 ) -> Estimate:
     """Render every design of ``nodes`` at the scene's bends in one go; resumes in ``checkpoint``.
@@ -65,6 +66,7 @@ def render_designs(
         np.array(scene.bending.angles),
         mutations=mutations,
         seeds=[seed],
+        p_large=p_large,
         checkpoint=checkpoint,
         progress=progress,
     )

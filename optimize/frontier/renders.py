@@ -21,6 +21,8 @@ from render.reference import render_transport
 from render.scene import Scene
 
 TRACER_SEED = 301
+SMALL_STEPS = 0.5
+"""Probability of large steps in the row that shows what small steps do."""
 
 
 def short_rows(
@@ -32,15 +34,17 @@ def short_rows(
     checkpoint: Path,
     progress: Callable[[str, Progress], None],
 ) -> list[Row]:
-    """Return one PSSMLT row per number of mutations, each from a seed of its own."""
+    """Return one PSSMLT row per number of mutations, the last also with small steps."""
     rows = []
-    for number, count in enumerate(mutations):
-        name = f"PSSMLT, {count} mutations"
+    kinds = [(count, 1.0) for count in mutations] + [(mutations[-1], SMALL_STEPS)]
+    for number, (count, p_large) in enumerate(kinds):
+        name = f"PSSMLT, {count} mutations" + ("" if p_large == 1.0 else ", small steps")
         estimate = render_designs(
             scene,
             nodes,
             mutations=count,
             seed=SHORT_SEED + number,
+            p_large=p_large,
             checkpoint=checkpoint,
             progress=lambda state, name=name: progress(name, state),  # type: ignore[misc]
         )
@@ -52,7 +56,7 @@ def short_rows(
                 found.counts,
                 seconds=found.seconds / len(designs),
                 scores=found.scores,
-                note=f"{len(designs)} designs in one render",
+                note=f"{len(designs)} designs in one render, p_large {p_large:g}",
             )
         )
     return rows
