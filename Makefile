@@ -7,8 +7,8 @@ DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20
 BIN := .venv/bin
 BASE := .venv/base.stamp
 FULL := .venv/full.stamp
-SETUP := pyproject.toml .ci/setup .ci/constraints.txt
-SOURCES := render surrogate optimize tests
+SETUP := pyproject.toml .ci/setup .ci/constraints.txt examples/javascript/package-lock.json
+SOURCES := render surrogate optimize tests examples
 export PYTHON
 
 help: ## List the targets
@@ -51,7 +51,8 @@ types: $(FULL) ## Strict types
 	$(BIN)/mypy
 
 clean: ## Remove the environment and all caches, keep runs and models
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info \
+		examples/javascript/node_modules
 	find $(SOURCES) -name __pycache__ -prune -exec rm -rf {} +
 
 $(BASE): $(SETUP)

@@ -139,6 +139,47 @@ def train(
 
 
 @app.command()
+def frontier(
+    scene: Scene = "finger20",
+    out: Annotated[
+        Path | None, typer.Option(help="Run directory (default: runs/<scene>-frontier).")
+    ] = None,
+    model: Model = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            help="Reference table to fit to (default: models/<scene>-training/reference.npz, "
+            "or a new render)."
+        ),
+    ] = None,
+    designs: Annotated[int, typer.Option(min=2, help="Random held-out designs.")] = 30,
+    minutes: Annotated[float, typer.Option(min=3.0, help="Time for everything together.")] = 30.0,
+    mutations: Annotated[
+        int | None,
+        typer.Option(
+            min=32, help="Mutations per cell of the reference: the same work on any machine."
+        ),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Measure what every level costs and how wrong it is."""
+    from optimize.commands import frontier as command
+
+    command.run(
+        scene,
+        out=out,
+        model=model,
+        table=table,
+        designs=designs,
+        minutes=minutes,
+        mutations=mutations,
+        seed=seed,
+        as_json=json,
+    )
+
+
+@app.command()
 def render(
     scene: Scene = "finger20",
     design: Annotated[

@@ -118,6 +118,32 @@ class Meter:
             self._bar.update(self._task, completed=done, total=total, remaining=remaining)
 
 
+class Stages:
+    """One `Meter` after the other, for work in named stages; a context manager."""
+
+    def __init__(self) -> None:
+        self._name = ""
+        self._meter: Meter | None = None
+
+    def __enter__(self) -> Stages:
+        """Begin without a stage."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Take the last bar away."""
+        if self._meter is not None:
+            self._meter.close()
+
+    def __call__(self, stage: str, done: float, total: float, eta: float | None = None) -> None:
+        """Show how far ``stage`` is; a new name begins a new bar. An ``eta`` of NaN is unknown."""
+        if self._meter is None or stage != self._name:
+            if self._meter is not None:
+                self._meter.close()
+            self._name, self._meter = stage, Meter(stage)
+            note(f"{stage} ...")
+        self._meter(done, total, None if eta is None or eta != eta else eta)
+
+
 def _clock(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

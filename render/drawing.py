@@ -20,6 +20,8 @@ LARGEST = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""
 POINT_COLUMNS = 1024
 """Points per row of their texture."""
+SHADOW = 4.0
+"""How far from its centre a pyramid's shadow is drawn, in units of its radius or its depth."""
 
 
 class Drawing:
@@ -171,5 +173,6 @@ class Drawing:
             "site_first": tuple(flat_sites(scene)[0]),
             "site_step": (scene.sites.spacing, scene.sites.spacing),
             "site_count": (float(scene.sites.columns), float(scene.sites.rows)),
+            "longest_shadow": SHADOW * max(scene.indenter.radius, scene.indenter.depth),
             "facet_planes": [(*n, d) for n, d in zip(normals, distance, strict=True)],
         }

@@ -70,8 +70,8 @@ def image_counts(transport: Any, power: Any, exposure: Any, config: MetricConfig
 def clip_counts(counts: Any, config: MetricConfig = THESIS) -> Any:
     """Return ``counts`` (any shape) limited to ``[0, count_max]``; NaN stays NaN."""
     xp = _namespace(counts)
-    counts = xp.where(counts < 0.0, xp.zeros_like(counts), counts)
-    return xp.where(counts > config.count_max, config.count_max * xp.ones_like(counts), counts)
+    counts = xp.where(counts < 0.0, 0.0, counts)
+    return xp.where(counts > config.count_max, config.count_max, counts)
 
 
 def clipped_fraction(counts: Any, config: MetricConfig = THESIS) -> Any:
@@ -187,11 +187,11 @@ def _polar(vectors: Any) -> tuple[Any, Any]:
     xp = _namespace(vectors)
     largest = xp.amax(xp.abs(vectors), -1)
     dark = largest == 0.0
-    scale = xp.where(dark, xp.ones_like(largest), largest)
+    scale = xp.where(dark, 1.0, largest)
     unit = vectors / scale[..., None]
     square = (unit * unit).sum(-1)
-    length = xp.sqrt(xp.where(dark, xp.ones_like(square), square))
-    return xp.where(dark, xp.zeros_like(square), scale * length), unit / length[..., None]
+    length = xp.sqrt(xp.where(dark, 1.0, square))
+    return xp.where(dark, 0.0, scale * length), unit / length[..., None]
 
 
 def _std(values: Any, config: MetricConfig) -> Any:
@@ -207,8 +207,8 @@ def _std(values: Any, config: MetricConfig) -> Any:
     deviation = values - values.mean(-1)[..., None]
     variance = (deviation * deviation).sum(-1) / (values.shape[-1] - config.ddof)
     flat = variance == 0.0
-    root = xp.sqrt(xp.where(flat, xp.ones_like(variance), variance))
-    return xp.where(flat, xp.zeros_like(variance), root)
+    root = xp.sqrt(xp.where(flat, 1.0, variance))
+    return xp.where(flat, 0.0, root)
 
 
 def _mean_minus_std(values: Any, config: MetricConfig) -> Any:

@@ -6,6 +6,8 @@ the camera sees of one facet is a mixture of its neighbours and of the coating a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from render.bending import Array, bend_frames, curvature
@@ -19,6 +21,8 @@ STEPS = 2
 """Lines of sight per pixel, in each direction."""
 NORMALS = 64
 """Microfacet normals per line of sight, in mirrored pairs."""
+PIXELS = 400
+"""Pixels per target that are followed: a target with more is seen by an even choice of them."""
 
 
 def view_weights(scene: Scene, bend: float) -> Array:
@@ -29,7 +33,7 @@ def view_weights(scene: Scene, bend: float) -> Array:
     lower face over the index squared (Veach 1997, eq. 5.3). A facet that the camera cannot see
     gets the row of a head-on, sharp view: leave it out by `render.camera.facet_masks`.
     """
-    masks = facet_masks(scene, bend)
+    masks = _thinned(facet_masks(scene, bend))
     position = facets(scene, bend).site_position
     owner = np.repeat(np.arange(len(masks.offset) - 1), np.diff(masks.offset))
     entry, outside = _lines_of_sight(scene, bend, masks)
@@ -52,6 +56,19 @@ def view_weights(scene: Scene, bend: float) -> Array:
                 np.bincount(seen.ravel(), lines.ravel(), minlength=faces + 1) / lines.size
             )
     return weights * scene.coating.albedo / (np.pi * scene.pad.index**2)
+
+
+def _thinned(masks: FacetMasks) -> FacetMasks:
+    """Return the masks with at most `PIXELS` pixels per target."""
+    size = np.diff(masks.offset)
+    if size.max(initial=0) <= PIXELS:
+        return masks
+    kept = [
+        first + np.arange(min(count, PIXELS)) * max(count, 1) // max(min(count, PIXELS), 1)
+        for first, count in zip(masks.offset[:-1], size, strict=True)
+    ]
+    offset = np.concatenate([[0], np.cumsum([len(chosen) for chosen in kept])])
+    return replace(masks, pixel=masks.pixel[np.concatenate(kept)], offset=offset)
 
 
 def _lines_of_sight(scene: Scene, bend: float, masks: FacetMasks) -> tuple[Array, Array]:

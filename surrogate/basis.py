@@ -69,42 +69,44 @@ def turning(scene: Scene) -> tuple[Array, Array]:
 
 
 class Expansion(nn.Module):
-    """From coefficients ``(..., fiber, bend, site, 10)`` to residuals ``(..., facet + 1)``."""
+    """From coefficients to residuals, both ``(member, output or normal, ..., fiber, bend, site)``.
+
+    Cells come last: runtimes broadcast over long runs of memory much faster than over short ones.
+    """
 
     harmonics: Tensor
     same: Tensor
     other: Tensor
-    swap: Tensor
+    partner: Tensor
 
     def __init__(self, scene: Scene) -> None:
         """Store the harmonics and the turns as float32 constants."""
         super().__init__()
-        same, other = turning(scene)
-        store_constants(
-            self,
-            {
-                "harmonics": facet_harmonics(scene).T,
-                "same": same[:, None],
-                "other": other[:, None],
-                "swap": np.eye(HARMONICS)[PARTNER],
-            },
-        )
+        same, other = (np.moveaxis(part, -1, 0)[:, None, :, None] for part in turning(scene))
+        store_constants(self, {"harmonics": facet_harmonics(scene), "same": same, "other": other})
+        self.register_buffer("partner", torch.as_tensor(PARTNER))
 
     def forward(self, coefficients: Tensor, log_preview: Tensor) -> Tensor:
-        """Return the residual in log T ``(..., fiber, bend, site, facet + 1)``.
+        """Return the residual in log T ``(member, normal, batch, fiber, bend, site)``.
 
         Arguments:
-            coefficients: ``(..., fiber, bend, site, 10)``.
-            log_preview: ``(..., fiber, bend, site, facet + 1)``, broadcast against them.
+            coefficients: ``(member, 10, batch, fiber, bend, site)``.
+            log_preview: ``(normal, batch, fiber, bend, site)``, the untouched pad last.
         """
-        local = coefficients[..., :HARMONICS]
-        turned = local * self.same + torch.matmul(local, self.swap) * self.other
+        local = coefficients[:, :HARMONICS]
+        turned = local * self.same + local.index_select(1, self.partner) * self.other
+        cells = turned.reshape(turned.shape[0], HARMONICS, -1)
+        smooth = torch.matmul(self.harmonics, cells)
+        smooth = smooth.reshape(turned.shape[0], -1, *log_preview.shape[1:])
         q = contrast(log_preview)
-        first = coefficients[..., HARMONICS : HARMONICS + 1]
-        second = coefficients[..., HARMONICS + 1 :]
-        return torch.matmul(turned, self.harmonics) + (first + second * q) * q
+        first = coefficients[:, HARMONICS : HARMONICS + 1]
+        second = coefficients[:, HARMONICS + 1 :]
+        return smooth + (first + second * q) * q
 
 
 def contrast(log_preview: Tensor) -> Tensor:
-    """Return ``tanh((log P - log P_0) / 2)``, within (-1, 1), 0 for the untouched pad."""
-    return torch.tanh(0.5 * (log_preview - log_preview[..., -1:]))
+    """Return ``tanh((log P - log P_0) / 2)``, within (-1, 1), 0 for the untouched pad.
+
+    ``log_preview`` is ``(normal, ...)``, the untouched pad last.
+    """
+    return torch.tanh(0.5 * (log_preview - log_preview[-1:]))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,14 +92,40 @@ def fit_residual(
 ) -> Fit:
     """Return the residual of ``cells`` on the preview ``grid``; deterministic for a seed.
 
-    ``bends`` are the indices of the bends that designs are examined at. One thread: the products
-    are small and threads that wait for each other cost more than they give.
+    ``bends`` are the indices of the bends that designs are examined at.
     """
+    with _one_thread():
+        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
+        return _fit(task, config, progress)
+
+
+def fit_ensembles(
+    scene: Scene,
+    grid: PreviewGrid,
+    cells: Cells,
+    *,
+    exposure: float,
+    lam: float,
+    bends: np.ndarray,
+    seed: int,
+    config: FitConfig,
+    progress: Callable[[str, int, int], None],
+) -> dict[str, nn.Module]:
+    """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without examination."""
+    with _one_thread():
+        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
+        fold = folds(cells.group, config.members, seed)
+        both = _ensembles(task, config, task.exam_of(config, fold), fold, progress)
+        return {"ridge": both.ridge, "network": both.network}
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Hold torch to one thread: for small products, threads that wait cost time."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
-        return _fit(task, config, progress)
+        yield
     finally:
         torch.set_num_threads(threads)
 
@@ -133,30 +160,30 @@ class _Task:
         with torch.no_grad():
             return self.rows.residuals(model(self.rows.x))
 
+    def predicted(self, model: nn.Module, fold: np.ndarray) -> Array:
+        """Return the transport that members predict out of fold."""
+        return np.asarray(
+            np.exp(self.rows.log_preview) * np.exp(held_out(self.residuals(model), fold))
+        )
+
+    def exam_of(self, config: FitConfig, fold: np.ndarray) -> Exam:
+        """Return designs over all cells."""
+        everywhere = np.ones(fold.shape, dtype=bool)
+        designs = self.designs(config.designs, everywhere[..., 0], 0)
+        return self.exam(designs, everywhere, self.bends)
+
 
 def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
     cells, rows = task.cells, task.rows
     fold = folds(cells.group, config.members, task.seed)
-    everywhere = np.ones(fold.shape, dtype=bool)
-    exam = task.exam(task.designs(config.designs, everywhere[..., 0], 0), everywhere, task.bends)
-
-    progress("ridge", 0, 1)
+    exam = task.exam_of(config, fold)
+    both = _ensembles(task, config, exam, fold, progress)
+    penalty, ridge, network = both.penalty, both.ridge, both.network
     preview = np.exp(rows.log_preview)
 
     def grade(name: str, model: nn.Module) -> LevelErrors:
-        return exam.grade(name, preview * np.exp(held_out(task.residuals(model), fold)))
+        return exam.grade(name, task.predicted(model, fold))
 
-    ridges = [(p, fit_ridge(rows, fold, config.members, p)) for p in config.penalties]
-    penalty, ridge = min(ridges, key=lambda item: grade("ridge", item[1]).facet_rms)
-    progress("ridge", 1, 1)
-
-    def train(where: np.ndarray, members: int, name: str, network: NetworkConfig) -> nn.Module:
-        def report(done: int, total: int) -> None:
-            progress(name, done, total)
-
-        return fit_networks(rows, where, members, network, task.seed, report)
-
-    network = train(fold, config.members, "networks", config.network)
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
     levels = (
         exam.grade("noise of the reference", _noisy(task)),
@@ -170,7 +197,8 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
 
     def refit(out: np.ndarray, count: int, name: str) -> nn.Module:
         if better:
-            return train(out, count, f"split by {name}", config.network.shorter(2))
+            shorter = config.network.shorter(2)
+            return _train(task, out, count, f"split by {name}", shorter, progress)
         return fit_ridge(rows, out, count, penalty)
 
     members = task.residuals(model)
@@ -194,6 +222,46 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
         cells=int(cells.reliable.size),
         noise=float(rows.noise.median()),
     )
+
+
+@dataclass(frozen=True)
+class _Ensembles:
+    """Ridge with the penalty that is best out of fold, and networks."""
+
+    penalty: float
+    ridge: nn.Module
+    network: nn.Module
+
+
+def _ensembles(
+    task: _Task,
+    config: FitConfig,
+    exam: Exam,
+    fold: np.ndarray,
+    progress: Callable[[str, int, int], None],
+) -> _Ensembles:
+    progress("ridge", 0, 1)
+    ridges = [(p, fit_ridge(task.rows, fold, config.members, p)) for p in config.penalties]
+    penalty, ridge = min(
+        ridges, key=lambda item: exam.grade("ridge", task.predicted(item[1], fold)).facet_rms
+    )
+    progress("ridge", 1, 1)
+    network = _train(task, fold, config.members, "networks", config.network, progress)
+    return _Ensembles(penalty, ridge, network)
+
+
+def _train(
+    task: _Task,
+    where: np.ndarray,
+    members: int,
+    name: str,
+    network: NetworkConfig,
+    progress: Callable[[str, int, int], None],
+) -> nn.Module:
+    def report(done: int, total: int) -> None:
+        progress(name, done, total)
+
+    return fit_networks(task.rows, where, members, network, task.seed, report)
 
 
 def _splits(

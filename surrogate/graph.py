@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from render.bending import Array
-from render.metric import design_score, image_counts, site_metric
+from render.metric import clip_counts, design_score, site_metric
 from render.scene import Scene
 from surrogate.basis import Expansion
 from surrogate.constants import store_constants
@@ -34,27 +34,27 @@ class Prediction(NamedTuple):
 
 
 class PreviewTable(nn.Module):
-    """The interpolated log preview: ``(batch, fiber, bend, site, facet + 1)``."""
+    """The interpolated log preview: ``(normal, batch, fiber, bend, site)``."""
 
     table: Tensor
 
     def __init__(self, grid: PreviewGrid) -> None:
         """Store the values of ``grid`` at its nodes as float32 constants."""
         super().__init__()
-        table = grid.log_transport
+        # (fiber, phi node, bend node, normal, site), the last three in one axis.
+        table = grid.log_transport.swapaxes(-1, -2)
         self.shape = table.shape
-        flat = table.reshape(table.shape[0], table.shape[1], -1)
-        store_constants(self, {"table": flat})
+        store_constants(self, {"table": table.reshape(table.shape[0], table.shape[1], -1)})
         self.in_phi, self.in_bend = Lagrange(grid.phi), Lagrange(grid.bends)
 
     def forward(self, phi: Tensor, bend: Tensor) -> Tensor:
         """Return the log preview for ``phi`` ``(batch, fiber)``, ``bend`` ``(batch, bend)``."""
-        fibers, _, nodes, sites, normals = self.shape
+        fibers, _, nodes, normals, sites = self.shape
         # (fiber, batch, phi node) x (fiber, phi node, rest), then (bend, node) x (node, rest).
-        at_phi = torch.matmul(self.in_phi(phi).transpose(0, 1), self.table).transpose(0, 1)
-        at_phi = at_phi.reshape(-1, fibers, nodes, sites * normals)
-        out = torch.matmul(self.in_bend(bend)[:, None], at_phi)
-        return out.reshape(out.shape[0], fibers, out.shape[2], sites, normals)
+        at_phi = torch.matmul(self.in_phi(phi).transpose(0, 1), self.table)
+        at_phi = at_phi.reshape(fibers, -1, nodes, normals * sites)
+        out = torch.matmul(self.in_bend(bend), at_phi)
+        return out.reshape(fibers, out.shape[1], -1, normals, sites).permute(3, 1, 0, 2, 4)
 
 
 class Lagrange(nn.Module):
@@ -123,79 +123,88 @@ class Checker(nn.Module):
         Inputs outside their range are moved to its edge and reported in ``domain_excess``;
         inputs that are not finite give NaN.
         """
-        low, high = self.bends
-        inside = (
-            _within(phi, 0.0, math.pi),
-            _within(power, 0.0, 1.0),
-            _within(bend, low, high),
+        given = self._scaled(phi, power, bend)
+        inside = _within(given)
+        fibers, width = phi.shape[1], self.bends[1] - self.bends[0]
+        log_preview, residual, spread = self.transport(
+            inside[:, :fibers] * math.pi, inside[:, 4 * fibers :] * width + self.bends[0]
         )
-        log_preview, residual, spread = self.transport(inside[0], inside[2])
+        weight = inside[:, fibers : 4 * fibers].reshape(-1, 3, fibers)
         shared = residual.sum(dim=0) / residual.shape[0]
         transport = torch.exp(log_preview + shared)
-        counts = image_counts(transport, inside[1], self.exposure)
+        counts = clip_counts(self.exposure * _superposed(weight, transport))
         facets = counts[..., :-1, :]
         metric = site_metric(facets, self.lam)
         return Prediction(
             counts=facets,
-            counts_spread=self.counts_spread(transport, residual - shared, spread, inside[1]),
+            counts_spread=self.counts_spread(transport, residual - shared, spread, weight),
             background=counts[..., -1, :],
             metric=metric,
             score=design_score(metric).score,
-            domain_excess=torch.maximum(
-                torch.maximum(
-                    _excess(phi, 0.0, math.pi).amax(dim=1),
-                    _excess(power, 0.0, 1.0).amax(dim=(1, 2)),
-                ),
-                _excess(bend, low, high).amax(dim=1),
-            ),
+            domain_excess=_excess(given).amax(dim=1),
         )
+
+    def _scaled(self, phi: Tensor, power: Tensor, bend: Tensor) -> Tensor:
+        """Return all inputs of a design in one row, 0 to 1 inside the trained range.
+
+        ``(batch, fiber + 3 fiber + bend)``; power by colour first.
+        """
+        low, high = self.bends
+        level = (bend - low) / (high - low) if high > low else bend - low
+        colours = power.transpose(1, 2).flatten(1)
+        return torch.cat([phi / math.pi, colours, level], dim=1)
 
     def transport(self, phi: Tensor, bend: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return log preview, residual of every member and standard deviation of the residual.
 
-        Shapes ``(batch, fiber, bend, site, facet + 1)``, the same with ``member`` in front, and
-        ``(batch, fiber, bend, site, 1)``; the untouched pad is the last normal.
+        Shapes ``(normal, batch, fiber, bend, site)``, the same with ``member`` in front, and
+        ``(batch, fiber, bend, site)``; the untouched pad is the last normal.
         """
         log_preview = self.preview(phi, bend)
         x = self.inputs(phi, bend, log_preview)
-        residual = self.expansion(self.residual(x), log_preview)
-        brightness = x[..., BRIGHTNESS : BRIGHTNESS + 1]
-        spread = torch.exp(self.spread[0] + self.spread[1] * brightness)
+        coefficients = self.residual(x.reshape(x.shape[0], -1).t()).transpose(1, 2)
+        coefficients = coefficients.reshape(coefficients.shape[0], -1, *x.shape[1:])
+        residual = self.expansion(coefficients, log_preview)
+        spread = torch.exp(self.spread[0] + self.spread[1] * x[BRIGHTNESS])
         return log_preview, residual, spread
 
     def counts_spread(
-        self, transport: Tensor, apart: Tensor, spread: Tensor, power: Tensor
+        self, transport: Tensor, apart: Tensor, spread: Tensor, weight: Tensor
     ) -> Tensor:
         """Return one standard deviation of the counts, ``(batch, bend, site, facet, 3)``.
 
         The disagreement of the members, which light from all fibers shares, and the calibrated
         residual of every cell, independent from fiber to fiber, add in quadrature. ``apart`` is
-        the deviation of every member's residual from their mean, ``(member, batch, ...)``.
+        the deviation of every member's residual from their mean, ``(member, normal, batch, ...)``;
+        ``weight`` the power ``(batch, 3, fiber)``.
         """
         members = apart.shape[0]
-        batch, fibers, bends, sites, normals = transport.shape
-        facets = normals - 1
-        light = transport[..., :facets]
-        weight = power.transpose(1, 2)  # (batch, colour, fiber)
-        alone = (light * spread).reshape(batch, fibers, -1)
-        variance = torch.matmul(weight * weight, alone * alone)
+        variance = _superposed(weight * weight, (transport * spread) ** 2)
         if members > 1:
-            lights = (apart[..., :facets] * light).reshape(members, batch, fibers, -1)
-            together = torch.matmul(weight, lights)
+            together = _superposed(weight, apart * transport)
             variance = variance + (together * together).sum(dim=0) / (members - 1)
-        out = self.exposure * torch.sqrt(variance)
-        return out.reshape(batch, 3, bends, sites, facets).permute(0, 2, 3, 4, 1)
+        return self.exposure * torch.sqrt(variance[..., :-1, :])
 
 
-def _within(x: Tensor, low: float, high: float) -> Tensor:
-    """Move finite values into [low, high]; everything else becomes NaN, whatever clamp does."""
-    return torch.where(
-        torch.abs(x) < math.inf, torch.clamp(x, low, high), torch.full_like(x, math.nan)
-    )
+def _superposed(weight: Tensor, light: Tensor) -> Tensor:
+    """Return ``(..., batch, bend, site, normal, 3)``: light adds up over the fibers.
+
+    ``weight`` is ``(batch, 3, fiber)``, ``light`` ``(..., normal, batch, fiber, bend, site)``.
+    """
+    bends, sites = light.shape[-2:]
+    sums = torch.matmul(weight, light.flatten(-2))
+    sums = sums.reshape(*sums.shape[:-1], bends, sites)
+    lead = list(range(light.ndim - 5))
+    normal, batch, colour, bend, site = range(light.ndim - 5, light.ndim)
+    return sums.permute(*lead, batch, bend, site, normal, colour)
 
 
-def _excess(x: Tensor, low: float, high: float) -> Tensor:
-    """Return how far ``x`` lies outside [low, high], in units of the range; NaN gives inf."""
-    width = high - low if high > low else 1.0
-    outside = torch.relu(torch.maximum(x - high, low - x)) / width
-    return torch.where(torch.abs(x) < math.inf, outside, torch.full_like(x, math.inf))
+def _within(x: Tensor) -> Tensor:
+    """Move finite values into [0, 1]; everything else becomes NaN, whatever clamp does."""
+    return torch.where(torch.abs(x) < math.inf, torch.clamp(x, 0.0, 1.0), math.nan)
+
+
+def _excess(x: Tensor) -> Tensor:
+    """Return how far ``x`` lies outside [0, 1]; what is not finite gives inf."""
+    outside = torch.relu(torch.maximum(x - 1.0, -x))
+    return torch.where(torch.abs(x) < math.inf, outside, math.inf)

@@ -41,11 +41,15 @@ def random_designs(count: int, allowed: np.ndarray, rng: np.random.Generator) ->
     fibers = allowed.shape[1]
     choices = [np.flatnonzero(allowed[:, f]) for f in range(fibers)]
     direction = np.stack([rng.choice(choice, size=count) for choice in choices], axis=1)
+    return Designs(direction, random_colours(count, fibers, rng))
+
+
+def random_colours(count: int, fibers: int, rng: np.random.Generator) -> Array:
+    """Return powers ``(design, fiber, 3)``: one colour per fiber, in runs of 1, 2 or 4."""
     colour = rng.integers(0, 3, size=(count, fibers))
     run = np.array([1, 2, 4])[np.arange(count) % 3]
     start = (np.arange(fibers) // run[:, None]) * run[:, None]
-    colour = np.take_along_axis(colour, start, axis=1)
-    return Designs(direction, np.eye(3)[colour])
+    return np.eye(3)[np.take_along_axis(colour, start, axis=1)]
 
 
 @dataclass(frozen=True)

@@ -23,18 +23,18 @@ INPUT_NAMES = (
     "fiber x",
     "fiber y",
     "fiber at the tip",
-    "cos phi",
-    "sin phi",
-    "cos 2 phi",
-    "sin 2 phi",
-    "bend",
     "site x",
     "site y",
     "log distance fiber-site",
     "cos of the angle at the fiber between its normal and the site",
     "sin of the angle at the fiber between its normal and the site",
+    "cos phi",
+    "sin phi",
+    "cos 2 phi",
+    "sin 2 phi",
     "cos of the angle at the fiber between beam and site",
     "sin of the angle at the fiber between beam and site",
+    "bend",
     "log preview of the untouched pad",
     "first harmonic of the log preview, cosine",
     "first harmonic of the log preview, sine",
@@ -45,22 +45,18 @@ BRIGHTNESS = INPUT_NAMES.index("log preview of the untouched pad")
 
 
 class Inputs(nn.Module):
-    """Inputs of the residual, ``(batch, fiber, bend, site, 20)``, in the order of INPUT_NAMES.
+    """Inputs of the residual, ``(20, batch, fiber, bend, site)``, in the order of INPUT_NAMES.
 
     Arguments of the constructor:
         scene: gives positions and directions (flat pad; the bend is an input of its own).
         grid: gives the scale and the offset of the log preview.
     """
 
-    before: Tensor
-    between: Tensor
+    fixed: Tensor
     turn: Tensor
-    ahead: Tensor
-    aside: Tensor
+    angles: Tensor
     columns: Tensor
-    partners: Tensor
-    same: Tensor
-    other: Tensor
+    turned: Tensor
 
     def __init__(self, scene: Scene, grid: PreviewGrid) -> None:
         """Precompute everything that depends on fiber and site alone, in float64."""
@@ -81,45 +77,25 @@ class Inputs(nn.Module):
         ahead = np.einsum("fsc,fc->fs", unit, inward)
         aside = np.einsum("fsc,fc->fs", unit, along)
         half = np.array([scene.pad.width / 2, scene.pad.length / 2])
-        count = len(sites)
-
-        def per_cell(values: Array) -> Array:
-            return np.repeat(values[:, None], count, axis=1)
-
-        fixed = {
-            "before": [
-                per_cell(fiber[:, 0] / half[0]),
-                per_cell(fiber[:, 1] / half[1]),
-                per_cell(tip.astype(float)),
-            ],
-            "between": [
-                site[..., 0] / half[0],
-                site[..., 1] / half[1],
-                np.log(distance / half[0]),
-                ahead,
-                aside,
-            ],
-        }
+        columns = [fiber[:, :1] / half[0], fiber[:, 1:] / half[1], tip.astype(float)[:, None]]
+        columns += [site[..., 0] / half[0], site[..., 1] / half[1]]
+        columns += [np.log(distance / half[0]), ahead, aside]
+        fixed = np.stack([np.broadcast_to(column, distance.shape) for column in columns])
         flat = grid.log_transport[..., -1]
         self.center = float(flat.mean())
         self.scale = float(max(flat.std(), 1e-3))
         # Least-squares harmonics of the log preview over the facets; turned into the frame of the
         # fiber and the site by the inverse (the transpose) of what turns coefficients out of it.
-        columns = np.linalg.pinv(facet_harmonics(scene)[:, :5])[1:].T
-        same, other = (part[:, None, :, 1:5] for part in turning(scene))
+        harmonics = np.linalg.pinv(facet_harmonics(scene)[:, :5])[1:]
+        same, other = (np.moveaxis(part[..., 1:5], -1, 0) for part in turning(scene))
         partner = PARTNER[1:5] - 1
-        other = other[..., partner]
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
         constants = {
-            "before": np.stack(fixed["before"], axis=-1),
-            "between": np.stack(fixed["between"], axis=-1),
+            "fixed": fixed[:, None, :, None],
             "turn": turn,
-            "ahead": ahead,
-            "aside": aside,
-            "columns": columns,
-            "partners": columns[:, partner],
-            "same": same,
-            "other": other,
+            "angles": _angles(ahead, aside),
+            "columns": np.concatenate([harmonics, harmonics[partner]]),
+            "turned": np.concatenate([same, other[partner]])[:, None, :, None],
         }
         store_constants(self, constants)
 
@@ -129,33 +105,43 @@ class Inputs(nn.Module):
         Arguments:
             phi: ``(batch, fiber)`` rad.
             bend: ``(batch, bend)`` rad.
-            log_preview: ``(batch, fiber, bend, site, facet + 1)``, the untouched pad last.
+            log_preview: ``(normal, batch, fiber, bend, site)``, the untouched pad last.
         """
-        cells = log_preview[..., :1]
-        zero = torch.zeros_like(cells)
+        flat = log_preview[-1:]
+        zero = 0.0 * flat
         cos, sin = torch.cos(phi) * self.turn, torch.sin(phi)
-        direction = torch.stack([cos, sin, cos * cos - sin * sin, 2 * cos * sin], dim=-1)
-        # (batch, fiber, site): the beam is cos along + sin inward in the plane of the pad.
-        along = cos[..., None] * self.aside + sin[..., None] * self.ahead
-        across = cos[..., None] * self.ahead - sin[..., None] * self.aside
-        beam = torch.stack([along, across], dim=-1)
+        waves = torch.stack([cos, sin, cos * cos - sin * sin, 2 * cos * sin], dim=-1)
+        # (fiber, batch, 4) x (fiber, 4, 6 site) -> (6, batch, fiber, 1, site)
+        angles = torch.matmul(waves.transpose(0, 1), self.angles)
+        angles = angles.reshape(angles.shape[0], angles.shape[1], 6, -1).permute(2, 1, 0, 3)
         low, high = self.bends
         level = (2 * bend - low - high) / max(high - low, 1e-9) if high > low else 0 * bend
-        brightness = (log_preview[..., -1:] - self.center) / self.scale
-        shape = torch.matmul(log_preview, self.columns) * self.same
-        shape = shape + torch.matmul(log_preview, self.partners) * self.other
+        shape = torch.matmul(self.columns, log_preview.reshape(log_preview.shape[0], -1))
+        shape = shape.reshape(-1, *log_preview.shape[1:]) * self.turned
         return torch.cat(
             [
-                zero + self.before[None, :, None],
-                zero + direction[:, :, None, None],
-                zero + level[:, None, :, None, None],
-                zero + self.between[None, :, None],
-                zero + beam[:, :, None],
-                brightness,
-                shape,
-            ],
-            dim=-1,
+                zero + self.fixed,
+                zero + angles[:, :, :, None],
+                zero + level[None, :, None, :, None],
+                (flat - self.center) / self.scale,
+                shape[:4] + shape[4:],
+            ]
         )
+
+
+def _angles(ahead: Array, aside: Array) -> Array:
+    """Return what makes the six inputs with phi of ``cos, sin, cos 2, sin 2``: ``(fiber, 4, 6 s)``.
+
+    The first four are themselves; the beam ``cos along + sin inward`` in the plane of the pad has
+    the cosine ``cos aside + sin ahead`` and the sine ``cos ahead - sin aside`` to the site.
+    """
+    fibers, sites = ahead.shape
+    out = np.zeros((fibers, 4, 6, sites))
+    for wave in range(4):
+        out[:, wave, wave] = 1.0
+    out[:, 0, 4], out[:, 1, 4] = aside, ahead
+    out[:, 0, 5], out[:, 1, 5] = ahead, -aside
+    return out.reshape(fibers, 4, 6 * sites)
 
 
 def _mirrored(vectors: Array, sign: Array) -> Array:

@@ -87,19 +87,21 @@ def build_rows(scene: Scene, grid: PreviewGrid, cells: Cells) -> Rows:
     with torch.no_grad():
         log_preview = checker.preview(phi, bend)
         x = checker.inputs(phi, bend, log_preview)
-        unit = torch.eye(SIZE).reshape(SIZE, 1, 1, 1, 1, SIZE)
-        unit = unit.expand(-1, *log_preview.shape[:-1], -1)
+        # One member for every basis function, with 1 for its coefficient.
+        unit = torch.eye(SIZE).reshape(SIZE, SIZE, 1, 1, 1, 1)
+        unit = unit.expand(-1, -1, *log_preview.shape[1:])
         basis = checker.expansion(unit, log_preview)
-    normals = log_preview.shape[-1]
-    rows = x.reshape(-1, x.shape[-1])
-    preview = np.exp(log_preview.double().numpy())
+    normals = len(log_preview)
+    rows = x.reshape(len(x), -1).t().contiguous()
+    log_cells = log_preview.movedim(0, -1).double().numpy()
+    preview = np.exp(log_cells)
     noise = smooth_noise(cells.transport, cells.error, rows.double().numpy())
     return Rows(
         x=rows,
-        basis=basis.reshape(SIZE, -1, normals).transpose(0, 1).contiguous(),
+        basis=basis.reshape(SIZE, normals, -1).permute(2, 0, 1).contiguous(),
         ratio=torch.as_tensor(cells.transport / preview, dtype=torch.float32).reshape(-1, normals),
         noise=torch.as_tensor(noise, dtype=torch.float32).reshape(-1, normals),
-        log_preview=log_preview.double().numpy(),
+        log_preview=log_cells,
     )
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from optimize.console import Meter, note, reserved_stdout
+from optimize.console import Stages, reserved_stdout
 from render.llvm import ensure_llvm
 from render.scene import load_scene
 from render.transport import load_table
 from surrogate.package import check_replaceable
-from surrogate.train import TrainConfig, TrainProgress, train
+from surrogate.train import TrainConfig, train
 
 
 def run(
@@ -37,7 +37,7 @@ def run(
             command += ["--mutations", str(mutations)]
         else:
             command += ["--minutes", f"{minutes:g}"]
-        with _Stages() as progress:
+        with Stages() as stages:
             made = train(
                 scene,
                 folder,
@@ -45,7 +45,7 @@ def run(
                 table=known,
                 config=TrainConfig(minutes=minutes, mutations=mutations),
                 command=shlex.join(command),
-                progress=progress,
+                progress=lambda p: stages(p.stage.capitalize(), p.done, p.total, p.eta_seconds),
             )
         stream.write(
             f"{'held-out errors':<24}{'colour, median':>15}{'score, median':>15}{'tau':>7}\n"
@@ -58,27 +58,3 @@ def run(
         stream.write(
             f"Model: {made.folder} ({made.metadata.residual['kind']}, {made.seconds:.0f} s)\n"
         )
-
-
-class _Stages:
-    """One progress display per stage of the training."""
-
-    def __init__(self) -> None:
-        self._name = ""
-        self._meter: Meter | None = None
-
-    def __enter__(self) -> _Stages:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._meter is not None:
-            self._meter.close()
-
-    def __call__(self, state: TrainProgress) -> None:
-        if self._meter is None or state.stage != self._name:
-            if self._meter is not None:
-                self._meter.close()
-            self._name, self._meter = state.stage, Meter(state.stage.capitalize())
-            note(f"{state.stage.capitalize()} ...")
-        eta = state.eta_seconds
-        self._meter(state.done, state.total, None if eta != eta else eta)

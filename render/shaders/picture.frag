@@ -12,7 +12,7 @@ uniform sampler2D indirect;   // interreflected irradiance on the coating, over 
 #ifdef FACES
 uniform vec3 site_first;      // flat position of the first site
 uniform vec2 site_step, site_count;
-uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its centre
+uniform float longest_shadow;  // mm from a pyramid's centre
 uniform sampler2D facet_indirect;  // (facet, site)
 #endif
 
@@ -91,6 +91,9 @@ void main() {
         target += enter * d;
         int site = int(number.y * site_count.x + number.x);
         ambient = texelFetch(facet_indirect, ivec2(facet, site), 0).rgb;
+    } else {
+        from_pyramid = from_site;
+        shadow_reach = longest_shadow;
     }
 #endif
     vec3 light = irradiance(target, facing, 0, 0).here + ambient;

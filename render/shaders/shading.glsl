@@ -73,6 +73,28 @@ struct Light {
     Spectrum foot;  // and on the coating at the foot of its facet, unless the pyramid is before it
 };
 
+#ifdef FACES
+
+uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its centre
+// The coating's point from the nearest pyramid's centre; beyond shadow_reach nothing is tested.
+vec3 from_pyramid;
+float shadow_reach = 0.0;
+
+// 1 where the way from a point of the coating towards a light passes the pyramid, 0 behind it. Its
+// frame is taken for the point's own, as shadows are short against the radius of the bend.
+float past_pyramid(vec3 arrive) {
+    float enter = 0.0, leave = 1e9;
+    for (int i = 0; i < FACES; ++i) {
+        float speed = dot(facet_planes[i].xyz, arrive);
+        float room = facet_planes[i].w - dot(facet_planes[i].xyz, from_pyramid);
+        if (speed < 0.0) enter = max(enter, room / speed);
+        else leave = min(leave, room / max(speed, 1e-9));
+    }
+    return enter < leave ? 0.0 : 1.0;
+}
+
+#endif
+
 // Irradiance in 1/mm^2 per unit power at a flat pad position with a local unit normal. `first` is
 // the row of `lights`, `list` the row (or group of rows) of `emissions`.
 Light irradiance(vec3 position, vec3 normal, int first, int list) {
@@ -94,6 +116,10 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec3 d = to_edge(direct.depart, mark & 3), m = to_edge(mirrored.depart, mark & 3);
         vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
         vec2 here = spread * max(cosine, 0.0);
+#ifdef FACES
+        if (length(from_pyramid.xy) < shadow_reach)
+            here *= vec2(past_pyramid(direct.arrive), past_pyramid(mirrored.arrive));
+#endif
         vec2 foot = step(0.0, cosine) * spread
             * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0);
 #if CHANNELS == 3

@@ -55,12 +55,14 @@ def test_exploring_finger20(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
 def test_one_design_through_the_checker(capsys: pytest.CaptureFixture[str]) -> None:
     scene = load_scene("finger20")
     checker = Checker.load(MODELS / scene.name, scene.hash)
+    # A thread that waits for one design costs more than it gives.
+    single = Checker.load(MODELS / scene.name, scene.hash, threads=1)
     design = baseline_design(scene)
     phi = design.phi[None].astype(np.float32)
     power = design.power[None].astype(np.float32)
     bends = np.array(scene.bending.angles, dtype=np.float32)
-    seconds = median_seconds(lambda: checker.run(phi, power, bends), 50)
-    report(capsys, "one design through checker.onnx", seconds, 5e-3)
+    seconds = median_seconds(lambda: single.run(phi, power, bends), 200)
+    report(capsys, "one design through checker.onnx", seconds, 1e-3)
     batch = 64
     many = np.repeat(phi, batch, axis=0), np.repeat(power, batch, axis=0)
     rate = 60.0 * batch / median_seconds(lambda: checker.run(*many, bends), 5)

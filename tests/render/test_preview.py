@@ -148,9 +148,36 @@ def test_left_is_left_and_the_tip_is_up(preview: Preview, scene: Scene) -> None:
 
 def test_pyramids_show_in_the_indented_picture_only(preview: Preview, scene: Scene) -> None:
     args = (np.full(20, np.pi / 2), baseline(scene), 0.0, 200, 200)
-    changed = preview.picture(*args) != preview.picture(*args, indented=False)
-    part = changed.any(axis=-1).mean()
-    assert 0.001 < part < 0.05
+    pressed, untouched = preview.picture(*args), preview.picture(*args, indented=False)
+    # Shadows fade out around them; a tenth is what one sees at once.
+    changed = (np.abs(pressed - untouched) > 0.1 * untouched).any(axis=-1)
+    assert 0.001 < changed.mean() < 0.05
+    near = (pressed != untouched).any(axis=-1)
+    assert near.mean() < 0.2
+
+
+def test_a_pyramid_throws_a_shadow_away_from_the_light(scene: Scene, cache: Path) -> None:
+    # Steep and alone on the pad, lit from the left: what lies behind it is darker, before it not.
+    steep = scene.model_copy(
+        update={
+            "indenter": scene.indenter.model_copy(update={"slope": np.radians(60.0)}),
+            "sites": scene.sites.model_copy(update={"columns": 1, "rows": 1}),
+        }
+    )
+    power = baseline(scene) * [1, 0, 0]
+    with Preview(steep, cache=cache) as preview:
+        pressed, untouched = (
+            preview.picture(np.full(20, np.pi / 2), power, 0.0, 200, 200, indented=indented)
+            for indented in (True, False)
+        )
+    column, row = _pixel(steep, flat_sites(steep)[0], 200)
+    seen = pressed[row, :, 0] / np.maximum(untouched[row, :, 0], 1e-30)
+    half = (untouched[row, :, 0] > 0).sum() / scene.pad.width * scene.indenter.radius
+    behind, before = (seen[int(column + side * 1.6 * half)] for side in (1, -1))
+    assert behind < 0.9
+    assert before == pytest.approx(1.0, abs=0.03)
+    far = seen[int(column + 6 * half)]
+    assert far == pytest.approx(1.0, abs=0.03)
 
 
 def test_osmesa_and_egl_agree(scene: Scene, cache: Path, preview: Preview) -> None:

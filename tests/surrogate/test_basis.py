@@ -11,12 +11,13 @@ from surrogate.basis import SIZE, Expansion, facet_harmonics, harmonics
 
 
 def _expand(scene: Scene, index: int, log_preview: torch.Tensor | None = None) -> np.ndarray:
-    shape = (scene.fibers.count, 1, scene.sites.count)
+    """Return basis function ``index``, ``(fiber, site, normal)``."""
+    shape = (1, scene.fibers.count, 1, scene.sites.count)
     if log_preview is None:
-        log_preview = torch.zeros(*shape, scene.indenter.faces + 1)
-    unit = torch.zeros(*shape, SIZE)
-    unit[..., index] = 1.0
-    return Expansion(scene)(unit, log_preview)[:, 0].numpy()
+        log_preview = torch.zeros(scene.indenter.faces + 1, *shape)
+    unit = torch.zeros(1, SIZE, *shape)
+    unit[:, index] = 1.0
+    return np.moveaxis(Expansion(scene)(unit, log_preview)[0, :, 0, :, 0].numpy(), 0, -1)
 
 
 def test_the_untouched_pad_sees_only_the_constant(scene: Scene) -> None:
@@ -50,8 +51,9 @@ def test_every_basis_function_of_a_twin_is_the_mirror_image(scene: Scene) -> Non
 
 
 def test_contrast_terms_leave_the_untouched_pad_alone_and_stay_bounded(scene: Scene) -> None:
-    log_preview = torch.zeros(scene.fibers.count, 1, scene.sites.count, scene.indenter.faces + 1)
-    log_preview[..., 0], log_preview[..., 1] = -40.0, 40.0
+    shape = (1, scene.fibers.count, 1, scene.sites.count)
+    log_preview = torch.zeros(scene.indenter.faces + 1, *shape)
+    log_preview[0], log_preview[1] = -40.0, 40.0
     first, second = (_expand(scene, SIZE - k, log_preview) for k in (2, 1))
     assert (first[..., -1] == 0).all()
     np.testing.assert_allclose(first[..., :2], np.broadcast_to([-1, 1], (*first.shape[:2], 2)))

@@ -17,7 +17,8 @@ from surrogate.preview_grid import PreviewGrid
 def _inputs(scene: Scene, grid: PreviewGrid, phi: np.ndarray) -> torch.Tensor:
     directions = torch.as_tensor(phi, dtype=torch.float32)
     bend = torch.linspace(0.0, 1.5, 4).expand(len(phi), -1)
-    return Inputs(scene, grid)(directions, bend, PreviewTable(grid)(directions, bend))
+    x = Inputs(scene, grid)(directions, bend, PreviewTable(grid)(directions, bend))
+    return x.movedim(0, -1)
 
 
 def test_inputs_are_finite_and_of_order_one(scene: Scene, grid: PreviewGrid) -> None:
@@ -58,4 +59,4 @@ def test_a_scene_with_one_bend_has_a_constant_bend_input(
     phi = torch.full((2, 8), 1.0)
     bend = torch.zeros(2, 1)
     x = Inputs(flat, grid)(phi, bend, PreviewTable(grid)(phi, bend))
-    assert (x[..., INPUT_NAMES.index("bend")] == 0).all()
+    assert (x[INPUT_NAMES.index("bend")] == 0).all()

@@ -23,7 +23,11 @@ from render.rough_face import fresnel
 from render.scene import Scene, load_scene
 from render.slab_basis import directional_terms
 
-RELATIVE, ABSOLUTE = 1e-3, 2e-6
+RELATIVE, ABSOLUTE, MEDIAN = 1e-3, 2e-6, 2e-5
+FEW = 0.04
+"""Part of the points that may leave the tolerance in a sensor at the end of a range: deep facets
+lie at middle height as well, and a beam of 0.1 deg turns rounding into percents."""
+PLAIN = ("diffuser", "bare", "thin diffuser")
 
 
 def with_parts(scene: Scene, **parts: object) -> Scene:
@@ -162,10 +166,32 @@ def thin(scene: Scene) -> Scene:
     return with_parts(scene, diffuser=layer)
 
 
+def with_value(scene: Scene, key: str, value: float) -> Scene:
+    part, name = key.split(".")
+    return with_parts(scene, **{part: getattr(scene, part).model_copy(update={name: value})})
+
+
+# Both ends of what the shader reads itself (lengths of the pad as far as sites still fit it).
+EXTREMES = [
+    ("pad.width", 8.0), ("pad.width", 1000.0), ("pad.length", 20.0), ("pad.length", 1000.0),
+    ("pad.thickness", 2.0), ("pad.thickness", 1000.0), ("pad.index", 1.0), ("pad.index", 1.7),
+    ("fibers.height", 0.0), ("fibers.height", 4.0), ("fibers.tilt", -np.pi / 3),
+    ("fibers.tilt", np.pi / 3), ("indenter.slope", np.pi / 180), ("indenter.slope", np.pi / 2.25),
+]  # fmt: skip
+BARE_EXTREMES = [
+    ("fibers.sigma_v", np.radians(0.1)), ("fibers.sigma_v", np.radians(89.0)),
+    ("fibers.diameter", 0.05), ("fibers.gap", 10.0), ("pad.index", 1.0), ("pad.index", 1.7),
+]  # fmt: skip
 SCENES = {
     "diffuser": few,
     "bare": lambda scene: with_parts(few(scene), diffuser=None),
     "thin diffuser": lambda scene: few(thin(scene)),
+} | {
+    f"{'bare, ' if bare else ''}{key} {value:.3g}": lambda scene, c=(bare, key, value): with_value(
+        with_parts(few(scene), **({"diffuser": None} if c[0] else {})), c[1], c[2]
+    )
+    for bare, cases in ((False, EXTREMES), (True, BARE_EXTREMES))
+    for key, value in cases
 }
 
 
@@ -187,9 +213,20 @@ def test_the_shader_draws_what_float64_numpy_computes(
         for bend in (0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi):
             seen = slice(None, points.first_edge if bend > 0.1 else None)
             drawn = preview.direct_irradiance(phi, bend)[:, :, seen]
-            exact = irradiance(scene, lights, points, phi, bend)[:, :, seen]
+            with np.errstate(all="ignore"):
+                exact = irradiance(scene, lights, points, phi, bend)[:, :, seen]
+            assert np.isfinite(drawn).all()
+            # A patch of the edge can hold a light: float64 divides by 0 there, the shader does not.
+            apart = np.isfinite(exact)
+            exact = np.where(apart, exact, 0.0)
             error = np.abs(drawn - exact)
             allowed = RELATIVE * exact + ABSOLUTE * exact.max(axis=2, keepdims=True)
-            assert (error <= allowed).all(), f"{bend}: {(error / allowed).max()}"
-            lit = exact > 1e-3 * exact.max()
-            assert np.median(error[lit] / exact[lit]) < 2e-5
+            off = (error > allowed) & apart
+            assert off.mean() <= (0.0 if name in PLAIN else FEW), f"{bend}: {off.mean():.2%}"
+            lit = apart & (exact > 1e-3 * exact.max())
+            assert np.median(error[lit] / exact[lit]) < (1 if name in PLAIN else 50) * MEDIAN
+        mine = preview.direct_irradiance(phi, np.pi / 2)
+    with Preview(scene, backend="egl", cache=cache) as other:
+        np.testing.assert_allclose(
+            other.direct_irradiance(phi, np.pi / 2), mine, rtol=1e-3, atol=1e-6 * mine.max()
+        )

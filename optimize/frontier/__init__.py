@@ -1,0 +1,1 @@
+"""The speed-accuracy frontier: each way to judge a design, timed and held against renders."""

@@ -1,0 +1,163 @@
+"""How much is rendered for a frontier: given, or what fills a number of minutes."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from optimize.atomic import write_text
+from optimize.frontier.designs import HeldOut, Nodes
+from optimize.frontier.volpath import PathTracer
+from optimize.output import OutputError
+from render.reference import render_transport
+from render.scene import Scene
+
+PLAN = "plan.json"
+SHORTER = (32, 8)
+"""How many times fewer mutations the short PSSMLT rows get than the reference."""
+SAMPLES = (4, 16)
+"""Samples per pixel of the path tracer's rows."""
+TABLE_SHARE = 2
+"""How many times fewer mutations a transport table gets, where none is given."""
+PATH_TRACER_SHARE, FIT_SECONDS = 0.15, 120.0
+"""Part of the minutes for the path tracer, and what the fits take."""
+TRIALS = (4, 24)
+"""Mutations of two trial renders at one bend; their difference is free of compiling."""
+
+
+@dataclass(frozen=True)
+class FrontierPlan:
+    """What is rendered; kept in the run directory, so that a resumed run renders the same.
+
+    Arguments:
+        scene_hash, seed, designs: whose designs, which, and how many.
+        minutes: that the rest was chosen for; 0 when ``mutations`` were given.
+        mutations: per fiber and facet, of the reference.
+        short: the same, of the short rows.
+        samples: per pixel, of the path tracer's rows.
+    """
+
+    scene_hash: str
+    seed: int
+    designs: int
+    minutes: float
+    mutations: int
+    short: list[int]
+    samples: list[int]
+
+    @property
+    def table_mutations(self) -> int:
+        """Mutations of a transport table, where none is given."""
+        return max(1, self.mutations // TABLE_SHARE)
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a directory that holds something else.
+
+    Raises:
+        OutputError: ``folder`` is a file, or holds files but no plan.
+    """
+    foreign = folder.exists() and (
+        not folder.is_dir() or (any(folder.iterdir()) and not (folder / PLAN).is_file())
+    )
+    if foreign:
+        raise OutputError(
+            f"{folder} holds files but no frontier ({PLAN}), so it is left alone: choose another "
+            "place with --out",
+            field="out",
+            value=str(folder),
+        )
+
+
+def make_plan(
+    scene: Scene,
+    designs: HeldOut,
+    nodes: Nodes,
+    folder: Path,
+    *,
+    seed: int,
+    minutes: float,
+    mutations: int | None,
+    renders_table: bool,
+) -> FrontierPlan:
+    """Return the plan in ``folder`` when it answers the same request, or a new one.
+
+    Arguments:
+        scene: the sensor.
+        designs: what is judged.
+        nodes: theirs, for the trial renders.
+        folder: of the run.
+        seed: of the designs.
+        minutes: of rendering in all, unless ``mutations`` says it.
+        mutations: of the reference, per fiber and facet.
+        renders_table: whether a transport table has to be rendered as well.
+    """
+    wanted = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
+    wanted |= {"minutes": minutes} if mutations is None else {"mutations": mutations}
+    stored = _read(folder / PLAN)
+    if stored is not None and wanted.items() <= asdict(stored).items():
+        return stored
+    if mutations is None:
+        seconds = 60.0 * minutes - FIT_SECONDS
+        chosen = _affordable(
+            scene, nodes, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
+        )
+        samples = _affordable_samples(scene, designs, PATH_TRACER_SHARE * seconds)
+    else:
+        chosen, samples, minutes = mutations, list(SAMPLES), 0.0
+    plan = FrontierPlan(
+        scene_hash=scene.hash,
+        seed=seed,
+        designs=len(designs),
+        minutes=minutes,
+        mutations=chosen,
+        short=[max(1, chosen // factor) for factor in SHORTER],
+        samples=samples,
+    )
+    write_text(folder / PLAN, json.dumps(asdict(plan)) + "\n")
+    return plan
+
+
+def _affordable(scene: Scene, nodes: Nodes, seconds: float, *, renders_table: bool) -> int:
+    """Return the reference's mutations that fill ``seconds`` together with the shorter renders."""
+    spent = []
+    for trial in TRIALS:
+        began = time.monotonic()
+        render_transport(
+            scene, nodes.phi, np.array(scene.bending.angles[:1]), mutations=trial, seeds=[0]
+        )
+        spent.append(time.monotonic() - began)
+    few, many = TRIALS
+    bends = len(scene.bending.angles)
+    slope = bends * max(spent[1] - spent[0], 1e-3) / (many - few)
+    fixed = bends * max(spent[0] - few * slope / bends, 0.0)
+    # The longest of the short renders is made once more with small steps, and for one design.
+    parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
+    parts += [1.0 / TABLE_SHARE] if renders_table else []
+    left = seconds - sum(spent) - fixed * len(parts)
+    return max(SHORTER[0], int(left / (slope * sum(parts))))
+
+
+def _affordable_samples(scene: Scene, designs: HeldOut, seconds: float) -> list[int]:
+    """Return samples per pixel of two rows, four times apart, that fill ``seconds``."""
+    tracer = PathTracer(scene, np.array(scene.bending.angles))
+    spent = []
+    for samples in (1, 1, 9):
+        began = time.monotonic()
+        tracer.radiance(designs.phi[0], designs.power[0], samples, seed=0)
+        spent.append(time.monotonic() - began)
+    slope = max(spent[2] - spent[1], 1e-3) / 8
+    fixed = max(spent[0] - slope, 0.0)
+    samples = int((seconds / len(designs) - 2 * fixed) / (5 * slope))
+    return [max(1, samples), 4 * max(1, samples)]
+
+
+def _read(path: Path) -> FrontierPlan | None:
+    try:
+        return FrontierPlan(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None

@@ -1,0 +1,46 @@
+"""The speed-accuracy plot: seconds per design against the error of facet colours."""
+
+from __future__ import annotations
+
+from optimize.frontier.frontier import Frontier
+from optimize.heatmaps import drawing, png_bytes
+
+GROUPS = {
+    "preview": "#c46a1b",
+    "checker": "#1f6fb2",
+    "transport": "#5b616b",
+    "PSSMLT": "#2b8a57",
+    "volpath": "#a33a5a",
+}
+"""Colour by the first word of a level's name."""
+
+
+def frontier_png(frontier: Frontier) -> bytes:
+    """Return the plot as PNG: a numbered dot per level, the reference's own noise as a line."""
+    with drawing(8.4, 4.2) as figure:
+        axes = figure.add_subplot()
+        rows = sorted(frontier.rows, key=lambda row: row.seconds_per_design)
+        for number, row in enumerate(rows, start=1):
+            colour = GROUPS.get(row.level.replace(",", " ").replace(".", " ").split()[0], "black")
+            x, y = row.seconds_per_design, 100 * row.facet_error_median
+            axes.plot([x, x], [y, 100 * row.facet_error_p95], "-", color=colour, lw=0.8)
+            axes.plot([x], [y], "o", color=colour, markersize=6, label=f"{number}  {row.level}")
+            axes.annotate(
+                str(number), (x, y), xytext=(0, -12), textcoords="offset points", ha="center"
+            )
+        noise = 100 * frontier.noise.facet_error_median
+        axes.axhline(noise, color="#8a8f98", lw=0.8, ls="--", label="noise of the reference")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        bottom = min(noise, *(100 * row.facet_error_median for row in rows))
+        axes.set_ylim(0.6 * bottom, 1.4 * max(100 * row.facet_error_p95 for row in rows))
+        axes.set_xlabel("seconds per design (all bends)")
+        axes.set_ylabel("error of facet colours, %\nmedian (dot) to 95th percentile")
+        axes.set_title(
+            f"{frontier.scene.name}: {rows[0].designs} random held-out designs against PSSMLT, "
+            f"{frontier.reference.mutations} mutations per cell",
+            loc="left",
+        )
+        axes.grid(which="major", lw=0.4, color="#d7dade")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", frameon=False)
+        return png_bytes(figure, dpi=150)

@@ -1,0 +1,139 @@
+"""The rendered rows: short PSSMLT runs and Mitsuba's own path tracer, resumable."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from optimize.frontier.designs import HeldOut, Nodes
+from optimize.frontier.grade import Row, grade
+from optimize.frontier.reference import SHORT_SEED, Reference, judge, render_designs
+from optimize.frontier.volpath import PathTracer
+from render.bending import Array
+from render.errors import TableError
+from render.metric import clip_counts
+from render.npz import read_npz, write_npz
+from render.progress import Progress
+from render.reference import render_transport
+from render.scene import Scene
+
+TRACER_SEED = 301
+SMALL_STEPS = 0.5
+"""Probability of large steps in the row that shows what small steps do."""
+
+
+def short_rows(
+    scene: Scene,
+    designs: HeldOut,
+    nodes: Nodes,
+    reference: Reference,
+    mutations: list[int],
+    checkpoint: Path,
+    progress: Callable[[str, Progress], None],
+) -> list[Row]:
+    """Return one PSSMLT row per number of mutations, the last also with small steps."""
+    rows = []
+    kinds = [(count, 1.0) for count in mutations] + [(mutations[-1], SMALL_STEPS)]
+    for number, (count, p_large) in enumerate(kinds):
+        name = f"PSSMLT, {count} mutations" + ("" if p_large == 1.0 else ", small steps")
+        estimate = render_designs(
+            scene,
+            nodes,
+            mutations=count,
+            seed=SHORT_SEED + number,
+            p_large=p_large,
+            checkpoint=checkpoint,
+            progress=lambda state, name=name: progress(name, state),  # type: ignore[misc]
+        )
+        found = judge(estimate, nodes, designs, reference.exposure, reference.lam)
+        rows.append(
+            grade(
+                reference,
+                name,
+                found.counts,
+                seconds=found.seconds / len(designs),
+                scores=found.scores,
+                note=f"{len(designs)} designs in one render, p_large {p_large:g}",
+            )
+        )
+    return rows
+
+
+def seconds_alone(
+    scene: Scene,
+    designs: HeldOut,
+    mutations: int,
+    checkpoint: Path,
+    progress: Callable[[Progress], None],
+) -> float:
+    """Return the seconds of a PSSMLT render of the first design by itself, compiling included."""
+    return render_transport(
+        scene,
+        designs.phi[:1].T,
+        np.array(scene.bending.angles),
+        mutations=mutations,
+        seeds=[SHORT_SEED],
+        checkpoint=checkpoint,
+        progress=progress,
+    ).seconds
+
+
+def path_tracer_rows(
+    scene: Scene,
+    designs: HeldOut,
+    reference: Reference,
+    samples: list[int],
+    folder: Path,
+    progress: Callable[[str, int, int], None],
+) -> list[Row]:
+    """Return one row of Mitsuba's ``volpath`` per number of samples; every design is kept."""
+    tracer = PathTracer(scene, np.array(scene.bending.angles))
+    rows = []
+    for number, count in enumerate(samples):
+        name = f"volpath, {count} samples a pixel"
+        radiance, seconds = [], []
+        for design in range(len(designs)):
+            progress(name, design, len(designs))
+            phi, power = designs.phi[design], designs.power[design]
+            seed = TRACER_SEED + 1000 * (number + 2 * design)
+            path = folder / f"{_key(scene, phi, power, count, seed)}.npz"
+            kept = _kept(path)
+            if kept is None:
+                kept = tracer.radiance(phi, power, count, seed)
+                write_npz(path, {"radiance": kept[0], "seconds": np.array(kept[1])})
+            radiance.append(kept[0])
+            seconds.append(kept[1])
+        progress(name, len(designs), len(designs))
+        counts = np.asarray(clip_counts(reference.exposure * np.stack(radiance)))
+        rows.append(
+            grade(
+                reference,
+                name,
+                counts,
+                seconds=float(np.median(seconds)),
+                note="Mitsuba's own, whole designs; compiling included",
+            )
+        )
+    return rows
+
+
+def _key(scene: Scene, phi: Array, power: Array, samples: int, seed: int) -> str:
+    digest = hashlib.sha256(f"{scene.hash} {samples} {seed}".encode())
+    for values in (phi, power):
+        digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _kept(path: Path) -> tuple[Array, float] | None:
+    """Return what an earlier call rendered; a damaged file is rendered again."""
+    if not path.exists():
+        return None
+    try:
+        arrays = read_npz(path)
+        return arrays["radiance"], float(arrays["seconds"])
+    except (TableError, KeyError):
+        path.unlink()
+        return None

