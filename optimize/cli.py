@@ -37,6 +37,14 @@ class Method(StrEnum):
     EXACT = "exact"
 
 
+class Procedure(StrEnum):
+    """Who optimises at level 2."""
+
+    LOOP = "loop"
+    THESIS = "thesis"
+    BOTH = "both"
+
+
 class Level(StrEnum):
     """Which level of the fidelity ladder draws a picture."""
 
@@ -112,6 +120,49 @@ def verify(
         mutations=mutations,
         minutes=minutes,
         seeds=seeds,
+        as_json=json,
+    )
+
+
+@app.command()
+def optimize(
+    scene: Scene = "finger20",
+    method: Annotated[
+        Procedure,
+        typer.Option(help="Verification loop, the thesis's procedure, or both side by side."),
+    ] = Procedure.LOOP,
+    out: Annotated[
+        Path | None, typer.Option(help="Result directory (default: runs/<scene>-optimize).")
+    ] = None,
+    model: Model = None,
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds of the loop at most.")] = 4,
+    generations: Annotated[
+        int, typer.Option(min=1, help="Generations of the thesis's CMA-ES at most.")
+    ] = 20,
+    mutations: Annotated[
+        int, typer.Option(min=1, help="Mutations per cell of every candidate's render.")
+    ] = 96,
+    final_mutations: Annotated[
+        int, typer.Option(min=1, help="Mutations per cell and seed of the finalists' renders.")
+    ] = 192,
+    final_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the finalists' renders.")] = 2,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Search with renders deciding: propose, render, refit."""
+    from optimize.commands import optimize as command
+
+    command.run(
+        scene,
+        method=method.value,
+        out=out,
+        model=model,
+        rounds=rounds,
+        generations=generations,
+        mutations=mutations,
+        final_mutations=final_mutations,
+        final_seeds=final_seeds,
+        seed=seed,
         as_json=json,
     )
 

@@ -54,6 +54,11 @@ def tied_groups(edges: Sequence[str], colours: Colours) -> Colours:
     return np.array([order[key] for key in keys], dtype=np.int64)
 
 
+def population(dimensions: int) -> int:
+    """Return the candidates per generation, ``4 + 3 ln n`` (Hansen 2016, table 1)."""
+    return 4 + int(3 * math.log(max(dimensions, 2)))
+
+
 def optimise_directions(
     score: BatchScore,
     start: Array,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from optimize.colors.enumeration import Enumeration, SearchProgress
-from optimize.colors.result import ColourResult, canonical
+from optimize.colors.result import ColourResult, canonical, ranked
 from optimize.design import Array, Colours
 from optimize.evaluate import TableScorer
 from optimize.score_noise import tied
@@ -73,6 +73,7 @@ def exact_colours(
         seconds=time.perf_counter() - start,
         ties=tuple(tuple(row.tolist()) for row in colours[1:][same[1:]]),
         ties_complete=not (crowded or (full and same.all())),
+        top=ranked(colours, scores),
     )
 
 

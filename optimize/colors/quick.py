@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.colors.exact import colour_units
-from optimize.colors.result import ColourResult, canonical
+from optimize.colors.result import ColourResult, canonical, ranked
 from optimize.design import Array, Colours
 from optimize.evaluate import TableScorer
 from optimize.metric_kernel import kernel_constants, score_moves
@@ -48,15 +48,16 @@ def quick_colours(
         optima[tuple(key.tolist())] = score
         if progress is not None:
             progress(done + 1, len(queue))
-    ranked = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
-    same = tied(scorer, phi, scorer.power(ranked))
+    order = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
+    same = tied(scorer, phi, scorer.power(order))
     return ColourResult(
         method="quick",
-        colours=ranked[0],
-        score=scorer.score(phi, scorer.power(ranked[0])),
+        colours=order[0],
+        score=scorer.score(phi, scorer.power(order[0])),
         evaluated=search.evaluated,
         seconds=time.perf_counter() - start,
-        ties=tuple(tuple(row.tolist()) for row in ranked[1:][same[1:]]),
+        ties=tuple(tuple(row.tolist()) for row in order[1:][same[1:]]),
+        top=ranked(order, scorer.scores(order, phi)),
     )
 
 
