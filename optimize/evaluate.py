@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from optimize.design import Array, Colours, Level, Rating
+from optimize.limits import Limits, unlimited
 from optimize.metric_kernel import kernel_constants, score_lanes
 from render.errors import TableError
 from render.metric import (
@@ -49,7 +50,8 @@ class TableScorer:
         table: the transport table; all its cells are finite.
         config: the conventions of the metric.
         led_power: power of a chosen LED, ``(3,)`` per colour or ``(F, 3)`` per fiber and colour,
-            in [0, 1]; 1 unless given. It applies wherever colours are chosen.
+            in [0, 1]; that of ``limits`` unless given. It applies wherever colours are chosen.
+        limits: what searches on this scorer may choose; everything unless given.
     """
 
     def __init__(
@@ -57,11 +59,15 @@ class TableScorer:
         table: TransportTable,
         config: MetricConfig = THESIS,
         led_power: Array | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.table = table
         self.config = config
         self.fibers, _, self.bends, self.sites, self.facets = table.T.shape
-        power = np.ones(3) if led_power is None else np.asarray(led_power, dtype=np.float64)
+        self.limits = limits or unlimited(self.fibers)
+        power = np.asarray(
+            self.limits.led_power if led_power is None else led_power, dtype=np.float64
+        )
         if power.shape not in {(3,), (self.fibers, 3)} or not ((power >= 0) & (power <= 1)).all():
             raise TableError(
                 f"led_power = {power.tolist()}, allowed: 3 values (or {self.fibers} times 3) from "
@@ -75,8 +81,9 @@ class TableScorer:
 
     @property
     def colours_alike(self) -> bool:
-        """Whether exchanging two colours in all fibers changes no score."""
-        return bool((self.led_power == self.led_power[:, :1]).all())
+        """Whether exchanging two colours in all fibers changes no score and breaks no limit."""
+        same_power = bool((self.led_power == self.led_power[:, :1]).all())
+        return same_power and self.limits.colours_alike
 
     @property
     def phi_bounds(self) -> tuple[float, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from optimize.design import Design, Rating, baseline_design
 from optimize.evaluate import TableScorer
 from optimize.joint import JointResult, SearchStep, optimise_jointly
+from optimize.limits import limits_of
 from optimize.stages import Stage
 from render.chebyshev import chebyshev_nodes
 from render.layout import fiber_edges
@@ -55,12 +56,20 @@ def explore(
     seed: int = 0,
     progress: Callable[[SearchStep], None] | None = None,
 ) -> Exploration:
-    """Search colours and directions from the baseline until neither moves, and rate the stages."""
+    """Search colours and directions from the baseline until neither moves, and rate the stages.
+
+    The search keeps to the scene's constraints; the baseline only to those of LED power.
+    """
     began = time.perf_counter()
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
-    baseline = baseline_design(scene)
+    limits = limits_of(scene)
+    baseline = limits.dimmed(baseline_design(scene))
     search = optimise_jointly(
-        TableScorer(table), baseline, edges=fiber_edges(scene), seed=seed, progress=progress
+        TableScorer(table, limits=limits),
+        baseline,
+        edges=fiber_edges(scene),
+        seed=seed,
+        progress=progress,
     )
     coloured = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]

@@ -11,6 +11,7 @@ import numpy as np
 
 from optimize.design import Design, baseline_design
 from optimize.explore import PHI_NODES
+from optimize.limits import limits_of
 from optimize.renders import RenderDesigns
 from optimize.score_scale import Scale
 from optimize.thesis import GENERATIONS, ThesisResult, thesis_procedure
@@ -102,7 +103,7 @@ def optimize(
         on_round: called after every round of the loop.
         on_candidate: called after every generation of the thesis, see `thesis_procedure`.
     """
-    baseline, edges = baseline_design(scene), fiber_edges(scene)
+    baseline, edges = limits_of(scene).dimmed(baseline_design(scene)), fiber_edges(scene)
     scale = None if checker is None else Scale(checker.exposure, checker.lam)
     seeds = SEED_STRIDE * (config.seed + 1)
     loop = thesis = None
@@ -163,6 +164,7 @@ def _run_loop(
         baseline,
         render,
         Refitter(scene, grid),
+        limits=limits_of(scene),
         edges=fiber_edges(scene),
         config=LoopConfig(config.mutations, config.rounds, config.seed),
         report=report,

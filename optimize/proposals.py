@@ -8,21 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from optimize.colors.quick import quick_colours
 from optimize.colors.result import renamed_like
 from optimize.design import Array, Design
-from optimize.directions import optimise_directions
 from optimize.evaluate import TableScorer
 from optimize.joint import JointResult, optimise_jointly
+from optimize.polish import polish
 from optimize.score_noise import TIE_DRAWS, score_draws
 
-ALTERNATIVES = 3
+ALTERNATIVES = 8
 """Next-best colourings that get directions of their own."""
-ALTERNATIVE_EVALUATIONS = 2000
 SAME_ANGLE = np.radians(1.0)
 """Directions that differ by less are the same design."""
 RUNS = (1, 2, 4)
@@ -73,14 +71,7 @@ def propose(
         power = scorer.power(named)
         if np.array_equal(power, best.power):
             continue
-        turned = optimise_directions(
-            partial(scorer.direction_scores, power=power),
-            best.phi,
-            bounds=scorer.phi_bounds,
-            seed=seed,
-            max_evaluations=ALTERNATIVE_EVALUATIONS,
-        )
-        others.append(Design(turned.phi, power))
+        others.append(polish(scorer, Design(best.phi, power)).design)
     chosen = [described(scorer, "best", best)]
     rest = [described(scorer, "uncertain", design) for design in others]
     chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []
@@ -105,7 +96,7 @@ def random_design(scorer: TableScorer, seed: int) -> Design:
     colours = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
     low, high = scorer.phi_bounds
     phi: Array = np.asarray(rng.uniform(low, high, scorer.fibers))
-    return Design(phi, scorer.power(colours))
+    return scorer.limits.obeyed(Design(phi, scorer.power(colours)))
 
 
 def same_design(first: Design, second: Design) -> bool:

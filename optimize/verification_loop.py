@@ -18,6 +18,7 @@ import numpy as np
 from optimize.design import Array, Design
 from optimize.evaluate import TableScorer
 from optimize.jackknife import JackknifeEstimate
+from optimize.limits import Limits
 from optimize.measure import Measured, difference, measure
 from optimize.proposals import Proposal, described, propose, same_design
 from optimize.rank_agreement import RankAgreement, rank_agreement
@@ -107,6 +108,7 @@ def verification_loop(
     *,
     edges: Sequence[str],
     config: LoopConfig,
+    limits: Limits | None = None,
     report: Callable[[Round], None] | None = None,
 ) -> LoopResult:
     """Return the designs that renders found best.
@@ -118,9 +120,10 @@ def verification_loop(
         refitter: of the surrogate.
         edges: the side of each fiber.
         config: how much is rendered.
+        limits: of what is proposed.
         report: called after every round.
     """
-    loop = _Loop(table, baseline, render, refitter, edges, config)
+    loop = _Loop(table, baseline, render, refitter, edges, config, limits)
     reason = f"the {config.rounds} rounds ran out"
     for number in range(1, config.rounds + 1):
         proposals = loop.proposals(number)
@@ -150,10 +153,11 @@ class _Loop:
         refitter: Refitter,
         edges: Sequence[str],
         config: LoopConfig,
+        limits: Limits | None,
     ) -> None:
         self.original = self.table = table
         self.baseline, self.render, self.refitter = baseline, render, refitter
-        self.edges, self.config = edges, config
+        self.edges, self.config, self.limits = edges, config, limits
         self.scale = Scale(table.exposure, table.lam)
         self.contenders: list[Contender] = []
         self.runs: list[NewRenders] = []
@@ -165,7 +169,7 @@ class _Loop:
 
     def proposals(self, number: int) -> list[Proposal]:
         """Return what the surrogate wants to have rendered; nothing when it has converged."""
-        scorer = TableScorer(self.table)
+        scorer = TableScorer(self.table, limits=self.limits)
         best = self.ranking()[0].design if self.contenders else self.baseline
         known = [entry.design for entry in self.contenders]
         seed = SEED_STRIDE * self.config.seed + number
@@ -180,7 +184,7 @@ class _Loop:
 
     def round(self, number: int, proposals: Sequence[Proposal]) -> None:
         """Render, measure and refit."""
-        scorer = TableScorer(self.table)
+        scorer = TableScorer(self.table, limits=self.limits)
         again = [described(scorer, "incumbent", entry.design) for entry in self.ranking()[:2]]
         chosen = [described(scorer, "baseline", self.baseline), *again, *proposals]
         renders = self.render(
@@ -201,7 +205,7 @@ class _Loop:
         self.runs.append(self._observed(renders))
         correction = self.refitter.fit(self.runs)
         self.table = self.refitter.apply(correction, self.original)
-        scorer = TableScorer(self.table)
+        scorer = TableScorer(self.table, limits=self.limits)
         after = [scorer.score(entry.design.phi, entry.design.power) for entry in chosen]
         self.rounds.append(
             Round(

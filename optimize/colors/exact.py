@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import NoReturn
 
 import numpy as np
 
 from optimize.colors.enumeration import Enumeration, SearchProgress
+from optimize.colors.quota import Quota
 from optimize.colors.result import ColourResult, canonical, ranked
 from optimize.design import Array, Colours
 from optimize.evaluate import TableScorer
 from optimize.score_noise import tied
-from render.errors import TactiluxError
+from render.errors import DesignError, TactiluxError
 
 # Best assignments that are scored again in float64 and examined for ties.
 KEEP = 128
@@ -53,8 +55,11 @@ def exact_colours(
         scorer.table.lam,
         scorer.config,
         symmetric=scorer.colours_alike,
+        quota=Quota.of(scorer.limits),
     )
     found = search.best(KEEP, progress)
+    if not len(found.scores):
+        raise_unreachable()
     checked = scorer.scores(found.colours, phi)
     rounding = 2.0 * float(np.abs(checked - found.scores).max())
     full = len(found.scores) == KEEP
@@ -74,6 +79,15 @@ def exact_colours(
         ties=tuple(tuple(row.tolist()) for row in colours[1:][same[1:]]),
         ties_complete=not (crowded or (full and same.all())),
         top=ranked(colours, scores),
+    )
+
+
+def raise_unreachable() -> NoReturn:
+    """Say that a search found no colouring within its limits."""
+    raise DesignError(
+        "no choice of colours of this search fulfils the constraints: fix fewer fibers, allow "
+        "more LEDs per colour, or use the method quick",
+        field="constraints",
     )
 
 
