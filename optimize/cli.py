@@ -37,6 +37,13 @@ class Method(StrEnum):
     EXACT = "exact"
 
 
+class Robust(StrEnum):
+    """What is maximised over sensors as they are built."""
+
+    QUANTILE = "quantile"
+    SPREAD = "spread"
+
+
 class Procedure(StrEnum):
     """Who optimises at level 2."""
 
@@ -86,12 +93,27 @@ def explore(
     ] = None,
     model: Model = None,
     seed: Seed = 0,
+    robust: Annotated[
+        Robust | None,
+        typer.Option(help="Against the scene's tolerances: lower 10 % quantile, or mean - spread."),
+    ] = None,
+    shadow: Annotated[
+        float | None, typer.Option(min=0.0, help="Weight of the penalty for a bolt's shadows.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Find a better lighting design on the surrogate."""
     from optimize.commands import explore as command
 
-    command.run(scene, out=out, model=model, seed=seed, as_json=json)
+    command.run(
+        scene,
+        out=out,
+        model=model,
+        seed=seed,
+        robust=None if robust is None else robust.value,
+        shadow=shadow,
+        as_json=json,
+    )
 
 
 @app.command()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from render.metric import clipped_fraction, design_score
 from render.scene import Scene
 from surrogate.checker import Checker
 
+if TYPE_CHECKING:
+    from optimize.study import Study
+
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than
 # 0.1 counts (measured; with 17 nodes by 0.9).
 PHI_NODES = 33
@@ -27,7 +31,10 @@ PHI_NODES = 33
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """What the quick job found: baseline, after the colours, and the result, all rated."""
+    """What the quick job found: baseline, after the colours, and the result, all rated.
+
+    With ``study``, the last stage is the design that was refined for tolerances or shadows.
+    """
 
     scene: Scene
     checker: Checker
@@ -35,10 +42,11 @@ class Exploration:
     search: JointResult
     seed: int
     seconds: float
+    study: Study | None = None
 
     def to_json(self, design: Path, report: Path, seconds: float) -> dict[str, object]:
         """Return what programs rely on."""
-        return {
+        result: dict[str, object] = {
             "scene": self.scene.name,
             "scene_hash": self.scene.hash,
             "baseline": _figures(self.stages[0].rating),
@@ -47,6 +55,9 @@ class Exploration:
             "report": str(report),
             "seconds": round(seconds, 3),
         }
+        if self.study is not None:
+            result["study"] = self.study.to_json()
+        return result
 
 
 def explore(

@@ -39,7 +39,7 @@ def polish(scorer: TableScorer, start: Design, *, steps: int = STEPS) -> PolishR
 
     began = time.perf_counter()
     limits, exact = scorer.limits, Differentiator(scorer)
-    low, high = _room(scorer, start.phi)
+    low, high = direction_room(scorer, start.phi)
     on = (start.power > 0.0) if limits.continuous_power else np.zeros(start.power.shape, dtype=bool)
     most = np.broadcast_to(scorer.led_power, start.power.shape)[on]
     fibers = len(start.phi)
@@ -72,7 +72,7 @@ def polish(scorer: TableScorer, start: Design, *, steps: int = STEPS) -> PolishR
     return PolishResult(best, score, evaluated, time.perf_counter() - began)
 
 
-def _room(scorer: TableScorer, phi: Array) -> tuple[Array, Array]:
+def direction_room(scorer: TableScorer, phi: Array) -> tuple[Array, Array]:
     """Return the bounds of every direction, ``(F,)`` rad each."""
     limits = scorer.limits
     if limits.step > 0.0:
