@@ -190,6 +190,61 @@ def optimize(
 
 
 @app.command()
+def sensitivity(
+    design: Annotated[Path, typer.Argument(help="A rated design.json.")],
+    scene: Annotated[
+        str | None, typer.Option(help="Scene file with the tolerances, where it is not shipped.")
+    ] = None,
+    model: Model = None,
+    mutations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Check the slopes on renders with so many mutations per cell."),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Say which manufacturing tolerance costs the most score."""
+    from optimize.commands import sensitivity as command
+
+    command.run(design, scene=scene, model=model, mutations=mutations, seed=seed, as_json=json)
+
+
+@app.command()
+def reconstruct(
+    design: Annotated[Path, typer.Argument(help="A rated design.json.")],
+    scene: Annotated[
+        str | None, typer.Option(help="Scene file, where the design's scene is not a shipped one.")
+    ] = None,
+    model: Model = None,
+    read_noise: Annotated[
+        float, typer.Option(min=0.0, help="Read noise of the camera in counts.")
+    ] = 1.0,
+    full_well: Annotated[
+        float, typer.Option(min=1.0, help="Photoelectrons at 255 counts, for the shot noise.")
+    ] = 10000.0,
+    mutations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Use renders with so many mutations per cell instead."),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Recover surface normals from the colours, in degrees."""
+    from optimize.commands import reconstruct as command
+
+    command.run(
+        design,
+        scene=scene,
+        model=model,
+        read_noise=read_noise,
+        full_well=full_well,
+        mutations=mutations,
+        seed=seed,
+        as_json=json,
+    )
+
+
+@app.command()
 def train(
     scene: Scene = "finger20",
     out: Annotated[

@@ -23,6 +23,8 @@ from surrogate.basis import SIZE
 from surrogate.preview_grid import PreviewGrid
 from surrogate.rows import NOISE_FLOOR, preview_checker, smooth_noise
 
+CELLS = 40_000
+"""Cells that are treated at once: some 70 MB of products."""
 TAUS = (0.0, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2)
 """Standard deviations of a coefficient that are tried; 0 leaves the surrogate as it is."""
 
@@ -151,15 +153,19 @@ class Refitter:
         bend = np.arange(len(x)) // sites % len(run.bends)
         inputs = x.shape[1] * basis.shape[1]
         size = inputs + pads
+        normals = basis.shape[2]
+        nuisance = np.zeros((len(x), normals, pads))
+        untouched = np.arange(normals) == normals - 1
+        nuisance[np.arange(len(x))[:, None], np.arange(normals), 2 * bend[:, None] + untouched] = 1
         gram, right = np.zeros((size, size)), np.zeros(size)
-        for normal in range(basis.shape[2]):
-            columns = np.zeros((len(x), size))
-            columns[:, :inputs] = (x[:, :, None] * basis[:, None, :, normal]).reshape(len(x), -1)
-            untouched = int(normal == basis.shape[2] - 1)
-            columns[np.arange(len(x)), inputs + 2 * bend + untouched] = 1.0
-            weighted = columns * weight[:, normal, None]
+        rows = max(1, CELLS // normals)
+        for start in range(0, len(x), rows):
+            part = slice(start, start + rows)
+            own = nuisance[part].reshape(-1, pads)
+            columns = np.concatenate([_columns(x[part], basis[part]), own], axis=1)
+            weighted = columns * weight[part].reshape(-1, 1)
             gram += weighted.T @ columns
-            right += weighted.T @ ratio[:, normal]
+            right += weighted.T @ ratio[part].ravel()
         return _Block(gram, right, prior, ratio.size)
 
     def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
@@ -172,29 +178,34 @@ class Refitter:
             return table
         if table.background is None:
             raise TableError("the table to be corrected has no background", field="background")
-        fibers = table.T.shape[0]
-        facets, pads, shrink = [], [], []
-        for node in table.phi:
-            x, basis = self.features(np.full((1, fibers), node), table.bends)
-            r, narrowed = [], []
-            for normal in range(basis.shape[2]):
-                columns = (x[:, :, None] * basis[:, None, :, normal]).reshape(len(x), -1)
-                r.append(columns @ correction.mean)
-                posterior = ((columns @ correction.covariance) * columns).sum(axis=1)
-                narrowed.append(posterior / (correction.tau**2 * (columns**2).sum(axis=1)))
-            shape = (fibers, *table.T.shape[2:4], basis.shape[2])
-            factor = np.exp(np.stack(r, axis=1)).reshape(shape)
-            facets.append(factor[..., :-1])
-            pads.append(factor[..., -1])
-            ratio = np.stack(narrowed[:-1], axis=1).reshape((*shape[:-1], -1))
-            shrink.append(np.sqrt(np.clip(ratio, 0.0, 1.0)))
-        factor, smaller = np.stack(facets, axis=1), np.stack(shrink, axis=1)
+        fibers, _, bends, sites, _ = table.T.shape
+        per_node = fibers * bends * sites
+        logs, shrinks = [], []
+        batch = max(1, CELLS // (per_node * (table.T.shape[4] + 1)))
+        for start in range(0, len(table.phi), batch):
+            nodes = table.phi[start : start + batch]
+            x, basis = self.features(np.repeat(nodes[:, None], fibers, axis=1), table.bends)
+            columns = _columns(x, basis)
+            posterior = ((columns @ correction.covariance) * columns).sum(axis=1)
+            prior = correction.tau**2 * (columns**2).sum(axis=1)
+            shape = (len(nodes), fibers, bends, sites, basis.shape[2])
+            logs.append((columns @ correction.mean).reshape(shape))
+            shrinks.append(np.sqrt(np.clip(posterior / prior, 0.0, 1.0)).reshape(shape))
+        # (node, fiber, ...) -> (fiber, node, ...)
+        factor = np.exp(np.concatenate(logs)).swapaxes(0, 1)
+        shrink = np.concatenate(shrinks).swapaxes(0, 1)
         return replace(
             table,
-            T=table.T * factor,
-            se=table.se * factor * smaller,
-            background=table.background * np.stack(pads, axis=1),
+            T=table.T * factor[..., :-1],
+            se=table.se * factor[..., :-1] * shrink[..., :-1],
+            background=table.background * factor[..., -1],
         )
+
+
+def _columns(x: Array, basis: Array) -> Array:
+    """Return ``(row * normal, 21 * 10)`` products of inputs and basis functions."""
+    product = x[:, None, :, None] * basis.transpose(0, 2, 1)[:, :, None, :]
+    return np.asarray(product.reshape(-1, x.shape[1] * basis.shape[1]))
 
 
 @dataclass(frozen=True, eq=False)
