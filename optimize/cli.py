@@ -300,12 +300,22 @@ def colors(
         int | None, typer.Option(help="Direction node to use, where the table has several.")
     ] = None,
     seed: Seed = 0,
+    device: Annotated[
+        str | None, typer.Option(help="Let torch search on this device, for example cuda.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Search the colours of a transport table."""
     from optimize.commands import colors as command
 
-    command.run(table, method=method.value, phi_index=phi_index, seed=seed, as_json=json)
+    command.run(
+        table,
+        method=method.value,
+        phi_index=phi_index,
+        seed=seed,
+        device=device,
+        as_json=json,
+    )
 
 
 def main() -> None:

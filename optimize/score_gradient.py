@@ -14,6 +14,7 @@ import numpy as np
 from optimize.design import Array
 from optimize.evaluate import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
+from render.errors import TableError
 from render.metric import MetricConfig
 
 
@@ -39,9 +40,19 @@ class Differentiator:
     """Derivatives on one transport table."""
 
     def __init__(self, scorer: TableScorer) -> None:
-        """Differentiate the table's polynomials once."""
+        """Differentiate the table's polynomials once.
+
+        Raises:
+            TableError: the table has an axis of channels, which searches of directions do not use.
+        """
         self.scorer = scorer
         table = scorer.table
+        if table.by_channel:
+            raise TableError(
+                "derivatives need a table without an axis of channels: search its colours only",
+                field="T",
+                value=table.T.shape,
+            )
         exposed = table.exposure * table.T
         self._table = exposed.reshape(*exposed.shape[:2], -1)
         self._slope = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._table)

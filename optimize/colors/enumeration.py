@@ -85,6 +85,7 @@ class Enumeration:
                 field="exposure",
             )
         self.units, self.bends, self.symmetric = len(units), bends, symmetric
+        self.lam, self.config = lam, config
         self.constants = kernel_constants(config, lam, np.float32)
         suffix = min(self.units, SUFFIX)
         while suffix > 1 and 3**suffix * 4 * units[0].size > _SUFFIX_BYTES:
@@ -127,7 +128,7 @@ class Enumeration:
         start = time.perf_counter()
         scores, codes, done = np.empty(0, np.float32), np.empty(0, np.int64), 0
         tasks = iter(self._prefix_codes())
-        per_task, workers = self.middles * self.suffixes, _workers()
+        per_task, workers = self.middles * self.suffixes, self.workers()
         with ThreadPoolExecutor(workers) as pool:
             while batch := list(itertools.islice(tasks, workers * _TASKS_PER_ROUND)):
                 threshold = scores[-1] if len(scores) == keep else np.float32(-np.inf)
@@ -146,6 +147,10 @@ class Enumeration:
                     break
         return Best(digits(codes, self.units), scores, done)
 
+    def workers(self) -> int:
+        """Return how many tasks run at once: as many as the process has cores."""
+        return _workers()
+
     def _prefix_codes(self) -> Iterable[int]:
         if self.quota.limited and self.prefix:
             return map(int, self.quota.codes(0, self.prefix))
@@ -160,26 +165,38 @@ class Enumeration:
         base = np.zeros(self._middle.shape[1:])
         for unit, colour in enumerate(chosen):
             base[..., colour] += self._prefix_units[unit, ..., colour]
-        scores, codes = np.empty(keep, np.float32), np.empty(keep, np.int64)
         used = self.quota.used(np.array([code]), 0, self.prefix)[0]
+        free = self.quota.most - used
+        scores, codes = self.best_of_tile(base.astype(np.float32), free, keep, threshold)
+        middle, suffix = np.divmod(codes, self.suffixes)
+        whole = self._codes[0][middle] * self._all_suffixes + self._codes[1][suffix]
+        below = 3 ** (self.units - self.prefix)
+        return scores, whole + code * below
+
+    def best_of_tile(
+        self, base: Single, free: Colours, keep: int, threshold: np.float32
+    ) -> tuple[Single, Colours]:
+        """Return scores and codes of the best assignments above ``threshold`` on top of ``base``.
+
+        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(3,)``
+        fibers per colour may still be used.
+        """
+        scores, codes = np.empty(keep, np.float32), np.empty(keep, np.int64)
         count = best_of_tile(
-            base.astype(np.float32),
+            base,
             self._middle,
             self._blocks,
             self.suffixes,
             self.bends,
             self.constants,
             threshold,
-            self.quota.most - used,
+            free,
             self._used[0],
             self._used[1],
             scores,
             codes,
         )
-        middle, suffix = np.divmod(codes[:count], self.suffixes)
-        whole = self._codes[0][middle] * self._all_suffixes + self._codes[1][suffix]
-        below = 3 ** (self.units - self.prefix)
-        return scores[:count], whole + code * below
+        return scores[:count], codes[:count]
 
 
 def _all_sums(units: Array) -> Array:

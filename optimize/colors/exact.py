@@ -30,13 +30,16 @@ def exact_colours(
     scorer: TableScorer,
     phi: Array,
     progress: Callable[[SearchProgress], None] | None = None,
+    *,
+    device: str | None = None,
 ) -> ColourResult:
     """Return the best of all ``3^F`` colourings for directions ``phi`` ``(F,)`` rad.
 
     float32 scores select the best 128, float64 scores order them. Colours are exchangeable unless
-    LED powers differ by colour; then all ``3^F`` are scored. Ties are those that the errors of
-    the table cannot tell from the best; ``ties_complete`` is False when the 128 kept do not reach
-    beyond them, or beyond the rounding of float32.
+    LED powers, materials or limits differ by colour; then all ``3^F`` are scored. Ties are those
+    that the errors of the table cannot tell from the best; ``ties_complete`` is False when the 128
+    kept do not reach beyond them, or beyond the rounding of float32. ``device`` is that of torch;
+    None is the processor by a compiled kernel of our own.
 
     Raises:
         TactiluxError: more fibers than any machine could search.
@@ -49,7 +52,12 @@ def exact_colours(
             field="fibers",
             value=scorer.fibers,
         )
-    search = Enumeration(
+    kind = Enumeration
+    if device is not None:
+        from optimize.colors.torch_enumeration import torch_enumeration
+
+        kind = torch_enumeration(device)
+    search = kind(
         colour_units(scorer, phi),
         scorer.bends,
         scorer.table.lam,
@@ -93,7 +101,11 @@ def raise_unreachable() -> NoReturn:
 
 def colour_units(scorer: TableScorer, phi: Array) -> Array:
     """Return the counts ``(F, 3, B * S, K)`` that each fiber adds to a channel of its colour."""
-    light = scorer.light(phi).reshape(scorer.fibers, 1, -1, scorer.facets)
+    light = scorer.light(phi)
+    if not scorer.table.by_channel:
+        light = light[..., None]
+    light = np.moveaxis(light, -1, 1)
+    light = light.reshape(scorer.fibers, light.shape[1], -1, scorer.facets)
     return np.asarray(light * scorer.led_power[:, :, None, None])
 
 
