@@ -47,6 +47,7 @@ def optimization_to_json(scene: Scene, found: Optimization, target: Path) -> dic
         },
         "final_render_seconds": verdict.renders.seconds,
         "surrogate_training_render_seconds": found.training_seconds,
+        "monochrome": len(set(found.design.colours.tolist())) == 1,
     }
     if found.loop is not None:
         result["loop"] = {

@@ -66,6 +66,11 @@ def run(
             print_json(stream, result)
         else:
             _print(stream, scene, found)
+            if len(set(found.design.colours.tolist())) == 1:
+                stream.write(
+                    "Note: The optimum is monochrome: the weight of the colour term does not "
+                    "reward colour differences in this scene.\n"
+                )
             stream.write(f"Design: {result['design']}\n")
 
 
