@@ -10,6 +10,7 @@ import numpy as np
 
 from optimize.design import Design, Rating, baseline_design
 from optimize.design_file import load_design, load_saved
+from optimize.limits import limits_of
 from optimize.score_scale import Scale
 from render.errors import DesignError
 from render.scene import Scene, load_scene, shipped_scenes
@@ -29,6 +30,11 @@ class Candidate:
         """12 hex digits of the design and its scene."""
         content = self.scene.hash.encode() + self.design.phi.tobytes() + self.design.power.tobytes()
         return hashlib.sha256(content).hexdigest()[:12]
+
+    @property
+    def baseline(self) -> Design:
+        """The design to beat, with no LED above what the scene allows."""
+        return limits_of(self.scene).dimmed(baseline_design(self.scene))
 
     @property
     def recoloured(self) -> bool:

@@ -15,7 +15,7 @@ from optimize.colors.quick import quick_colours
 from optimize.colors.result import renamed_like
 from optimize.design import Array, Design
 from optimize.evaluate import TableScorer
-from optimize.joint import JointResult, optimise_jointly
+from optimize.joint import optimise_jointly
 from optimize.polish import polish
 from optimize.score_noise import TIE_DRAWS, score_draws
 
@@ -31,7 +31,7 @@ class Proposal:
     """A design that is to be rendered, and what the surrogate expects of it.
 
     Arguments:
-        role: ``baseline``, ``best``, ``uncertain``, ``random``, ``incumbent`` or ``thesis``.
+        role: ``baseline``, ``best``, ``uncertain``, ``random`` or ``incumbent``.
         design: the design.
         predicted: its score S on the surrogate, in counts.
         spread: one standard deviation of that prediction.
@@ -50,8 +50,8 @@ def propose(
     edges: Sequence[str],
     seed: int,
     known: Sequence[Design] = (),
-) -> tuple[list[Proposal], JointResult]:
-    """Return the best, the most uncertain and one random design, and the search behind them.
+) -> list[Proposal]:
+    """Return the best, the most uncertain and one random design, without those known.
 
     Arguments:
         scorer: the surrogate's table as it stands.
@@ -60,8 +60,7 @@ def propose(
         seed: of the search and of the random design.
         known: designs that were rendered before; they are not proposed again.
     """
-    found = optimise_jointly(scorer, start, edges=edges, seed=seed)
-    best = found.design
+    best = optimise_jointly(scorer, start, edges=edges, seed=seed).design
     colourings = quick_colours(scorer, best.phi, starts=[best.colours], seed=seed).top
     others = []
     for colours, _ in colourings[: ALTERNATIVES + 1]:
@@ -76,7 +75,7 @@ def propose(
     rest = [described(scorer, "uncertain", design) for design in others]
     chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []
     chosen.append(described(scorer, "random", random_design(scorer, seed)))
-    return [p for p in chosen if not any(same_design(p.design, old) for old in known)], found
+    return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
 
 
 def described(scorer: TableScorer, role: str, design: Design) -> Proposal:

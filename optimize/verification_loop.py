@@ -173,7 +173,7 @@ class _Loop:
         best = self.ranking()[0].design if self.contenders else self.baseline
         known = [entry.design for entry in self.contenders]
         seed = SEED_STRIDE * self.config.seed + number
-        found, _ = propose(scorer, best, edges=self.edges, seed=seed, known=known)
+        found = propose(scorer, best, edges=self.edges, seed=seed, known=known)
         if not self.rounds:
             return found
         agreement = self.rounds[-1].agreement.tau

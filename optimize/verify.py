@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from optimize.candidate import Candidate
-from optimize.design import Array, baseline_design
+from optimize.design import Array
 from optimize.jackknife import JackknifeEstimate
 from optimize.measure import Measured, check_seen, difference, measure
 from render.progress import Progress
@@ -81,7 +81,7 @@ def verify(
         checkpoint: directory from which an interrupted verification goes on.
         progress: called with the name of the design being rendered.
     """
-    scene, design, baseline = candidate.scene, candidate.design, baseline_design(candidate.scene)
+    scene, design, baseline = candidate.scene, candidate.design, candidate.baseline
     bends = np.array(scene.bending.angles)
 
     def render(name: str, phi: Array) -> Estimate:
@@ -127,7 +127,7 @@ def compare(
     """
     check_seen(np.stack([baseline, design], axis=1))
     scale = candidate.scale
-    powers = (baseline_design(candidate.scene).power, candidate.design.power)
+    powers = (candidate.baseline.power, candidate.design.power)
     return Verification(
         baseline=measure(scale, baseline, powers[0]),
         design=measure(scale, design, powers[1]),

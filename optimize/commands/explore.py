@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import IO
@@ -17,6 +18,7 @@ from optimize.report import score_row, warnings
 from optimize.robust import Measure
 from optimize.study import check_tolerances, study
 from optimize.study_table import print_study
+from render.errors import DesignError
 from render.gl import create_context
 from render.scene import load_scene
 from surrogate.checker import Checker
@@ -38,6 +40,12 @@ def run(
         scene = load_scene(scene_name)
         if robust is not None:
             check_tolerances(scene)
+        if shadow is not None and not math.isfinite(shadow):
+            raise DesignError(
+                f"--shadow = {shadow}, allowed: a finite weight of at least 0",
+                field="shadow",
+                value=shadow,
+            )
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
         folder = find_model(scene.name, model)

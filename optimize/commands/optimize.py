@@ -12,7 +12,7 @@ from optimize.optimize_output import optimization_to_json, write_optimization
 from optimize.output import check_target
 from optimize.renders import reference_renders
 from optimize.verification_loop import Round
-from render.errors import ModelError
+from render.errors import ModelError, SceneError
 from render.llvm import ensure_llvm
 from render.progress import Progress
 from render.scene import Scene, load_scene
@@ -43,6 +43,12 @@ def run(
     """Search, render, write the result directory and print the outcome."""
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        if method != "loop" and scene.constraints is not None:
+            raise SceneError(
+                f"scene {scene.name} has constraints, which the thesis's procedure does not know: "
+                "use --method loop, or leave the section out to compare",
+                field="constraints",
+            )
         target = out or Path("runs") / f"{scene.name}-optimize"
         check_target(target)
         checker = _checker(scene, model, required=method != "thesis")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import IO
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from optimize.candidate import Candidate, open_candidate
 from optimize.console import Meter, note, print_json, reserved_stdout
-from optimize.design import Array, Design, baseline_design
-from optimize.limits import limits_of
+from optimize.design import Array, Design
 from optimize.models import find_model
 from optimize.reconstruct import CameraNoise
 from optimize.reconstruction_table import Compared, compare_reconstruction
+from render.errors import DesignError
 from surrogate.checker import Checker
 
 SEEDS = 8
@@ -33,10 +34,14 @@ def run(
     as_json: bool,
 ) -> None:
     """Recover normals from the colours of baseline and design, and print the errors."""
+    for name, value in (("read-noise", read_noise), ("full-well", full_well)):
+        if not math.isfinite(value):
+            raise DesignError(
+                f"--{name} = {value}, allowed: a finite number", field=name, value=value
+            )
     with reserved_stdout() as stream:
         candidate = open_candidate(path, scene)
-        baseline = limits_of(candidate.scene).dimmed(baseline_design(candidate.scene))
-        designs = [baseline, candidate.design]
+        designs = [candidate.baseline, candidate.design]
         if mutations is None:
             folder = find_model(candidate.scene.name, model)
             checker = Checker.load(folder, candidate.scene.hash)

@@ -239,6 +239,22 @@ def test_a_device_for_another_method_or_that_is_not_there(
     assert "cannot use the device" in refused(*words)
 
 
+def test_weights_and_noise_that_are_no_numbers(
+    refused: Callable[..., str], design: Path, small_scene: Path
+) -> None:
+    assert "finite weight" in refused("explore", small_scene, "--shadow", "nan")
+    words = ["reconstruct", design, "--scene", small_scene]
+    assert "finite number" in refused(*words, "--read-noise", "inf")
+
+
+def test_the_thesis_knows_no_constraints(
+    refused: Callable[..., str], small_scene: Path, tmp_path: Path
+) -> None:
+    limited = tmp_path / "limited.toml"
+    limited.write_text(small_scene.read_text() + "\n[constraints]\nmax_red = 5\n")
+    assert "--method loop" in refused("optimize", limited, "--method", "thesis")
+
+
 def test_designs_that_cannot_be_reconstructed(
     refused: Callable[..., str], design: Path, small_scene: Path
 ) -> None:
