@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design import Array, Design, Rating, baseline_design
+from optimize.design import Design, Rating, baseline_design
 from optimize.design_file import load_design, load_saved
+from optimize.limits import limits_of
+from optimize.score_scale import Scale
 from render.errors import DesignError
-from render.metric import design_score, image_counts, site_metric
 from render.scene import Scene, load_scene, shipped_scenes
-
-PARTS = ("score", "mean", "spread_sites", "spread_bends")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +32,19 @@ class Candidate:
         return hashlib.sha256(content).hexdigest()[:12]
 
     @property
+    def baseline(self) -> Design:
+        """The design to beat, with no LED above what the scene allows."""
+        return limits_of(self.scene).dimmed(baseline_design(self.scene))
+
+    @property
     def recoloured(self) -> bool:
         """Whether the design differs from the baseline in its colours alone."""
         return bool(np.array_equal(self.design.phi, baseline_design(self.scene).phi))
 
-    def counts(self, transport: Array, power: Array) -> Array:
-        """Return counts ``(B, S, K, 3)`` of ``transport`` ``(F, B, S, K)``."""
-        rating = self.rating
-        return np.asarray(image_counts(transport, power, rating.exposure, rating.conventions))
-
-    def parts(self, transport: Array, power: Array) -> Array:
-        """Return score, mean, spread over sites and over bends, ``(4,)`` (eq. 4.7)."""
-        rating = self.rating
-        metric = site_metric(self.counts(transport, power), rating.lam, rating.conventions)
-        score = design_score(metric, rating.conventions)
-        return np.array([float(getattr(score, part)) for part in PARTS])
+    @property
+    def scale(self) -> Scale:
+        """The camera and the weights that it was rated with."""
+        return Scale(self.rating.exposure, self.rating.lam, self.rating.conventions)
 
 
 def open_candidate(path: Path, scene_name: str | None = None) -> Candidate:

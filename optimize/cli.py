@@ -37,6 +37,21 @@ class Method(StrEnum):
     EXACT = "exact"
 
 
+class Robust(StrEnum):
+    """What is maximised over sensors as they are built."""
+
+    QUANTILE = "quantile"
+    SPREAD = "spread"
+
+
+class Procedure(StrEnum):
+    """Who optimises at level 2."""
+
+    LOOP = "loop"
+    THESIS = "thesis"
+    BOTH = "both"
+
+
 class Level(StrEnum):
     """Which level of the fidelity ladder draws a picture."""
 
@@ -78,12 +93,27 @@ def explore(
     ] = None,
     model: Model = None,
     seed: Seed = 0,
+    robust: Annotated[
+        Robust | None,
+        typer.Option(help="Against the scene's tolerances: lower 10 % quantile, or mean - spread."),
+    ] = None,
+    shadow: Annotated[
+        float | None, typer.Option(min=0.0, help="Weight of the penalty for a bolt's shadows.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Find a better lighting design on the surrogate."""
     from optimize.commands import explore as command
 
-    command.run(scene, out=out, model=model, seed=seed, as_json=json)
+    command.run(
+        scene,
+        out=out,
+        model=model,
+        seed=seed,
+        robust=None if robust is None else robust.value,
+        shadow=shadow,
+        as_json=json,
+    )
 
 
 @app.command()
@@ -112,6 +142,104 @@ def verify(
         mutations=mutations,
         minutes=minutes,
         seeds=seeds,
+        as_json=json,
+    )
+
+
+@app.command()
+def optimize(
+    scene: Scene = "finger20",
+    method: Annotated[
+        Procedure,
+        typer.Option(help="Verification loop, the thesis's procedure, or both side by side."),
+    ] = Procedure.LOOP,
+    out: Annotated[
+        Path | None, typer.Option(help="Result directory (default: runs/<scene>-optimize).")
+    ] = None,
+    model: Model = None,
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds of the loop at most.")] = 4,
+    generations: Annotated[
+        int, typer.Option(min=1, help="Generations of the thesis's CMA-ES at most.")
+    ] = 20,
+    mutations: Annotated[
+        int, typer.Option(min=1, help="Mutations per cell of every candidate's render.")
+    ] = 96,
+    final_mutations: Annotated[
+        int, typer.Option(min=1, help="Mutations per cell and seed of the finalists' renders.")
+    ] = 192,
+    final_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the finalists' renders.")] = 2,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Search with renders deciding: propose, render, refit."""
+    from optimize.commands import optimize as command
+
+    command.run(
+        scene,
+        method=method.value,
+        out=out,
+        model=model,
+        rounds=rounds,
+        generations=generations,
+        mutations=mutations,
+        final_mutations=final_mutations,
+        final_seeds=final_seeds,
+        seed=seed,
+        as_json=json,
+    )
+
+
+@app.command()
+def sensitivity(
+    design: Annotated[Path, typer.Argument(help="A rated design.json.")],
+    scene: Annotated[
+        str | None, typer.Option(help="Scene file with the tolerances, where it is not shipped.")
+    ] = None,
+    model: Model = None,
+    mutations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Check the slopes on renders with so many mutations per cell."),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Say which manufacturing tolerance costs the most score."""
+    from optimize.commands import sensitivity as command
+
+    command.run(design, scene=scene, model=model, mutations=mutations, seed=seed, as_json=json)
+
+
+@app.command()
+def reconstruct(
+    design: Annotated[Path, typer.Argument(help="A rated design.json.")],
+    scene: Annotated[
+        str | None, typer.Option(help="Scene file, where the design's scene is not a shipped one.")
+    ] = None,
+    model: Model = None,
+    read_noise: Annotated[
+        float, typer.Option(min=0.0, help="Read noise of the camera in counts.")
+    ] = 1.0,
+    full_well: Annotated[
+        float, typer.Option(min=1.0, help="Photoelectrons at 255 counts, for the shot noise.")
+    ] = 10000.0,
+    mutations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Use renders with so many mutations per cell instead."),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Recover surface normals from the colours, in degrees."""
+    from optimize.commands import reconstruct as command
+
+    command.run(
+        design,
+        scene=scene,
+        model=model,
+        read_noise=read_noise,
+        full_well=full_well,
+        mutations=mutations,
+        seed=seed,
         as_json=json,
     )
 
@@ -213,12 +341,22 @@ def colors(
         int | None, typer.Option(help="Direction node to use, where the table has several.")
     ] = None,
     seed: Seed = 0,
+    device: Annotated[
+        str | None, typer.Option(help="Let torch search on this device, for example cuda.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Search the colours of a transport table."""
     from optimize.commands import colors as command
 
-    command.run(table, method=method.value, phi_index=phi_index, seed=seed, as_json=json)
+    command.run(
+        table,
+        method=method.value,
+        phi_index=phi_index,
+        seed=seed,
+        device=device,
+        as_json=json,
+    )
 
 
 def main() -> None:

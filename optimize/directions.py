@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from optimize.design import Array, Colours
+from optimize.limits import Limits
 from render.errors import TactiluxError
 
 BatchScore = Callable[[Array], Array]
@@ -54,6 +55,11 @@ def tied_groups(edges: Sequence[str], colours: Colours) -> Colours:
     return np.array([order[key] for key in keys], dtype=np.int64)
 
 
+def population(dimensions: int) -> int:
+    """Return the candidates per generation, ``4 + 3 ln n`` (Hansen 2016, table 1)."""
+    return 4 + int(3 * math.log(max(dimensions, 2)))
+
+
 def optimise_directions(
     score: BatchScore,
     start: Array,
@@ -62,6 +68,7 @@ def optimise_directions(
     bounds: tuple[float, float] = HALF_TURN,
     seed: int = 0,
     max_evaluations: int = MAX_EVALUATIONS,
+    limits: Limits | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> DirectionResult:
     """Maximise ``score`` of directions by CMA-ES, from ``start`` ``(F,)`` rad.
@@ -73,11 +80,25 @@ def optimise_directions(
         bounds: allowed directions in rad.
         seed: of the own random generator; numpy's global one is neither used nor changed.
         max_evaluations: the search ends unconverged when it has scored so many candidates.
+        limits: candidates are moved to the nearest allowed directions before they are scored.
         progress: called with evaluations so far and the best score after every generation.
 
     Raises:
         TactiluxError: the score of some candidate is not finite.
     """
+    if limits is not None and limits.directions_limited:
+        from optimize.limited_directions import limited_directions
+
+        return limited_directions(
+            score,
+            start,
+            limits,
+            groups=groups,
+            bounds=bounds,
+            seed=seed,
+            max_evaluations=max_evaluations,
+            progress=progress,
+        )
     began = time.perf_counter()
     member = np.arange(len(start)) if groups is None else groups
     count = int(member.max()) + 1

@@ -21,6 +21,7 @@ STAGES = {
     "quick": ("colours, 2-opt", "#2f5fd0"),
     "tied": ("directions, tied", "#e0a458"),
     "free": ("directions, free", "#b45309"),
+    "power": ("LED powers", "#7c3aed"),
 }
 
 INK = {"red": "#d1352b", "green": "#1e9e4a", "blue": "#2f5fd0", "off": "#9aa0aa"}

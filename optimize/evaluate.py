@@ -8,11 +8,13 @@ from typing import cast
 import numpy as np
 
 from optimize.design import Array, Colours, Level, Rating
+from optimize.limits import Limits, unlimited
 from optimize.metric_kernel import kernel_constants, score_lanes
 from render.errors import TableError
 from render.metric import (
     THESIS,
     MetricConfig,
+    clip_counts,
     clipped_fraction,
     design_score,
     image_counts,
@@ -49,7 +51,8 @@ class TableScorer:
         table: the transport table; all its cells are finite.
         config: the conventions of the metric.
         led_power: power of a chosen LED, ``(3,)`` per colour or ``(F, 3)`` per fiber and colour,
-            in [0, 1]; 1 unless given. It applies wherever colours are chosen.
+            in [0, 1]; that of ``limits`` unless given. It applies wherever colours are chosen.
+        limits: what searches on this scorer may choose; everything unless given.
     """
 
     def __init__(
@@ -57,11 +60,15 @@ class TableScorer:
         table: TransportTable,
         config: MetricConfig = THESIS,
         led_power: Array | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.table = table
         self.config = config
-        self.fibers, _, self.bends, self.sites, self.facets = table.T.shape
-        power = np.ones(3) if led_power is None else np.asarray(led_power, dtype=np.float64)
+        self.fibers, _, self.bends, self.sites, self.facets = table.T.shape[:5]
+        self.limits = limits or unlimited(self.fibers)
+        power = np.asarray(
+            self.limits.led_power if led_power is None else led_power, dtype=np.float64
+        )
         if power.shape not in {(3,), (self.fibers, 3)} or not ((power >= 0) & (power <= 1)).all():
             raise TableError(
                 f"led_power = {power.tolist()}, allowed: 3 values (or {self.fibers} times 3) from "
@@ -69,14 +76,18 @@ class TableScorer:
                 field="led_power",
             )
         self.led_power: Array = np.broadcast_to(power, (self.fibers, 3))
-        self._exposed = table.exposure * table.T.reshape(*table.T.shape[:2], -1)
+        exposed = table.exposure * table.T
+        tinted = exposed if table.by_channel else exposed[..., None]
+        # (channel or one for all, fiber, phi_node, cell)
+        self._exposed = np.moveaxis(tinted, -1, 0).reshape(tinted.shape[-1], *exposed.shape[:2], -1)
         # Says at once when the conventions do not fit the table, e.g. ddof = 1 with one bend.
-        design_score(site_metric(np.ones((*table.T.shape[2:], 3)), 0.0, config), config)
+        design_score(site_metric(np.ones((*table.T.shape[2:5], 3)), 0.0, config), config)
 
     @property
     def colours_alike(self) -> bool:
-        """Whether exchanging two colours in all fibers changes no score."""
-        return bool((self.led_power == self.led_power[:, :1]).all())
+        """Whether exchanging two colours in all fibers changes no score and breaks no limit."""
+        same_power = bool((self.led_power == self.led_power[:, :1]).all())
+        return same_power and self.limits.colours_alike and not self.table.by_channel
 
     @property
     def phi_bounds(self) -> tuple[float, float]:
@@ -98,7 +109,7 @@ class TableScorer:
         return np.eye(3)[colours] * self.led_power
 
     def light(self, phi: Array) -> Array:
-        """Return counts per unit LED power, ``(F, B, S, K)``, for ``phi`` ``(F,)`` rad."""
+        """Return counts per unit LED power, ``(F, B, S, K[, 3])``, for ``phi`` ``(F,)`` rad."""
         self._check_phi(phi)
         return self.table.exposure * self.table.at(phi)
 
@@ -108,7 +119,7 @@ class TableScorer:
 
     def details(self, phi: Array, power: Array) -> ScoreDetails:
         """Return S with its parts and its map for ``phi`` ``(F,)`` rad and ``power`` ``(F, 3)``."""
-        counts = image_counts(self.light(phi), np.asarray(power, np.float64), 1.0, self.config)
+        counts = self.counts(self.light(phi), np.asarray(power, np.float64))
         metric = site_metric(counts, self.table.lam, self.config)
         parts = design_score(metric, self.config)
         return ScoreDetails(
@@ -120,13 +131,21 @@ class TableScorer:
             clipped=float(clipped_fraction(counts, self.config)),
         )
 
+    def counts(self, light: Array, power: Array) -> Array:
+        """Return clipped counts ``(B, S, K, 3)`` of ``light`` under ``power`` ``(F, 3)``."""
+        if self.table.by_channel:
+            return np.asarray(clip_counts(np.einsum("fbskc,fc->bskc", light, power), self.config))
+        return np.asarray(image_counts(light, power, 1.0, self.config))
+
     def scores(self, colours: Colours, phi: Array) -> Array:
         """Return S ``(N,)`` of ``colours`` ``(N, F)``, all with the same ``phi`` ``(F,)`` rad."""
-        light = self.light(phi).reshape(self.fibers, -1)
+        light = self.light(phi)
+        tinted = "c" if self.table.by_channel else ""
+        light = light.reshape(self.fibers, -1, *light.shape[4:])
         out = np.empty(len(colours))
         for start in range(0, len(colours), LANES):
             power = self.power(colours[start : start + LANES])
-            block = np.einsum("fx,nfc->xcn", light, power, optimize=True)
+            block = np.einsum(f"fx{tinted},nfc->xcn", light, power, optimize=True)
             out[start : start + LANES] = self.score_block(block)
         return out
 
@@ -142,7 +161,8 @@ class TableScorer:
             for channel in range(3):
                 lit = np.flatnonzero(power[:, channel])
                 mixed = weights[:, lit] * power[lit, channel, None]
-                table = self._exposed[lit].reshape(-1, block.shape[0])
+                own = self._exposed[channel if self.table.by_channel else 0]
+                table = own[lit].reshape(-1, block.shape[0])
                 block[:, channel] = table.T @ mixed.reshape(len(weights), -1).T
             out[start : start + LANES] = self.score_block(block)
         return out

@@ -6,18 +6,23 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optimize.design import Design, Rating, baseline_design
 from optimize.evaluate import TableScorer
 from optimize.joint import JointResult, SearchStep, optimise_jointly
+from optimize.limits import limits_of
 from optimize.stages import Stage
 from render.chebyshev import chebyshev_nodes
 from render.layout import fiber_edges
 from render.metric import clipped_fraction, design_score
 from render.scene import Scene
 from surrogate.checker import Checker
+
+if TYPE_CHECKING:
+    from optimize.study import Study
 
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than
 # 0.1 counts (measured; with 17 nodes by 0.9).
@@ -26,7 +31,10 @@ PHI_NODES = 33
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """What the quick job found: baseline, after the colours, and the result, all rated."""
+    """What the quick job found: baseline, after the colours, and the result, all rated.
+
+    With ``study``, the last stage is the design that was refined for tolerances or shadows.
+    """
 
     scene: Scene
     checker: Checker
@@ -34,10 +42,11 @@ class Exploration:
     search: JointResult
     seed: int
     seconds: float
+    study: Study | None = None
 
     def to_json(self, design: Path, report: Path, seconds: float) -> dict[str, object]:
         """Return what programs rely on."""
-        return {
+        result: dict[str, object] = {
             "scene": self.scene.name,
             "scene_hash": self.scene.hash,
             "baseline": _figures(self.stages[0].rating),
@@ -46,6 +55,9 @@ class Exploration:
             "report": str(report),
             "seconds": round(seconds, 3),
         }
+        if self.study is not None:
+            result["study"] = self.study.to_json()
+        return result
 
 
 def explore(
@@ -55,12 +67,20 @@ def explore(
     seed: int = 0,
     progress: Callable[[SearchStep], None] | None = None,
 ) -> Exploration:
-    """Search colours and directions from the baseline until neither moves, and rate the stages."""
+    """Search colours and directions from the baseline until neither moves, and rate the stages.
+
+    The search keeps to the scene's constraints; the baseline only to those of LED power.
+    """
     began = time.perf_counter()
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
-    baseline = baseline_design(scene)
+    limits = limits_of(scene)
+    baseline = limits.dimmed(baseline_design(scene))
     search = optimise_jointly(
-        TableScorer(table), baseline, edges=fiber_edges(scene), seed=seed, progress=progress
+        TableScorer(table, limits=limits),
+        baseline,
+        edges=fiber_edges(scene),
+        seed=seed,
+        progress=progress,
     )
     coloured = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]

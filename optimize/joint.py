@@ -17,6 +17,8 @@ from optimize.colors.result import ColourResult, renamed_like
 from optimize.design import Colours, Design
 from optimize.directions import DirectionResult, optimise_directions, tied_groups
 from optimize.evaluate import TableScorer
+from optimize.polish import polish
+from render.errors import DesignError
 
 # A round that gains less than this share of the score ends the search.
 TOLERANCE = 1e-3
@@ -29,7 +31,7 @@ class SearchStep:
 
     Arguments:
         round: 0 for the start, then 1, 2, ...
-        stage: ``start``, ``grouped``, ``quick``, ``tied`` or ``free``.
+        stage: ``start``, ``grouped``, ``quick``, ``tied``, ``free`` or ``power``.
         score: S of ``design`` in counts.
         evaluated: lightings scored so far, all stages together.
         seconds: wall time so far.
@@ -81,21 +83,28 @@ def optimise_jointly(
 ) -> JointResult:
     """Return the best design that alternating searches reach from ``start``.
 
+    A stage without an allowed candidate is left out: where constraints break all pairs of
+    neighbours, there is no ``grouped``.
+
     Arguments:
-        scorer: the table and conventions to search on.
-        start: first design; its directions are the first ones that colours are chosen for.
+        scorer: the table, conventions and limits to search with.
+        start: first design; its directions are the first ones that colours are chosen for. Where
+            it breaks the limits, the nearest allowed design is taken.
         edges: the side of each fiber, for the tied search; None skips that stage.
         seed: of the random starts and of CMA-ES; every round draws anew.
         tolerance: a round that gains less than this share of the score ends the search.
         max_rounds: the search ends unconverged after so many rounds.
         progress: called after every stage.
     """
+    limits = scorer.limits
+    if limits.colours_limited or limits.directions_limited:
+        start = limits.obeyed(start)
     search = _Search(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
     for number in range(1, max_rounds + 1):
         before = search.score
         if number == 1:
-            search.take_colours(number, grouped_colours(scorer, search.design.phi))
+            search.take_groups(number)
         phi, known = search.design.phi, [search.design.colours]
         starts = [colours for colours in known if (colours >= 0).all()]
         search.take_colours(number, quick_colours(scorer, phi, starts=starts, seed=seed + number))
@@ -105,8 +114,8 @@ def optimise_jointly(
         if steerable:
             search.take_directions(number, "free", None, seed + number)
         if search.score - before < tolerance * abs(before):
-            return search.result(converged=True)
-    return search.result(converged=False)
+            return search.finished(number, converged=True)
+    return search.finished(max_rounds, converged=False)
 
 
 class _Search:
@@ -134,6 +143,14 @@ class _Search:
             self.score = found.score
         self._record(number, found.method)
 
+    def take_groups(self, number: int) -> None:
+        """Search colours in pairs, where the limits leave any pairs."""
+        try:
+            self.take_colours(number, grouped_colours(self.scorer, self.design.phi))
+        except DesignError:
+            if not self.scorer.limits.colours_limited:
+                raise
+
     def take_directions(self, number: int, stage: str, groups: Colours | None, seed: int) -> None:
         """Search directions from the best design and accept better ones."""
         power = self.design.power
@@ -143,6 +160,7 @@ class _Search:
             groups=groups,
             bounds=self.scorer.phi_bounds,
             seed=seed,
+            limits=self.scorer.limits,
         )
         self.evaluated += found.evaluated
         if found.score > self.score:
@@ -150,8 +168,14 @@ class _Search:
             self.score = found.score
         self._record(number, stage)
 
-    def result(self, *, converged: bool) -> JointResult:
-        """Return the outcome."""
+    def finished(self, number: int, *, converged: bool) -> JointResult:
+        """Return the outcome, with powers of their own where the limits allow that."""
+        if self.scorer.limits.continuous_power:
+            found = polish(self.scorer, self.design)
+            self.evaluated += found.evaluated
+            if found.score > self.score:
+                self.design, self.score = found.design, found.score
+            self._record(number, "power")
         return JointResult(self.design, self.score, tuple(self.history), converged)
 
     def _record(self, number: int, stage: str) -> None:

@@ -154,10 +154,16 @@ def best_of_tile(
     bends: int,
     constants: Single,
     threshold: np.float32,
+    free: Indices,
+    middle_used: Indices,
+    suffix_used: Indices,
     scores: Single,
     codes: Indices,
 ) -> int:
-    """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are."""
+    """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are.
+
+    ``free`` ``(3,)`` fibers per colour may still be used; middles and suffixes use so many.
+    """
     keep, lanes = len(scores), blocks.shape[-1]
     out = np.empty(lanes, np.float32)
     count, worst = 0, 0
@@ -165,9 +171,16 @@ def best_of_tile(
         first = block * lanes
         valid = min(lanes, suffixes - first)
         for middle in range(len(middles)):
+            red = free[0] - middle_used[middle, 0]
+            green = free[1] - middle_used[middle, 1]
+            blue = free[2] - middle_used[middle, 2]
+            if red < 0 or green < 0 or blue < 0:
+                continue
             score_lanes(prefix + middles[middle], blocks[block], bends, constants, out)
             for lane in range(valid):
-                if out[lane] > threshold:
+                used = suffix_used[first + lane]
+                fits = used[0] <= red and used[1] <= green and used[2] <= blue
+                if out[lane] > threshold and fits:
                     place = worst
                     if count < keep:
                         place = count

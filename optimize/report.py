@@ -176,12 +176,17 @@ def _wiring(scene: Scene, stage: Stage) -> list[dict[str, str]]:
             "edge": edge,
             "x": f"{position[number, 0]:.2f}",
             "y": f"{position[number, 1]:.2f}",
-            "colour": colour,
+            "colour": colour if power == 1.0 or colour == "off" else f"{colour}, {power:.0%}",
             "ink": INK[colour],
             "angle": f"{np.degrees(stage.design.phi[number]):.1f}°",
         }
-        for number, (edge, colour) in enumerate(
-            zip(fiber_edges(scene), stage.design.colour_names, strict=True)
+        for number, (edge, colour, power) in enumerate(
+            zip(
+                fiber_edges(scene),
+                stage.design.colour_names,
+                stage.design.power.max(axis=1),
+                strict=True,
+            )
         )
     ]
 

@@ -41,8 +41,13 @@ def score_draws(
     mixing = np.moveaxis(power, 0, -1).reshape(scorer.fibers, -1)
     rows = []
     for noise in _noise(scorer, phi, len(power), draws, seed):
-        counts = np.matmul((light + noise).swapaxes(1, 2), mixing)
-        blocks = counts.reshape(len(noise), light.shape[1], 3, len(power))
+        drawn = light + noise
+        if scorer.table.by_channel:
+            tinted = drawn.reshape(*drawn.shape[:2], -1, 3)
+            blocks = np.einsum("dfxc,nfc->dxcn", tinted, power, optimize=True)
+        else:
+            counts = np.matmul(drawn.swapaxes(1, 2), mixing)
+            blocks = counts.reshape(len(noise), light.shape[1], 3, len(power))
         rows += [scorer.score_block(block) for block in blocks]
     return np.array(rows)
 

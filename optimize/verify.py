@@ -13,27 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.candidate import PARTS, Candidate
-from optimize.design import Array, baseline_design
-from optimize.jackknife import JackknifeEstimate, jackknife
-from render.errors import RenderError
-from render.metric import clipped_fraction
+from optimize.candidate import Candidate
+from optimize.design import Array
+from optimize.jackknife import JackknifeEstimate
+from optimize.measure import Measured, check_seen, difference, measure
 from render.progress import Progress
 from render.reference import Estimate, render_transport
 from surrogate.checker import Checker
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """One design at level 2: jackknife estimates by part of the score, and clipped facets."""
-
-    parts: dict[str, JackknifeEstimate]
-    clipped: float
-
-    @property
-    def score(self) -> JackknifeEstimate:
-        """S of eq. (4.7)."""
-        return self.parts["score"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +81,7 @@ def verify(
         checkpoint: directory from which an interrupted verification goes on.
         progress: called with the name of the design being rendered.
     """
-    scene, design, baseline = candidate.scene, candidate.design, baseline_design(candidate.scene)
+    scene, design, baseline = candidate.scene, candidate.design, candidate.baseline
     bends = np.array(scene.bending.angles)
 
     def render(name: str, phi: Array) -> Estimate:
@@ -139,54 +125,15 @@ def compare(
     Raises:
         RenderError: the camera cannot see some facet, so the score is not defined.
     """
-    pair = np.stack([baseline, design], axis=1)
-    _check_seen(pair)
-    powers = (baseline_design(candidate.scene).power, candidate.design.power)
-
-    def gain(transport: Array) -> float:
-        scores = [candidate.parts(transport[i], powers[i])[0] for i in (0, 1)]
-        return float(scores[1] - scores[0])
-
+    check_seen(np.stack([baseline, design], axis=1))
+    scale = candidate.scale
+    powers = (candidate.baseline.power, candidate.design.power)
     return Verification(
-        baseline=_measure(candidate, baseline, powers[0]),
-        design=_measure(candidate, design, powers[1]),
-        difference=jackknife(gain, pair),
+        baseline=measure(scale, baseline, powers[0]),
+        design=measure(scale, design, powers[1]),
+        difference=difference(scale, baseline, powers[0], design, powers[1]),
         surrogate_score=surrogate_score,
         render_seconds=render_seconds,
         seeds=seeds,
         mutations=mutations,
     )
-
-
-def _measure(candidate: Candidate, replicates: Array, power: Array) -> Measured:
-    """Jackknife every part of the score of ``replicates`` ``(R, F, B, S, K)``."""
-    parts = {
-        name: jackknife(_Part(candidate, power, index), replicates)
-        for index, name in enumerate(PARTS)
-    }
-    counts = candidate.counts(replicates.mean(axis=0), power)
-    return Measured(parts, float(clipped_fraction(counts, candidate.rating.conventions)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """One part of the score as a statistic of transport."""
-
-    candidate: Candidate
-    power: Array
-    index: int
-
-    def __call__(self, transport: Array) -> float:
-        return float(self.candidate.parts(transport, self.power)[self.index])
-
-
-def _check_seen(replicates: Array) -> None:
-    """Refuse cells that are not numbers, ``(R, 2, F, B, S, K)``."""
-    hidden = np.argwhere(~np.isfinite(replicates).all(axis=(0, 1, 2)))
-    if len(hidden):
-        bend, site, facet = (int(i) for i in hidden[0])
-        raise RenderError(
-            f"the camera cannot see {len(hidden)} facets, the first is facet {facet} of site "
-            f"{site} at bend {bend}, so there is no score: move the sites or the camera",
-            field="sites",
-        )

@@ -40,3 +40,22 @@ def interpolation_weights(nodes: Array, x: Array) -> Array:
     terms = barycentric / np.where(hit, 1.0, distance)
     terms = np.where(hit.any(axis=-1, keepdims=True), hit, terms)
     return np.asarray(terms / terms.sum(axis=-1, keepdims=True))
+
+
+def differentiation_matrix(nodes: Array) -> Array:
+    """Return D ``(node, node)``: derivatives at the nodes of the polynomial through values there.
+
+    ``D_ij = (w_j / w_i) / (x_i - x_j)`` with barycentric weights w, and rows that sum to 0
+    (Berrut and Trefethen 2004, eqs. 9.4 and 9.5); float64. One node has derivative 0.
+    """
+    if len(nodes) == 1:
+        return np.zeros((1, 1))
+    gaps = nodes[:, None] - nodes[None, :]
+    scaled = 4.0 / (nodes.max() - nodes.min()) * gaps
+    np.fill_diagonal(scaled, 1.0)
+    weights = 1.0 / scaled.prod(axis=1)
+    np.fill_diagonal(gaps, 1.0)
+    matrix = weights[None, :] / weights[:, None] / gaps
+    np.fill_diagonal(matrix, 0.0)
+    np.fill_diagonal(matrix, -matrix.sum(axis=1))
+    return np.asarray(matrix)

@@ -9,8 +9,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from render.constraints import Constraints
 from render.quantity import Quantity
 from render.scene import EDGES, Scene
+from render.tolerances import Tolerances
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class Description:
     cells: int
     background_cells: int
     left_out: tuple[LeftOut, ...]
+    limits: tuple[str, ...] = ()
+    tolerances: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the description as JSON-ready values."""
@@ -69,6 +73,8 @@ class Description:
                 f"and {self.background_cells} of the untouched pad",
                 "left out, and why:",
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
+                *_listed("limits of designs:", self.limits),
+                *_listed("tolerances:", self.tolerances),
             ]
         )
 
@@ -95,12 +101,20 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         cells=cells,
         background_cells=cells // scene.indenter.faces,
         left_out=tuple(LeftOut(what, why) for what, why in _left_out(scene)),
+        limits=tuple(scene.constraints.sentences()) if scene.constraints else (),
+        tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
     )
+
+
+def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
+    return [title, *(f"  {sentence}" for sentence in sentences)] if sentences else []
 
 
 def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> Iterator[Value]:
     for name, info in type(part).model_fields.items():
         content, key = getattr(part, name), f"{prefix}{name}"
+        if isinstance(content, Constraints | Tolerances):
+            continue  # told in sentences of their own
         if isinstance(content, BaseModel):
             yield from _values(content, origins, f"{key}.")
         elif prefix and content is not None:

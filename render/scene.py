@@ -15,10 +15,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from render.constraints import Constraints
 from render.errors import SceneError
+from render.part import Part
 from render.quantity import Count, Quantity
+from render.tolerances import Tolerances
 
 Edge = Literal["left", "tip", "right"]
 Colour = Literal["red", "green", "blue"]
@@ -27,12 +30,6 @@ COLOURS: tuple[Colour, ...] = ("red", "green", "blue")
 
 Millimetres = Annotated[float, Quantity("mm", 0.01, 1000.0)]
 Coordinate = Annotated[float, Quantity("mm", -1000.0, 1000.0)]
-
-
-class Part(BaseModel):
-    """Base of all scene parts: immutable, no unknown keys, no silent conversion."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Pad(Part):
@@ -148,6 +145,8 @@ class Scene(Part):
     sites: Sites
     indenter: Indenter
     baseline: Baseline
+    constraints: Constraints | None = None
+    tolerances: Tolerances | None = None
 
     @model_validator(mode="after")
     def _parts_fit_together(self) -> Scene:
@@ -194,14 +193,23 @@ class Scene(Part):
                 f"sites: the pyramids reach {reach_x:g} x {reach_y:g} mm from the pad's centre, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
+        if self.constraints is not None:
+            problems += self.constraints.problems(self.fibers.count)
+        if self.tolerances is not None and self.diffuser is None:
+            for name in ("scattering", "diffuser_thickness"):
+                if getattr(self.tolerances, name) is not None:
+                    problems.append(f"tolerances.{name}: the scene has no diffuser, leave it out")
         if problems:
             raise ValueError("; ".join(problems))
         return self
 
     @property
     def hash(self) -> str:
-        """16 hex digits that identify the physical content (not the sources or the name)."""
-        content = self.model_dump(mode="json", exclude={"name"})
+        """16 hex digits that identify the physical content.
+
+        Sources, the name, constraints and tolerances change no light and have no part in it.
+        """
+        content = self.model_dump(mode="json", exclude={"name", "constraints", "tolerances"})
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

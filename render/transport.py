@@ -1,7 +1,8 @@
 """The transport table: linear radiance per facet and unit fiber power, the shared currency.
 
 Axes everywhere: ``(fiber, phi_node, bend, site, facet)``; the untouched pad (background) is
-``(fiber, phi_node, bend, site)``. Unit: radiance at the camera in 1/(mm^2 sr) per unit radiant
+``(fiber, phi_node, bend, site)``. Where materials depend on the colour channel, both have one more
+axis at the end, ``channel`` of size 3. Unit: radiance at the camera in 1/(mm^2 sr) per unit radiant
 power of the fiber. float64, errors are one standard deviation of the mean.
 """
 
@@ -25,10 +26,10 @@ class TransportTable:
     """Transport on a grid of fiber directions and bends, with its standard errors.
 
     Arguments:
-        T, se: ``(fiber, phi_node, bend, site, facet)``.
+        T, se: ``(fiber, phi_node, bend, site, facet[, channel])``.
         phi: ``(phi_node,)`` rad, distinct.
         bends: ``(bend,)`` rad; empty when a foreign table does not say.
-        background, background_se: ``(fiber, phi_node, bend, site)`` or None.
+        background, background_se: ``(fiber, phi_node, bend, site[, channel])`` or None.
         exposure: counts per unit of ``sum_f power_f T_f``.
         lam: weight of M_phi in eq. (4.6).
         scene_hash: the scene that it was made for; empty for foreign tables.
@@ -54,19 +55,21 @@ class TransportTable:
                 field="level",
                 value=self.level,
             )
-        if self.T.ndim != 5 or 0 in self.T.shape:
+        if self.T.ndim not in (5, 6) or 0 in self.T.shape or self.T.shape[5:] not in ((), (3,)):
             raise TableError(
                 f"T has shape {self.T.shape}, allowed: five non-empty axes "
-                "(fiber, phi_node, bend, site, facet)",
+                "(fiber, phi_node, bend, site, facet), and a sixth of 3 channels where materials "
+                "depend on the channel",
                 field="T",
                 value=self.T.shape,
             )
+        pads = self.T.shape[:4] + self.T.shape[5:]
         expected = {
             "se": self.T.shape,
             "phi": self.T.shape[1:2],
             "bends": self.T.shape[2:3],
-            "background": self.T.shape[:4],
-            "background_se": self.T.shape[:4],
+            "background": pads,
+            "background_se": pads,
         }
         given = {
             name: shape
@@ -95,8 +98,13 @@ class TransportTable:
         if not (np.isfinite(self.lam) and self.lam >= 0):
             raise TableError(f"lam = {self.lam}, allowed: finite and at least 0", field="lam")
 
+    @property
+    def by_channel(self) -> bool:
+        """Whether the materials depend on the colour channel."""
+        return self.T.ndim == 6
+
     def at(self, phi: Array) -> Array:
-        """Return T ``(fiber, bend, site, facet)`` for directions ``phi`` ``(fiber,)`` rad.
+        """Return T ``(fiber, bend, site, facet[, channel])`` at ``phi`` ``(fiber,)`` rad.
 
         A table of one node knows no other direction and returns that node for every ``phi``.
         """
@@ -108,7 +116,7 @@ class TransportTable:
                 value=phi,
             )
         weights = interpolation_weights(self.phi, phi)
-        return np.asarray(np.einsum("fj,fjbsk->fbsk", weights, self.T))
+        return np.asarray(np.einsum("fj,fjbsk...->fbsk...", weights, self.T))
 
     def save(self, path: Path) -> None:
         """Write the table as ``.npz`` without pickles, first beside ``path``, then renamed."""

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optimize.colors.quota import Quota, digits
 from optimize.design import Array, Colours
 from optimize.metric_kernel import Single, best_of_tile, kernel_constants
 from render.errors import TableError
@@ -62,10 +63,18 @@ class Enumeration:
         bends: number of bends B.
         symmetric: colours may be renamed, so only assignments that start with colour 0 and
             continue with colour 1 are scored (a sixth of all).
+        quota: what colours units may have; all unless given.
     """
 
     def __init__(
-        self, units: Array, bends: int, lam: float, config: MetricConfig, *, symmetric: bool
+        self,
+        units: Array,
+        bends: int,
+        lam: float,
+        config: MetricConfig,
+        *,
+        symmetric: bool,
+        quota: Quota | None = None,
     ) -> None:
         with np.errstate(over="ignore"):
             single = units.astype(np.float32)
@@ -76,22 +85,34 @@ class Enumeration:
                 field="exposure",
             )
         self.units, self.bends, self.symmetric = len(units), bends, symmetric
+        self.lam, self.config = lam, config
         self.constants = kernel_constants(config, lam, np.float32)
         suffix = min(self.units, SUFFIX)
         while suffix > 1 and 3**suffix * 4 * units[0].size > _SUFFIX_BYTES:
             suffix -= 1
         middle = min(self.units - suffix, MIDDLE)
         self.prefix = self.units - suffix - middle
-        self.middles: int = 3**middle
-        self.suffixes: int = 3**suffix
+        self.quota = quota or Quota.open(self.units)
+        first, second = self.prefix, self.prefix + middle
+        self._all_suffixes: int = 3**suffix
+        self._codes = self.quota.codes(first, second), self.quota.codes(second, self.units)
+        self._used = tuple(
+            self.quota.used(codes, start, stop)
+            for codes, start, stop in zip(
+                self._codes, (first, second), (second, self.units), strict=True
+            )
+        )
+        self.middles, self.suffixes = map(len, self._codes)
         # float64 sums, rounded once: (assignment, cell, facet, channel).
-        self._prefix_units = np.moveaxis(units[: self.prefix], 1, -1)
-        self._middle = _all_sums(units[self.prefix : self.prefix + middle]).astype(np.float32)
-        self._blocks = _lane_blocks(_all_sums(units[self.prefix + middle :]))
+        self._prefix_units = np.moveaxis(units[:first], 1, -1)
+        self._middle = _all_sums(units[first:second])[self._codes[0]].astype(np.float32)
+        self._blocks = _lane_blocks(_all_sums(units[second:])[self._codes[1]])
 
     @property
     def total(self) -> int:
         """Number of assignments that are scored."""
+        if self.quota.limited:
+            return sum(1 for _ in self._prefix_codes()) * self.middles * self.suffixes
         tasks: int = 3**self.prefix
         if self.symmetric and self.prefix:
             tasks = (tasks // 3 + 1) // 2
@@ -107,7 +128,7 @@ class Enumeration:
         start = time.perf_counter()
         scores, codes, done = np.empty(0, np.float32), np.empty(0, np.int64), 0
         tasks = iter(self._prefix_codes())
-        per_task, workers = self.middles * self.suffixes, _workers()
+        per_task, workers = self.middles * self.suffixes, self.workers()
         with ThreadPoolExecutor(workers) as pool:
             while batch := list(itertools.islice(tasks, workers * _TASKS_PER_ROUND)):
                 threshold = scores[-1] if len(scores) == keep else np.float32(-np.inf)
@@ -124,9 +145,15 @@ class Enumeration:
                     progress(SearchProgress(done, self.total, seconds, rate, left))
                 if limit is not None and done >= limit:
                     break
-        return Best(_digits(codes, self.units), scores, done)
+        return Best(digits(codes, self.units), scores, done)
+
+    def workers(self) -> int:
+        """Return how many tasks run at once: as many as the process has cores."""
+        return _workers()
 
     def _prefix_codes(self) -> Iterable[int]:
+        if self.quota.limited and self.prefix:
+            return map(int, self.quota.codes(0, self.prefix))
         if not (self.symmetric and self.prefix):
             return range(3**self.prefix)
         # Base-3 numbers below 3^(p-1) start with colour 0; those in [3^j, 2 3^j) continue with 1.
@@ -134,23 +161,42 @@ class Enumeration:
         return itertools.chain([0], *ranges)
 
     def _task(self, code: int, keep: int, threshold: np.float32) -> tuple[Single, Colours]:
-        chosen = _digits(np.array([code]), self.prefix)[0]
+        chosen = digits(np.array([code]), self.prefix)[0]
         base = np.zeros(self._middle.shape[1:])
         for unit, colour in enumerate(chosen):
             base[..., colour] += self._prefix_units[unit, ..., colour]
+        used = self.quota.used(np.array([code]), 0, self.prefix)[0]
+        free = self.quota.most - used
+        scores, codes = self.best_of_tile(base.astype(np.float32), free, keep, threshold)
+        middle, suffix = np.divmod(codes, self.suffixes)
+        whole = self._codes[0][middle] * self._all_suffixes + self._codes[1][suffix]
+        below = 3 ** (self.units - self.prefix)
+        return scores, whole + code * below
+
+    def best_of_tile(
+        self, base: Single, free: Colours, keep: int, threshold: np.float32
+    ) -> tuple[Single, Colours]:
+        """Return scores and codes of the best assignments above ``threshold`` on top of ``base``.
+
+        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(3,)``
+        fibers per colour may still be used.
+        """
         scores, codes = np.empty(keep, np.float32), np.empty(keep, np.int64)
         count = best_of_tile(
-            base.astype(np.float32),
+            base,
             self._middle,
             self._blocks,
             self.suffixes,
             self.bends,
             self.constants,
             threshold,
+            free,
+            self._used[0],
+            self._used[1],
             scores,
             codes,
         )
-        return scores[:count], codes[:count] + code * self.middles * self.suffixes
+        return scores[:count], codes[:count]
 
 
 def _all_sums(units: Array) -> Array:
@@ -166,18 +212,12 @@ def _all_sums(units: Array) -> Array:
 
 def _lane_blocks(sums: Array) -> Single:
     """Return ``sums`` ``(n, B * S, K, 3)`` as ``(block, B * S, K, 3, lane)``, padded with zeros."""
-    lanes = min(LANES, -(-len(sums) // 16) * 16)
+    lanes = min(LANES, max(16, -(-len(sums) // 16) * 16))
     blocks = -(-len(sums) // lanes)
     padded = np.zeros((blocks * lanes, *sums.shape[1:]), np.float32)
     padded[: len(sums)] = sums
     parts = padded.reshape(blocks, lanes, *sums.shape[1:])
     return np.ascontiguousarray(np.moveaxis(parts, 1, -1))
-
-
-def _digits(codes: Colours, count: int) -> Colours:
-    """Return ``count`` base-3 digits of each code, the first unit's most significant."""
-    powers = 3 ** np.arange(count - 1, -1, -1, dtype=np.int64)
-    return np.asarray(codes[:, None] // powers % 3, dtype=np.int64)
 
 
 def _workers() -> int:

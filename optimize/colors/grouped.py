@@ -12,7 +12,8 @@ import time
 import numpy as np
 
 from optimize.colors.enumeration import Enumeration
-from optimize.colors.exact import colour_units, grouped_units
+from optimize.colors.exact import colour_units, grouped_units, raise_unreachable
+from optimize.colors.quota import Quota
 from optimize.colors.result import ColourResult, canonical
 from optimize.design import Array, Colours
 from optimize.evaluate import TableScorer
@@ -35,7 +36,11 @@ def pair_groups(fibers: int, phase: int) -> Colours:
 
 
 def grouped_colours(scorer: TableScorer, phi: Array) -> ColourResult:
-    """Return the best pairwise colouring for ``phi`` ``(F,)`` rad after boundary repair."""
+    """Return the best pairwise colouring for ``phi`` ``(F,)`` rad after boundary repair.
+
+    Raises:
+        DesignError: no colouring in pairs is within the limits of ``scorer``.
+    """
     start = time.perf_counter()
     units = colour_units(scorer, phi)
     candidates, evaluated = [], 0
@@ -47,11 +52,14 @@ def grouped_colours(scorer: TableScorer, phi: Array) -> ColourResult:
             scorer.table.lam,
             scorer.config,
             symmetric=scorer.colours_alike,
+            quota=Quota.of(scorer.limits, groups),
         )
         found = search.best(_KEEP)
         candidates.append(found.colours[:, groups])
         evaluated += found.evaluated
     pool = np.concatenate(candidates)
+    if not len(pool):
+        raise_unreachable()
     colours = pool[int(np.argmax(scorer.scores(pool, phi)))]
     colours, score, tried = repair_boundaries(scorer, phi, colours)
     return ColourResult(
@@ -82,6 +90,9 @@ def repair_boundaries(
         rows = np.arange(len(boundary))
         changed[rows, boundary] = after[boundary]
         changed[len(boundary) + rows, (boundary + 1) % len(colours)] = colours[boundary]
+        changed = changed[scorer.limits.fits(changed)]
+        if not len(changed):
+            return colours, score, tried
         scores = scorer.scores(changed, phi)
         tried += len(changed)
         best = int(np.argmax(scores))

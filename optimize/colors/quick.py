@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.colors.exact import colour_units
-from optimize.colors.result import ColourResult, canonical
+from optimize.colors.result import ColourResult, canonical, ranked
 from optimize.design import Array, Colours
 from optimize.evaluate import TableScorer
 from optimize.metric_kernel import kernel_constants, score_moves
@@ -34,11 +34,19 @@ def quick_colours(
 
     A local optimum is a colouring that neither recolouring one fiber nor recolouring any two
     (which includes swaps) improves. Searches start from ``starts`` and from ``restarts`` random
-    colourings of ``seed``. ``progress(done, total)`` is called after every start.
+    colourings of ``seed``. ``progress(done, total)`` is called after every start. All are within
+    the limits of ``scorer``; starts that are not are left out.
     """
     start = time.perf_counter()
     rng = np.random.default_rng(seed)
-    random = rng.integers(0, 3, size=(restarts, scorer.fibers))
+    limits = scorer.limits
+    if limits.colours_limited:
+        # Random wishes make random allowed colourings.
+        wishes = rng.uniform(size=(restarts, scorer.fibers, 3))
+        random = np.array([limits.nearest_colours(wish) for wish in wishes]).reshape(restarts, -1)
+        starts = [colours for colours in starts if limits.fits(colours[None])[0]]
+    else:
+        random = rng.integers(0, 3, size=(restarts, scorer.fibers))
     search = _TwoOpt(scorer, phi)
     queue = [np.asarray(colours, dtype=np.int64) for colours in starts] + list(random)
     optima: dict[tuple[int, ...], float] = {}
@@ -48,15 +56,16 @@ def quick_colours(
         optima[tuple(key.tolist())] = score
         if progress is not None:
             progress(done + 1, len(queue))
-    ranked = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
-    same = tied(scorer, phi, scorer.power(ranked))
+    order = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
+    same = tied(scorer, phi, scorer.power(order))
     return ColourResult(
         method="quick",
-        colours=ranked[0],
-        score=scorer.score(phi, scorer.power(ranked[0])),
+        colours=order[0],
+        score=scorer.score(phi, scorer.power(order[0])),
         evaluated=search.evaluated,
         seconds=time.perf_counter() - start,
-        ties=tuple(tuple(row.tolist()) for row in ranked[1:][same[1:]]),
+        ties=tuple(tuple(row.tolist()) for row in order[1:][same[1:]]),
+        top=ranked(order, scorer.scores(order, phi)),
     )
 
 
@@ -68,6 +77,7 @@ class _TwoOpt:
         self.bends = scorer.bends
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
         self.pairs = _moves(scorer.fibers)
+        self.limits = scorer.limits
         self.evaluated = 0
 
     def climb(self, colours: Colours) -> tuple[Colours, float]:
@@ -86,17 +96,30 @@ class _TwoOpt:
                     new = (old + step + 1) % 3
                     change[..., old, 2 * fiber + step] = -self.units[fiber, old]
                     change[..., new, 2 * fiber + step] = self.units[fiber, new]
-            scores = score_moves(counts, change, self.pairs, self.bends, self.constants, _LANES)
+            pairs = self._allowed(colours)
+            scores = score_moves(counts, change, pairs, self.bends, self.constants, _LANES)
             self.evaluated += len(scores)
             best = int(np.argmax(scores))
             # Move 0 keeps the colours.
             score = float(scores[0])
             if scores[best] <= score + _ROUNDING * abs(score):
                 return colours, score
-            colours = colours.copy()
-            for move in set(self.pairs[best].tolist()) - {2 * fibers}:
-                fiber, step = divmod(move, 2)
-                colours[fiber] = (colours[fiber] + step + 1) % 3
+            colours = _moved(colours, pairs[best : best + 1])[0]
+
+    def _allowed(self, colours: Colours) -> NDArray[np.int64]:
+        """Return the moves from ``colours`` that stay within the limits."""
+        if not self.limits.colours_limited:
+            return self.pairs
+        return np.ascontiguousarray(self.pairs[self.limits.fits(_moved(colours, self.pairs))])
+
+
+def _moved(colours: Colours, pairs: NDArray[np.int64]) -> Colours:
+    """Return ``colours`` ``(F,)`` after each of ``pairs`` ``(N, 2)`` of moves, ``(N, F)``."""
+    fibers, rows = len(colours), np.arange(len(pairs))
+    steps = np.zeros((len(pairs), fibers + 1), dtype=np.int64)
+    for move in pairs.T:
+        steps[rows, move // 2] = move % 2 + 1
+    return np.asarray((colours + steps[:, :fibers]) % 3)
 
 
 def _moves(fibers: int) -> NDArray[np.int64]:

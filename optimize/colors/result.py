@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design import Colours
+from optimize.design import Array, Colours
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +23,7 @@ class ColourResult:
         ties: other colourings that the table's error bars cannot tell from the best, best first;
             a colouring that only exchanges colour names is not another one.
         ties_complete: False when there may be more ties than a search keeps.
+        top: the best colourings that the search kept, best first, with their float64 scores.
     """
 
     method: str
@@ -32,6 +33,7 @@ class ColourResult:
     seconds: float
     ties: tuple[tuple[int, ...], ...] = ()
     ties_complete: bool = True
+    top: tuple[tuple[tuple[int, ...], float], ...] = ()
 
     @property
     def monochrome(self) -> bool:
@@ -51,6 +53,12 @@ def canonical(colours: Colours) -> Colours:
         order = {name: index for index, name in enumerate(dict.fromkeys(names.tolist()))}
         row[:] = [order[name] for name in names.tolist()]
     return renamed.reshape(colours.shape)
+
+
+def ranked(colours: Colours, scores: Array) -> tuple[tuple[tuple[int, ...], float], ...]:
+    """Return ``colours`` ``(N, F)``, best first, with their ``scores`` ``(N,)``, as plain data."""
+    pairs = zip(colours.tolist(), scores.tolist(), strict=True)
+    return tuple((tuple(row), score) for row, score in pairs)
 
 
 def renamed_like(colours: Colours, reference: Colours) -> Colours:

@@ -15,14 +15,30 @@ if TYPE_CHECKING:
     from optimize.colors.result import ColourResult
 
 
-def run(path: Path, *, method: str, phi_index: int | None, seed: int, as_json: bool) -> None:
+SHOWN = 20
+"""Best colourings that programs are told."""
+
+
+def run(
+    path: Path,
+    *,
+    method: str,
+    phi_index: int | None,
+    seed: int,
+    device: str | None,
+    as_json: bool,
+) -> None:
     """Search colours on the table in ``path`` at one direction node and print the best."""
+    if device is not None and method != "exact":
+        raise TableError(
+            f"--device is for the method exact, not {method}: leave it out", field="device"
+        )
     with reserved_stdout() as stream:
         table = load_table(path)
         scorer = TableScorer(table)
         phi = scorer.at_node(_node(table, phi_index))
         with Meter(f"Colours, {method}") as meter:
-            result = _search(scorer, phi, method, seed, meter)
+            result = _search(scorer, phi, method, seed, device, meter)
         if as_json:
             print_json(
                 stream,
@@ -32,6 +48,12 @@ def run(path: Path, *, method: str, phi_index: int | None, seed: int, as_json: b
                     "score": result.score,
                     "evaluated": result.evaluated,
                     "seconds": result.seconds,
+                    "ties": [list(colours) for colours in result.ties],
+                    "ties_complete": result.ties_complete,
+                    "top": [
+                        {"colors": list(colours), "score": score}
+                        for colours, score in result.top[:SHOWN]
+                    ],
                 },
             )
             return
@@ -40,7 +62,8 @@ def run(path: Path, *, method: str, phi_index: int | None, seed: int, as_json: b
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
             f"level {table.level}\n{result.evaluated} colourings in {result.seconds:.1f} s by "
-            f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors\n"
+            f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors"
+            f"{'' if result.ties_complete else ', and perhaps more'}\n"
         )
         if result.monochrome:
             stream.write("One colour lights everything: lam does not reward colour here.\n")
@@ -57,7 +80,9 @@ def _node(table: TransportTable, phi_index: int | None) -> int:
     return phi_index or 0
 
 
-def _search(scorer: TableScorer, phi: Array, method: str, seed: int, meter: Meter) -> ColourResult:
+def _search(
+    scorer: TableScorer, phi: Array, method: str, seed: int, device: str | None, meter: Meter
+) -> ColourResult:
     if method == "grouped":
         from optimize.colors.grouped import grouped_colours
 
@@ -68,4 +93,6 @@ def _search(scorer: TableScorer, phi: Array, method: str, seed: int, meter: Mete
         return quick_colours(scorer, phi, seed=seed, progress=meter)
     from optimize.colors.exact import exact_colours
 
-    return exact_colours(scorer, phi, progress=lambda at: meter(at.done, at.total, at.eta_seconds))
+    return exact_colours(
+        scorer, phi, lambda at: meter(at.done, at.total, at.eta_seconds), device=device
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import IO
@@ -14,16 +15,37 @@ from optimize.joint import SearchStep
 from optimize.models import find_model
 from optimize.output import check_target
 from optimize.report import score_row, warnings
+from optimize.robust import Measure
+from optimize.study import check_tolerances, study
+from optimize.study_table import print_study
+from render.errors import DesignError
 from render.gl import create_context
 from render.scene import load_scene
 from surrogate.checker import Checker
 
 
-def run(scene_name: str, *, out: Path | None, model: Path | None, seed: int, as_json: bool) -> None:
+def run(
+    scene_name: str,
+    *,
+    out: Path | None,
+    model: Path | None,
+    seed: int,
+    robust: Measure | None,
+    shadow: float | None,
+    as_json: bool,
+) -> None:
     """Search, rate, write the result directory and print the outcome."""
     began = time.monotonic()
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        if robust is not None:
+            check_tolerances(scene)
+        if shadow is not None and not math.isfinite(shadow):
+            raise DesignError(
+                f"--shadow = {shadow}, allowed: a finite weight of at least 0",
+                field="shadow",
+                value=shadow,
+            )
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
         folder = find_model(scene.name, model)
@@ -33,6 +55,9 @@ def run(scene_name: str, *, out: Path | None, model: Path | None, seed: int, as_
         note(f"Exploring {scene.name} on the surrogate in {folder}")
         with Meter("Exploring") as meter:
             found = explore(scene, checker, seed=seed, progress=_Steps(meter))
+            if robust is not None or shadow is not None:
+                meter.note("  refining for what was asked")
+                found = study(found, robust, shadow, _Parts(meter))
             meter.note("  drawing pictures and the report")
             result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
         if as_json:
@@ -41,6 +66,8 @@ def run(scene_name: str, *, out: Path | None, model: Path | None, seed: int, as_
             print_json(stream, result)
         else:
             _print_table(stream, found)
+            if found.study is not None:
+                print_study(stream, found.study, {e.key: e.title for e in found.stages})
             for warning in warnings(found.stages):
                 stream.write(f"Note: {warning}\n")
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
@@ -65,6 +92,21 @@ class _Steps:
         if self.done == self.expected:
             self.expected += 3
         self.meter(self.done, self.expected)
+
+
+class _Parts:
+    """Gives every part of the study a meter of its own."""
+
+    def __init__(self, meter: Meter) -> None:
+        self.title, self.meter = "", meter
+
+    def __call__(self, title: str, done: int, total: int) -> None:
+        if title != self.title:
+            self.meter.close()
+            self.title, self.meter = title, Meter(title)
+        self.meter(done, total)
+        if done == total:
+            self.meter.close()
 
 
 def _print_table(stream: IO[str], found: Exploration) -> None:

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import IO
 
 from optimize.atomic import write_text
-from optimize.candidate import PARTS, Candidate, open_candidate
+from optimize.candidate import Candidate, open_candidate
 from optimize.console import Meter, note, print_json, reserved_stdout
 from optimize.jackknife import JackknifeEstimate
+from optimize.measure import Measured
 from optimize.models import find_model
-from optimize.verify import Measured, Verification, verify
+from optimize.score_scale import PARTS
+from optimize.verify import Verification, verify
 from optimize.verify_budget import affordable_mutations
 from render.errors import RenderError
 from render.llvm import ensure_llvm

@@ -11,7 +11,17 @@ import pytest
 from optimize import cli
 
 HEAVY = {"numpy", "pydantic", "torch", "mitsuba", "cma", "matplotlib", "moderngl", "onnxruntime"}
-COMMANDS = ("explore", "verify", "train", "render", "describe", "colors")
+COMMANDS = (
+    "explore",
+    "verify",
+    "optimize",
+    "sensitivity",
+    "reconstruct",
+    "train",
+    "render",
+    "describe",
+    "colors",
+)
 
 
 def call(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:

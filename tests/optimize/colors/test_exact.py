@@ -12,8 +12,9 @@ import pytest
 from optimize.colors.enumeration import SearchProgress
 from optimize.colors.exact import exact_colours
 from optimize.evaluate import TableScorer
+from optimize.limits import unlimited
 from render.errors import TableError, TactiluxError
-from render.metric import design_score, image_counts, site_metric
+from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -23,7 +24,12 @@ def brute_force(scorer: TableScorer, phi: np.ndarray) -> tuple[float, np.ndarray
     colours = np.array(list(itertools.product(range(3), repeat=scorer.fibers)))
     table, best = scorer.table, []
     for part in np.array_split(colours, -(-len(colours) // 5000)):
-        counts = image_counts(table.at(phi), scorer.power(part), table.exposure, scorer.config)
+        if table.by_channel:
+            light = table.exposure * table.at(phi)
+            mixed = np.einsum("fbskc,nfc->nbskc", light, scorer.power(part))
+            counts = clip_counts(mixed, scorer.config)
+        else:
+            counts = image_counts(table.at(phi), scorer.power(part), table.exposure, scorer.config)
         metric = site_metric(counts, table.lam, scorer.config)
         score = design_score(metric, scorer.config).score
         best.append((float(score.max()), part[score.argmax()]))
@@ -62,6 +68,59 @@ def test_different_led_powers_switch_the_symmetry_off(make_table: MakeTable) -> 
     assert result.evaluated == 3**10
     assert result.score == pytest.approx(score, rel=1e-12)
     assert result.colours.tolist() == colours.tolist()
+
+
+def test_materials_that_depend_on_the_channel_switch_the_symmetry_off(
+    make_table: MakeTable,
+) -> None:
+    table = make_table(10, 3, 2, 2, 4, lam=60.0)
+    tint = np.random.default_rng(0).uniform(0.4, 1.0, (*table.T.shape[2:], 3))
+    light = table.T[..., None] * tint
+    scorer = TableScorer(replace(table, T=light, se=0.01 * light))
+    phi = scorer.at_node(1)
+    result = exact_colours(scorer, phi)
+    score, colours = brute_force(scorer, phi)
+    assert result.evaluated == 3**10
+    assert result.score == pytest.approx(score, rel=1e-12)
+    assert result.colours.tolist() == colours.tolist()
+    power = scorer.power(result.colours)
+    assert scorer.direction_scores(phi[None], power)[0] == pytest.approx(score, rel=1e-12)
+    grey = replace(table, T=np.repeat(table.T[..., None], 3, axis=-1),
+                   se=np.zeros((*table.T.shape, 3)))  # fmt: skip
+    plain, tinted = TableScorer(table), TableScorer(grey)
+    assert exact_colours(tinted, phi).score == pytest.approx(exact_colours(plain, phi).score)
+
+
+def test_the_list_of_the_best_is_in_order_and_scored_in_float64(make_table: MakeTable) -> None:
+    scorer = TableScorer(make_table(8))
+    found = exact_colours(scorer, scorer.at_node(2))
+    scores = [score for _, score in found.top]
+    assert found.top[0] == (tuple(found.colours.tolist()), pytest.approx(found.score))
+    assert scores == sorted(scores, reverse=True)
+    assert len(found.top) > 20
+    again = scorer.scores(np.array([colours for colours, _ in found.top]), scorer.at_node(2))
+    assert again.tolist() == scores
+
+
+def test_torch_finds_the_same(make_table: MakeTable) -> None:
+    limits = replace(unlimited(7), most=np.array([2, 3, 4]))
+    for scorer in (
+        TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0)),
+        TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0), limits=limits),
+    ):
+        phi = scorer.at_node(1)
+        own, other = exact_colours(scorer, phi), exact_colours(scorer, phi, device="cpu")
+        assert other.score == pytest.approx(own.score, rel=1e-12)
+        assert other.evaluated == own.evaluated
+        assert [score for _, score in other.top[:20]] == pytest.approx(
+            [score for _, score in own.top[:20]]
+        )
+
+
+def test_a_device_that_is_not_there_is_named(make_table: MakeTable) -> None:
+    scorer = TableScorer(make_table(4))
+    with pytest.raises(TactiluxError, match="leave --device out"):
+        exact_colours(scorer, scorer.at_node(1), device="abacus")
 
 
 def test_two_identical_fibers_make_an_exact_tie(make_table: MakeTable) -> None:

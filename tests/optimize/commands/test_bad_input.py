@@ -207,6 +207,61 @@ def test_tables_that_colors_cannot_use(refused: Callable[..., str], tmp_path: Pa
     assert "0 to 1" in refused("colors", "two.npz", "--phi-index", 2)
 
 
+def test_robust_without_tolerances(
+    refused: Callable[..., str], design: Path, small_scene: Path, small_model: Path
+) -> None:
+    sentence = refused("explore", small_scene, "--model", small_model, "--robust", "quantile")
+    assert "[tolerances]" in sentence
+    words = ["--scene", small_scene, "--model", small_model]
+    assert "[tolerances]" in refused("sensitivity", design, *words)
+
+
+def test_constraints_that_contradict_each_other(
+    refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    tight = tmp_path / "tight.toml"
+    few = "\n[constraints]\nmax_red = 1\nmax_green = 1\nmax_blue = 1\n"
+    tight.write_text(small_scene.read_text() + few)
+    assert "at least 8 together" in refused("explore", tight, "--model", small_model)
+
+
+def test_optimizing_without_a_surrogate(refused: Callable[..., str], small_scene: Path) -> None:
+    assert "tactilux train" in refused("optimize", small_scene)
+
+
+def test_a_device_for_another_method_or_that_is_not_there(
+    refused: Callable[..., str], tmp_path: Path
+) -> None:
+    light = np.full((4, 1, 1, 2, 3), 1.0)
+    TransportTable(light, 0 * light, np.array([1.0]), 1.0, 1.0).save(tmp_path / "one.npz")
+    assert "--device is for" in refused("colors", "one.npz", "--device", "cpu")
+    words = ["colors", "one.npz", "--method", "exact", "--device", "abacus"]
+    assert "cannot use the device" in refused(*words)
+
+
+def test_weights_and_noise_that_are_no_numbers(
+    refused: Callable[..., str], design: Path, small_scene: Path
+) -> None:
+    assert "finite weight" in refused("explore", small_scene, "--shadow", "nan")
+    words = ["reconstruct", design, "--scene", small_scene]
+    assert "finite number" in refused(*words, "--read-noise", "inf")
+
+
+def test_the_thesis_knows_no_constraints(
+    refused: Callable[..., str], small_scene: Path, tmp_path: Path
+) -> None:
+    limited = tmp_path / "limited.toml"
+    limited.write_text(small_scene.read_text() + "\n[constraints]\nmax_red = 5\n")
+    assert "--method loop" in refused("optimize", limited, "--method", "thesis")
+
+
+def test_designs_that_cannot_be_reconstructed(
+    refused: Callable[..., str], design: Path, small_scene: Path
+) -> None:
+    assert "--scene" in refused("reconstruct", design)
+    assert "tactilux train" in refused("reconstruct", design, "--scene", small_scene)
+
+
 def test_an_option_that_does_not_exist_is_exit_code_two(tactilux: Run) -> None:
     result = tactilux("explore", "--fast")
     assert result.code == 2
