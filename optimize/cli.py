@@ -15,8 +15,9 @@ import typer
 
 from render.errors import TactiluxError
 
-# Packages that come with the extra "train", which rendering and training need.
-EXTRA = {"drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch"}
+# Packages of the extra "train", which rendering and training need, and of "hw", for the real rig.
+EXTRA = dict.fromkeys(("drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch"), "train")
+EXTRA |= dict.fromkeys(("cv2", "serial"), "hw")
 
 app = typer.Typer(
     name="tactilux",
@@ -372,7 +373,7 @@ def main() -> None:
             raise
         print(
             f"tactilux: this command needs {package}, which is not installed: "
-            "pip install 'tactilux[train]'",
+            f"pip install 'tactilux[{EXTRA[package]}]'",
             file=sys.stderr,
         )
         sys.exit(2)

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 # Only modules that hold examples: others may need a renderer to be chosen before their import.
 MODULES = [
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
-    for package in ("render", "surrogate", "optimize")
+    for package in ("render", "surrogate", "optimize", "hw")
     for path in sorted((ROOT / package).rglob("*.py"))
     if ">>>" in path.read_text(encoding="utf-8")
 ]

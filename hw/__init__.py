@@ -1,0 +1,1 @@
+"""The real rig: LED boards, cameras, calibration, the start-up check, and an emulated rig."""
