@@ -43,6 +43,10 @@ Leds = Annotated[
 Order = Annotated[str, typer.Option(help="How the LEDs' channels are wired: rgb, grb, ...")]
 Limit = Annotated[float, typer.Option(min=1.0, help="Current that the supply may give, in mA.")]
 Scale = Annotated[float, typer.Option(min=0.0, max=1.0, help="Factor on all powers.")]
+SceneOption = Annotated[str, typer.Option(help="Name of a shipped scene, or a TOML file.")]
+Lens = Annotated[
+    Path | None, typer.Option(help="Fisheye lens, a TOML file (default: photographs are pinhole).")
+]
 DesignFile = Annotated[Path, typer.Argument(help="The design.json that explore wrote.")]
 
 
@@ -70,8 +74,9 @@ def set_lights(
 ) -> None:
     """Light the fibers as a design says; off when the command ends."""
     from hw.commands import lights as command
+    from hw.commands.wiring import Wiring
 
-    wiring = command.Wiring(port, protocol.value, baud, leds, order, limit_ma, scale)
+    wiring = Wiring(port, protocol.value, baud, leds, order, limit_ma, scale)
     command.set_lights(design, wiring, seconds=seconds)
 
 
@@ -89,8 +94,9 @@ def sweep(
 ) -> None:
     """Light one fiber of a design after the other."""
     from hw.commands import lights as command
+    from hw.commands.wiring import Wiring
 
-    wiring = command.Wiring(port, protocol.value, baud, leds, order, limit_ma, scale)
+    wiring = Wiring(port, protocol.value, baud, leds, order, limit_ma, scale)
     command.sweep_lights(design, wiring, seconds=seconds)
 
 
@@ -107,6 +113,100 @@ def off(
     from hw.commands import lights as command
 
     command.off(port, protocol.value, baud, count=count)
+
+
+@rig.command()
+def capture(
+    design: DesignFile,
+    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    scene: SceneOption = "finger20",
+    camera: Annotated[int, typer.Option(min=0, help="Number of the camera.")] = 0,
+    lens: Lens = None,
+    exposure: Annotated[float | None, typer.Option(help="In the driver's own unit.")] = None,
+    gain: Annotated[float | None, typer.Option(help="In the driver's own unit.")] = None,
+    white_balance: Annotated[float | None, typer.Option(help="In kelvin.")] = None,
+    frames: Annotated[int, typer.Option(min=1, help="Photographs that are averaged.")] = 4,
+    white: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=1.0, help="Light all three channels with this power."),
+    ] = None,
+    port: Port = None,
+    protocol: Protocol = Speech.LINES,
+    baud: Baud = 115200,
+    leds: Leds = None,
+    order: Order = "rgb",
+    limit_ma: Limit = 500.0,
+    scale: Scale = 1.0,
+) -> None:
+    """Photograph the dark, every fiber alone, and all together into a folder."""
+    from hw.commands import capture as command
+    from hw.commands.wiring import Wiring
+
+    command.run(
+        scene,
+        design,
+        command.Shot(camera, lens, exposure, gain, white_balance, frames),
+        Wiring(port, protocol.value, baud, leds, order, limit_ma, scale),
+        out=out,
+        white=white,
+    )
+
+
+@app.command()
+def check(
+    scene: Scene = "finger20",
+    design: Annotated[
+        Path | None, typer.Option(help="A design.json (default: the baseline design).")
+    ] = None,
+    capture: Annotated[
+        Path | None, typer.Option(help="Photograph with all fibers lit, or the folder of a sweep.")
+    ] = None,
+    camera: Annotated[int | None, typer.Option(min=0, help="Number of a live camera.")] = None,
+    lens: Lens = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Record of the healthy rig, for finer checks.")
+    ] = None,
+    commission: Annotated[
+        Path | None, typer.Option(help="Write such a record from this sweep.")
+    ] = None,
+    bend: Annotated[
+        float, typer.Option(min=0.0, max=180.0, help="Total bending angle in degrees.")
+    ] = 0.0,
+    gamma: Annotated[
+        float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
+    ] = 1.0,
+    noise: Annotated[
+        float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
+    ] = 2.55,
+    model: Model = None,
+    port: Port = None,
+    protocol: Protocol = Speech.LINES,
+    baud: Baud = 115200,
+    leds: Leds = None,
+    order: Order = "rgb",
+    limit_ma: Limit = 500.0,
+    scale: Scale = 1.0,
+    json: Json = False,
+) -> None:
+    """Say whether the rig looks as designed: exit code 0 if so, 1 with a fault."""
+    from hw.commands import check as command
+    from hw.commands.wiring import Wiring
+
+    command.run(
+        scene,
+        design=design,
+        model=model,
+        capture=capture,
+        camera=camera,
+        lens=lens,
+        wiring=Wiring(port, protocol.value, baud, leds, order, limit_ma, scale),
+        bend=bend,
+        rig=rig,
+        commissioned=commission,
+        gamma=gamma,
+        noise=noise,
+        as_json=json,
+    )
 
 
 __all__ = ["Model", "Scene", "Seed", "app", "main"]

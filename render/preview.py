@@ -14,7 +14,7 @@ from render.chebyshev import interpolation_weights
 from render.drawing import LARGEST, Drawing
 from render.errors import DesignError, GraphicsError
 from render.interreflection import Interreflection, interreflection
-from render.lights import make_lights
+from render.lights import Lights, make_lights
 from render.pad_points import pad_points
 from render.scene import Scene
 from render.view import view_weights
@@ -39,6 +39,7 @@ class Preview:
         scene: the sensor; the shader is specialised to what it declares.
         backend: ``osmesa`` or ``egl``; None takes the first that works.
         cache: folder of cached slab responses; None is the user's cache.
+        lights: what the fibers make of the scene, instead of the cached response.
 
     Example::
 
@@ -47,11 +48,16 @@ class Preview:
     """
 
     def __init__(
-        self, scene: Scene, *, backend: str | None = None, cache: Path | None = None
+        self,
+        scene: Scene,
+        *,
+        backend: str | None = None,
+        cache: Path | None = None,
+        lights: Lights | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
         self.scene = scene
-        self._lights = make_lights(scene, cache)
+        self._lights = lights or make_lights(scene, cache)
         self._points = pad_points(scene)
         self._bent: dict[float, _Bent] = {}
         self._tables: dict[float, Array] = {}

@@ -122,8 +122,8 @@ class LineBoard:
         if answer == "OK":
             return True
         raise ProtocolError(
-            f"the LED board refused {words!r} with {answer[:40]!r}, allowed: OK; flash the firmware "
-            "that comes with this version",
+            f"the LED board refused {words!r} with {answer[:40]!r}, allowed: OK; flash the "
+            "firmware that comes with this version",
             field="answer",
             value=answer[:40],
             allowed="OK",

@@ -68,7 +68,8 @@ class WledBoard:
         if state.get("on") is not True or state.get("bri") != 255:
             raise ProtocolError(
                 f"WLED on {self._link.port} answered on = {state.get('on')}, bri = "
-                f"{state.get('bri')}, allowed: on at 255; lift its brightness limit in its settings",
+                f"{state.get('bri')}, allowed: on at 255; lift its brightness limit in its "
+                "settings",
                 field="state",
                 allowed="on, bri 255",
             )

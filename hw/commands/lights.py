@@ -2,45 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 
 from hw.boards.board import dark
 from hw.boards.ports import ProtocolName, list_serial_ports, open_board, the_port
-from hw.channels import ChannelMap, PowerLimits
-from hw.lights import Lights, interruptible, sweep
+from hw.commands.wiring import Wiring
+from hw.lights import interruptible, sweep
 from optimize.console import Meter, note, print_json, reserved_stdout
 from optimize.design import Design, colour_name
 from optimize.design_file import load_saved
 
 UNTOLD_LEDS = 64
 """How many LEDs are switched off on a board that cannot say how many it has."""
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """How the lights are connected, as the options of the command line say."""
-
-    port: str | None
-    protocol: str
-    baud: int
-    leds: str | None
-    order: str
-    limit_ma: float
-    scale: float
-
-    def lights(self, fibers: int) -> Lights:
-        """Open the board for ``fibers`` fibers."""
-        channels = ChannelMap.parse(self.leds, fibers, self.order)
-        connect = partial(
-            open_board,
-            the_port(self.port),
-            ProtocolName(self.protocol),
-            leds=channels.needed,
-            baud=self.baud,
-        )
-        return Lights(connect, channels, PowerLimits(total_milliamperes=self.limit_ma))
 
 
 def ports(*, as_json: bool) -> None:

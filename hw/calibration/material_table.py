@@ -1,0 +1,249 @@
+"""What the reference lines show for any material: drawn for some materials, smooth in between.
+
+The preview is physical in the material (its slab response is a random walk in it) but takes
+seconds per material, far too long for a fit. So it is run for materials that fill the range
+evenly (Sobol), each with random numbers of its own, and a polynomial of the third degree in the
+material is fitted to the logarithm of the light at every point; the regression averages the
+random walks' noise. Leaving each material out in turn gives the error of all this.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.reference_lines import reference_lines
+from hw.errors import CalibrationError
+from hw.fiber_images import fiber_images
+from hw.projection import pixels_of
+from render.bending import Array
+from render.errors import TableError
+from render.npz import read_npz, write_npz
+from render.scene import Scene
+
+VERSION = 1
+MATERIALS, RAYS = 72, 180_000
+COLUMNS, ROWS = 120, 200
+DEGREE = 3
+EXPONENTS = np.array(
+    [e for e in itertools.product(range(DEGREE + 1), repeat=4) if sum(e) <= DEGREE]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialTable:
+    """Log light at the reference lines as a polynomial in the material.
+
+    Arguments:
+        key: hash of the scene's geometry, directions and bends.
+        phi: ``(fiber,)`` rad; bends: ``(bend,)`` rad.
+        coefficients: ``(term, bend, fiber, point)``; NaN where the camera sees nothing.
+        left_out: ``(material, bend, fiber, point)`` errors of log light at materials left out.
+        materials: ``(material, 4)``.
+    """
+
+    key: str
+    phi: Array
+    bends: Array
+    coefficients: Array
+    left_out: Array
+    materials: Array
+
+    def log_light(self, material: Array) -> Array:
+        """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
+        return np.asarray(np.tensordot(_terms(material[None])[0], self.coefficients, axes=1))
+
+
+def material_table(
+    scene: Scene,
+    phi: Array,
+    bends: Array,
+    *,
+    folder: Path,
+    materials: int = MATERIALS,
+    rays: int = RAYS,
+    progress: Callable[[int, int], None] | None = None,
+) -> MaterialTable:
+    """Return the table, from ``folder`` or drawn now; interrupted work goes on where it stood.
+
+    Arguments:
+        scene: whose own material does not matter.
+        phi: ``(fiber,)`` rad.
+        bends: ``(bend,)`` rad.
+        folder: where tables and their parts are kept.
+        materials: how many are drawn.
+        rays: light paths for each.
+        progress: called with materials done and all of them.
+    """
+    key = table_key(scene, phi, bends, materials, rays)
+    path = folder / f"materials-{key}.npz"
+    if path.exists():
+        return load_table(path)
+    chosen = sobol_materials(materials)
+    parts = folder / f"materials-{key}"
+    drawn = []
+    for number, material in enumerate(chosen):
+        drawn.append(_part(parts / f"{number:03d}.npz", scene, phi, bends, material, number, rays))
+        if progress:
+            progress(number + 1, materials)
+    table = _fitted(key, phi, bends, chosen, np.stack(drawn))
+    arrays = {name: np.asarray(value) for name, value in vars(table).items()}
+    write_npz(path, {**arrays, "left_out": table.left_out.astype(np.float32)})
+    for part in parts.glob("*.npz"):
+        part.unlink()
+    parts.rmdir()
+    return table
+
+
+def load_table(path: Path) -> MaterialTable:
+    """Return the table in ``path``.
+
+    Raises:
+        TableError: damaged, or something else.
+    """
+    arrays = read_npz(path)
+    names = {"key", "phi", "bends", "coefficients", "left_out", "materials"}
+    if set(arrays) != names or len(arrays["coefficients"]) != len(EXPONENTS):
+        raise TableError(
+            f"{path} is no table of materials: delete it, and it is made again", field="materials"
+        )
+    floats: dict[str, Array] = {name: arrays[name].astype(np.float64) for name in names - {"key"}}
+    return MaterialTable(key=str(arrays["key"]), **floats)
+
+
+def table_key(scene: Scene, phi: Array, bends: Array, materials: int, rays: int) -> str:
+    """Return a hash of everything the table depends on: not of the scene's own material."""
+    neutral = Material.from_array(np.sqrt(LOW * HIGH) + 0.01).put_into(scene)
+    content = [VERSION, neutral.hash, np.round(phi, 9).tolist(), np.round(bends, 9).tolist(),
+               materials, rays]  # fmt: skip
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
+
+
+def sobol_materials(count: int) -> Array:
+    """Return ``count`` materials ``(material, 4)`` that fill the range, scattering by its log."""
+    from scipy.stats import qmc
+
+    unit = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(1)).random_base2(
+        int(np.ceil(np.log2(count)))
+    )[:count]
+    return _from_unit(2 * unit - 1)
+
+
+def line_light(scene: Scene, phi: Array, bends: Array, *, rays: int, seed: int) -> Array:
+    """Return radiance per unit power at the reference lines, ``(bend, fiber, point)``.
+
+    Drawn by the preview for the scene's own material; NaN where the camera sees nothing.
+    """
+    images = fiber_images(scene, phi, bends, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
+    lines = reference_lines(scene)
+    return np.stack(
+        [
+            np.stack(
+                [
+                    sample(images[index, fiber], pixels_of(scene, bend, points, ROWS, COLUMNS))
+                    for fiber, points in enumerate(
+                        np.where(lines.inside[..., None], lines.position, np.inf)
+                    )
+                ]
+            )
+            for index, bend in enumerate(bends)
+        ]
+    )
+
+
+def sample(image: Array, pixels: Array) -> Array:
+    """Return ``image`` ``(row, column[, channel])`` at ``pixels`` ``(n, 2)``, NaN where they are.
+
+    Linear between the middles of pixels.
+    """
+    from scipy.ndimage import map_coordinates
+
+    seen = np.isfinite(pixels[:, 0])
+    place = np.where(seen[:, None], pixels, 0.0).T[::-1] - 0.5
+    layers = image[..., None] if image.ndim == 2 else image
+    found = np.stack(
+        [
+            map_coordinates(layers[..., k].astype(np.float64), place, order=1, mode="nearest")
+            for k in range(layers.shape[-1])
+        ],
+        axis=-1,
+    )
+    found = np.where(seen[:, None], found, np.nan)
+    return np.asarray(found[:, 0] if image.ndim == 2 else found)
+
+
+def _part(
+    path: Path, scene: Scene, phi: Array, bends: Array, material: Array, number: int, rays: int
+) -> Array:
+    """Return log light of one material, kept in ``path`` as soon as it is drawn."""
+    if path.exists():
+        try:
+            return read_npz(path)["log_light"]
+        except (TableError, KeyError):
+            path.unlink()
+    own = Material.from_array(material).put_into(scene)
+    light = line_light(own, phi, bends, rays=rays, seed=1000 + number)
+    with np.errstate(divide="ignore"):
+        log_light = np.where(light > 0, np.log(light), np.nan)
+    write_npz(path, {"log_light": log_light})
+    return np.asarray(log_light)
+
+
+def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) -> MaterialTable:
+    """Return the least-squares polynomial and its leave-one-out errors."""
+    terms = _terms(materials)
+    if len(materials) <= len(EXPONENTS) + 8:
+        raise CalibrationError(
+            f"{len(materials)} materials are too few for a polynomial of {len(EXPONENTS)} terms, "
+            f"allowed: more than {len(EXPONENTS) + 8}",
+            field="materials",
+            value=len(materials),
+        )
+    seen = np.isfinite(drawn).all(axis=0)
+    values = np.where(seen, drawn, 0.0).reshape(len(drawn), -1)
+    inverse: Array = np.linalg.pinv(terms)
+    coefficients: Array = inverse @ values
+    # The residual of a material left out is the plain one over 1 - leverage.
+    leverage = np.einsum("mt,tm->m", terms, inverse)
+    left_out = (values - terms @ coefficients) / (1 - leverage)[:, None]
+    shape = drawn.shape[1:]
+    hidden: Array = np.where(seen, 0.0, np.nan)
+    return MaterialTable(
+        key,
+        phi,
+        bends,
+        coefficients.reshape(-1, *shape) + hidden,
+        left_out.reshape(-1, *shape) + hidden,
+        materials,
+    )
+
+
+def _terms(materials: Array) -> Array:
+    """Return the polynomial's terms ``(material, term)`` of ``(material, 4)``."""
+    unit = _to_unit(materials)
+    return np.asarray(np.prod(unit[:, None, :] ** EXPONENTS[None], axis=-1))
+
+
+def _to_unit(materials: Array) -> Array:
+    scaled = [np.log(materials[:, 0]), *materials.T[1:]]
+    ends = np.stack([LOW, HIGH])
+    ends[:, 0] = np.log(ends[:, 0])
+    return np.stack(
+        [2 * (x - low) / (high - low) - 1 for x, low, high in zip(scaled, *ends, strict=True)],
+        axis=-1,
+    )
+
+
+def _from_unit(unit: Array) -> Array:
+    low, high = LOW.copy(), HIGH.copy()
+    low[0], high[0] = np.log(low[0]), np.log(high[0])
+    found = low + 0.5 * (unit + 1) * (high - low)
+    found[:, 0] = np.exp(found[:, 0])
+    return np.asarray(found)

@@ -1,0 +1,140 @@
+"""How a rig looked when it was healthy: measured over predicted light, kept in a file.
+
+The model's own error is the same at every start, so it cancels against such a record; faults that
+are small beside that error, a fiber turned by 10 deg above all, show only then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.check.prediction import Prediction
+from hw.check.sweep_check import channel_gains
+from hw.errors import CaptureError
+from render.bending import Array
+from render.npz import read_npz, write_npz
+
+SCHEMA = 1
+ALLOWED = (0.2, 5.0)
+"""Range of measured over predicted light of a fiber in a rig that can be called healthy."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigRecord:
+    """A healthy rig.
+
+    Arguments:
+        ratio: ``(fiber, site)`` measured over predicted light; 1 for fibers without power.
+        phi, power: ``(fiber,)`` rad and ``(fiber, 3)``, the design that was captured.
+        scene_hash: the scene of the design.
+        bend: rad, of the capture.
+    """
+
+    ratio: Array
+    phi: Array
+    power: Array
+    scene_hash: str
+    bend: float
+
+    def save(self, path: Path) -> None:
+        """Write the record, atomically."""
+        arrays = {name: np.asarray(value) for name, value in vars(self).items()}
+        write_npz(path, arrays | {"schema": np.array(SCHEMA)})
+
+    def check_fits(self, prediction: Prediction, scene_hash: str, bend: float) -> None:
+        """Refuse a record of another design, scene or bend.
+
+        Raises:
+            CaptureError: says what differs.
+        """
+        if self.ratio.shape != prediction.nominal.shape or self.scene_hash != scene_hash:
+            what = "another scene"
+        elif not np.allclose(self.phi, prediction.phi, atol=1e-4) or not np.allclose(
+            self.power, prediction.power, atol=1e-4
+        ):
+            what = "another design"
+        elif abs(self.bend - bend) > np.radians(0.5):
+            what = f"a bend of {np.degrees(self.bend):g} deg"
+        else:
+            return
+        raise CaptureError(
+            f"the rig's record was made for {what}: make a new one with --commission",
+            field="rig",
+            value=what,
+        )
+
+
+def load_record(path: Path) -> RigRecord:
+    """Return the record in ``path``.
+
+    Raises:
+        TableError: no readable file; CaptureError: something else than a rig's record.
+    """
+    arrays = read_npz(path)
+    names = {"ratio", "phi", "power", "scene_hash", "bend"}
+    shapes = {name: arrays[name].shape for name in names & set(arrays)}
+    fibers = shapes.get("phi", (0,))
+    good = (
+        set(arrays) == names | {"schema"}
+        and int(arrays["schema"]) == SCHEMA
+        and len(fibers) == 1
+        and shapes["power"] == (*fibers, 3)
+        and len(shapes["ratio"]) == 2
+        and shapes["ratio"][0] == fibers[0]
+        and all(
+            np.issubdtype(arrays[name].dtype, np.floating) and np.isfinite(arrays[name]).all()
+            for name in ("ratio", "phi", "power", "bend")
+        )
+        and bool((arrays["ratio"] > 0).all())
+    )
+    if not good:
+        raise CaptureError(
+            f"{path} is not the record of a rig: make one with `tactilux check --commission`",
+            field="rig",
+            value=str(path),
+        )
+    return RigRecord(
+        ratio=arrays["ratio"],
+        phi=arrays["phi"],
+        power=arrays["power"],
+        scene_hash=str(arrays["scene_hash"]),
+        bend=float(arrays["bend"]),
+    )
+
+
+def commission(prediction: Prediction, colours: Array, scene_hash: str, bend: float) -> RigRecord:
+    """Return the record of a rig that is known to be healthy.
+
+    Arguments:
+        prediction: of the design.
+        colours: ``(fiber, site, 3)`` counts of each fiber alone.
+        scene_hash: of the design's scene.
+        bend: rad.
+
+    Raises:
+        CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
+    """
+    expected = prediction.alone
+    gain = channel_gains(expected, colours)
+    lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
+    weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)
+    seen = np.einsum("fsc,fc->fs", colours / gain, weight)
+    wanted = np.einsum("fsc,fc->fs", expected, weight)
+    overall = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
+    bad = lit & ~((overall > ALLOWED[0]) & (overall < ALLOWED[1]))
+    if bad.any():
+        fiber = int(np.argmax(bad))
+        raise CaptureError(
+            f"fiber {fiber} gives {overall[fiber]:.2f} times the predicted light, allowed: "
+            f"{ALLOWED[0]:g} to {ALLOWED[1]:g}; mend the rig before its record is made",
+            field="colours",
+            value=float(overall[fiber]),
+        )
+    ratio = np.where(lit[:, None], seen / np.where(lit[:, None], wanted, 1.0), 1.0)
+    # A site too dark to be measured says nothing; it keeps its fiber's ratio.
+    floor = 0.2 * np.where(lit, overall, 1.0)[:, None]
+    return RigRecord(np.maximum(ratio, floor), prediction.phi, prediction.power, scene_hash, bend)

@@ -1,0 +1,175 @@
+"""Naming a fault from one image of all fibers.
+
+The same Bayes' rule as for a sweep, over single faults of any fiber. What a healthy rig may differ
+by (powers, turns, the model, the camera's gains) spreads the expected colours; that spread is
+Gaussian with a known covariance, in which a fault must stand out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.check.prediction import Prediction
+from hw.check.sweep_check import PERMUTATIONS, SHARES, UNCLEAR_SPREAD
+from hw.check.tolerances import LEAST_TURN, TURNS, Tolerances
+from hw.check.verdict import FiberVerdict, State, Verdict
+from hw.errors import CaptureError
+from render.bending import Array
+
+FAULTY_POWERS = np.concatenate([[0.0], np.linspace(0.05, 0.85, 17)])
+"""Relative powers of dead and dim fibers that are tried."""
+
+
+def check_image(
+    prediction: Prediction,
+    colours: Array,
+    tolerances: Tolerances,
+    ratio: Array | None = None,
+) -> Verdict:
+    """Return what one image of all fibers says.
+
+    Arguments:
+        prediction: of the design, at the bend of the image.
+        colours: ``(site, 3)`` counts, linear, dark frame subtracted, at any exposure.
+        tolerances: of a healthy rig.
+        ratio: ``(fiber, site)`` measured over predicted light of the healthy rig.
+
+    Raises:
+        CaptureError: wrong shape, not finite, or dark.
+    """
+    sites = prediction.table.shape[2]
+    if colours.shape != (sites, 3) or not np.isfinite(colours).all():
+        raise CaptureError(
+            f"the image has colours of shape {colours.shape}, allowed: finite, ({sites}, 3)",
+            field="colours",
+            value=colours.shape,
+        )
+    ratio = np.ones(prediction.nominal.shape) if ratio is None else ratio
+    power, phi = prediction.power, prediction.phi
+    turned = prediction.unit(np.clip(phi[:, None] + TURNS, 0.0, np.pi)) * ratio[:, None]
+    straight = turned[:, len(TURNS) // 2]
+    expected = np.einsum("fs,fc->sc", straight, power)
+    scale = _scale(expected, colours)
+    seen = colours / scale
+    error = float(np.sqrt(np.mean((seen - expected) ** 2)))
+
+    whiten = _whitener(prediction, straight, turned, expected, scale, tolerances)
+    residual = whiten @ (seen - expected).ravel()
+    lit: NDArray[np.bool_] = np.any(power, axis=1)
+    prior = np.log(tolerances.fault)
+    log_ok = -0.5 * float(residual @ residual)
+    weights: dict[tuple[int, State], float] = {}
+    for fiber in np.nonzero(lit)[0]:
+        for state, changes in _changes(
+            straight[fiber], turned[fiber], power[fiber], phi[fiber]
+        ).items():
+            distance = residual - changes.reshape(len(changes), -1) @ whiten.T
+            fits = -0.5 * np.einsum("ni,ni->n", distance, distance)
+            weights[int(fiber), state] = (
+                float(np.logaddexp.reduce(fits)) - np.log(len(fits)) + prior + np.log(SHARES[state])
+            )
+    none = (-1, State.OK)
+    weights[none] = log_ok
+    weights[-1, State.UNCLEAR] = _unclear(residual, whiten, expected) + prior
+    top = max(weights.values())
+    total = sum(np.exp(value - top) for value in weights.values())
+    posterior = {key: float(np.exp(value - top) / total) for key, value in weights.items()}
+    return Verdict(
+        _verdicts(posterior, lit, tolerances), prediction.score, error, prediction.domain_excess
+    )
+
+
+def _scale(expected: Array, colours: Array) -> float:
+    """Return the camera's overall gain: the median over what is bright enough to tell."""
+    bright = expected > 0.1 * expected.max()
+    scale = float(np.median(colours[bright] / expected[bright]))
+    if not scale > 0:
+        raise CaptureError(
+            "the image is dark: switch the LEDs on, take the lens cap off, or raise the exposure",
+            field="colours",
+        )
+    return scale
+
+
+def _whitener(
+    prediction: Prediction,
+    straight: Array,
+    turned: Array,
+    expected: Array,
+    scale: float,
+    tolerances: Tolerances,
+) -> Array:
+    """Return the matrix ``(3 site, 3 site)`` that makes a healthy rig's residuals unit normal."""
+    power, middle = prediction.power, len(TURNS) // 2
+    step = TURNS[middle + 1] - TURNS[middle - 1]
+    slope = (turned[:, middle + 1] - turned[:, middle - 1]) / step
+    alone = np.einsum("fs,fc->fsc", straight, power)
+    causes = [
+        tolerances.power * alone.reshape(len(power), -1),
+        tolerances.turn * np.einsum("fs,fc->fsc", slope, power).reshape(len(power), -1),
+    ]
+    for channel in range(3):
+        one = np.zeros_like(expected)
+        one[:, channel] = tolerances.gain * expected[:, channel]
+        causes.append(one.reshape(1, -1))
+    # The overall gain was matched with a median; it is free.
+    causes.append(0.1 * expected.reshape(1, -1))
+    spread = np.concatenate(causes)
+    noise = np.broadcast_to(np.asarray(tolerances.noise), (len(expected),))[:, None] / scale
+    single = noise**2 + tolerances.model**2 * np.einsum("fsc,fsc->sc", alone, alone)
+    covariance = spread.T @ spread + np.diag(single.ravel())
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+def _changes(straight: Array, turned: Array, power: Array, phi: float) -> dict[State, Array]:
+    """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each."""
+    own = straight[:, None] * power
+    permuted = power[np.array(PERMUTATIONS)]
+    permuted = permuted[np.abs(permuted - power).max(axis=1) > 0.2 * power.max()]
+    reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= LEAST_TURN)
+    found = {
+        State.DEAD: -own[None],
+        State.DIM: (FAULTY_POWERS[1:] - 1)[:, None, None] * own,
+        State.MOVED: (turned[reachable] - straight)[:, :, None] * power,
+        State.SWAPPED: straight[None, :, None] * (permuted - power)[:, None, :],
+    }
+    return {state: changes for state, changes in found.items() if len(changes)}
+
+
+def _unclear(residual: Array, whiten: Array, expected: Array) -> float:
+    """Return the log evidence of a wide spread of every site's colour, against that of the model.
+
+    The likelihoods above leave out the common factor of the whitening.
+    """
+    wide = whiten @ np.diag((UNCLEAR_SPREAD * expected.ravel()) ** 2) @ whiten.T
+    covariance = np.eye(len(residual)) + wide
+    sign, log_det = np.linalg.slogdet(covariance)
+    del sign
+    return float(-0.5 * residual @ np.linalg.solve(covariance, residual) - 0.5 * log_det)
+
+
+def _verdicts(
+    posterior: dict[tuple[int, State], float], lit: NDArray[np.bool_], tolerances: Tolerances
+) -> tuple[FiberVerdict, ...]:
+    """Return one verdict per fiber; at most one is at fault, all are unclear if none explains."""
+    healthy, unclear = posterior[-1, State.OK], posterior[-1, State.UNCLEAR]
+    alarm = 1 - healthy > tolerances.alarm
+    by_fiber = {
+        fiber: sum(p for (index, _), p in posterior.items() if index == fiber)
+        for fiber in np.nonzero(lit)[0].tolist()
+    }
+    worst = max(by_fiber, key=lambda fiber: by_fiber[fiber], default=-1)
+    verdicts = []
+    for fiber, on in enumerate(lit):
+        if not on:
+            verdicts.append(FiberVerdict(fiber, State.OFF, 1.0))
+        elif alarm and unclear > by_fiber[worst]:
+            verdicts.append(FiberVerdict(fiber, State.UNCLEAR, unclear))
+        elif alarm and fiber == worst:
+            own = {s: p for (index, s), p in posterior.items() if index == fiber}
+            state = max(own, key=lambda s: own[s])
+            verdicts.append(FiberVerdict(fiber, state, own[state]))
+        else:
+            verdicts.append(FiberVerdict(fiber, State.OK, 1 - by_fiber[fiber]))
+    return tuple(verdicts)

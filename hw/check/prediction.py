@@ -1,0 +1,77 @@
+"""What the untouched pad must look like: one fiber at a time, for any direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.bending import Array
+from render.chebyshev import chebyshev_nodes, interpolation_weights
+from surrogate.checker import Checker
+
+NODES = 13
+"""Direction nodes at which the model is asked; between them light is a polynomial in phi."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The background of a design, fiber by fiber.
+
+    Arguments:
+        phi: ``(fiber,)`` rad, the design's directions.
+        power: ``(fiber, 3)`` in [0, 1], the design's powers.
+        nodes: ``(node,)`` rad.
+        table: ``(fiber, node, site)`` counts per unit power.
+        score: the design's score over the scene's bends, in counts.
+        domain_excess: 0 inside the model's trained range.
+    """
+
+    phi: Array
+    power: Array
+    nodes: Array
+    table: Array
+    score: float
+    domain_excess: float
+
+    def unit(self, phi: Array) -> Array:
+        """Return counts per unit power ``(fiber, n, site)`` at ``phi`` ``(fiber, n)`` rad."""
+        weights = interpolation_weights(self.nodes, phi)
+        found = np.einsum("fnj,fjs->fns", weights, self.table)
+        # A polynomial through nearly dark nodes may dip below 0; light does not.
+        return np.asarray(np.maximum(found, 1e-6 * self.table.max()))
+
+    @property
+    def nominal(self) -> Array:
+        """Counts per unit power of every fiber where the design points it, ``(fiber, site)``."""
+        return self.unit(self.phi[:, None])[:, 0]
+
+    @property
+    def alone(self) -> Array:
+        """Counts of each fiber alone with its power, ``(fiber, site, 3)``."""
+        return self.nominal[..., None] * self.power[:, None, :]
+
+    @property
+    def together(self) -> Array:
+        """Counts of all fibers together, ``(site, 3)``."""
+        return np.asarray(self.alone.sum(axis=0))
+
+
+def predict(checker: Checker, phi: Array, power: Array, bend: float) -> Prediction:
+    """Ask the model for the background of a design at ``bend`` rad, once per design.
+
+    Light is linear, so three fibers are lit per run of the model, one per colour channel.
+    """
+    nodes = chebyshev_nodes(NODES, 0.0, np.pi)
+    table = checker.transport_table(nodes, np.array([bend]))
+    assert table.background is not None
+    whole = checker.run(phi[None], power[None], np.array(checker.metadata.scene_bends))
+    here = checker.run(phi[None], power[None], np.array([bend]))
+    return Prediction(
+        phi=np.asarray(phi, dtype=np.float64),
+        power=np.asarray(power, dtype=np.float64),
+        nodes=nodes,
+        table=table.background[:, :, 0] * checker.exposure,
+        score=float(whole["score"][0]),
+        domain_excess=float(here["domain_excess"][0]),
+    )

@@ -1,0 +1,95 @@
+"""What a check says about a rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class State(StrEnum):
+    """What is the matter with a fiber."""
+
+    OK = "ok"
+    OFF = "off"  # the design leaves it dark, so nothing can be said
+    DEAD = "dead"
+    DIM = "dim"
+    SWAPPED = "swapped"
+    MOVED = "moved"
+    UNCLEAR = "unclear"
+
+
+WORDS = {
+    State.OK: "as designed",
+    State.OFF: "not lit by the design",
+    State.DEAD: "dead: check its LED, its cable and the fiber's end",
+    State.DIM: "dim: check its LED, its coupling and the fiber for a break",
+    State.SWAPPED: "wrong colour: check the wiring of its LED",
+    State.MOVED: "points elsewhere: check its seat",
+    State.UNCLEAR: "differs in a way that no single fault explains: clean the pad and the lens",
+}
+
+
+@dataclass(frozen=True)
+class FiberVerdict:
+    """What is known about one fiber.
+
+    Arguments:
+        index: number of the fiber.
+        state: the most probable state.
+        confidence: its probability, in [0, 1], under the tolerances of the check.
+        power: measured power relative to the others', 1 when as designed; None where unknown.
+        turned: measured turn in rad, positive towards larger phi; None where unknown.
+        detail: more about the state, for people.
+    """
+
+    index: int
+    state: State
+    confidence: float
+    power: float | None = None
+    turned: float | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check found.
+
+    Arguments:
+        fibers: one entry per fiber.
+        score: the design's predicted score, in counts.
+        counts_error: root mean square difference between captured and predicted colours after
+            matching the camera's gains, in counts.
+        domain_excess: 0 inside the model's trained range.
+    """
+
+    fibers: tuple[FiberVerdict, ...]
+    score: float
+    counts_error: float
+    domain_excess: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether every fiber that is lit is as designed."""
+        return all(fiber.state in (State.OK, State.OFF) for fiber in self.fibers)
+
+    @property
+    def faults(self) -> list[FiberVerdict]:
+        """The fibers that are not as designed."""
+        return [fiber for fiber in self.fibers if fiber.state not in (State.OK, State.OFF)]
+
+    def to_json(self) -> dict[str, object]:
+        """Return what programs rely on."""
+        return {
+            "ok": self.ok,
+            "score": self.score,
+            "counts_error": self.counts_error,
+            "fibers": [
+                {
+                    "index": fiber.index,
+                    "state": fiber.state.value,
+                    "confidence": fiber.confidence,
+                }
+                for fiber in self.fibers
+            ],
+            "domain_excess": self.domain_excess,
+        }

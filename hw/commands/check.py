@@ -1,0 +1,145 @@
+"""``tactilux check``: does the rig look as its design says?
+
+Imports numpy, onnxruntime and what reads files; OpenCV and pyserial only for a live camera.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+import numpy as np
+
+from hw.check.commission import RigRecord, commission, load_record
+from hw.check.image_check import check_image
+from hw.check.prediction import predict
+from hw.check.sweep_check import check_sweep
+from hw.check.tolerances import WAYS
+from hw.check.verdict import WORDS, Verdict
+from hw.errors import CaptureError
+from hw.photo import check_photo, linear, read_photo
+from hw.photo_set import PhotoSet, load_photo_set
+from hw.site_colours import SiteSpots
+from optimize.console import note, print_json, reserved_stdout
+from optimize.design import Array, baseline_design
+from optimize.design_file import load_design
+from optimize.models import find_model
+from render.scene import Scene, load_scene
+from surrogate.checker import Checker
+
+if TYPE_CHECKING:
+    from hw.commands.wiring import Wiring
+
+FAULTY = 1
+"""Exit code of a rig with a fault; 2 is bad input."""
+
+
+def run(
+    scene_name: str,
+    *,
+    design: Path | None,
+    model: Path | None,
+    capture: Path | None,
+    camera: int | None,
+    lens: Path | None,
+    wiring: Wiring,
+    bend: float,
+    rig: Path | None,
+    commissioned: Path | None,
+    gamma: float,
+    noise: float,
+    as_json: bool,
+) -> None:
+    """Capture or read, compare, say what is wrong; the exit code is 0, or 1 with a fault.
+
+    Arguments as on the command line; ``bend`` in degrees, ``noise`` in counts per pixel.
+    """
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        lighting = baseline_design(scene) if design is None else load_design(design, scene)
+        if (capture is None) == (camera is None):
+            raise CaptureError(
+                "nothing to look at: give either --capture with a photograph or the folder of a "
+                "sweep, or --camera with a number",
+                field="capture",
+            )
+        checker = Checker.load(find_model(scene.name, model), scene.hash, threads=2)
+        angle = math.radians(bend)
+        prediction = predict(checker, lighting.phi, lighting.power, angle)
+        spots = SiteSpots(scene, angle)
+        seen: PhotoSet | Array
+        if camera is not None:
+            from hw.commands.capture import Shot, live
+
+            seen = live(scene, lighting, Shot(camera, lens), wiring)
+        else:
+            assert capture is not None
+            seen = _read(capture, scene, gamma)
+        began = time.perf_counter()
+        sweep = isinstance(seen, PhotoSet)
+        record = load_record(rig) if rig else None
+        if record is not None:
+            record.check_fits(prediction, scene.hash, angle)
+        tolerances = replace(
+            WAYS[sweep, record is not None], noise=noise / np.sqrt(np.maximum(spots.counts, 1))
+        )
+        ratio = None if record is None else record.ratio
+        if isinstance(seen, PhotoSet):
+            colours = seen.stacked(scene.fibers.count, spots.colours)
+            if commissioned is not None:
+                _commission(commission(prediction, colours, scene.hash, angle), commissioned)
+            verdict = check_sweep(prediction, colours, tolerances, ratio)
+        else:
+            if commissioned is not None:
+                raise CaptureError(
+                    "one photograph cannot tell fibers apart: commission with the folder of a "
+                    "sweep",
+                    field="commission",
+                )
+            verdict = check_image(prediction, spots.colours(seen), tolerances, ratio)
+        took = time.perf_counter() - began
+        if as_json:
+            print_json(stream, verdict.to_json())
+        else:
+            _write(stream, verdict, 1e3 * took, record)
+    if not verdict.ok and commissioned is None:
+        raise SystemExit(FAULTY)
+
+
+def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
+    rows, columns = scene.camera.rows, scene.camera.columns
+    if capture.is_dir():
+        return load_photo_set(capture, rows, columns, gamma)
+    counts = read_photo(capture)
+    check_photo(counts, rows, columns, str(capture))
+    return linear(counts, gamma)
+
+
+def _commission(record: RigRecord, path: Path) -> None:
+    record.save(path)
+    note(f"The rig's record is in {path}: give it to later checks with --rig.")
+
+
+def _write(stream: IO[str], verdict: Verdict, milliseconds: float, record: object) -> None:
+    if verdict.ok:
+        stream.write("The rig looks as designed.\n")
+    for fiber in verdict.faults:
+        detail = f", {fiber.detail}" if fiber.detail else ""
+        stream.write(
+            f"Fiber {fiber.index} is {WORDS[fiber.state]}{detail} "
+            f"(confidence {100 * fiber.confidence:.1f} %)\n"
+        )
+    stream.write(
+        f"Colours differ from the prediction by {verdict.counts_error:.2f} counts (rms); the "
+        f"check took {milliseconds:.0f} ms.\n"
+    )
+    if record is None:
+        stream.write(
+            "Compared with the model alone: a fiber turned by 10 deg shows only against a record "
+            "of the healthy rig (--commission, then --rig).\n"
+        )
+    if verdict.domain_excess > 0:
+        stream.write("The design lies outside the model's trained range: do not rely on this.\n")

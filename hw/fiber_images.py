@@ -1,0 +1,54 @@
+"""The untouched pad lit by one fiber at a time, drawn by the preview for any material."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.bending import Array
+from render.glow import Glow
+from render.preview import Preview
+from render.scene import Scene
+from render.slab import beam_of, slab_of
+from render.slab_response import compute_response
+
+
+def fiber_images(
+    scene: Scene,
+    phi: Array,
+    bends: Array,
+    *,
+    columns: int,
+    rows: int,
+    rays: int,
+    seed: int,
+) -> NDArray[np.float32]:
+    """Return radiance per unit power, ``(bend, fiber, row, column)``, as the camera records it.
+
+    Not cached: calibration asks for very many materials once each, and an emulated rig must not
+    share its random numbers with what is fitted to it.
+
+    Arguments:
+        scene: with a diffuser; its material is what it declares.
+        phi: ``(fiber,)`` rad.
+        bends: ``(bend,)`` rad.
+        columns: of the images.
+        rows: of the images.
+        rays: light paths of the slab response.
+        seed: of these paths.
+    """
+    response = compute_response(slab_of(scene), beam_of(scene), rays=rays, seed=seed)
+    fibers = scene.fibers.count
+    images = np.empty((len(bends), fibers, rows, columns), dtype=np.float32)
+    with Preview(scene, lights=Glow(scene, response)) as preview:
+        for index, bend in enumerate(bends):
+            for first in range(0, fibers, 3):
+                # Three fibers per picture, one in each channel.
+                own = range(first, min(first + 3, fibers))
+                power = np.zeros((fibers, 3))
+                power[own, np.arange(len(own))] = 1.0
+                drawn = preview.picture(phi, power, float(bend), columns, rows, indented=False)
+                # The preview draws as seen from the coating's side; the camera sees the mirror
+                # image.
+                images[index, own] = np.moveaxis(drawn[:, ::-1], -1, 0)[: len(own)]
+    return images
