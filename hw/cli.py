@@ -152,6 +152,113 @@ def capture(
     )
 
 
+@rig.command()
+def calibrate(
+    flat: Annotated[Path, typer.Option(help="Folder of the sweep with the flat pad.")],
+    bent: Annotated[Path, typer.Option(help="Folder of the sweep with the bent pad.")],
+    bend: Annotated[
+        float, typer.Option(min=1.0, max=180.0, help="Total angle of the bent pad in degrees.")
+    ] = 90.0,
+    linearity: Annotated[
+        Path | None, typer.Option(help="Folder of a sweep with all fibers together as well.")
+    ] = None,
+    scene: SceneOption = "finger20",
+    design: Annotated[
+        Path | None, typer.Option(help="A design.json (default: the baseline design).")
+    ] = None,
+    model: Model = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Result directory (default: runs/<scene>-calibrate).")
+    ] = None,
+    gamma: Annotated[
+        float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
+    ] = 1.0,
+    noise: Annotated[
+        float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
+    ] = 2.55,
+    mutations: Annotated[
+        int, typer.Option(min=0, help="Per cell of the confirming renders (0: none).")
+    ] = 100,
+    json: Json = False,
+) -> None:
+    """Fit the scene's material, powers and gains to photographs of single fibers."""
+    from hw.commands import calibrate as command
+
+    command.run(
+        scene,
+        flat=flat,
+        bent=bent,
+        bend=bend,
+        additive=linearity,
+        design=design,
+        model=model,
+        out=out,
+        gamma=gamma,
+        noise=noise,
+        mutations=mutations,
+        as_json=json,
+    )
+
+
+@rig.command()
+def linearity(
+    sweep: Annotated[Path, typer.Argument(help="Folder of a sweep with all fibers together.")],
+    scene: SceneOption = "finger20",
+    gamma: Annotated[
+        float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
+    ] = 1.0,
+    noise: Annotated[
+        float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
+    ] = 2.55,
+    json: Json = False,
+) -> None:
+    """Test whether light adds up in the photographs of a sweep."""
+    from hw.commands import linearity as command
+
+    command.run(scene, sweep, gamma=gamma, noise=noise, as_json=json)
+
+
+@rig.command()
+def demo(
+    scene: SceneOption = "finger20",
+    out: Annotated[
+        Path | None, typer.Option(help="Result directory (default: runs/<scene>-demo).")
+    ] = None,
+    model: Model = None,
+    seed: Seed = 0,
+    mutations: Annotated[
+        int, typer.Option(min=0, help="Per cell of the confirming renders (0: none).")
+    ] = 0,
+    rays: Annotated[
+        int, typer.Option(min=2000, help="Light paths of the emulated rig's own random walk.")
+    ] = 360_000,
+    json: Json = False,
+) -> None:
+    """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
+    from hw.commands import demo as command
+
+    command.run(
+        scene, out=out, model=model, seed=seed, mutations=mutations, rays=rays, as_json=json
+    )
+
+
+@rig.command()
+def recall(
+    scene: SceneOption = "finger20",
+    model: Model = None,
+    rigs: Annotated[int, typer.Option(min=1, help="Number of random rigs.")] = 500,
+    seed: Seed = 0,
+    truth: Annotated[
+        Path | None, typer.Option(help="Transport table that stands for the true light.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Measure how many single-fiber faults the check finds on random rigs."""
+    from hw.commands import recall as command
+
+    command.run(scene, model=model, rigs=rigs, seed=seed, truth=truth, as_json=json)
+
+
 @app.command()
 def check(
     scene: Scene = "finger20",

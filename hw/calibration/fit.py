@@ -126,7 +126,8 @@ class _Problem:
         self.channels = sorted({c for one in measurements for c in one.channels})
         if len(self.fibers) < 4:
             raise CalibrationError(
-                f"{len(self.fibers)} fibers were photographed, allowed: at least 4; capture a sweep",
+                f"{len(self.fibers)} fibers were photographed, allowed: at least 4; capture a "
+                "sweep",
                 field="measurements",
                 value=len(self.fibers),
             )
@@ -204,7 +205,7 @@ class _Problem:
 
     def errors(self, one: Measurement, wanted: Array) -> Array:
         """Return expected errors: noise, and the model's own in points that stand for many."""
-        return np.hypot(one.noise, self.discrepancy[one.bend] * wanted)
+        return np.asarray(np.hypot(one.noise, self.discrepancy[one.bend] * wanted))
 
     def result(self, x: Array) -> Calibration:
         power, gain = self.unpack(x)

@@ -10,6 +10,7 @@ All three are carried to the parameters by the fit's own linearisation:
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,7 @@ def intervals(problem: _Problem, x: Array) -> Intervals:
     lengths = [one.used.sum() * len(one.channels) for one in problem.measurements]
     edges = np.cumsum([0, *lengths])
     residuals = problem.residuals(x)
-    pieces = [solve[:, a:b] @ residuals[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    pieces = [solve[:, a:b] @ residuals[a:b] for a, b in itertools.pairwise(edges)]
     count = len(pieces)
     parts = {
         # Each photograph has had a power of its own fitted away.

@@ -95,7 +95,9 @@ def material_table(
             progress(number + 1, materials)
     table = _fitted(key, phi, bends, chosen, np.stack(drawn))
     arrays = {name: np.asarray(value) for name, value in vars(table).items()}
-    write_npz(path, {**arrays, "left_out": table.left_out.astype(np.float32)})
+    # Half the precision is plenty for errors, and a third of the file.
+    small = {"coefficients": np.float32, "left_out": np.float16}
+    write_npz(path, arrays | {name: arrays[name].astype(kind) for name, kind in small.items()})
     for part in parts.glob("*.npz"):
         part.unlink()
     parts.rmdir()
@@ -118,7 +120,9 @@ def load_table(path: Path) -> MaterialTable:
     return MaterialTable(key=str(arrays["key"]), **floats)
 
 
-def table_key(scene: Scene, phi: Array, bends: Array, materials: int, rays: int) -> str:
+def table_key(
+    scene: Scene, phi: Array, bends: Array, materials: int = MATERIALS, rays: int = RAYS
+) -> str:
     """Return a hash of everything the table depends on: not of the scene's own material."""
     neutral = Material.from_array(np.sqrt(LOW * HIGH) + 0.01).put_into(scene)
     content = [VERSION, neutral.hash, np.round(phi, 9).tolist(), np.round(bends, 9).tolist(),
@@ -220,7 +224,7 @@ def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) 
         phi,
         bends,
         coefficients.reshape(-1, *shape) + hidden,
-        left_out.reshape(-1, *shape) + hidden,
+        np.asarray(left_out, dtype=np.float64).reshape(-1, *shape) + hidden,
         materials,
     )
 

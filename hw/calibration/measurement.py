@@ -69,10 +69,12 @@ class LineReader:
         """Return the lines of ``fiber`` in ``photo`` ``(row, column, 3)`` at a bend's index."""
         import cv2
 
-        smooth = cv2.blur(photo, (BOX, BOX), borderType=cv2.BORDER_REPLICATE)
+        smooth: Array = np.asarray(
+            cv2.blur(photo, (BOX, BOX), borderType=cv2.BORDER_REPLICATE), dtype=np.float64
+        )
         pixels = self._pixels[bend][fiber]
         counts = sample(smooth, pixels)
-        wide = cv2.GaussianBlur(smooth, (0, 0), 2.0)
+        wide: Array = np.asarray(cv2.GaussianBlur(smooth, (0, 0), 2.0), dtype=np.float64)
         slopes = np.stack(
             [
                 (sample(wide, self._turned(pixels, axis)) - sample(wide, pixels)) / STEP

@@ -1,0 +1,127 @@
+"""From photographs to a calibration: the steps in their order, for real and emulated rigs alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hw.calibration.fit import Calibration, calibrate
+from hw.calibration.material import Material
+from hw.calibration.material_table import MaterialTable, load_table, material_table, table_key
+from hw.calibration.measurement import LineReader, Measurement
+from hw.calibration.reference_lines import reference_lines
+from hw.correction import Correction, surrogate_correction
+from hw.errors import CalibrationError
+from hw.linearity import Linearity, linearity
+from hw.photo_set import PhotoSet
+from render.bending import Array
+from render.scene import Scene
+from render.slab import cache_folder
+from surrogate.checker import Checker
+
+DISCREPANCY = 0.015
+"""Relative error of the corrected preview where the surrogate says nothing about it."""
+TABLE_FILE = "materials.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What photographs are compared with.
+
+    Arguments:
+        table: light at the reference lines for any material.
+        correction: what the surrogate adds to it.
+        log_correction: the same at the lines, ``(bend, fiber, point)``.
+        discrepancy: ``(bend,)`` relative error that is left.
+    """
+
+    table: MaterialTable
+    correction: Correction
+    log_correction: Array
+    discrepancy: Array
+
+
+def line_model(
+    scene: Scene,
+    checker: Checker,
+    phi: Array,
+    bends: Array,
+    folder: Path,
+    progress: Callable[[int, int], None] | None = None,
+) -> Model:
+    """Return the model of the reference lines.
+
+    The table comes with the surrogate where the directions and bends are those it was made for;
+    others are drawn, which takes minutes, and kept in the user's cache.
+
+    Arguments:
+        scene: the surrogate's own.
+        checker: the surrogate.
+        phi: ``(fiber,)`` rad.
+        bends: ``(bend,)`` rad.
+        folder: of the surrogate.
+        progress: called with materials drawn and all of them.
+    """
+    shipped = folder / TABLE_FILE
+    table = load_table(shipped) if shipped.exists() else None
+    if table is None or table.key != table_key(scene, phi, bends):
+        table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
+    correction = surrogate_correction(scene, checker, phi, bends)
+    position = reference_lines(scene).position
+    log_correction = np.stack(
+        [
+            np.stack([correction.log_ratio(bend, f, position[f]) for f in range(len(phi))])
+            for bend in range(len(bends))
+        ]
+    )
+    return Model(table, correction, log_correction, np.hypot(DISCREPANCY, correction.left))
+
+
+def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
+    """Return the test of the first sweep that also shows all fibers together, and require it.
+
+    Raises:
+        CalibrationError: light does not add up, or no sweep shows all fibers together.
+    """
+    for photos in sets:
+        if photos.together is not None:
+            found = linearity(np.stack(list(photos.alone.values())), photos.together, noise)
+            found.require()
+            return found
+    raise CalibrationError(
+        "no sweep shows all fibers together, so the camera cannot be tested for linearity: capture "
+        "one with `tactilux hw capture` and give it with --linearity",
+        field="linearity",
+    )
+
+
+def measure(scene: Scene, sets: list[PhotoSet], bends: Array, noise: float) -> list[Measurement]:
+    """Return the reference lines of all photographs; ``sets`` are in the order of ``bends``."""
+    reader = LineReader(scene, bends, noise)
+    return [
+        reader.read(photo, fiber, bend)
+        for bend, photos in enumerate(sets)
+        for fiber, photo in sorted(photos.alone.items())
+    ]
+
+
+def fit_rig(scene: Scene, model: Model, measurements: list[Measurement]) -> Calibration:
+    """Return the calibration of ``scene`` to ``measurements``."""
+    dark = [one.fiber for one in measurements if not one.channels or one.used.sum() < 10]
+    if dark:
+        raise CalibrationError(
+            f"fiber {dark[0]} lights too few points of its reference lines: mend or leave out that "
+            "fiber, or raise the exposure",
+            field="fiber",
+            value=dark,
+        )
+    return calibrate(
+        model.table,
+        model.log_correction,
+        model.discrepancy,
+        measurements,
+        Material.of(scene),
+    )

@@ -1,0 +1,88 @@
+"""``tactilux hw recall``: how many faults the check finds, on random rigs."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from hw.check.prediction import predict
+from hw.check.study import study
+from optimize.console import Meter, print_json, reserved_stdout
+from optimize.design import Array, baseline_design
+from optimize.models import find_model
+from render.chebyshev import interpolation_weights
+from render.errors import TableError
+from render.layout import flat_sites
+from render.scene import load_scene
+from render.transport import load_table
+from surrogate.checker import Checker
+
+
+def run(
+    scene_name: str,
+    *,
+    model: Path | None,
+    rigs: int,
+    seed: int,
+    truth: Path | None,
+    as_json: bool,
+) -> None:
+    """Print recall and false alarms of every way of checking, with 95 % intervals."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        checker = Checker.load(find_model(scene.name, model), scene.hash, threads=2)
+        design = baseline_design(scene)
+        prediction = predict(checker, design.phi, design.power, 0.0)
+        light = None if truth is None else _true_light(truth, prediction.nodes, checker)
+        began = time.monotonic()
+        with Meter("Rigs") as meter:
+            found = study(
+                prediction,
+                flat_sites(scene)[:, :2],
+                rigs=rigs,
+                seed=seed,
+                truth=light,
+                progress=meter,
+            )
+        seconds = time.monotonic() - began
+        if as_json:
+            print_json(stream, {"ways": [asdict(one) for one in found], "seconds": seconds})
+            return
+        stream.write(f"{rigs} random rigs of {scene.name}, one fault of each kind in each\n")
+        for one in found:
+            stream.write(f"{one.way}\n")
+            for fault, part in one.found.items():
+                stream.write(
+                    f"  {fault:<12} found {_percent(part, rigs)}, named rightly "
+                    f"{_percent(one.named[fault], rigs)}\n"
+                )
+            stream.write(
+                f"  false alarms {_percent(one.false_alarms, rigs)} of healthy rigs; a healthy "
+                f"fiber blamed in {_percent(one.blamed, 4 * rigs)} of faulty ones\n"
+            )
+
+
+def _true_light(path: Path, nodes: Array, checker: Checker) -> Array:
+    """Return the background of a table at bend 0 in counts, ``(fiber, node, site)``."""
+    table = load_table(path)
+    flat = np.nonzero(np.abs(table.bends) < 1e-9)[0]
+    if table.background is None or not len(flat):
+        raise TableError(
+            f"{path} holds no background at bend 0: give a table that `tactilux train` rendered",
+            field="truth",
+            value=str(path),
+        )
+    weights = interpolation_weights(table.phi, nodes)
+    light = np.einsum("nj,fjs->fns", weights, table.background[:, :, flat[0]])
+    return np.maximum(light, 1e-4 * light.max()) * checker.exposure
+
+
+def _percent(part: float, count: int) -> str:
+    """Return a percentage with its 95 % interval (Wilson 1927)."""
+    z = 1.96
+    middle = (part + z * z / (2 * count)) / (1 + z * z / count)
+    half = z / (1 + z * z / count) * np.sqrt(part * (1 - part) / count + (z / (2 * count)) ** 2)
+    return f"{100 * part:5.1f} % ({100 * (middle - half):.1f} to {100 * (middle + half):.1f})"
