@@ -212,8 +212,8 @@ def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) 
         )
     seen = np.isfinite(drawn).all(axis=0)
     values = np.where(seen, drawn, 0.0).reshape(len(drawn), -1)
-    inverse: Array = np.linalg.pinv(terms)
-    coefficients: Array = inverse @ values
+    inverse = np.linalg.pinv(terms)
+    coefficients = inverse @ values
     # The residual of a material left out is the plain one over 1 - leverage.
     leverage = np.einsum("mt,tm->m", terms, inverse)
     left_out = (values - terms @ coefficients) / (1 - leverage)[:, None]
@@ -223,7 +223,7 @@ def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) 
         key,
         phi,
         bends,
-        coefficients.reshape(-1, *shape) + hidden,
+        np.asarray(coefficients, dtype=np.float64).reshape(-1, *shape) + hidden,
         np.asarray(left_out, dtype=np.float64).reshape(-1, *shape) + hidden,
         materials,
     )

@@ -86,12 +86,15 @@ def run(
         tolerances = replace(
             WAYS[sweep, record is not None], noise=noise / np.sqrt(np.maximum(spots.counts, 1))
         )
+        if record is not None:
+            # The record has noise of its own.
+            tolerances = replace(tolerances, noise=np.sqrt(2) * tolerances.noise)
         ratio = None if record is None else record.ratio
         if isinstance(seen, PhotoSet):
             colours = seen.stacked(scene.fibers.count, spots.colours)
-            if commissioned is not None:
-                _commission(commission(prediction, colours, scene.hash, angle), commissioned)
             verdict = check_sweep(prediction, colours, tolerances, ratio)
+            if commissioned is not None and verdict.ok:
+                _commission(commission(prediction, colours, scene.hash, angle), commissioned)
         else:
             if commissioned is not None:
                 raise CaptureError(
@@ -105,7 +108,9 @@ def run(
             print_json(stream, verdict.to_json())
         else:
             _write(stream, verdict, 1e3 * took, record)
-    if not verdict.ok and commissioned is None:
+    if not verdict.ok:
+        if commissioned is not None:
+            note("No record was made of a rig with faults: mend it first.")
         raise SystemExit(FAULTY)
 
 

@@ -77,7 +77,7 @@ def _true_light(path: Path, nodes: Array, checker: Checker) -> Array:
         )
     weights = interpolation_weights(table.phi, nodes)
     light = np.einsum("nj,fjs->fns", weights, table.background[:, :, flat[0]])
-    return np.maximum(light, 1e-4 * light.max()) * checker.exposure
+    return np.asarray(np.maximum(light, 1e-4 * light.max()) * checker.exposure)
 
 
 def _percent(part: float, count: int) -> str:

@@ -1,0 +1,54 @@
+"""The record of a healthy rig is complete, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.check.commission import commission, load_record
+from hw.check.prediction import Prediction
+from hw.errors import CaptureError
+from render.errors import TableError
+from render.npz import write_npz
+
+
+def test_a_record_holds_the_measured_ratio(prediction: Prediction, tmp_path: Path) -> None:
+    error = np.exp(0.1 * np.random.default_rng(1).standard_normal((20, 15)))
+    colours = 3.0 * prediction.alone * error[..., None]
+    commission(prediction, colours, "0" * 16, 0.0).save(tmp_path / "rig.npz")
+    record = load_record(tmp_path / "rig.npz")
+    ratio = record.ratio / error
+    # The gains are medians, so only the overall factor is free.
+    for colour in range(3):
+        own = ratio[prediction.power[:, colour] > 0]
+        np.testing.assert_allclose(own, own.mean(), rtol=1e-9)
+    record.check_fits(prediction, "0" * 16, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("scene_hash", "bend", "said"), [("1" * 16, 0.0, "another scene"), ("0" * 16, 1.0, "bend")]
+)
+def test_a_record_of_something_else_is_refused(
+    prediction: Prediction, scene_hash: str, bend: float, said: str
+) -> None:
+    record = commission(prediction, prediction.alone, "0" * 16, 0.0)
+    with pytest.raises(CaptureError, match=said):
+        record.check_fits(prediction, scene_hash, bend)
+
+
+def test_a_rig_with_a_dead_fiber_is_not_recorded(prediction: Prediction) -> None:
+    colours = prediction.alone.copy()
+    colours[4] = 0.0
+    with pytest.raises(CaptureError, match="fiber 4"):
+        commission(prediction, colours, "0" * 16, 0.0)
+
+
+def test_rubbish_is_no_record(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_bytes(b"rubbish")
+    with pytest.raises(TableError):
+        load_record(tmp_path / "a.npz")
+    write_npz(tmp_path / "b.npz", {"ratio": np.ones((2, 2))})
+    with pytest.raises(CaptureError, match="--commission"):
+        load_record(tmp_path / "b.npz")
