@@ -20,6 +20,8 @@ ALLOWED = 0.02
 """Residual (rms, relative) up to which the camera counts as linear."""
 TOP = SATURATED - DARK_MOST
 """Counts above the dark frame from which a pixel counts as clipped."""
+CLIPPED_PART = 0.002
+"""Part of clipped pixels from which clipping is what is wrong."""
 GAMMAS = np.arange(0.40, 3.501, 0.02)
 
 
@@ -83,11 +85,14 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     noise = noise / BIN
     clipped = float((together >= TOP).mean())
     used = (together > LEAST) & (together < TOP)
-    if used.sum() < 50:
+    if used.sum() < 50 and clipped <= CLIPPED_PART:
         raise CalibrationError(
             "all fibers together light too few pixels to test the camera: raise the exposure",
             field="linearity",
         )
+    if clipped > CLIPPED_PART:
+        lost = float(np.sqrt(np.mean((alone.sum(axis=0) / np.maximum(together, LEAST) - 1) ** 2)))
+        return Linearity(lost, clipped, 1.0, 1.0, "clipping")
     parts, whole = alone[:, used], together[used]
     # The dark frame is in every part, and so n - 1 times in the sum less the whole.
     part_noise = noise * np.sqrt(len(parts) + 1 + (len(parts) - 1) ** 2 / DARK_FRAMES)
@@ -107,9 +112,7 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     ]
     gamma = float(GAMMAS[int(np.argmin(powers))])
     cause = "none"
-    if clipped > 0.002:
-        cause = "clipping"
-    elif plain > ALLOWED:
+    if plain > ALLOWED:
         by_cause = {"gamma": min(powers), "exposure": scaled}
         cause = min(by_cause, key=lambda name: by_cause[name])
         if by_cause[cause] > 0.5 * plain:

@@ -227,5 +227,6 @@ def _write(stream: IO[str], checks: dict[str, Verdict], result: dict[str, object
     for row in rows:
         stream.write(
             f"  the rig's true {row['name']} is {row['true']:.4g}: off by "
-            f"{100 * row['error']:+.1f} %, {'inside' if row['inside'] else 'outside'} the interval\n"
+            f"{100 * row['error']:+.1f} %, "
+            f"{'inside' if row['inside'] else 'outside'} the interval\n"
         )
