@@ -53,6 +53,8 @@ def pixels_of(scene: Scene, bend: float, points: Array, rows: int, columns: int)
         return flat_positions(scene, bend, directions)
 
     seen = looks_at(place)
+    wanted = np.all(np.isfinite(points), axis=1)[:, None]
+    points = np.where(wanted, points, 0.0)
     seen_places = place[np.isfinite(seen[:, 0])]
     seen = seen[np.isfinite(seen[:, 0])]
     if not len(seen):
@@ -82,4 +84,4 @@ def pixels_of(scene: Scene, bend: float, points: Array, rows: int, columns: int)
         pixel = pixel + np.clip(move, -40.0, 40.0)
     away = np.linalg.norm(points - looks_at(pixel), axis=-1)
     inside = (pixel >= 0).all(axis=1) & (pixel[:, 0] <= columns) & (pixel[:, 1] <= rows)
-    return np.where(((away < 10 * CLOSE) & inside)[:, None], pixel, np.nan)
+    return np.where(wanted & ((away < 10 * CLOSE) & inside)[:, None], pixel, np.nan)

@@ -29,7 +29,7 @@ from render.npz import read_npz, write_npz
 from render.scene import Scene
 
 VERSION = 1
-MATERIALS, RAYS = 72, 180_000
+MATERIALS, RAYS = 64, 120_000
 COLUMNS, ROWS = 120, 200
 DEGREE = 3
 EXPONENTS = np.array(
@@ -83,21 +83,30 @@ def material_table(
         progress: called with materials done and all of them.
     """
     key = table_key(scene, phi, bends, materials, rays)
-    path = folder / f"materials-{key}.npz"
-    if path.exists():
-        return load_table(path)
+    whole = folder / f"materials-{key}.npz"
+    if whole.exists():
+        return load_table(whole)
     chosen = sobol_materials(materials)
+    pixels = line_pixels(scene, bends, ROWS, COLUMNS)
     parts = folder / f"materials-{key}"
     drawn = []
     for number, material in enumerate(chosen):
-        drawn.append(_part(parts / f"{number:03d}.npz", scene, phi, bends, material, number, rays))
+        own = Material.from_array(material).put_into(scene)
+        path = parts / f"{number:03d}.npz"
+        kept = _kept(path)
+        if kept is None:
+            light = line_light(own, phi, bends, pixels=pixels, rays=rays, seed=1000 + number)
+            with np.errstate(divide="ignore"):
+                kept = np.where(light > 0, np.log(light), np.nan)
+            write_npz(path, {"log_light": kept})
+        drawn.append(kept)
         if progress:
             progress(number + 1, materials)
     table = _fitted(key, phi, bends, chosen, np.stack(drawn))
     arrays = {name: np.asarray(value) for name, value in vars(table).items()}
     # Half the precision is plenty for errors, and a third of the file.
     small = {"coefficients": np.float32, "left_out": np.float16}
-    write_npz(path, arrays | {name: arrays[name].astype(kind) for name, kind in small.items()})
+    write_npz(whole, arrays | {name: arrays[name].astype(kind) for name, kind in small.items()})
     for part in parts.glob("*.npz"):
         part.unlink()
     parts.rmdir()
@@ -140,24 +149,26 @@ def sobol_materials(count: int) -> Array:
     return _from_unit(2 * unit - 1)
 
 
-def line_light(scene: Scene, phi: Array, bends: Array, *, rays: int, seed: int) -> Array:
+def line_pixels(scene: Scene, bends: Array, rows: int, columns: int) -> Array:
+    """Return where the reference lines are in an image, ``(bend, fiber, point, 2)``, else NaN."""
+    lines = reference_lines(scene)
+    points = np.where(lines.inside[..., None], lines.position, np.nan)
+    found = [pixels_of(scene, float(bend), points.reshape(-1, 2), rows, columns) for bend in bends]
+    return np.stack(found).reshape(len(bends), *points.shape)
+
+
+def line_light(
+    scene: Scene, phi: Array, bends: Array, *, pixels: Array, rays: int, seed: int
+) -> Array:
     """Return radiance per unit power at the reference lines, ``(bend, fiber, point)``.
 
     Drawn by the preview for the scene's own material; NaN where the camera sees nothing.
     """
     images = fiber_images(scene, phi, bends, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
-    lines = reference_lines(scene)
     return np.stack(
         [
-            np.stack(
-                [
-                    sample(images[index, fiber], pixels_of(scene, bend, points, ROWS, COLUMNS))
-                    for fiber, points in enumerate(
-                        np.where(lines.inside[..., None], lines.position, np.inf)
-                    )
-                ]
-            )
-            for index, bend in enumerate(bends)
+            [sample(image, place) for image, place in zip(*both, strict=True)]
+            for both in zip(images, pixels, strict=True)
         ]
     )
 
@@ -183,21 +194,15 @@ def sample(image: Array, pixels: Array) -> Array:
     return np.asarray(found[:, 0] if image.ndim == 2 else found)
 
 
-def _part(
-    path: Path, scene: Scene, phi: Array, bends: Array, material: Array, number: int, rays: int
-) -> Array:
-    """Return log light of one material, kept in ``path`` as soon as it is drawn."""
-    if path.exists():
-        try:
-            return read_npz(path)["log_light"]
-        except (TableError, KeyError):
-            path.unlink()
-    own = Material.from_array(material).put_into(scene)
-    light = line_light(own, phi, bends, rays=rays, seed=1000 + number)
-    with np.errstate(divide="ignore"):
-        log_light = np.where(light > 0, np.log(light), np.nan)
-    write_npz(path, {"log_light": log_light})
-    return np.asarray(log_light)
+def _kept(path: Path) -> Array | None:
+    """Return log light that an interrupted call has drawn, None without it."""
+    if not path.exists():
+        return None
+    try:
+        return read_npz(path)["log_light"]
+    except (TableError, KeyError):
+        path.unlink()
+        return None
 
 
 def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) -> MaterialTable:

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material_table import sample
-from hw.calibration.reference_lines import reference_lines
+from hw.calibration.material_table import line_pixels, sample
 from hw.pinhole import intrinsics, rotation
-from hw.projection import pixels_of
 from render.bending import Array
 from render.scene import Scene
 
@@ -58,12 +56,7 @@ class LineReader:
     def __init__(self, scene: Scene, bends: Array, noise: float) -> None:
         """Find the image positions of all points."""
         self._scene, self._noise = scene, noise
-        lines = reference_lines(scene)
-        rows, columns = scene.camera.rows, scene.camera.columns
-        points = np.where(lines.inside[..., None], lines.position, np.inf)
-        self._pixels = [
-            [pixels_of(scene, float(bend), own, rows, columns) for own in points] for bend in bends
-        ]
+        self._pixels = line_pixels(scene, bends, scene.camera.rows, scene.camera.columns)
 
     def read(self, photo: Array, fiber: int, bend: int) -> Measurement:
         """Return the lines of ``fiber`` in ``photo`` ``(row, column, 3)`` at a bend's index."""
@@ -72,7 +65,7 @@ class LineReader:
         smooth: Array = np.asarray(
             cv2.blur(photo, (BOX, BOX), borderType=cv2.BORDER_REPLICATE), dtype=np.float64
         )
-        pixels = self._pixels[bend][fiber]
+        pixels = self._pixels[bend, fiber]
         counts = sample(smooth, pixels)
         wide: Array = np.asarray(cv2.GaussianBlur(smooth, (0, 0), 2.0), dtype=np.float64)
         slopes = np.stack(
