@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -18,14 +17,6 @@ from render.lights import Lights, make_lights
 from render.pad_points import pad_points
 from render.scene import Scene
 from render.view import view_weights
-
-
-@dataclass(frozen=True)
-class _Bent:
-    """What follows the shader at one bend; ``view`` is that of `view_weights`."""
-
-    light: Interreflection
-    view: Array
 
 
 class Preview:
@@ -59,7 +50,8 @@ class Preview:
         self.scene = scene
         self._lights = lights or make_lights(scene, cache)
         self._points = pad_points(scene)
-        self._bent: dict[float, _Bent] = {}
+        self._light: dict[float, Interreflection] = {}
+        self._view: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
         self._drawing: Drawing | None = Drawing(scene, self._lights, self._points, backend)
 
@@ -118,20 +110,20 @@ class Preview:
 
         ``phi`` is ``(fiber, node)`` rad. `transport` gives the same and draws only when it must.
         """
-        points, bent = self._points, self._at(bend)
+        points, light, weights = self._points, self._light_at(bend), self._view_at(bend)
         drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
         direct, foot = drawn[..., 0], drawn[..., 1]
-        total = direct[:, : points.first_edge] + bent.light.added(direct)
+        total = direct[:, : points.first_edge] + light.added(direct)
         shape = (phi.size, points.sites, points.facets)
         facets = slice(0, points.sites * points.facets)
         site = total[:, facets.stop : points.first_patch, None]
         # At the foot of a facet the pyramid's shadow leaves what the site gets indirectly.
         shadow = site - direct[:, facets.stop : points.first_patch, None]
         around = foot[:, facets].reshape(shape) + shadow
-        facet = total[:, facets].reshape(shape) + bent.light.below(around)
-        view = bent.view[:, :-1]
+        facet = total[:, facets].reshape(shape) + light.below(around)
+        view = weights[:, :-1]
         seen = np.einsum("sij,rsj->rsi", view[..., :-1], facet) + view[..., -1] * around
-        background = bent.view[:, -1, -1:] * site
+        background = weights[:, -1, -1:] * site
         return np.concatenate([seen, background], axis=-1).reshape(*phi.shape, points.sites, -1)
 
     def direct_irradiance(self, phi: Array, bend: float) -> Array:
@@ -176,7 +168,7 @@ class Preview:
         position, emission = self._lights.merged(phi, power)
         direct = self._open.merged(position, emission, bend)
         points = self._points
-        light = self._at(bend).light
+        light = self._light_at(bend)
         indirect = light.added(direct.astype(np.float64))
         coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
         facets, sites = np.split(
@@ -211,9 +203,15 @@ class Preview:
                     allowed="0 to 180 deg",
                 )
 
-    def _at(self, bend: float) -> _Bent:
-        """Return what the bend needs, made when it is first asked for."""
-        if bend not in self._bent:
-            light = interreflection(self.scene, self._points, bend, self._lights.edge_albedo)
-            self._bent[bend] = _Bent(light, view_weights(self.scene, bend))
-        return self._bent[bend]
+    def _light_at(self, bend: float) -> Interreflection:
+        """Return the interreflection at a bend, made when it is first asked for."""
+        if bend not in self._light:
+            albedo = self._lights.edge_albedo
+            self._light[bend] = interreflection(self.scene, self._points, bend, albedo)
+        return self._light[bend]
+
+    def _view_at(self, bend: float) -> Array:
+        """Return `view_weights` at a bend, made when it is first asked for; pictures need none."""
+        if bend not in self._view:
+            self._view[bend] = view_weights(self.scene, bend)
+        return self._view[bend]

@@ -19,16 +19,9 @@ from hw.calibration.intervals import Intervals, intervals
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
+from hw.calibration.problem import MATERIAL, TILT, VIGNETTING, Problem
 from hw.errors import CalibrationError
 from render.bending import Array
-
-MATERIAL = slice(0, 4)
-TILT = slice(4, 7)
-VIGNETTING = 7
-FIXED = 8
-"""Number of parameters before the logs of powers and gains."""
-SMALLEST_TILT = 1e-3
-"""Step of the tilt's derivatives, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +69,19 @@ def calibrate(
     """
     from scipy.optimize import least_squares
 
-    problem = _Problem(table, log_correction, discrepancy, measurements)
+    problem = Problem(table, log_correction, discrepancy, measurements)
     begin = problem.start(start)
     low, high = problem.bounds()
     found = least_squares(
         problem.residuals,
         np.clip(begin, low + 1e-6, high - 1e-6),
+        jac=problem.jacobian,
         bounds=(low, high),
         x_scale=problem.scale(),
         loss="soft_l1",
+        tr_solver="lsmr",
+        ftol=1e-7,
+        xtol=1e-6,
         max_nfev=200,
     )
     if not found.success or not np.isfinite(found.x).all():
@@ -107,118 +104,23 @@ def calibrate(
             "the scene's lengths are those of the rig",
             field=name,
         )
-    return problem.result(found.x)
+    return _result(problem, found.x)
 
 
-class _Problem:
-    """The least-squares problem: parameters to weighted residuals."""
-
-    def __init__(
-        self,
-        table: MaterialTable,
-        log_correction: Array,
-        discrepancy: Array,
-        measurements: list[Measurement],
-    ) -> None:
-        self.table, self.correction = table, log_correction
-        self.discrepancy, self.measurements = discrepancy, measurements
-        self.fibers = sorted({one.fiber for one in measurements})
-        self.channels = sorted({c for one in measurements for c in one.channels})
-        if len(self.fibers) < 4:
-            raise CalibrationError(
-                f"{len(self.fibers)} fibers were photographed, allowed: at least 4; capture a "
-                "sweep",
-                field="measurements",
-                value=len(self.fibers),
-            )
-
-    @property
-    def size(self) -> int:
-        return FIXED + len(self.fibers) - 1 + len(self.channels)
-
-    def unpack(self, x: Array) -> tuple[Array, Array]:
-        """Return powers ``(fiber,)`` with mean 1 and gains ``(3,)``."""
-        free = x[FIXED : FIXED + len(self.fibers) - 1]
-        power = np.exp(np.concatenate([[0.0], free]))
-        power /= power.mean()
-        gain = np.full(3, np.nan)
-        gain[self.channels] = np.exp(x[FIXED + len(self.fibers) - 1 :])
-        return power, gain
-
-    def start(self, material: Material) -> Array:
-        """Return parameters from ``material`` and the overall brightness of each photograph."""
-        x = np.zeros(self.size)
-        x[MATERIAL] = material.array()
-        log_light = self.table.log_light(x[MATERIAL]) + self.correction
-        ratio = np.zeros((len(self.measurements), 3)) * np.nan
-        for row, one in enumerate(self.measurements):
-            light = np.exp(log_light[one.bend, one.fiber])[one.used]
-            for channel in one.channels:
-                ratio[row, channel] = np.log(np.median(one.counts[one.used, channel] / light))
-        gain = np.nanmedian(ratio[:, self.channels], axis=0)
-        over = np.nanmean(ratio[:, self.channels] - gain, axis=1)
-        power = np.array(
-            [
-                np.mean([over[i] for i, one in enumerate(self.measurements) if one.fiber == fiber])
-                for fiber in self.fibers
-            ]
-        )
-        x[FIXED : FIXED + len(self.fibers) - 1] = power[1:] - power[0]
-        x[FIXED + len(self.fibers) - 1 :] = gain + power[0]
-        return x
-
-    def bounds(self) -> tuple[Array, Array]:
-        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        low[MATERIAL], high[MATERIAL] = LOW, HIGH
-        low[TILT], high[TILT] = -0.1, 0.1
-        low[VIGNETTING], high[VIGNETTING] = -0.5, 0.9
-        return low, high
-
-    def scale(self) -> Array:
-        scale = np.full(self.size, 0.1)
-        scale[MATERIAL] = 0.1 * (HIGH - LOW)
-        scale[TILT] = 0.005
-        return scale
-
-    def predictions(self, x: Array) -> list[Array]:
-        """Return counts ``(point, 3)`` at every measurement's points."""
-        power, gain = self.unpack(x)
-        log_light = self.table.log_light(x[MATERIAL]) + self.correction
-        own = dict(zip(self.fibers, power, strict=True))
-        return [
-            np.exp(log_light[one.bend, one.fiber])[:, None]
-            * own[one.fiber]
-            * (1 - x[VIGNETTING] * one.radius2)[:, None]
-            * gain
-            for one in self.measurements
-        ]
-
-    def residuals(self, x: Array) -> Array:
-        """Return weighted residuals of all photographs, one after the other."""
-        parts = []
-        for one, wanted in zip(self.measurements, self.predictions(x), strict=True):
-            seen = one.counts + np.einsum("tpc,t->pc", one.tilt_slope, x[TILT])
-            error = self.errors(one, wanted)
-            difference = ((seen - wanted) / error)[one.used][:, one.channels]
-            parts.append(difference.ravel())
-        return np.concatenate(parts)
-
-    def errors(self, one: Measurement, wanted: Array) -> Array:
-        """Return expected errors: noise, and the model's own in points that stand for many."""
-        return np.asarray(np.hypot(one.noise, self.discrepancy[one.bend] * wanted))
-
-    def result(self, x: Array) -> Calibration:
-        power, gain = self.unpack(x)
-        everywhere = np.full(self.table.coefficients.shape[2], np.nan)
-        everywhere[self.fibers] = power
-        residuals = self.residuals(x)
-        return Calibration(
-            material=Material.from_array(x[MATERIAL]),
-            power=everywhere,
-            gain=gain,
-            tilt=x[TILT],
-            vignetting=float(x[VIGNETTING]),
-            intervals=intervals(self, x),
-            predicted=self.predictions(x),
-            chi=float(np.sqrt(np.mean(residuals**2))),
-        )
+def _result(problem: Problem, x: Array) -> Calibration:
+    power, gain = problem.unpack(x)
+    everywhere = np.full(problem.table.coefficients.shape[2], np.nan)
+    everywhere[problem.fibers] = power
+    whole = np.full(3, np.nan)
+    whole[problem.channels] = gain
+    residuals = problem.residuals(x)
+    return Calibration(
+        material=Material.from_array(x[MATERIAL]),
+        power=everywhere,
+        gain=whole,
+        tilt=x[TILT],
+        vignetting=float(x[VIGNETTING]),
+        intervals=intervals(problem, x),
+        predicted=problem.predictions(x),
+        chi=float(np.sqrt(np.mean(residuals[residuals != 0] ** 2))),
+    )

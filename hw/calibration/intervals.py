@@ -21,7 +21,7 @@ from hw.calibration.reference_lines import frame_positions
 from render.bending import Array
 
 if TYPE_CHECKING:
-    from hw.calibration.fit import _Problem
+    from hw.calibration.problem import Problem
 
 FIELDS = 200
 REACH = 4.0
@@ -65,22 +65,24 @@ class Intervals:
         ]
 
 
-def intervals(problem: _Problem, x: Array) -> Intervals:
+def intervals(problem: Problem, x: Array) -> Intervals:
     """Return the standard errors at the fit's end ``x``."""
-    jacobian = _jacobian(problem, x)
-    solve = np.linalg.pinv(jacobian)
-    lengths = [one.used.sum() * len(one.channels) for one in problem.measurements]
-    edges = np.cumsum([0, *lengths])
+    jacobian = problem.jacobian(x)
+    scale = problem.scale()
+    # Scaled normal equations: the parameters' sizes differ by orders, their derivatives do not.
+    scaled = jacobian * scale
+    solve = scale[:, None] * np.linalg.pinv(scaled.T @ scaled, hermitian=True) @ scaled.T
     residuals = problem.residuals(x)
-    pieces = [solve[:, a:b] @ residuals[a:b] for a, b in itertools.pairwise(edges)]
+    pieces = [
+        solve[:, a:b] @ residuals[a:b]
+        for a, b in itertools.pairwise(problem.edges * len(problem.channels))
+    ]
     count = len(pieces)
     parts = {
         # Each photograph has had a power of its own fitted away.
         "photographs": np.sum([np.outer(p, p) for p in pieces], axis=0) * count / max(count - 8, 1),
-        "table": _spread(
-            [solve @ _as_residuals(problem, x, error) for error in problem.table.left_out]
-        ),
-        "model": _spread([solve @ _as_residuals(problem, x, f) for f in _fields(problem)]),
+        "table": _spread(problem.as_residuals(x, problem.table.left_out) @ solve.T),
+        "model": _spread(problem.as_residuals(x, _fields(problem)) @ solve.T),
     }
     covariance = np.sum(list(parts.values()), axis=0)
     se = np.sqrt(np.diag(covariance))
@@ -101,34 +103,12 @@ def intervals(problem: _Problem, x: Array) -> Intervals:
     )
 
 
-def _jacobian(problem: _Problem, x: Array) -> Array:
-    """Return the derivatives ``(residual, parameter)`` by central differences."""
-    step = 0.02 * problem.scale()
-    columns = []
-    for index in range(len(x)):
-        away = np.zeros(len(x))
-        away[index] = step[index]
-        columns.append(
-            (problem.residuals(x + away) - problem.residuals(x - away)) / (2 * step[index])
-        )
-    return np.stack(columns, axis=1)
+def _spread(errors: Array) -> Array:
+    """Return the mean outer product of ``(n, parameter)`` errors."""
+    return np.asarray(errors.T @ errors / len(errors))
 
 
-def _as_residuals(problem: _Problem, x: Array, log_error: Array) -> Array:
-    """Return relative errors ``(bend, fiber, point)`` of the light as weighted residuals."""
-    parts = []
-    for one, wanted in zip(problem.measurements, problem.predictions(x), strict=True):
-        error = log_error[one.bend, one.fiber][:, None] * wanted / problem.errors(one, wanted)
-        parts.append(error[one.used][:, one.channels].ravel())
-    return np.concatenate(parts)
-
-
-def _spread(errors: list[Array]) -> Array:
-    stacked = np.stack(errors)
-    return np.asarray(stacked.T @ stacked / len(stacked))
-
-
-def _fields(problem: _Problem) -> Array:
+def _fields(problem: Problem) -> Array:
     """Return random log errors ``(field, bend, fiber, point)``, smooth in the fiber's frame."""
     rng = np.random.default_rng(3)
     place = frame_positions()

@@ -12,8 +12,8 @@ from render.scene import Scene
 
 NAMES = ("reduced_scattering", "absorption", "sigma_v", "roughness")
 UNITS = ("1/mm", "1/mm", "deg", "")
-LOW = np.array([0.45, 0.0, np.radians(8.0), 0.02])
-HIGH = np.array([2.2, 0.08, np.radians(25.0), 0.30])
+LOW = np.array([0.55, 0.0, np.radians(9.0), 0.03])
+HIGH = np.array([1.8, 0.06, np.radians(22.0), 0.25])
 """Where materials are looked for: reduced scattering and absorption in 1/mm, sigma_v in rad,
 Beckmann alpha. Silicones filled for diffusion lie between 0.5 and 2 /mm."""
 

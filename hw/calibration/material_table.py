@@ -2,7 +2,7 @@
 
 The preview is physical in the material (its slab response is a random walk in it) but takes
 seconds per material, far too long for a fit. So it is run for materials that fill the range
-evenly (Sobol), each with random numbers of its own, and a polynomial of the third degree in the
+evenly (Sobol), each with random numbers of its own, and a polynomial of the second degree in the
 material is fitted to the logarithm of the light at every point; the regression averages the
 random walks' noise. Leaving each material out in turn gives the error of all this.
 """
@@ -29,9 +29,9 @@ from render.npz import read_npz, write_npz
 from render.scene import Scene
 
 VERSION = 1
-MATERIALS, RAYS = 64, 120_000
+MATERIALS, RAYS = 32, 80_000
 COLUMNS, ROWS = 120, 200
-DEGREE = 3
+DEGREE = 2
 EXPONENTS = np.array(
     [e for e in itertools.product(range(DEGREE + 1), repeat=4) if sum(e) <= DEGREE]
 )
@@ -58,7 +58,7 @@ class MaterialTable:
 
     def log_light(self, material: Array) -> Array:
         """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
-        return np.asarray(np.tensordot(_terms(material[None])[0], self.coefficients, axes=1))
+        return np.asarray(np.tensordot(terms(material[None])[0], self.coefficients, axes=1))
 
 
 def material_table(
@@ -207,7 +207,7 @@ def _kept(path: Path) -> Array | None:
 
 def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) -> MaterialTable:
     """Return the least-squares polynomial and its leave-one-out errors."""
-    terms = _terms(materials)
+    basis = terms(materials)
     if len(materials) <= len(EXPONENTS) + 8:
         raise CalibrationError(
             f"{len(materials)} materials are too few for a polynomial of {len(EXPONENTS)} terms, "
@@ -217,11 +217,11 @@ def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) 
         )
     seen = np.isfinite(drawn).all(axis=0)
     values = np.where(seen, drawn, 0.0).reshape(len(drawn), -1)
-    inverse = np.linalg.pinv(terms)
+    inverse = np.linalg.pinv(basis)
     coefficients = inverse @ values
     # The residual of a material left out is the plain one over 1 - leverage.
-    leverage = np.einsum("mt,tm->m", terms, inverse)
-    left_out = (values - terms @ coefficients) / (1 - leverage)[:, None]
+    leverage = np.einsum("mt,tm->m", basis, inverse)
+    left_out = (values - basis @ coefficients) / (1 - leverage)[:, None]
     shape = drawn.shape[1:]
     hidden: Array = np.where(seen, 0.0, np.nan)
     return MaterialTable(
@@ -234,7 +234,20 @@ def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) 
     )
 
 
-def _terms(materials: Array) -> Array:
+def terms_slope(material: Array) -> Array:
+    """Return the terms' derivatives ``(4, term)`` by the values of one material ``(4,)``."""
+    unit = _to_unit(material[None])[0]
+    scale = 2 / (HIGH - LOW)
+    scale[0] = 2 / np.log(HIGH[0] / LOW[0]) / material[0]
+    rows = []
+    for index in range(4):
+        lower = EXPONENTS.copy()
+        lower[:, index] = np.maximum(lower[:, index] - 1, 0)
+        rows.append(scale[index] * EXPONENTS[:, index] * np.prod(unit**lower, axis=1))
+    return np.stack(rows)
+
+
+def terms(materials: Array) -> Array:
     """Return the polynomial's terms ``(material, term)`` of ``(material, 4)``."""
     unit = _to_unit(materials)
     return np.asarray(np.prod(unit[:, None, :] ** EXPONENTS[None], axis=-1))

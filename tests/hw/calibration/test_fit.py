@@ -1,0 +1,117 @@
+"""The fit finds material, powers, gains, tilt and vignetting, and knows how sure it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hw.calibration.fit import Calibration, calibrate
+from hw.calibration.material import Material
+from hw.calibration.material_table import MaterialTable
+from hw.calibration.measurement import Measurement
+from hw.calibration.problem import Problem
+from hw.errors import CalibrationError
+from render.bending import Array
+from render.scene import Scene
+from tests.hw.calibration.conftest import toy_log_light
+
+TRUE = Material(1.2, 0.02, np.radians(17.0), 0.12)
+GAIN = np.array([2.0, 1.7, 1.4]) * 1e5
+
+
+def photographs(
+    scene: Scene, seed: int = 0, noise: float = 0.5, fibers: int = 20, true: Material = TRUE
+) -> tuple[list[Measurement], Array]:
+    """Return measurements of the toy, every other fiber flat and the others bent; true powers."""
+    rng = np.random.default_rng(seed)
+    power = np.exp(0.08 * rng.standard_normal(20))
+    light = toy_log_light(scene, true.array())
+    found = []
+    for fiber in range(fibers):
+        bend = fiber % 2
+        own = np.exp(light[bend, fiber])
+        radius2 = rng.uniform(0, 1, own.shape)
+        clean = own[:, None] * power[fiber] * GAIN * (1 - 0.15 * radius2)[:, None]
+        counts = clean + noise * rng.standard_normal(clean.shape)
+        used = np.isfinite(counts).all(axis=1) & (counts > 3).all(axis=1)
+        slope = np.where(used[:, None], clean, 0.0) * rng.uniform(-5, 5, (3, len(own), 1))
+        tilt = np.array([0.004, -0.003, 0.006])
+        counts = counts - np.einsum("tpc,t->pc", slope, tilt)
+        found.append(Measurement(fiber, bend, counts, used, [0, 1, 2], noise, radius2, slope))
+    return found, power
+
+
+def fitted(
+    table: MaterialTable, measurements: list[Measurement], discrepancy: float = 0.003
+) -> Calibration:
+    none = np.zeros(table.coefficients.shape[1:])
+    start = Material(1.0, 0.005, np.radians(15.0), 0.1)
+    return calibrate(table, none, np.full(2, discrepancy), measurements, start)
+
+
+def test_material_powers_and_camera_are_found(scene: Scene, table: MaterialTable) -> None:
+    measurements, power = photographs(scene)
+    found = fitted(table, measurements)
+    truth, values, se = TRUE.array(), found.material.array(), found.intervals.material
+    assert (np.abs(values - truth) < 3 * se).all()
+    assert found.material.reduced_scattering == pytest.approx(1.2, rel=0.05)
+    assert found.material.sigma_v == pytest.approx(TRUE.sigma_v, rel=0.05)
+    np.testing.assert_allclose(found.power, power / power.mean(), rtol=0.02)
+    np.testing.assert_allclose(found.gain / GAIN, found.gain[0] / GAIN[0], rtol=0.01)
+    np.testing.assert_allclose(found.tilt, [0.004, -0.003, 0.006], atol=0.001)
+    assert found.vignetting == pytest.approx(0.15, abs=0.03)
+
+
+def test_intervals_hold_the_truth_about_as_often_as_they_say(
+    scene: Scene, table: MaterialTable
+) -> None:
+    held = []
+    for seed in range(12):
+        found = fitted(table, photographs(scene, seed)[0])
+        z = (found.material.array() - TRUE.array()) / found.intervals.material
+        held.append(np.abs(z) < 1.96)
+    # 48 intervals of 95 %: fewer than 40 would come about once in 10^4 times.
+    assert np.sum(held) >= 40
+
+
+def test_more_noise_gives_wider_intervals(scene: Scene, table: MaterialTable) -> None:
+    quiet = fitted(table, photographs(scene, noise=0.2)[0]).intervals
+    loud = fitted(table, photographs(scene, noise=5.0)[0]).intervals
+    assert (loud.material > quiet.material).all()
+
+
+def test_a_model_that_is_less_sure_gives_wider_intervals(
+    scene: Scene, table: MaterialTable
+) -> None:
+    measurements = photographs(scene)[0]
+    sure, unsure = (fitted(table, measurements, d).intervals for d in (0.003, 0.05))
+    assert (unsure.parts["model"] > sure.parts["model"]).all()
+
+
+def test_powers_have_mean_1(scene: Scene, table: MaterialTable) -> None:
+    assert np.mean(fitted(table, photographs(scene)[0]).power) == pytest.approx(1.0)
+
+
+def test_too_few_photographs_are_refused(scene: Scene, table: MaterialTable) -> None:
+    with pytest.raises(CalibrationError, match="at least 4"):
+        fitted(table, photographs(scene, fibers=3)[0])
+
+
+def test_a_material_beyond_the_range_is_told(scene: Scene, table: MaterialTable) -> None:
+    outside = Material(5.0, 0.02, np.radians(17.0), 0.12)
+    with pytest.raises(CalibrationError, match="beyond the range"):
+        fitted(table, photographs(scene, true=outside)[0])
+
+
+def test_derivatives_are_those_of_the_residuals(scene: Scene, table: MaterialTable) -> None:
+    none = np.zeros(table.coefficients.shape[1:])
+    problem = Problem(table, none, np.full(2, 0.003), photographs(scene)[0])
+    x = problem.start(TRUE)
+    x[4:8] = [0.002, -0.001, 0.003, 0.1]
+    exact = problem.jacobian(x)
+    step = 1e-4 * problem.scale()
+    for index in range(len(x)):
+        away = np.zeros(len(x))
+        away[index] = step[index]
+        slope = (problem.residuals(x + away) - problem.residuals(x - away)) / (2 * step[index])
+        np.testing.assert_allclose(exact[:, index], slope, atol=1e-4 * np.abs(slope).max())

@@ -1,0 +1,40 @@
+"""The calibrated scene file says where every value comes from, and is a valid scene."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.calibration.material_table import MaterialTable
+from hw.calibration.scene_file import calibrated_toml, save_scene
+from render.scene import Scene, sources
+from tests.hw.calibration.test_fit import fitted, photographs
+
+
+def test_fitted_values_say_calibrated_with_date_and_interval(
+    scene: Scene, table: MaterialTable, tmp_path: Path
+) -> None:
+    found = fitted(table, photographs(scene)[0])
+    path = tmp_path / "scene.toml"
+    after = save_scene(path, calibrated_toml("finger20", scene, found, "2026-01-31"))
+    assert after.name == "finger20-calibrated"
+    assert after.diffuser is not None
+    reduced = after.diffuser.sigma_s * (1 - after.diffuser.g)
+    assert reduced == pytest.approx(found.material.reduced_scattering, rel=1e-5)
+    assert after.fibers.sigma_v == pytest.approx(found.material.sigma_v, rel=1e-5)
+    said = sources(path)
+    for key in ("diffuser.sigma_s", "diffuser.sigma_a", "fibers.sigma_v", "pad.roughness"):
+        assert said[key].startswith("calibrated 2026-01-31, 95 % interval")
+    low, high = found.intervals.of(found.material.array())[2]
+    shown = said["fibers.sigma_v"].split("interval ")[1].split(" ")
+    np.testing.assert_allclose(
+        [float(shown[0]), float(shown[2])], [math.degrees(low), math.degrees(high)], rtol=1e-3
+    )
+    assert "cannot separate" in said["diffuser.g"]
+    # Everything that was not fitted is as it was.
+    assert after.camera == scene.camera
+    assert after.sites == scene.sites
+    assert said["pad.width"] == "assumed"
