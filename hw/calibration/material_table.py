@@ -86,6 +86,15 @@ def material_table(
     whole = folder / f"materials-{key}.npz"
     if whole.exists():
         return load_table(whole)
+    least = len(EXPONENTS) + 8
+    if materials < least:
+        raise CalibrationError(
+            f"{materials} materials are too few for a polynomial of {len(EXPONENTS)} terms, "
+            f"allowed: at least {least}",
+            field="materials",
+            value=materials,
+            allowed=f"at least {least}",
+        )
     chosen = sobol_materials(materials)
     pixels = line_pixels(scene, bends, ROWS, COLUMNS)
     parts = folder / f"materials-{key}"
@@ -208,13 +217,6 @@ def _kept(path: Path) -> Array | None:
 def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) -> MaterialTable:
     """Return the least-squares polynomial and its leave-one-out errors."""
     basis = terms(materials)
-    if len(materials) <= len(EXPONENTS) + 8:
-        raise CalibrationError(
-            f"{len(materials)} materials are too few for a polynomial of {len(EXPONENTS)} terms, "
-            f"allowed: more than {len(EXPONENTS) + 8}",
-            field="materials",
-            value=len(materials),
-        )
     seen = np.isfinite(drawn).all(axis=0)
     values = np.where(seen, drawn, 0.0).reshape(len(drawn), -1)
     inverse = np.linalg.pinv(basis)
