@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hw.calibration.material_table import line_pixels, sample
 from hw.pinhole import intrinsics, rotation
+from hw.projection import pad_positions
 from render.bending import Array
 from render.scene import Scene
 
@@ -44,6 +45,16 @@ class Measurement:
     tilt_slope: Array
 
 
+def _well_inside(positions: Array) -> NDArray[np.bool_]:
+    """Return the pixels ``(row, column)`` around which everything that is averaged is pad."""
+    import cv2
+
+    pad = np.isfinite(positions[..., 0]).astype(np.uint8)
+    reach = np.ones((BOX + 6, BOX + 6), dtype=np.uint8)
+    inside = cv2.erode(pad, reach, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(inside, dtype=np.bool_)
+
+
 class LineReader:
     """Reads reference lines off photographs; positions are found once per bend.
 
@@ -56,7 +67,16 @@ class LineReader:
     def __init__(self, scene: Scene, bends: Array, noise: float) -> None:
         """Find the image positions of all points."""
         self._scene, self._noise = scene, noise
-        self._pixels = line_pixels(scene, bends, scene.camera.rows, scene.camera.columns)
+        rows, columns = scene.camera.rows, scene.camera.columns
+        pixels = line_pixels(scene, bends, rows, columns)
+        for index, bend in enumerate(bends):
+            whole = _well_inside(pad_positions(scene, float(bend), rows, columns))
+            place = np.nan_to_num(pixels[index]).astype(int)
+            seen = whole[
+                np.clip(place[..., 1], 0, rows - 1), np.clip(place[..., 0], 0, columns - 1)
+            ]
+            pixels[index] = np.where(seen[..., None], pixels[index], np.nan)
+        self._pixels = pixels
 
     def read(self, photo: Array, fiber: int, bend: int) -> Measurement:
         """Return the lines of ``fiber`` in ``photo`` ``(row, column, 3)`` at a bend's index."""

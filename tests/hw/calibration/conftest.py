@@ -7,28 +7,50 @@ import pytest
 
 from hw.calibration.material import HIGH, LOW
 from hw.calibration.material_table import MaterialTable, _fitted, sobol_materials
-from hw.calibration.reference_lines import reference_lines
+from hw.calibration.reference_lines import frame_positions, reference_lines
+from hw.projection import pad_positions
 from render.bending import Array
+from render.layout import flat_fiber_poses
 from render.scene import Scene, load_scene
 
 BENDS = np.array([0.0, np.pi / 2])
 
 
 def toy_log_light(scene: Scene, material: Array) -> Array:
-    """Return log light ``(bend, fiber, point)`` that spreads with scattering and beam width."""
-    lines = reference_lines(scene)
+    """Return log light ``(bend, fiber, point)`` at the reference lines."""
+    across, along = frame_positions().T
+    drawn = np.stack([toy(material, across, along, bend) for bend in (0, 1)])
+    drawn = drawn[:, None].repeat(scene.fibers.count, axis=1)
+    return np.where(reference_lines(scene).inside, drawn, np.nan)
+
+
+def toy_images(scene: Scene, material: Array, rows: int, columns: int) -> Array:
+    """Return what the camera sees of each fiber's light, ``(bend, fiber, row, column)``."""
+    poses = flat_fiber_poses(scene)
+    assert scene.diffuser is not None
+    margin = scene.fibers.gap + scene.diffuser.thickness
+    images = []
+    for bend, angle in enumerate(BENDS):
+        flat = pad_positions(scene, float(angle), rows, columns)
+        away = flat - poses.position[:, None, None, :2]
+        across = np.einsum("frcx,fx->frc", away, poses.along[:, :2])
+        along = np.einsum("frcx,fx->frc", away, poses.inward[:, :2]) - margin
+        images.append(np.exp(toy(material, across, np.maximum(along, 0.0), bend)))
+    return np.nan_to_num(np.stack(images)).astype(np.float32)
+
+
+def toy(material: Array, across: Array, along: Array, bend: int) -> Array:
+    """Return log light at distances (mm) from the fiber's axis and from the pad's edge.
+
+    The beam's width shows across the light, scattering along it, absorption far away.
+    """
     scattering, absorption, sigma_v, roughness = material
-    offset = lines.place
-    across = np.where(lines.line < 3, offset, 0.0)
-    along = np.where(lines.line < 3, np.array([2.0, 5.0, 8.0, 0.0])[lines.line], offset)
     width = 2.0 + 6.0 * sigma_v + 0.25 * along
     shape = -np.log(1 + (across / width) ** 2) - 0.4 * np.log(scattering)
     shape = shape - (1.2 + 0.35 * np.log(scattering)) * np.log(along + 2.0)
     shape = shape - 2.0 * absorption * (2.0 + np.hypot(across, along))
     shape = shape + 0.5 * roughness * np.cos(across)
-    bent = shape - 0.05 * along
-    drawn = np.stack([shape, bent])[:, None].repeat(scene.fibers.count, axis=1)
-    return np.where(lines.inside, drawn - 5.0, np.nan)
+    return np.asarray(shape - 0.05 * along * bend - 5.0)
 
 
 @pytest.fixture(scope="session")

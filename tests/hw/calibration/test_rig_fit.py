@@ -1,0 +1,156 @@
+"""From 20 noisy photographs of an emulated rig to its material, with a flawed camera between."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.boards.board import Levels
+from hw.calibration.fit import Calibration
+from hw.calibration.material import Material
+from hw.calibration.material_table import MaterialTable
+from hw.calibration.measurement import Measurement
+from hw.calibration.reference_lines import reference_lines
+from hw.calibration.report import ReportContent, render_report
+from hw.calibration.rig_fit import Model, fit_rig, measure, require_linearity
+from hw.correction import Correction
+from hw.emulated.camera import EmulatedCamera, Flaws
+from hw.errors import CalibrationError
+from hw.linearity import Linearity
+from hw.photo_set import PhotoSet
+from render.bending import Array
+from render.scene import Scene
+from tests.hw.calibration.conftest import BENDS, toy_images
+
+TRUE = Material(1.3, 0.03, np.radians(13.0), 0.15)
+FLAWS = Flaws(vignetting=0.15, tilt=(0.006, -0.004, 0.008), gain=(1.0, 0.9, 0.8))
+
+
+class FixedBoard:
+    """What an emulated camera needs of a board: what its LEDs show."""
+
+    def __init__(self) -> None:
+        self.levels: Levels = np.zeros((20, 3), dtype=np.uint8)
+
+
+def taken(scene: Scene, flaws: Flaws, seed: int = 0) -> tuple[list[PhotoSet], PhotoSet, Array]:
+    """Return 20 photographs, half of them flat and half bent, a linearity sweep, true powers."""
+    images = toy_images(scene, TRUE.array(), 300, 180)
+    power = np.exp(0.08 * np.random.default_rng(seed).standard_normal(20))
+    bright = float(np.percentile(images, 99.9, axis=(2, 3)).max() * power.max())
+    board = FixedBoard()
+    cameras = [
+        EmulatedCamera(scene, one, board, 200 / bright, power, flaws, seed)  # type: ignore[arg-type]
+        for one in images
+    ]
+
+    def photo(bend: int, fibers: list[int], level: int) -> Array:
+        board.levels[:] = 0
+        board.levels[fibers] = level
+        return cameras[bend].capture()
+
+    dark = [np.mean([photo(bend, [], 0) for _ in range(8)], axis=0) for bend in (0, 1)]
+    sets = [
+        PhotoSet({f: photo(b, [f], 255) - dark[b] for f in range(b, 20, 2)}, None) for b in (0, 1)
+    ]
+    few = list(range(0, 20, 4))
+    together = photo(0, few, 120) - dark[0]
+    additive = PhotoSet({f: photo(0, [f], 120) - dark[0] for f in few}, together)
+    return sets, additive, power
+
+
+def model_of(table: MaterialTable) -> Model:
+    """Return the toy's model, which needs no correction."""
+    none = Correction(np.zeros((2, 20, 6)), np.array([[-3.0, -3.0], [3.0, 9.0]]), np.zeros(2))
+    return Model(table, none, np.zeros(table.coefficients.shape[1:]), np.full(2, 0.005))
+
+
+@pytest.fixture(scope="module")
+def camera_scene(scene: Scene) -> Scene:
+    """Return the sensor with half the camera's resolution, for speed."""
+    camera = scene.camera.model_copy(update={"rows": 300, "columns": 180})
+    return scene.model_copy(update={"camera": camera})
+
+
+Outcome = tuple[Calibration, list[Measurement], Array]
+
+
+@pytest.fixture(scope="module")
+def outcome(camera_scene: Scene, table: MaterialTable) -> Outcome:
+    """Photograph and fit."""
+    sets, _, power = taken(camera_scene, FLAWS)
+    measurements = measure(camera_scene, sets, BENDS, 2.55)
+    return fit_rig(camera_scene, model_of(table), measurements), measurements, power
+
+
+def test_the_secret_material_is_found(outcome: Outcome) -> None:
+    found, measurements, _ = outcome
+    assert len(measurements) == 20
+    values, truth = found.material.array(), TRUE.array()
+    inside = np.abs(values - truth) <= 1.96 * found.intervals.material
+    near = np.abs(values / truth - 1) < 0.1
+    assert (inside | near)[:3].all(), (values, truth, found.intervals.material)
+    # Intervals that hold everything would be worth nothing.
+    assert found.intervals.material[0] / truth[0] < 0.1
+    assert found.intervals.material[2] / truth[2] < 0.1
+
+
+def test_powers_gains_and_the_cameras_flaws_are_found(outcome: Outcome) -> None:
+    found, _, power = outcome
+    error = found.power / (power / power.mean()) - 1
+    assert np.median(np.abs(error)) < 0.02
+    # Fibers at the base of the bent pad show few points: their own intervals say so.
+    assert (np.abs(error) < np.maximum(3 * found.intervals.power, 0.04)).all()
+    np.testing.assert_allclose(found.gain / found.gain[0], [1.0, 0.9, 0.8], rtol=0.02)
+    assert found.vignetting == pytest.approx(0.15, abs=0.08)
+    np.testing.assert_allclose(np.abs(found.tilt), np.abs(FLAWS.tilt), atol=0.004)
+
+
+def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
+    outcome: Outcome, camera_scene: Scene, tmp_path: Path
+) -> None:
+    found, measurements, _ = outcome
+    text = render_report(
+        ReportContent(
+            camera_scene,
+            found,
+            measurements,
+            reference_lines(camera_scene),
+            BENDS,
+            Linearity(0.004, 0.0, 1.0, 1.0, "none"),
+            None,
+            "2026-01-31",
+        )
+    )
+    assert text.count("data:image/png;base64,") == 6
+    assert "g and sigma_s cannot be separated" in text
+    assert "Not confirmed by renders" in text
+    (tmp_path / "report.html").write_text(text)
+
+
+def test_a_linear_camera_may_be_calibrated_on(camera_scene: Scene) -> None:
+    _, additive, _ = taken(camera_scene, replace(FLAWS, noise=1.0))
+    assert require_linearity([additive], 1.0).cause == "none"
+
+
+def test_a_gamma_is_refused(camera_scene: Scene) -> None:
+    _, additive, _ = taken(camera_scene, replace(FLAWS, gamma=1.8, noise=0.2))
+    with pytest.raises(CalibrationError, match="gamma"):
+        require_linearity([additive], 0.2)
+
+
+def test_a_sweep_without_all_fibers_together_is_refused(camera_scene: Scene) -> None:
+    sets, _, _ = taken(camera_scene, FLAWS)
+    with pytest.raises(CalibrationError, match="--linearity"):
+        require_linearity(sets, 2.55)
+
+
+def test_a_dark_fiber_is_told(camera_scene: Scene, table: MaterialTable) -> None:
+    sets, _, _ = taken(camera_scene, FLAWS)
+    sets[0].alone[4] = 0.0 * sets[0].alone[4]
+    measurements = measure(camera_scene, sets, BENDS, 2.55)
+    with pytest.raises(CalibrationError, match="fiber 4 lights too few points"):
+        fit_rig(camera_scene, model_of(table), measurements)
