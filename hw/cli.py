@@ -232,13 +232,23 @@ def demo(
     rays: Annotated[
         int, typer.Option(min=2000, help="Light paths of the emulated rig's own random walk.")
     ] = 360_000,
+    calibrate: Annotated[
+        bool, typer.Option(help="Also calibrate, which first draws materials for some minutes.")
+    ] = True,
     json: Json = False,
 ) -> None:
     """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
     from hw.commands import demo as command
 
     command.run(
-        scene, out=out, model=model, seed=seed, mutations=mutations, rays=rays, as_json=json
+        scene,
+        out=out,
+        model=model,
+        seed=seed,
+        mutations=mutations,
+        rays=rays,
+        calibrate=calibrate,
+        as_json=json,
     )
 
 

@@ -116,6 +116,12 @@ def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) ->
     Raises:
         CaptureError: unreadable, wrong size, over-exposed, no sweep at all.
     """
+    if not folder.is_dir():
+        raise CaptureError(
+            f"{folder} is not a folder: give the one that `tactilux hw capture` wrote",
+            field="capture",
+            value=str(folder),
+        )
     found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES}
 
     def photo(path: Path) -> Array:

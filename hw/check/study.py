@@ -16,7 +16,7 @@ from hw.check.commission import commission
 from hw.check.image_check import check_image
 from hw.check.prediction import Prediction
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import AS_DESIGNED, COMMISSIONED, Tolerances
+from hw.check.tolerances import WAYS, Tolerances
 from hw.check.verdict import State, Verdict
 from render.bending import Array
 
@@ -212,13 +212,15 @@ def _all_ways(
     rig: RandomRig, captured: tuple[Array, Array], ratio: Array, spread: RigSpread
 ) -> list[tuple[str, Verdict]]:
     alone, together = captured
-    plain = _with_noise(AS_DESIGNED, spread)
-    known = _with_noise(COMMISSIONED, spread, 1 + 1 / COMMISSIONING)
+    way = {
+        (sweep, record): _with_noise(tolerances, spread, 1 + record / COMMISSIONING)
+        for (sweep, record), tolerances in WAYS.items()
+    }
     return [
-        ("sweep, commissioned", check_sweep(rig.prediction, alone, known, ratio)),
-        ("sweep", check_sweep(rig.prediction, alone, plain)),
-        ("image, commissioned", check_image(rig.prediction, together, known, ratio)),
-        ("image", check_image(rig.prediction, together, plain)),
+        ("sweep, commissioned", check_sweep(rig.prediction, alone, way[True, True], ratio)),
+        ("sweep", check_sweep(rig.prediction, alone, way[True, False])),
+        ("image, commissioned", check_image(rig.prediction, together, way[False, True], ratio)),
+        ("image", check_image(rig.prediction, together, way[False, False])),
     ]
 
 

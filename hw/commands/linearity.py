@@ -18,12 +18,6 @@ def run(scene_name: str, folder: Path, *, gamma: float, noise: float, as_json: b
     """Test the sweep in ``folder``; light that does not add up is an error with its cause."""
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        if not folder.is_dir():
-            raise CaptureError(
-                f"{folder} is not a folder: give the folder that `tactilux hw capture` wrote",
-                field="sweep",
-                value=str(folder),
-            )
         photos = load_photo_set(folder, scene.camera.rows, scene.camera.columns, gamma)
         if photos.together is None:
             raise CaptureError(

@@ -1,0 +1,71 @@
+"""``tactilux hw calibrate`` and ``linearity`` tell what they cannot use in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.hw.commands.conftest import Run
+
+SIZE = (360, 600)
+
+
+def sweep(folder: Path, gamma: float = 1.0, together: bool = True) -> Path:
+    """Write a sweep of three overlapping fibers, as a camera with ``gamma`` takes it."""
+    folder.mkdir()
+    y, x = np.mgrid[0 : SIZE[1], 0 : SIZE[0]] / 360.0
+    light = [60 * np.exp(-3 * ((x - a) ** 2 + (y - 0.8) ** 2)) for a in (0.2, 0.5, 0.8)]
+
+    def save(name: str, part: np.ndarray) -> None:
+        encoded = np.rint(255 * (part / 255) ** (1 / gamma)).astype(np.uint8)
+        Image.fromarray(np.repeat(encoded[..., None], 3, 2)).save(folder / f"{name}.png")
+
+    for fiber, part in enumerate(light):
+        save(f"fiber-{fiber:02d}", part)
+    if together:
+        save("all", np.sum(light, axis=0))
+    return folder
+
+
+def test_a_linear_camera_is_told_so(tactilux: Run, tmp_path: Path) -> None:
+    result = tactilux("hw", "linearity", sweep(tmp_path / "a"), "--noise", "0.3", "--json")
+    assert result.code == 0, result.err
+    assert json.loads(result.out)["cause"] == "none"
+
+
+def test_a_gamma_is_an_error_until_it_is_given(tactilux: Run, tmp_path: Path) -> None:
+    folder = sweep(tmp_path / "a", gamma=2.2)
+    result = tactilux("hw", "linearity", folder, "--noise", "0.3")
+    assert result.code == 2
+    assert "--gamma" in result.err
+    assert tactilux("hw", "linearity", folder, "--noise", "1", "--gamma", "2.2").code == 0
+
+
+def test_calibration_refuses_a_gamma(tactilux: Run, tmp_path: Path) -> None:
+    folder = sweep(tmp_path / "a", gamma=2.2)
+    result = tactilux("hw", "calibrate", "--flat", folder, "--bent", folder, "--noise", "0.3")
+    assert result.code == 2
+    assert "light does not add up" in result.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--flat", "none", "--bent", "none"), "not a folder"),
+        (("--flat", "plain", "--bent", "plain"), "--linearity"),
+        (("--flat", "plain", "--bent", "plain", "--scene", "none"), "there is no scene"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_one_sentence(
+    tactilux: Run, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    sweep(tmp_path / "plain", together=False)
+    result = tactilux("hw", "calibrate", *arguments)
+    assert result.code == 2
+    assert said in result.err
+    assert result.err.count("\n") == 1
