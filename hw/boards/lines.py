@@ -35,7 +35,7 @@ def framed(body: str) -> bytes:
     r"""Return ``body`` with its checksum and line end.
 
     >>> framed("7 OFF")
-    b'7 OFF*26\n'
+    b'7 OFF*80\n'
     """
     content = body.encode("ascii")
     return content + b"*%02X\n" % crc8(content)

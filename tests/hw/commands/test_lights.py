@@ -50,14 +50,14 @@ def test_set_lights_the_design_and_ends_dark(
     watcher = threading.Thread(target=lambda: seen.extend(seen_while(board, done)))
     watcher.start()
     result = tactilux("hw", "set", design, "--port", board.port, "--protocol", board.name,  # type: ignore[attr-defined]
-                      "--seconds", "0.3")  # fmt: skip
+                      "--seconds", "1.0")  # fmt: skip
     done.set()
     watcher.join()
     assert result.code == 0, result.err
     assert "All LEDs are off" in result.out
     wanted = (255 * np.eye(3)[np.arange(20) % 3]).astype(np.uint8)
     assert any(np.array_equal(levels, wanted) for levels in seen)
-    assert not board.levels.any()
+    assert board.wait_for(np.zeros((20, 3), dtype=np.uint8))
 
 
 def test_sweep_names_every_fiber(tactilux: Run, board: EmulatedBoard, design: Path) -> None:
