@@ -1,6 +1,6 @@
 """What the surrogate knows better than the preview, carried from the sites to the whole pad.
 
-The preview draws whole photographs for any material, but is too bright for grazing light on a bent
+The preview draws whole photographs for any material, but is too dim for grazing light on a bent
 pad; the surrogate was fitted to renders, but knows the sites of one material only. The ratio of
 both on the untouched pad, for the surrogate's own material, is a smooth field: its logarithm is
 taken as a polynomial of the second degree over the pad, and as independent of the material.

@@ -74,7 +74,7 @@ def render_report(content: ReportContent) -> str:
             )
         ],
         gains=[f"{gain:.4g}" for gain in content.found.gain if np.isfinite(gain)],
-        tilt=" , ".join(f"{np.degrees(angle):+.2f}" for angle in content.found.tilt),
+        tilt=", ".join(f"{np.degrees(angle):+.2f}" for angle in content.found.tilt),
         vignetting=f"{100 * content.found.vignetting:.0f}",
         chi=f"{content.found.chi:.2f}",
         linear=f"{100 * content.linearity.residual:.2f}",
