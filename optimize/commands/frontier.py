@@ -95,6 +95,8 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
     stream.write(
         f"Reference: PSSMLT, {reference.mutations} mutations per cell, {reference.seconds:.0f} s; "
         f"its scores are known to {found.to_json()['reference']['score_se_median']:.2f} counts.\n"  # type: ignore[index]
+        f"The model's {found.held.nominal:.0%} intervals held {found.held.counts:.1%} of facet "
+        f"colours and {found.held.score:.1%} of scores.\n"
         f"One design alone takes {found.seconds_alone:.0f} s at {found.plan.short[-1]} mutations.\n"
         f"Plot: {folder / PLOT}\nJSON: {folder / RESULT}\n"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from optimize.frontier.designs import HeldOut, held_out_designs, shared_nodes
 from optimize.frontier.fits import fitted_levels
 from optimize.frontier.grade import Row, grade, noise_row
+from optimize.frontier.intervals import Held, held_by_intervals
 from optimize.frontier.levels import Level, onnx_levels, preview_level, table_level, timed
 from optimize.frontier.plan import FrontierPlan, make_plan
 from optimize.frontier.reference import REFERENCE_SEED, Reference, judge, render_designs
@@ -41,6 +42,7 @@ class Frontier:
     reference: Reference
     noise: Row
     seconds_alone: float
+    held: Held
 
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""
@@ -50,6 +52,7 @@ class Frontier:
             "scene": self.scene.name,
             "scene_hash": self.scene.hash,
             "rows": [row.to_json() for row in self.rows],
+            "intervals": asdict(self.held),
             "reference": {
                 "level": "PSSMLT",
                 "p_large": 1.0,
@@ -161,7 +164,8 @@ def measure(
         lambda name, done, total: report(name, done, total, None),
     )
     noise = noise_row(reference, seed)
-    return Frontier(scene, plan, tuple(rows), reference, noise, alone)
+    held = held_by_intervals(scene, checker, designs, reference)
+    return Frontier(scene, plan, tuple(rows), reference, noise, alone, held)
 
 
 def _rendered_table(

@@ -101,6 +101,8 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
         assert row["facet_error_median"] <= row["facet_error_p95"]
         assert -1 <= row["kendall_tau"] <= 1
         assert row["score_error"] >= 0
+    assert result["intervals"]["nominal"] == 0.9
+    assert 0 <= result["intervals"]["counts"] <= 1
     assert result["reference"]["mutations"] == 32
     assert result["reference"]["score_se_median"] > 0
     assert (sensor / "runs" / "small3-frontier" / "frontier.png").read_bytes()[:4] == b"\x89PNG"
