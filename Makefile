@@ -1,6 +1,6 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-.PHONY: help explore verify train test unit validation benchmark lint format check-format types clean
+.PHONY: help explore verify train test unit validation validation-long benchmark lint format check-format types clean
 
 SCENE ?= finger20
 DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20-explore/design.json)
@@ -32,7 +32,11 @@ unit: $(FULL) ## The tests alone
 # A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
 # have come and gone in one.
 validation: $(FULL) ## Against other renderers, closed forms and slow exact code
-	set -e; for file in tests/validation/test_*.py; do $(BIN)/python -m pytest $$file; done
+	set -e; for file in tests/validation/test_*.py; do $(BIN)/python -m pytest $(VALIDATION_FLAGS) $$file; done
+
+validation-long: export TACTILUX_LONG = 1
+validation-long: VALIDATION_FLAGS = --capture no
+validation-long: validation ## The same with more samples and more cases (hours); see RESULTS.md
 
 benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
 	$(BIN)/python -m pytest --capture no tests/benchmarks

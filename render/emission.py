@@ -16,6 +16,7 @@ import numpy as np
 from render.connect import optical_depth
 from render.errors import RenderError
 from render.fiber_profile import angle, cut, density, sample_direction
+from render.primary import Hashed
 from render.vertex import (
     Vertex,
     area_factor,
@@ -128,6 +129,12 @@ class Emission:
             vc=dr.select(point | (pdf <= 0), 0.0, cosine / pdf),
             medium=outside,
         )
+
+    def dark(self) -> bool:
+        """Return whether no ray of a sample of them carries light: everything is switched off."""
+        x, y, u, v = Hashed(dr.arange(mi.UInt32, 64 * self.count)).event(mi.UInt32(0))
+        pick = (dr.arange(mi.Float, 64 * self.count) + 0.5) / (64 * self.count)
+        return not dr.any(dr.max(self.start(pick, mi.Point2f(x, y), u, v).beta) > 0)
 
     def _radiance(self, emitter: Any, index: Any, p: Any, n: Any, d: Any) -> Any:
         """Return radiance (intensity, for points) from ``p`` in direction ``d``."""

@@ -17,6 +17,7 @@ import mitsuba as mi
 
 from render.connect import join, optical_depth
 from render.emission import Emission
+from render.errors import RenderError
 from render.primary import Stream
 from render.segments import advance, bounce, start
 from render.vertex import Vertex, area_factor, choose, empty_vertex, extinction, scatter
@@ -33,6 +34,25 @@ class Limits:
 
     max_depth: int = -1
     rr_depth: int = 5
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            RenderError: names the parameter that is out of range.
+        """
+        if self.max_depth < 1 and self.max_depth != -1:
+            raise RenderError(
+                f"max_depth = {self.max_depth}, allowed: at least 1 edge, or -1 for no limit",
+                field="max_depth",
+                value=self.max_depth,
+            )
+        if self.rr_depth < 1:
+            raise RenderError(
+                f"rr_depth = {self.rr_depth}, allowed: at least 1",
+                field="rr_depth",
+                value=self.rr_depth,
+            )
 
     def edges(self) -> Any:
         """Return the greatest number of edges as an opaque integer."""

@@ -33,7 +33,7 @@ class FilmProblem:
                 field="sensor",
                 value=sensor.class_name(),
             )
-        _refuse_heterogeneous(scene)
+        _refuse_heterogeneous(scene, sensor)
         self.scene, self.sensor, self.limits = scene, sensor, limits
         self.emission = Emission(scene)
         self.width, self.height = (int(n) for n in sensor.film().crop_size())
@@ -74,12 +74,14 @@ class FilmProblem:
         return row * self.width + column
 
 
-def _refuse_heterogeneous(scene: Any) -> None:
+def _refuse_heterogeneous(scene: Any, sensor: Any) -> None:
+    media = [sensor.get_medium()]
     for shape in scene.shapes():
-        for medium in (shape.interior_medium(), shape.exterior_medium()):
-            if medium is not None and not medium.is_homogeneous():
-                raise RenderError(
-                    f"medium {medium.id()!r} is heterogeneous, allowed: homogeneous media; "
-                    "use volpath for this scene",
-                    field="medium",
-                )
+        media += [shape.interior_medium(), shape.exterior_medium()]
+    for medium in media:
+        if medium is not None and not medium.is_homogeneous():
+            raise RenderError(
+                f"medium {medium.id()!r} is heterogeneous, allowed: homogeneous media; "
+                "use volpath for this scene",
+                field="medium",
+            )

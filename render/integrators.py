@@ -23,6 +23,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.bending import Array
+from render.errors import RenderError
 from render.film_paths import Limits
 from render.film_problem import FilmProblem
 from render.metropolis import Chains, Settings
@@ -30,6 +31,7 @@ from render.monte_carlo import plain_replicates
 
 CHUNK = 8
 LANES = 1 << 16
+REPLICATES_MIN, REPLICATES_MAX = 2, 4096
 
 
 class Bidirectional(mi.SamplingIntegrator):
@@ -38,9 +40,16 @@ class Bidirectional(mi.SamplingIntegrator):
     def __init__(self, props: Any) -> None:
         """Read the parameters."""
         mi.SamplingIntegrator.__init__(self, props)
-        self.limits = Limits(int(props.get("max_depth", -1)), int(props.get("rr_depth", 5)))
+        # Ranges are checked in ``render``: Mitsuba hides the type of an error in a constructor.
+        self.max_depth = int(props.get("max_depth", -1))
+        self.rr_depth = int(props.get("rr_depth", 5))
         self.replicates = int(props.get("replicates", 8))
         self.error_bars = bool(props.get("error_bars", False))
+
+    @property
+    def limits(self) -> Limits:
+        """Return the limits on path length, checked."""
+        return Limits(self.max_depth, self.rr_depth)
 
     def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
         """Return independent images ``(replicate, pixel, channel)``."""
@@ -51,6 +60,12 @@ class Bidirectional(mi.SamplingIntegrator):
         evaluate: bool = True,
     ) -> Any:  # fmt: skip
         """Render the scene; returns ``(height, width, channel)``."""
+        if not REPLICATES_MIN <= self.replicates <= REPLICATES_MAX:
+            raise RenderError(
+                f"replicates = {self.replicates}, allowed: {REPLICATES_MIN} to {REPLICATES_MAX}",
+                field="replicates",
+                value=self.replicates,
+            )
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         if spp == 0:
@@ -94,6 +109,11 @@ class PSSMLT(Bidirectional):
         settings = Settings(
             self.chains, self.luminance_samples, self.p_large, self.replicates, seed
         )
+        if problem.emission.dark():
+            raise RenderError(
+                "every emitter of the scene emits nothing: raise a radiance, intensity or power",
+                field="emitter",
+            )
         chains = Chains(problem, settings)
         weights = [1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722]
         chains.bootstrap(np.tile(weights, (problem.bins, 1)))

@@ -152,4 +152,7 @@ def extinction(medium: Any, active: Any) -> tuple[Any, Any]:
 def is_null(si: Any) -> Any:
     """Return whether a surface is an index-matched boundary that light passes unchanged."""
     flags = si.bsdf().flags()
-    return mi.has_flag(flags, mi.BSDFFlags.Null) & ~mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    # A thin pane of glass passes light unchanged too, but reflects some of it.
+    reflects = mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
+    smooth = mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    return mi.has_flag(flags, mi.BSDFFlags.Null) & ~smooth & ~reflects

@@ -53,7 +53,17 @@ PARTS = {
 }
 
 
-def slab(mono: ModuleType, folder: Path) -> Any:
+def lamp(mono: ModuleType) -> dict[str, Any]:
+    """Return the disk of uniform radiance in front of the layer."""
+    transform = mono.ScalarTransform4f()
+    return {
+        "type": "disk",
+        "to_world": transform.translate([10.4, 0, 2]).rotate([0, 1, 0], -90).scale(0.375),
+        "emitter": {"type": "area", "radiance": {"type": "uniform", "value": 1000.0}},
+    }
+
+
+def slab(mono: ModuleType, folder: Path, light: dict[str, Any]) -> Any:
     """Return the box [-8, 10] x [-12, 12] x [0, 4] mm: x > 8 scatters, z = 4 is coated to x = 8."""
     rough = {
         "type": "roughdielectric", "distribution": "beckmann", "alpha": 0.1,
@@ -80,11 +90,7 @@ def slab(mono: ModuleType, folder: Path) -> Any:
                 "phase": {"type": "hg", "g": 0.6},
             },
             **shapes,
-            "lamp": {
-                "type": "disk",
-                "to_world": transform.translate([10.4, 0, 2]).rotate([0, 1, 0], -90).scale(0.375),
-                "emitter": {"type": "area", "radiance": {"type": "uniform", "value": 1000.0}},
-            },
+            "lamp": light,
             "sensor": {
                 "type": "perspective", "fov": 80, "fov_axis": "x",
                 "to_world": transform.look_at(origin=[0, 0, -10], target=[0, 0, 0], up=[0, 1, 0]),
@@ -104,7 +110,7 @@ def ours(mono: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> np.ndarr
     """Return the block means of independent replicates ``(replicate, 8, 12)``."""
     from render.film_problem import FilmProblem
 
-    scene = slab(mono, tmp_path_factory.mktemp("slab"))
+    scene = slab(mono, tmp_path_factory.mktemp("slab"), lamp(mono))
     integrator = mono.load_dict({"type": "bdpt", "replicates": 16})
     problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
     replicates = integrator.replicate_images(problem, 5, SPP)
