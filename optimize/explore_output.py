@@ -100,4 +100,22 @@ def _facts(exploration: Exploration, model: Path, seconds: float) -> list[tuple[
         ("Training data", f"SHA-256 {about.training_data_hash}"),
         ("Model's sources", about.git_revision),
         ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
+        *_study_facts(exploration),
     ]
+
+
+def _study_facts(exploration: Exploration) -> list[tuple[str, str]]:
+    study, found = exploration.study, []
+    if study is None:
+        return []
+    titles = {stage.key: stage.title for stage in exploration.stages}
+    if study.robust:
+        lows = [f"{titles[key]} {rating.low:.1f}" for key, rating in study.robust.items()]
+        draws = next(iter(study.robust.values())).draws
+        found.append((f"Lower 10 % of S on {draws} sensors as built", ", ".join(lows)))
+        costs = [f"{entry.name} {entry.low_loss:.1f}" for entry in study.sensitivities]
+        found.append(("Loss at that quantile, by tolerance alone", ", ".join(costs)))
+    if study.shadows:
+        taken = [f"{titles[key]} {value:.1f}" for key, value in study.shadows.items()]
+        found.append(("Counts that a bolt's shadows take", ", ".join(taken)))
+    return found

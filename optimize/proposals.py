@@ -12,18 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.colors.quick import quick_colours
-from optimize.colors.result import renamed_like
-from optimize.design import Array, Design
+from optimize.colors.result import canonical, renamed_like
+from optimize.design import Array, Colours, Design
 from optimize.evaluate import TableScorer
 from optimize.joint import optimise_jointly
 from optimize.polish import polish
 from optimize.score_noise import TIE_DRAWS, score_draws
 
 ALTERNATIVES = 8
-"""Next-best colourings that get directions of their own."""
+"""Next-best colourings that get directions of their own: local optima, then neighbours."""
 SAME_ANGLE = np.radians(1.0)
 """Directions that differ by less are the same design."""
 RUNS = (1, 2, 4)
+TWIN = 1e-4
+"""Relative difference of score below which mirrored colours mean a mirrored design."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,21 +63,51 @@ def propose(
         known: designs that were rendered before; they are not proposed again.
     """
     best = optimise_jointly(scorer, start, edges=edges, seed=seed).design
-    colourings = quick_colours(scorer, best.phi, starts=[best.colours], seed=seed).top
-    others = []
-    for colours, _ in colourings[: ALTERNATIVES + 1]:
-        named = np.array(colours)
+    top = quick_colours(scorer, best.phi, starts=[best.colours], seed=seed).top
+    colourings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
+    others: list[Design] = []
+    for named in [*colourings, *_recoloured(scorer, best)]:
+        if len(others) == ALTERNATIVES:
+            break
         if scorer.colours_alike:
             named = renamed_like(named, best.colours)
         power = scorer.power(named)
         if np.array_equal(power, best.power):
             continue
-        others.append(polish(scorer, Design(best.phi, power)).design)
+        found = polish(scorer, Design(best.phi, power)).design
+        if not _mirror_twin(scorer, found, best):
+            others.append(found)
     chosen = [described(scorer, "best", best)]
     rest = [described(scorer, "uncertain", design) for design in others]
     chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []
     chosen.append(described(scorer, "random", random_design(scorer, seed)))
     return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
+
+
+def _recoloured(scorer: TableScorer, best: Design) -> list[Colours]:
+    """Return the allowed colourings that differ in one fiber from ``best``, best first."""
+    if (best.colours < 0).any():
+        return []
+    fibers = np.repeat(np.arange(scorer.fibers), 2)
+    moved = np.repeat(best.colours[None], len(fibers), axis=0)
+    rows = np.arange(len(fibers))
+    moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % 2) % 3
+    moved = moved[scorer.limits.fits(moved)]
+    return list(moved[np.argsort(-scorer.scores(moved, best.phi), kind="stable")])
+
+
+def _mirror_twin(scorer: TableScorer, first: Design, second: Design) -> bool:
+    """Return whether one design is the other seen in a mirror, so that it would tie for certain.
+
+    Fibers are numbered around the pad, so a mirror reverses their order; equal scores say that the
+    sensor is symmetric.
+    """
+    if not scorer.colours_alike or (first.colours < 0).any() or (second.colours < 0).any():
+        return False
+    scores = [scorer.score(design.phi, design.power) for design in (first, second)]
+    reversed_ = canonical(first.colours[None, ::-1])[0]
+    alike = np.array_equal(reversed_, canonical(second.colours[None])[0])
+    return alike and abs(scores[0] - scores[1]) < TWIN * abs(scores[1])
 
 
 def described(scorer: TableScorer, role: str, design: Design) -> Proposal:

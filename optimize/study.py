@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optimize.colors.quick import quick_colours
+from optimize.colors.result import renamed_like
 from optimize.design import Design
 from optimize.evaluate import TableScorer
 from optimize.explore import PHI_NODES, Exploration, rate
@@ -108,7 +109,10 @@ def study(
         goal = Weighted((1.0, goal), (shadow_weight, shadow))
     best = found.stages[-1].design
     top = quick_colours(scorer, best.phi, starts=[best.colours], seed=found.seed).top
-    starts = [best, *(Design(best.phi, scorer.power(np.array(row))) for row, _ in top[:COLOURINGS])]
+    colourings = [np.array(row) for row, _ in top[:COLOURINGS]]
+    if scorer.colours_alike:
+        colourings = [renamed_like(row, best.colours) for row in colourings]
+    starts = [best, *(Design(best.phi, scorer.power(row)) for row in colourings)]
     design, _ = refine(scorer, goal, starts, lambda i, n: report("Refining", i, n))
     titles = [title for title, used in (("Robust", measure), ("Shadow-aware", shadow)) if used]
     stage = rate(

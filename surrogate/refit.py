@@ -13,15 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from render.bending import Array
 from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable
-from surrogate.basis import SIZE
 from surrogate.preview_grid import PreviewGrid
-from surrogate.rows import NOISE_FLOOR, preview_checker, smooth_noise
+from surrogate.rows import NOISE_FLOOR, cell_features, preview_checker, smooth_noise
 
 CELLS = 40_000
 """Cells that are treated at once: some 70 MB of products."""
@@ -74,18 +72,9 @@ class Refitter:
 
         Rows run over ``(design, fiber, bend, site)`` for ``phi`` ``(design, fiber)`` rad.
         """
-        at = torch.as_tensor(phi, dtype=torch.float32)
-        bend = torch.as_tensor(bends, dtype=torch.float32).expand(len(at), -1)
-        with torch.no_grad():
-            log_preview = self._checker.preview(at, bend)
-            x = self._checker.inputs(at, bend, log_preview)
-            unit = torch.eye(SIZE).reshape(SIZE, 1, 1, 1, 1, SIZE)
-            basis = self._checker.expansion(
-                unit.expand(-1, *log_preview.shape[:-1], -1), log_preview
-            )
-        rows = x.reshape(-1, x.shape[-1]).double().numpy()
-        functions = basis.reshape(SIZE, len(rows), -1).transpose(0, 1).double().numpy()
-        return np.concatenate([np.ones((len(rows), 1)), rows], axis=1), functions
+        x, basis, _ = cell_features(self._checker, phi, bends)
+        rows = x.double().numpy()
+        return np.concatenate([np.ones((len(rows), 1)), rows], axis=1), basis.double().numpy()
 
     def fit(self, runs: Sequence[NewRenders]) -> Correction:
         """Return the correction of greatest evidence to all ``runs``.

@@ -81,28 +81,37 @@ def preview_checker(scene: Scene, grid: PreviewGrid) -> Checker:
 
 def build_rows(scene: Scene, grid: PreviewGrid, cells: Cells) -> Rows:
     """Return the regression rows of ``cells`` on top of the preview ``grid``."""
-    checker = preview_checker(scene, grid)
-    phi = torch.as_tensor(cells.phi, dtype=torch.float32)
-    bend = torch.as_tensor(cells.bends, dtype=torch.float32).expand(len(phi), -1)
-    with torch.no_grad():
-        log_preview = checker.preview(phi, bend)
-        x = checker.inputs(phi, bend, log_preview)
-        # One member for every basis function, with 1 for its coefficient.
-        unit = torch.eye(SIZE).reshape(SIZE, SIZE, 1, 1, 1, 1)
-        unit = unit.expand(-1, -1, *log_preview.shape[1:])
-        basis = checker.expansion(unit, log_preview)
+    rows, basis, log_preview = cell_features(preview_checker(scene, grid), cells.phi, cells.bends)
     normals = len(log_preview)
-    rows = x.reshape(len(x), -1).t().contiguous()
     log_cells = log_preview.movedim(0, -1).double().numpy()
     preview = np.exp(log_cells)
     noise = smooth_noise(cells.transport, cells.error, rows.double().numpy())
     return Rows(
         x=rows,
-        basis=basis.reshape(SIZE, normals, -1).permute(2, 0, 1).contiguous(),
+        basis=basis,
         ratio=torch.as_tensor(cells.transport / preview, dtype=torch.float32).reshape(-1, normals),
         noise=torch.as_tensor(noise, dtype=torch.float32).reshape(-1, normals),
         log_preview=log_cells,
     )
+
+
+def cell_features(checker: Checker, phi: Array, bends: Array) -> tuple[Tensor, Tensor, Tensor]:
+    """Return inputs ``(row, input)``, basis ``(row, output, normal)`` and the log preview.
+
+    Rows run over ``(direction, fiber, bend, site)`` for ``phi`` ``(direction, fiber)`` and
+    ``bends`` ``(bend,)`` rad; the log preview is ``(normal, direction, fiber, bend, site)``.
+    """
+    at = torch.as_tensor(phi, dtype=torch.float32)
+    bend = torch.as_tensor(bends, dtype=torch.float32).expand(len(at), -1)
+    with torch.no_grad():
+        log_preview = checker.preview(at, bend)
+        x = checker.inputs(at, bend, log_preview)
+        # One member for every basis function, with 1 for its coefficient.
+        unit = torch.eye(SIZE).reshape(SIZE, SIZE, 1, 1, 1, 1)
+        basis = checker.expansion(unit.expand(-1, -1, *log_preview.shape[1:]), log_preview)
+    rows = x.reshape(len(x), -1).t().contiguous()
+    functions = basis.reshape(SIZE, len(log_preview), -1).permute(2, 0, 1).contiguous()
+    return rows, functions, log_preview
 
 
 def smooth_noise(transport: Array, error: Array, x: Array) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optimize.colors.result import canonical
 from optimize.design import Design, baseline_design
 from optimize.evaluate import TableScorer
 from optimize.proposals import propose, random_design, same_design
@@ -173,6 +174,9 @@ def test_proposals_are_new_and_differ(small: Scene, table: TransportTable) -> No
         scorer, base, edges=fiber_edges(small), seed=4, known=[entry.design for entry in first]
     )
     assert not again
+    twin = first[0].design.colours[::-1]
+    other = first[1].design.colours
+    assert canonical(twin[None]).tolist() != canonical(other[None]).tolist()
     assert not same_design(random_design(scorer, 1), random_design(scorer, 2))
 
 

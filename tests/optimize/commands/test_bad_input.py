@@ -242,7 +242,7 @@ def test_a_device_for_another_method_or_that_is_not_there(
 def test_weights_and_noise_that_are_no_numbers(
     refused: Callable[..., str], design: Path, small_scene: Path
 ) -> None:
-    assert "finite weight" in refused("explore", small_scene, "--shadow", "nan")
+    assert "finite weight" in refused("explore", small_scene, "--shadow", "inf")
     words = ["reconstruct", design, "--scene", small_scene]
     assert "finite number" in refused(*words, "--read-noise", "inf")
 

@@ -120,3 +120,37 @@ def test_the_searched_table_scores_as_the_model_does(small_model: Path) -> None:
     direct = checker.run(phi, power, np.array(checker.metadata.scene_bends))["score"]
     table = [scorer.score(p, q) for p, q in zip(phi, power, strict=True)]
     assert np.abs(table - direct).max() < 0.2
+
+
+def test_it_refines_for_tolerances_and_shadows_within_constraints(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    scene = tmp_path / "built.toml"
+    scene.write_text(
+        small_scene.read_text()
+        + """
+[constraints]
+max_red = 2
+power_green = { value = 0.5, source = "driver" }
+[[constraints.fixed]]
+fiber = 4
+colour = "blue"
+angle = { value = 70.0, unit = "deg", source = "mounted" }
+[tolerances]
+led_power = { distribution = "normal", deviation = 0.1, unit = "relative", source = "x" }
+fiber_angle = { distribution = "uniform", deviation = 4.0, unit = "deg", source = "x" }
+"""
+    )
+    words = ["explore", scene, "--model", small_model, "--robust", "spread", "--shadow", 1.0]
+    done = tactilux(*words, "--out", "run", "--json")
+    assert done.code == 0, done.err
+    study = json.loads(done.out)["study"]
+    assert set(study["robust"]) == {"baseline", "colours", "optimized", "refined"}
+    assert study["shadow_penalty"]["refined"] <= study["shadow_penalty"]["optimized"]
+    assert {entry["name"] for entry in study["sensitivities"]} == {"led_power", "fiber_angle"}
+    design = json.loads((tmp_path / "run" / "design.json").read_text())
+    assert design["colours"].count("red") <= 2
+    assert design["colours"][4] == "blue"
+    assert design["angles_deg"][4] == pytest.approx(70.0)
+    assert max(power[1] for power in design["power"]) <= 0.5
+    assert "sensors as built" in (tmp_path / "run" / "report.html").read_text()
