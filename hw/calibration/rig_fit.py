@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from hw.calibration.fit import Calibration, calibrate
 from hw.calibration.material import Material
-from hw.calibration.material_table import MaterialTable, load_table, material_table, table_key
+from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.measurement import LineReader, Measurement
 from hw.calibration.reference_lines import reference_lines
 from hw.correction import Correction, surrogate_correction
@@ -24,7 +23,6 @@ from surrogate.checker import Checker
 
 DISCREPANCY = 0.015
 """Relative error of the corrected preview where the surrogate says nothing about it."""
-TABLE_FILE = "materials.npz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,26 +47,20 @@ def line_model(
     checker: Checker,
     phi: Array,
     bends: Array,
-    folder: Path,
     progress: Callable[[int, int], None] | None = None,
 ) -> Model:
     """Return the model of the reference lines.
 
-    The table comes with the surrogate where the directions and bends are those it was made for;
-    others are drawn, which takes minutes, and kept in the user's cache.
+    The table is drawn when it is first needed, which takes minutes, and kept in the user's cache.
 
     Arguments:
         scene: the surrogate's own.
         checker: the surrogate.
         phi: ``(fiber,)`` rad.
         bends: ``(bend,)`` rad.
-        folder: of the surrogate.
         progress: called with materials drawn and all of them.
     """
-    shipped = folder / TABLE_FILE
-    table = load_table(shipped) if shipped.exists() else None
-    if table is None or table.key != table_key(scene, phi, bends):
-        table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
+    table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
     correction = surrogate_correction(scene, checker, phi, bends)
     position = reference_lines(scene).position
     log_correction = np.stack(

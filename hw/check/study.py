@@ -53,7 +53,7 @@ class RigSpread:
     shift: float = 0.002
     pixel_noise: float = 2.55
     pixels: int = 700
-    frames: int = 4
+    frames: int = 16
 
     @property
     def noise(self) -> float:

@@ -45,7 +45,7 @@ class Tolerances:
 AS_DESIGNED = Tolerances()
 """A rig whose sweep is compared with the model alone."""
 COMMISSIONED = Tolerances(
-    power=0.04, turn=float(np.radians(0.75)), model=0.0025, gain=0.03, fault=0.03
+    power=0.034, turn=float(np.radians(0.6)), model=0.0023, gain=0.03, fault=0.1
 )
 """A rig whose sweep is compared with how it looked when it was known to be healthy."""
 WAYS = {

@@ -101,10 +101,9 @@ def calibrate_sets(
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     additivity = require_linearity(linearity_sets, noise)
-    folder = find_model(scene.name, model)
-    checker = Checker.load(folder, scene.hash)
+    checker = Checker.load(find_model(scene.name, model), scene.hash)
     with Meter("Drawing materials") as meter:
-        lines = line_model(scene, checker, lighting.phi, bends, folder, meter)
+        lines = line_model(scene, checker, lighting.phi, bends, meter)
     measurements = measure(scene, sets, bends, noise)
     note(f"Fitting {len(measurements)} photographs of {scene.name}")
     found = fit_rig(scene, lines, measurements)

@@ -33,6 +33,8 @@ from surrogate.checker import Checker
 if TYPE_CHECKING:
     from hw.commands.wiring import Wiring
 
+FRAMES = 16
+"""Photographs that are averaged for each fiber of a live sweep: ten seconds at 30 a second."""
 FAULTY = 1
 """Exit code of a rig with a fault; 2 is bad input."""
 
@@ -74,7 +76,7 @@ def run(
         if camera is not None:
             from hw.commands.capture import Shot, live
 
-            seen = live(scene, lighting, Shot(camera, lens), wiring)
+            seen = live(scene, lighting, Shot(camera, lens, frames=FRAMES), wiring)
         else:
             assert capture is not None
             seen = _read(capture, scene, gamma)
