@@ -20,15 +20,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.aim_lobe import AimLobe
 from render.connect import cast, optical_depth
 from render.scene import Scene
 from render.segments import Aim
 from render.vertex import Vertex, area_factor, extinction, scatter
 
-# Degrees of freedom of the bivariate t distribution: heavy tails for imperfect mirror images.
-TAIL = 3.0
-# Widths relative to a Beckmann lobe's standard deviation, and their least value in radians.
-WIDEN, LEAST = 1.2, 0.01
 # Below this curvature (1/mm) times 1 mm the mirror is taken to be flat.
 FLAT = 1e-4
 
@@ -73,38 +70,18 @@ class Bridge:
         image, normal, _, _ = self._mirror(y, a)
         return image, normal
 
-    def _lobe(self, a: Any, y: Any) -> tuple[Any, Any, Any, Any, Any]:
-        """Return axis, the two tangents and the two widths of the aim."""
+    def _lobe(self, a: Any, y: Any) -> AimLobe:
+        """Return the aim from ``a`` at the mirror image of ``y``."""
         image, normal, height_a, height_y = self._mirror(a, y)
-        reach = dr.norm(image - a)
-        axis = (image - a) / dr.maximum(reach, 1e-6)
-        across = dr.cross(axis, normal)
-        across = dr.select(
-            dr.squared_norm(across) > 1e-8, dr.normalize(across), mi.Vector3f(1, 0, 0)
-        )
-        along = dr.normalize(dr.cross(across, axis))
-        across = dr.cross(axis, along)
-        total = dr.maximum(height_a + height_y, 1e-6)
-        wide = 2.0 * WIDEN * self._constant(3) * height_y / total
-        cosine = dr.minimum(total / dr.maximum(reach, 1e-6), 1.0)
-        return axis, along, across, dr.maximum(wide, LEAST), dr.maximum(wide * cosine, LEAST)
+        return AimLobe.towards(a, image, normal, height_a, height_y, self._constant(3))
 
     def sample(self, a: Any, y: Any, u: Any, v: Any) -> Any:
         """Return directions from ``a`` that reach the surroundings of the mirrored ``y``."""
-        axis, along, across, wide, narrow = self._lobe(a, y)
-        radius = dr.sqrt(TAIL * (dr.power(dr.maximum(1.0 - u, 1e-7), -2.0 / TAIL) - 1.0))
-        sin, cos = dr.sincos(2.0 * dr.pi * v)
-        return dr.normalize(axis + radius * cos * wide * along + radius * sin * narrow * across)
+        return self._lobe(a, y).sample(u, v)
 
     def density(self, a: Any, y: Any, direction: Any) -> Any:
         """Return the density per solid angle with which ``sample`` finds ``direction``."""
-        axis, along, across, wide, narrow = self._lobe(a, y)
-        forward = dr.dot(direction, axis)
-        s, t = dr.dot(direction, along) / forward, dr.dot(direction, across) / forward
-        spread = 1.0 + (dr.square(s / wide) + dr.square(t / narrow)) / TAIL
-        plane = dr.power(spread, -0.5 * (TAIL + 2.0)) / (2.0 * dr.pi * wide * narrow)
-        cube = 1.0 + dr.square(s) + dr.square(t)
-        return dr.select(forward > 1e-3, plane * cube * dr.sqrt(cube), 0.0)
+        return self._lobe(a, y).density(direction)
 
     def area_density(self, a: Any, b: Any, normal: Any, y: Any) -> Any:
         """Return the density per area with which the bridge from ``a`` to ``y`` finds ``b``."""

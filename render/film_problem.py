@@ -10,7 +10,10 @@ import mitsuba as mi
 from render.chains import Deposit
 from render.emission import Emission
 from render.errors import RenderError
-from render.film_paths import Limits, camera_part, light_part
+from render.film_bridge import Mirrors
+from render.film_camera import camera_part
+from render.film_light import light_part
+from render.film_paths import Limits
 
 CAMERA_STORED = 16
 LIGHT_STORED = 24
@@ -36,6 +39,7 @@ class FilmProblem:
         _refuse_heterogeneous(scene, sensor)
         self.scene, self.sensor, self.limits = scene, sensor, limits
         self.emission = Emission(scene)
+        self.mirrors = Mirrors.of(scene)
         self.width, self.height = (int(n) for n in sensor.film().crop_size())
         self.bins = self.width * self.height
         self.channels = len(mi.Spectrum(0.0))
@@ -56,10 +60,10 @@ class FilmProblem:
         medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
         part = camera_part(
             self.scene, self.emission, ray, medium, dr.mean(importance),
-            beta + dr.zeros(mi.Spectrum, dr.width(x)), camera, self.limits,
+            beta + dr.zeros(mi.Spectrum, dr.width(x)), camera, self.limits, self.mirrors,
         )  # fmt: skip
         joined, splat, where = light_part(
-            self.scene, self.sensor, self.emission, part, light, self.limits
+            self.scene, self.sensor, self.emission, part, light, self.limits, self.mirrors
         )
         # A film position has density 1, a pixel the share 1 / bins.
         here = [value * self.bins for value in part.radiance + joined]

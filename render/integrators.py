@@ -7,11 +7,16 @@ and homogeneous media. ``bdpt`` is the same sampler without Metropolis: plain Mo
 Parameters, named as in Mitsuba 0.6 where it has them:
 
 - ``max_depth`` (-1): greatest number of path edges; ``rr_depth`` (5).
-- ``luminance_samples`` (100000), ``p_large`` (0.3), ``chains`` (16384): Metropolis only.
+- ``luminance_samples`` (100000), ``p_large`` (0.6), ``chains`` (16384): Metropolis only.
 - ``replicates`` (8): independent groups, for the error bars.
 - ``error_bars`` (false): append one channel per colour with the standard error of each pixel.
 
 Samples per pixel are mutations per pixel. Pixels are box-filtered.
+
+Metropolis flattens its target by a smoothed pilot image. It still costs more than ``bdpt`` where
+paths are well sampled: on the slab scene of tests/validation (64 samples per pixel, 8x8 blocks,
+squared relative error x seconds) 0.27, 0.14 and 0.16 at ``p_large`` 0.3, 0.6 and 0.9, against 0.02
+for ``bdpt``. The bootstrap's noise is part of that: raise ``luminance_samples`` with the samples.
 """
 
 from __future__ import annotations
@@ -21,6 +26,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from render.bending import Array
 from render.errors import RenderError
@@ -32,6 +38,8 @@ from render.monte_carlo import plain_replicates
 CHUNK = 8
 LANES = 1 << 16
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
+# Samples under the kernel that smooths the pilot, and the least level relative to the mean.
+ENOUGH, DARK = 256.0, 0.02
 
 
 class Bidirectional(mi.SamplingIntegrator):
@@ -94,6 +102,17 @@ def _number(seed: Any) -> int:
     return int(value)
 
 
+def _level(pilot: Array, samples: float) -> Array:
+    """Return the smoothed ``pilot`` ``(row, column)`` of so many samples, with dark parts lifted.
+
+    The chains then visit all pixels alike; where it is 0 everywhere, the bootstrap says so.
+    """
+    # About ENOUGH samples under the kernel, and a few pixels at least.
+    width = max(3.0, np.sqrt(ENOUGH * pilot.size / (4 * np.pi * samples)))
+    smooth = gaussian_filter(pilot, width, mode="nearest")
+    return np.asarray(np.maximum(smooth, DARK * pilot.mean()) + np.finfo(np.float32).tiny)
+
+
 class PSSMLT(Bidirectional):
     """Primary sample space Metropolis light transport."""
 
@@ -101,11 +120,11 @@ class PSSMLT(Bidirectional):
         """Read the Metropolis parameters."""
         Bidirectional.__init__(self, props)
         self.luminance_samples = int(props.get("luminance_samples", 100_000))
-        self.p_large = float(props.get("p_large", 0.3))
+        self.p_large = float(props.get("p_large", 0.6))
         self.chains = int(props.get("chains", 16384))
 
     def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
-        """Run the chains; the target is luminance."""
+        """Run the chains; the target is luminance over that of a smoothed pilot image."""
         settings = Settings(
             self.chains, self.luminance_samples, self.p_large, self.replicates, seed
         )
@@ -115,8 +134,9 @@ class PSSMLT(Bidirectional):
                 field="emitter",
             )
         chains = Chains(problem, settings)
-        weights = [1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722]
-        chains.bootstrap(np.tile(weights, (problem.bins, 1)))
+        weights = np.array([1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722])
+        pilot = (chains.pilot() @ weights).reshape(problem.height, problem.width)
+        chains.bootstrap(weights / _level(pilot, self.luminance_samples / 2).reshape(-1, 1))
         chains.mutate(CHUNK * max(1, round(spp * problem.bins / settings.chains / CHUNK)))
         return chains.estimate()
 

@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from render.vertex import (
     RATIO_MAX,
+    OpenVertex,
     Vertex,
     area_factor,
     extinction,
@@ -64,6 +65,13 @@ class Head:
     vc: Any
     sigma_from: Any
     from_volume: Any
+
+
+@dataclass
+class OpenHead(Head):
+    """The head of a subpath of ``OpenVertex``."""
+
+    vc_open: Any
 
 
 def start(o: Any, d: Any, medium: Any, beta: Any, vcm: Any, vc: Any, sample: Any) -> Head:
@@ -131,6 +139,9 @@ def advance(scene: Any, head: Head, active: Any) -> tuple[Head, Vertex, Any, Any
     vertex.vc = dr.minimum(head.vc * reverse / density, RATIO_MAX)
     vertex.vcm = dr.select(head.vcm > 0, vertex.vcm, 0.0)
     vertex.vc = dr.select(head.vc > 0, vertex.vc, 0.0)
+    if isinstance(head, OpenHead):
+        opened = dr.minimum(head.vc_open * reverse / density, RATIO_MAX)
+        vertex = OpenVertex(**vars(vertex), vc_open=dr.select(head.vc_open > 0, opened, 0.0))
     head.sigma_from = dr.select(arrived, sigma_t, head.sigma_from)
     head.from_volume = dr.select(arrived, volume, head.from_volume)
     beyond = si.spawn_ray(head.d)
@@ -174,11 +185,12 @@ def bounce(
     weight = dr.select(v.volume, mi.Spectrum(phase_weight), weight)
     if aim is not None:
         wo = dr.select(aim.chosen(v, lobe), aim.direction(v, x, y), wo)
-        value, plain, back_pdf = scatter(v, wo, mode, active & aim.guided(v))
+        value, plain, guided_back = scatter(v, wo, mode, active & aim.guided(v))
         mixed = aim.mixed(v, wo, plain)
         pdf = dr.select(aim.guided(v), mixed, pdf)
-        reverse = dr.select(aim.guided(v), back_pdf, reverse)
+        reverse = dr.select(aim.guided(v), guided_back, reverse)
         weight = dr.select(aim.guided(v), value / mixed, weight)
+    back_pdf = reverse
     reverse = dr.select(v.terminal, 0.0, reverse)
     beta = v.beta * weight
     alive = active & (dr.max(beta) > 0) & (pdf > 0)
@@ -188,10 +200,16 @@ def bounce(
     vcm = dr.select(delta, 0.0, dr.minimum(1.0 / pdf, RATIO_MAX))
     origin, medium = leave(v, wo)
     after = start(origin, wo, medium, beta, vcm, vc, free)
+    if isinstance(v, OpenVertex):
+        opened = cosine / pdf * (v.vc_open * back_pdf + v.vcm)
+        opened = dr.select(delta, cosine * v.vc_open, opened)
+        opened = dr.minimum(dr.select(v.vcm + v.vc_open > 0, opened, 0.0), RATIO_MAX)
+        after = OpenHead(**vars(after), vc_open=opened)
     after.sigma_from, after.from_volume = head.sigma_from, head.from_volume
     return pick(alive, after, head), alive
 
 
 def pick(condition: Any, a: Head, b: Head) -> Head:
     """Return the head ``a`` where ``condition`` holds, else ``b``."""
-    return Head(**{k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(a)})
+    picked = {k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(b)}
+    return type(b)(**picked)

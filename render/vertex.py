@@ -8,7 +8,7 @@ outgoing direction; a volume vertex its phase function. Densities are per solid 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -46,6 +46,16 @@ class Vertex:
     weight: Any
 
 
+@dataclass
+class OpenVertex(Vertex):
+    """A light vertex whose sums also come as if no vertex were terminal (``vc_open``).
+
+    For samplers whose camera subpaths pass some volumes and end in others.
+    """
+
+    vc_open: Any
+
+
 def empty_vertex() -> Vertex:
     """Return a vertex with weight 0, for loops that have not found one yet."""
     return Vertex(
@@ -69,9 +79,13 @@ def empty_vertex() -> Vertex:
     )
 
 
-def choose(condition: Any, a: Vertex, b: Vertex) -> Vertex:
+_V = TypeVar("_V", bound="Vertex")
+
+
+def choose(condition: Any, a: _V, b: _V) -> _V:
     """Return ``a`` where ``condition`` holds, else ``b``."""
-    return Vertex(**{k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(a)})
+    chosen = {k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(b)}
+    return type(b)(**chosen)
 
 
 def surface_interaction(v: Vertex) -> Any:

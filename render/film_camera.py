@@ -1,0 +1,121 @@
+"""Camera subpaths of the film sampler: what they find alone, and what they keep for joins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from render.emission import Emission
+from render.film_bridge import Mirrors, Trail, counted, is_smooth
+from render.film_paths import EVENTS, SPARE, Limits, survive
+from render.primary import Stream
+from render.segments import advance, bounce, start
+from render.vertex import Vertex, choose, empty_vertex
+
+# How much less often bridges start from a smooth vertex behind another one.
+LATER = 0.25
+
+
+@dataclass
+class Kept:
+    """A camera vertex for joins, behind ``edges`` edges (a Dr.Jit PyTree).
+
+    ``before`` is the point before it; ``waiting`` says that it is glossy after a smooth vertex,
+    ``closed`` that the camera subpath has met a diffuse surface, here or before.
+    """
+
+    vertex: Vertex
+    edges: Any
+    before: Any
+    waiting: Any
+    closed: Any
+
+    @staticmethod
+    def empty() -> Kept:
+        """Return one of weight 0."""
+        none = mi.Bool(False)
+        return Kept(empty_vertex(), mi.UInt32(0), dr.zeros(mi.Point3f), none, none)
+
+    def replaced(self, condition: Any, v: Vertex, edges: Any, trail: Trail, closed: Any) -> Kept:
+        """Return ``v``, which ends ``trail``, where ``condition`` holds; else this."""
+        return Kept(
+            choose(condition, v, self.vertex),
+            dr.select(condition, edges, self.edges),
+            dr.select(condition, trail.before, self.before),
+            dr.select(condition, trail.waiting, self.waiting),
+            dr.select(condition, closed, self.closed),
+        )
+
+
+@dataclass
+class CameraPart:
+    """What a camera subpath found by itself, and the vertices that it keeps for joins.
+
+    ``main`` is the first smooth vertex, ``other`` one of all the rest, ``anchor`` the smooth vertex
+    that bridges start from.
+    """
+
+    radiance: Any
+    main: Kept
+    other: Kept
+    anchor: Kept
+
+
+@dr.syntax
+def camera_part(
+    scene: Any, emission: Emission, ray: Any, medium: Any, density: Any, beta: Any,
+    stream: Stream, limits: Limits, mirrors: Mirrors | None,
+) -> CameraPart:  # fmt: skip
+    """Trace camera subpaths along ``ray``, which was drawn with ``density`` per solid angle."""
+    main, other, anchor = Kept.empty(), Kept.empty(), Kept.empty()
+    trail = Trail.empty()
+    others, starts, of_anchor = mi.Float(0.0), mi.Float(0.0), mi.Float(1.0)
+    radiance = mi.Spectrum(0.0)
+    most, roulette = limits.edges(), limits.roulette()
+    free = stream.event(mi.UInt32(1))[0]
+    head = start(ray.o, ray.d, medium, beta, dr.rcp(density), mi.Float(0.0), free)
+    closed = mi.Bool(False)
+    event, edges = mi.UInt32(2), mi.UInt32(1)
+    active = dr.full(mi.Bool, True, dr.width(ray.o))
+    while active:
+        head, v, arrived, escaped = advance(scene, head, active)
+        # Light subpaths of one vertex are not projected: nothing competes with the first hit.
+        competing = dr.select(edges == 1, 0.0, v.vcm)
+        radiance += emission.seen(v, competing, arrived)
+        v.vcm = counted(mirrors, v, trail, arrived, from_camera=True)
+        v.terminal = v.terminal & closed
+        closed |= arrived & v.diffuse
+        trail = trail.then(v, arrived)
+        smooth = arrived & ~v.delta
+        spare = stream.event(event + SPARE)
+        allowed = smooth & (edges < most)
+        radiance += emission.direct(scene, v, spare[0], mi.Point2f(spare[1], spare[2]), allowed)
+        # Reservoirs of size 1: one of the other vertices, and one where bridges start.
+        wide = smooth & is_smooth(v)
+        begins = wide & (main.vertex.weight == 0)
+        main = main.replaced(begins, v, edges, trail, closed)
+        rest = smooth & ~begins
+        others += dr.select(rest, 1.0, 0.0)
+        taken = rest & (spare[3] * others < 1.0)
+        other = other.replaced(taken, v, edges, trail, closed)
+        roulette_numbers = stream.event(event + 2 * SPARE)
+        likely = dr.select(begins, 1.0, LATER)
+        starts += dr.select(wide, likely, 0.0)
+        taken = wide & (roulette_numbers[1] * starts < likely)
+        anchor = anchor.replaced(taken, v, edges, trail, closed)
+        of_anchor = dr.select(taken, likely, of_anchor)
+        numbers = stream.event(event)
+        going = arrived & ~v.terminal & (edges < most)
+        head, alive = bounce(head, v, mi.TransportMode.Radiance, numbers, going)
+        weight = survive(head.beta, edges, roulette, roulette_numbers[0])
+        head.beta = dr.select(alive, head.beta * weight, head.beta)
+        alive = alive & (weight > 0)
+        active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS)
+        edges += dr.select(arrived, 1, 0)
+        event += 1
+    other.vertex.weight = others
+    anchor.vertex.weight = starts / of_anchor
+    return CameraPart(radiance, main, other, anchor)
