@@ -50,6 +50,9 @@ BLACK = {("coating.albedo", "low")}
 def ranges() -> Iterator[tuple[str, Range]]:
     """Yield every physical value of a scene file with its range."""
     for part, field in Scene.model_fields.items():
+        # What a builder may choose lights nothing by itself.
+        if part in ("constraints", "tolerances"):
+            continue
         for kind in (field.annotation, *getattr(field.annotation, "__args__", ())):
             for name, value in getattr(kind, "model_fields", {}).items():
                 yield from (
