@@ -89,7 +89,8 @@ def baseline_design(scene: Scene) -> Design:
 class Rating:
     """How good a design is, at which level of the ladder, under which conventions.
 
-    All scores are in counts; ``interval`` is the 95 % interval of ``score``.
+    All scores are in counts; ``interval`` is that of ``score``: 90 % on the surrogate, 95 % from
+    renders.
     """
 
     level: Level
