@@ -15,7 +15,7 @@ from render.camera_rays import pixel_rays
 from render.cell_problem import Targets
 from render.chains import LIGHT_EVENTS
 from render.emission import Emission
-from render.film_paths import project
+from render.film_light import project
 from render.primary import Hashed
 from render.scene import Scene
 from render.segments import advance, bounce, start
