@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from optimize.cli import Json, Model, Scene, Seed, app, main
+from optimize.cli import Bend, Design, DesignFile, Json, Model, Scene, Seed, app, main
 
 rig = typer.Typer(
     name="hw",
@@ -47,7 +47,12 @@ SceneOption = Annotated[str, typer.Option(help="Name of a shipped scene, or a TO
 Lens = Annotated[
     Path | None, typer.Option(help="Fisheye lens, a TOML file (default: photographs are pinhole).")
 ]
-DesignFile = Annotated[Path, typer.Argument(help="The design.json that explore wrote.")]
+Gamma = Annotated[
+    float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
+]
+Noise = Annotated[
+    float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
+]
 
 
 @rig.command()
@@ -163,19 +168,13 @@ def calibrate(
         Path | None, typer.Option(help="Folder of a sweep with all fibers together as well.")
     ] = None,
     scene: SceneOption = "finger20",
-    design: Annotated[
-        Path | None, typer.Option(help="A design.json (default: the baseline design).")
-    ] = None,
+    design: Design = None,
     model: Model = None,
     out: Annotated[
         Path | None, typer.Option(help="Result directory (default: runs/<scene>-calibrate).")
     ] = None,
-    gamma: Annotated[
-        float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
-    ] = 1.0,
-    noise: Annotated[
-        float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
-    ] = 2.55,
+    gamma: Gamma = 1.0,
+    noise: Noise = 2.55,
     mutations: Annotated[
         int, typer.Option(min=0, help="Per cell of the confirming renders (0: none).")
     ] = 100,
@@ -204,12 +203,8 @@ def calibrate(
 def linearity(
     sweep: Annotated[Path, typer.Argument(help="Folder of a sweep with all fibers together.")],
     scene: SceneOption = "finger20",
-    gamma: Annotated[
-        float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
-    ] = 1.0,
-    noise: Annotated[
-        float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
-    ] = 2.55,
+    gamma: Gamma = 1.0,
+    noise: Noise = 2.55,
     json: Json = False,
 ) -> None:
     """Test whether light adds up in the photographs of a sweep."""
@@ -272,9 +267,7 @@ def recall(
 @app.command()
 def check(
     scene: Scene = "finger20",
-    design: Annotated[
-        Path | None, typer.Option(help="A design.json (default: the baseline design).")
-    ] = None,
+    design: Design = None,
     capture: Annotated[
         Path | None, typer.Option(help="Photograph with all fibers lit, or the folder of a sweep.")
     ] = None,
@@ -286,15 +279,9 @@ def check(
     commission: Annotated[
         Path | None, typer.Option(help="Write such a record from this sweep.")
     ] = None,
-    bend: Annotated[
-        float, typer.Option(min=0.0, max=180.0, help="Total bending angle in degrees.")
-    ] = 0.0,
-    gamma: Annotated[
-        float, typer.Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
-    ] = 1.0,
-    noise: Annotated[
-        float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
-    ] = 2.55,
+    bend: Bend = 0.0,
+    gamma: Gamma = 1.0,
+    noise: Noise = 2.55,
     model: Model = None,
     port: Port = None,
     protocol: Protocol = Speech.LINES,

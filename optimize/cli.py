@@ -65,6 +65,13 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Model = Annotated[
     Path | None, typer.Option(help="Folder with checker.onnx (default: models/<scene>).")
 ]
+Design = Annotated[Path | None, typer.Option(help="A design.json (default: the baseline design).")]
+DesignFile = Annotated[Path, typer.Argument(help="The design.json that explore wrote.")]
+RatedDesign = Annotated[Path, typer.Argument(help="A rated design.json.")]
+DesignScene = Annotated[
+    str | None, typer.Option(help="Scene file, where the design's scene is not a shipped one.")
+]
+Bend = Annotated[float, typer.Option(min=0.0, max=180.0, help="Total bending angle in degrees.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random choices.")]
 
 
@@ -119,10 +126,8 @@ def explore(
 
 @app.command()
 def verify(
-    design: Annotated[Path, typer.Argument(help="The design.json that explore wrote.")],
-    scene: Annotated[
-        str | None, typer.Option(help="Scene file, where the design's scene is not a shipped one.")
-    ] = None,
+    design: DesignFile,
+    scene: DesignScene = None,
     model: Model = None,
     mutations: Annotated[
         int | None, typer.Option(min=1, help="Mutations per cell and seed (default: 200).")
@@ -192,7 +197,7 @@ def optimize(
 
 @app.command()
 def sensitivity(
-    design: Annotated[Path, typer.Argument(help="A rated design.json.")],
+    design: RatedDesign,
     scene: Annotated[
         str | None, typer.Option(help="Scene file with the tolerances, where it is not shipped.")
     ] = None,
@@ -212,10 +217,8 @@ def sensitivity(
 
 @app.command()
 def reconstruct(
-    design: Annotated[Path, typer.Argument(help="A rated design.json.")],
-    scene: Annotated[
-        str | None, typer.Option(help="Scene file, where the design's scene is not a shipped one.")
-    ] = None,
+    design: RatedDesign,
+    scene: DesignScene = None,
     model: Model = None,
     read_noise: Annotated[
         float, typer.Option(min=0.0, help="Read noise of the camera in counts.")
@@ -311,12 +314,8 @@ def frontier(
 @app.command()
 def render(
     scene: Scene = "finger20",
-    design: Annotated[
-        Path | None, typer.Option(help="A design.json (default: the baseline design).")
-    ] = None,
-    bend: Annotated[
-        float, typer.Option(min=0.0, max=180.0, help="Total bending angle in degrees.")
-    ] = 0.0,
+    design: Design = None,
+    bend: Bend = 0.0,
     level: Annotated[Level, typer.Option(help="Which renderer draws.")] = Level.PREVIEW,
     out: Annotated[Path | None, typer.Option(help="PNG file to write.")] = None,
 ) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from render.bending import Array
 from render.llvm import VARIANT, mitsuba
-from render.scene import Scene, load_scene
+from render.scene import load_scene
 
 WIDTH, HEIGHT = 96, 160
 # Errors are taken over square blocks of so many pixels, where the coating fills the picture.
@@ -57,18 +57,22 @@ def blocks(picture: Array) -> Array:
     return np.asarray(cut.mean(axis=(1, 3)))
 
 
+def sensor() -> Any:
+    """Return finger20 with all fibers lit, flat, as a Mitsuba scene."""
+    from render.lit_scene import lit_scene
+
+    scene = load_scene("finger20")
+    count = scene.fibers.count
+    return lit_scene(
+        scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
+    )
+
+
 def pictures(
-    scene: Scene, spp: int, seconds: float, say: Callable[[str], None]
+    lit: Any, spp: int, seconds: float, say: Callable[[str], None]
 ) -> tuple[dict[str, list[Shot]], Array]:
     """Return shots at equal samples and at equal time, and the long render they are held to."""
     import mitsuba as mi
-
-    from render.lit_scene import lit_scene
-
-    count = scene.fibers.count
-    lit = lit_scene(
-        scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
-    )
 
     def shoot(integrator: str, samples: int, seed: int) -> Shot:
         say(f"{integrator}, {samples} samples per pixel")
@@ -93,17 +97,12 @@ def pictures(
     return {"equal samples": equal_samples, "equal time": equal_time}, truth.picture
 
 
-def luminance_scale(scene: Scene, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
+def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
     """Return the relative standard deviation of the mean intensity per luminance samples."""
     from render.film_paths import Limits
     from render.film_problem import FilmProblem
-    from render.lit_scene import lit_scene
     from render.monte_carlo import Independent
 
-    count = scene.fibers.count
-    lit = lit_scene(
-        scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
-    )
     problem = FilmProblem(lit, lit.sensors()[0], Limits())
     rows = []
     for wanted in SAMPLES:
@@ -182,10 +181,10 @@ def main(arguments: list[str]) -> None:
 
     chosen.out.mkdir(parents=True, exist_ok=True)
     mitsuba(VARIANT)
-    scene = load_scene("finger20")
-    shots, truth = pictures(scene, chosen.spp, chosen.seconds, say)
+    lit = sensor()
+    shots, truth = pictures(lit, chosen.spp, chosen.seconds, say)
     draw_pictures(shots, truth, chosen.out / "fig32.png")
-    rows = luminance_scale(scene, chosen.most, say)
+    rows = luminance_scale(lit, chosen.most, say)
     draw_scale(rows, chosen.out / "fig33.png")
     numbers = {
         "fig32": [

@@ -45,19 +45,34 @@ def lit_scene(
     """
     with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
         content = pad_shapes(scene, bend, indented, Path(folder))
-        content |= _fibers(scene, phi, power, bend)
-        content["camera"] = _camera(scene, width, height)
+        sigma_v = float(np.degrees(scene.fibers.sigma_v))
+        content |= fiber_disks(
+            scene,
+            phi,
+            bend,
+            {
+                int(i): {"type": "fiber", "sigma_v": sigma_v, "power": float(power[i])}
+                for i in np.nonzero(power > 0)[0]
+            },
+        )
+        content["camera"] = pinhole(scene, width, height, pixel_format="luminance")
         # Unoptimised: the loader would merge equal emitters, and each belongs to one disk.
         return mi.load_dict({"type": "scene", **content}, optimize=False)
 
 
-def _fibers(scene: Scene, phi: Array, power: Array, bend: float) -> dict[str, Any]:
-    """Return a black disk with a ``fiber`` emitter per lit fiber."""
+def fiber_disks(
+    scene: Scene, phi: Array, bend: float, emitters: dict[int, dict[str, Any]]
+) -> dict[str, Any]:
+    """Return a black disk for each fiber in ``emitters``, with the emitter that is given for it.
+
+    ``phi`` is ``(fiber,)`` rad and ``bend`` in rad. Load with ``optimize=False``: Mitsuba would
+    merge equal emitters into one.
+    """
     poses = fiber_poses(scene, bend)
     beams = poses.directions(phi, scene.fibers.tilt)
     transform = mi.ScalarTransform4f()
     disks = {}
-    for i in np.nonzero(power > 0)[0]:
+    for i, emitter in emitters.items():
         centre, beam = poses.position[i], beams[i]
         frame = transform.look_at(
             origin=centre.tolist(), target=(centre + beam).tolist(), up=poses.up[i].tolist()
@@ -67,16 +82,13 @@ def _fibers(scene: Scene, phi: Array, power: Array, bend: float) -> dict[str, An
             "to_world": frame.scale(scene.fibers.diameter / 2),
             # What comes back is lost, as with all light that leaves the silicone.
             "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
-            "emitter": {
-                "type": "fiber",
-                "sigma_v": float(np.degrees(scene.fibers.sigma_v)),
-                "power": float(power[i]),
-            },
+            "emitter": emitter,
         }
     return disks
 
 
-def _camera(scene: Scene, width: int, height: int) -> dict[str, Any]:
+def pinhole(scene: Scene, width: int, height: int, **film: Any) -> dict[str, Any]:
+    """Return the camera as a ``perspective`` sensor; ``film`` adds to its film's parameters."""
     origin = camera_origin(scene)
     ahead = (origin + [0.0, 0.0, 1.0]).tolist()
     return {
@@ -92,6 +104,6 @@ def _camera(scene: Scene, width: int, height: int) -> dict[str, Any]:
             "width": width,
             "height": height,
             "rfilter": {"type": "box"},
-            "pixel_format": "luminance",
+            **film,
         },
     }

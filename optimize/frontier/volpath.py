@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from render.bending import Array
-from render.camera import FacetMasks, camera_origin, facet_masks
-from render.layout import fiber_poses
+from render.camera import FacetMasks, facet_masks
 from render.llvm import mitsuba
 from render.scene import Scene
 
@@ -61,59 +60,37 @@ class PathTracer:
         self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks
     ) -> tuple[Any, tuple[slice, slice]]:
         """Return the lit scene with its sensor, and the part of the film that it records."""
+        from render.lit_scene import fiber_disks, pinhole
         from render.optics import pad_shapes
 
         used = masks.pixel
         row, column = used // masks.columns, used % masks.columns
         crop = (slice(row.min(), row.max() + 1), slice(column.min(), column.max() + 1))
-        origin = camera_origin(self.scene)
-        transform = mi.ScalarTransform4f()
-        poses = fiber_poses(self.scene, bend)
-        beams = poses.directions(phi, self.scene.fibers.tilt)
+        sigma_v = float(np.degrees(self.scene.fibers.sigma_v))
+        emitters = {
+            fiber: {
+                "type": "tinted_fiber",
+                "sigma_v": sigma_v,
+                **dict(zip(("red", "green", "blue"), colour.tolist(), strict=True)),
+            }
+            for fiber, colour in enumerate(power)
+        }
         content: dict[str, Any] = {
             "type": "scene",
-            "sensor": {
-                "type": "perspective",
-                "fov": float(np.degrees(self.scene.camera.field_of_view)),
-                "fov_axis": "y",
-                "near_clip": 1e-3,
-                "to_world": transform.look_at(
-                    origin=origin.tolist(),
-                    target=(origin + [0.0, 0.0, 1.0]).tolist(),
-                    up=[0, 1, 0],
-                ),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": masks.columns,
-                    "height": masks.rows,
-                    "crop_offset_x": int(crop[1].start),
-                    "crop_offset_y": int(crop[0].start),
-                    "crop_width": int(crop[1].stop - crop[1].start),
-                    "crop_height": int(crop[0].stop - crop[0].start),
-                    "rfilter": {"type": "box"},
-                    "pixel_format": "rgb",
-                },
-                "sampler": {"type": "independent"},
-            },
+            "sensor": pinhole(
+                self.scene,
+                masks.columns,
+                masks.rows,
+                crop_offset_x=int(crop[1].start),
+                crop_offset_y=int(crop[0].start),
+                crop_width=int(crop[1].stop - crop[1].start),
+                crop_height=int(crop[0].stop - crop[0].start),
+                pixel_format="rgb",
+            ),
+            **fiber_disks(self.scene, phi, bend, emitters),
         }
-        for fiber, (place, beam) in enumerate(zip(poses.position, beams, strict=True)):
-            tint = dict(zip(("red", "green", "blue"), power[fiber].tolist(), strict=True))
-            content[f"fiber{fiber}"] = {
-                "type": "disk",
-                "to_world": transform.look_at(
-                    origin=place.tolist(),
-                    target=(place + beam).tolist(),
-                    up=poses.up[fiber].tolist(),
-                ).scale(self.scene.fibers.diameter / 2),
-                "emitter": {
-                    "type": "tinted_fiber",
-                    "sigma_v": float(np.degrees(self.scene.fibers.sigma_v)),
-                    **tint,
-                },
-            }
         with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
             content |= pad_shapes(self.scene, bend, True, Path(folder))
-            # Fibers of one colour are equal emitters, which Mitsuba would merge into one.
             return mi.load_dict(content, optimize=False), crop
 
 

@@ -1,17 +1,14 @@
-"""A way to run the program, and photographs of an emulated rig as the model predicts it."""
+"""Photographs of an emulated rig as the model predicts it."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from hw.cli import main
 from hw.projection import pad_positions
 from optimize.design import baseline_design
 from render.bending import Array
@@ -20,39 +17,6 @@ from render.scene import load_scene
 from surrogate.checker import Checker
 
 ROOT = Path(__file__).parents[3]
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a command did."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Result]
-
-
-@pytest.fixture
-def tactilux(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> Run:
-    """Run the program in an empty directory and return exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["tactilux", *map(str, arguments)])
-        capfd.readouterr()
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = int(end.code or 0)
-        said = capfd.readouterr()
-        return Result(code, said.out, said.err)
-
-    return run
 
 
 @pytest.fixture(scope="session")

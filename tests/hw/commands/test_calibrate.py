@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.hw.commands.conftest import Run
+from tests.conftest import Run
 
 SIZE = (360, 600)
 

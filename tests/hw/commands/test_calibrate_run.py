@@ -16,9 +16,9 @@ from hw.calibration.material_table import MaterialTable, _fitted, sobol_material
 from hw.commands.capture import save_photos
 from hw.photo_set import PhotoSet
 from render.scene import load_scene, sources
+from tests.conftest import Run
 from tests.hw.calibration.conftest import BENDS, toy_log_light
 from tests.hw.calibration.test_rig_fit import FLAWS, TRUE, model_of, taken
-from tests.hw.commands.conftest import Run
 
 
 def toy_table() -> MaterialTable:

@@ -16,7 +16,8 @@ from optimize.design import baseline_design
 from render.bending import Array
 from render.scene import load_scene
 from surrogate.checker import Checker
-from tests.hw.commands.conftest import ROOT, Run
+from tests.conftest import Run
+from tests.hw.commands.conftest import ROOT
 
 Photographed = Callable[[Path, Array], Path]
 

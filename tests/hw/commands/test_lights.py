@@ -15,7 +15,7 @@ from hw.emulated.board import EmulatedBoard
 from optimize.design import Design
 from optimize.design_file import save_design
 from render.scene import load_scene
-from tests.hw.commands.conftest import Run
+from tests.conftest import Run
 
 SCENE = load_scene("finger20")
 

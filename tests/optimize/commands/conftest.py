@@ -1,16 +1,12 @@
-"""A small sensor with a real, quickly trained model, and a way to run the program."""
+"""A small sensor with a real, quickly trained model."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from optimize.cli import main
 from render.chebyshev import chebyshev_nodes
 from render.preview import Preview
 from render.scene import Scene, load_scene
@@ -28,18 +24,6 @@ SMALLER = {
     "faces = 10": "faces = 5",
     "value = [0.0, 45.0, 90.0]": "value = [0.0, 45.0]",
 }
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a command did."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Result]
 
 
 @pytest.fixture(scope="session")
@@ -91,24 +75,3 @@ def small_model(
     config = TrainConfig(preview_nodes=(9, 3), fit=quick)
     train(scene, folder, table=small_reference, config=config)
     return folder
-
-
-@pytest.fixture
-def tactilux(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> Run:
-    """Run the program in an empty directory and return exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["tactilux", *map(str, arguments)])
-        capfd.readouterr()
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = int(end.code or 0)
-        said = capfd.readouterr()
-        return Result(code, said.out, said.err)
-
-    return run
