@@ -27,7 +27,7 @@ from render.primary import hashed
 STEP_SMALL, STEP_LARGE = 1.0 / 1024.0, 1.0 / 64.0
 
 
-LIGHT_EVENTS = 4096
+LIGHT_EVENTS = 16384
 """Events by which light subpaths of one chain are apart."""
 LIGHT_SALT = 0x7FEB352D
 """Separates the streams of light and camera subpaths."""

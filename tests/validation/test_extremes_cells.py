@@ -179,5 +179,5 @@ def test_the_bound_on_events_costs_a_known_share_of_the_light_at_the_thickest_la
             f"+- {bars[-1]:.1%}, {time.process_time() - began:.1f} s"
         )
     ratio = levels[0] / levels[1]
-    # Measured: 0.87 +- 0.06. Longer paths than 2048 events carry the rest.
-    assert 0.7 < ratio < 1.0 + 3 * np.hypot(*bars)
+    # With 2048 events it was 0.87 +- 0.06.
+    assert abs(ratio - 1.0) < 3 * np.hypot(*bars)
