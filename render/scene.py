@@ -252,14 +252,18 @@ def shipped_scenes() -> list[str]:
     return sorted(item.name[:-5] for item in folder.iterdir() if item.name.endswith(".toml"))
 
 
-def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
+def scene_text(name_or_path: str | Path) -> str:
+    """Return the TOML text of a shipped scene or a file, as it was written.
+
+    Raises:
+        SceneError: there is no such scene, or its file cannot be read.
+    """
     text_name = str(name_or_path)
     if text_name in shipped_scenes():
-        text = (resources.files("render") / "scenes" / f"{text_name}.toml").read_text()
-        return tomllib.loads(text), text_name
+        return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")
     path = Path(name_or_path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")), str(path)
+        return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise SceneError(
             f"there is no scene {text_name!r}: give the path of a TOML file or one of "
@@ -267,10 +271,20 @@ def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
             field="scene",
             value=text_name,
         ) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SceneError(
-            f"{path} cannot be read as TOML: {error}", field="scene", value=text_name
-        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise _unreadable(text_name, error) from None
+
+
+def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
+    origin = str(name_or_path)
+    try:
+        return tomllib.loads(scene_text(name_or_path)), origin
+    except tomllib.TOMLDecodeError as error:
+        raise _unreadable(origin, error) from None
+
+
+def _unreadable(origin: str, error: Exception) -> SceneError:
+    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene", value=origin)
 
 
 def _sentence(problem: Any) -> str:

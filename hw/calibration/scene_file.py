@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from hw.calibration.fit import Calibration
 from optimize.atomic import write_text
-from render.scene import Scene, load_scene, shipped_scenes
+from render.scene import Scene, load_scene, scene_text
 
 SUFFIX = "-calibrated"
 
@@ -25,7 +24,7 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
         found: the calibration.
         date: ISO date, written beside each value.
     """
-    raw = _raw(source)
+    raw = tomllib.loads(scene_text(source))
     assert scene.diffuser is not None
     ranges = found.intervals.of(found.material.array())
     per_event = 1 / (1 - scene.diffuser.g)
@@ -56,13 +55,6 @@ def save_scene(path: Path, text: str) -> Scene:
     """Write the scene file and return what it holds, read back."""
     write_text(path, text)
     return load_scene(path)
-
-
-def _raw(source: str | Path) -> dict[str, Any]:
-    if str(source) in shipped_scenes():
-        file = resources.files("render") / "scenes" / f"{source}.toml"
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    return tomllib.loads(Path(source).read_text(encoding="utf-8"))
 
 
 def _written(raw: dict[str, Any]) -> str:

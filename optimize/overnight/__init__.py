@@ -1,0 +1,1 @@
+"""The overnight job: renders, refits, searches and verifies through the night, and survives it."""
