@@ -17,7 +17,7 @@ import numpy as np
 from optimize.design import Array, Design
 from optimize.measure import check_seen
 from render.progress import Progress
-from render.reference import render_transport
+from render.reference import RunPads, render_transport
 from render.scene import Scene
 
 
@@ -51,8 +51,12 @@ def reference_renders(
     scene: Scene,
     checkpoint: Path | None,
     progress: Callable[[str, Progress], None] | None = None,
+    runner: RunPads | None = None,
 ) -> RenderDesigns:
-    """Return what renders designs of ``scene`` at level 2, going on from ``checkpoint``."""
+    """Return what renders designs of ``scene`` at level 2.
+
+    It goes on from ``checkpoint``; a ``runner`` runs the jobs elsewhere and keeps its own.
+    """
     bends = np.array(scene.bending.angles)
 
     def render(
@@ -66,6 +70,7 @@ def reference_renders(
             mutations=mutations,
             seeds=seeds,
             checkpoint=checkpoint,
+            runner=runner,
             progress=None if progress is None else lambda state: progress(title, state),
         )
         check_seen(found.replicates)

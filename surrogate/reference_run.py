@@ -14,7 +14,7 @@ import numpy as np
 from render.bending import Array
 from render.chebyshev import chebyshev_nodes
 from render.progress import Progress
-from render.reference import Estimate, render_transport
+from render.reference import Estimate, RunPads, render_transport
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.preview_grid import bend_range
@@ -81,9 +81,13 @@ def make_plan(
 
 
 def render_plan(
-    scene: Scene, plan: RenderPlan, folder: Path, progress: Callable[[Progress], None] | None
+    scene: Scene,
+    plan: RenderPlan,
+    folder: Path,
+    progress: Callable[[Progress], None] | None,
+    runner: RunPads | None = None,
 ) -> Estimate:
-    """Render the cells of ``plan``, going on where ``folder`` stands.
+    """Render the cells of ``plan``, going on where ``folder`` stands, or by ``runner``.
 
     The estimate's ``seconds`` are those of all attempts together.
     """
@@ -94,6 +98,7 @@ def render_plan(
         mutations=plan.mutations,
         seeds=plan.seeds,
         checkpoint=folder / "reference",
+        runner=runner,
         progress=progress,
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from render.chebyshev import chebyshev_nodes
-from render.reference import _Pad, _problem
+from render.pad_job import pad_problem
 from render.scene import Scene, load_scene
 
 REPLICATES = 16
@@ -31,7 +31,7 @@ def scene() -> Scene:
 
 def problem(scene: Scene, nodes: np.ndarray, bend: float = 0.0) -> Any:
     phi = np.tile(nodes, (scene.fibers.count, 1))
-    return _problem(scene, phi, _Pad(0, bend, True, 1, 1, 1))
+    return pad_problem(scene, phi, bend, indented=True)
 
 
 def cost(draw: Callable[[int], np.ndarray]) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import render.reference
+import render.pad_job
 from render.errors import RenderError
 from render.progress import Progress
 from render.reference import Estimate, render_transport
@@ -66,7 +66,7 @@ def test_a_fiber_lights_the_sites_near_it_most(scene: Scene, estimate: Estimate)
 def test_an_interrupted_render_goes_on_and_ends_bit_equal_to_an_unbroken_one(
     scene: Scene, estimate: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(render.reference, "SAVE_SECONDS", 0.0)
+    monkeypatch.setattr(render.pad_job, "SAVE_SECONDS", 0.0)
 
     def stop(progress: Progress) -> None:
         if progress.done >= 0.3 * progress.total:
