@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from render.bending import Array, curvature
 from render.gl import create_context
-from render.layout import facet_normals, flat_sites, pyramid
+from render.imprint import SHADOW, Imprint
 from render.light_paths import LEAST_CURVATURE
 from render.lights import Lights, with_images
 from render.pad_points import PadPoints
@@ -20,8 +20,6 @@ LARGEST = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""
 POINT_COLUMNS = 1024
 """Points per row of their texture."""
-SHADOW = 4.0
-"""How far from its centre a pyramid's shadow is drawn, in units of its radius or its depth."""
 
 
 class Drawing:
@@ -29,14 +27,20 @@ class Drawing:
 
     Arguments:
         scene, lights, points: what is drawn.
+        imprint: what is pressed into its pictures.
         backend: ``osmesa``, ``egl`` or None.
     """
 
     def __init__(
-        self, scene: Scene, lights: Lights, points: PadPoints, backend: str | None
+        self,
+        scene: Scene,
+        lights: Lights,
+        points: PadPoints,
+        imprint: Imprint,
+        backend: str | None,
     ) -> None:
         """Open the context and upload what does not depend on the design."""
-        self._scene, self._lights = scene, lights
+        self._scene, self._lights, self._imprint = scene, lights, imprint
         self._count = len(points.position)
         self._passes: dict[tuple[str, bool, int, bool], Pass] = {}
         self._context: Any = create_context(backend)
@@ -139,7 +143,7 @@ class Drawing:
             if bend > 0:
                 defines["BENT"] = "1"
             if indented:
-                defines["FACES"] = str(self._scene.indenter.faces)
+                defines["FACES"] = str(len(self._imprint.normal))
             parts = ("light_paths.glsl", "shading.glsl", fragment)
             self._passes[key] = Pass(self._context, source(*parts, defines=defines))
         return self._passes[key]
@@ -160,19 +164,19 @@ class Drawing:
         }
 
     def _view(self, size: tuple[int, int]) -> dict[str, Any]:
-        scene = self._scene
+        scene, pressed = self._scene, self._imprint
         tangent = float(np.tan(scene.camera.field_of_view / 2))
-        normals = facet_normals(scene)
-        distance = np.einsum("ki,ki->k", normals, pyramid(scene)[:, 0])
         return {
             "size": (float(size[0]), float(size[1])),
             "tangent": (tangent * size[0] / size[1], tangent),
             "camera": (0.0, scene.camera.y, -scene.camera.distance),
             "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
             "albedo": scene.coating.albedo,
-            "site_first": tuple(flat_sites(scene)[0]),
-            "site_step": (scene.sites.spacing, scene.sites.spacing),
-            "site_count": (float(scene.sites.columns), float(scene.sites.rows)),
-            "longest_shadow": SHADOW * max(scene.indenter.radius, scene.indenter.depth),
-            "facet_planes": [(*n, d) for n, d in zip(normals, distance, strict=True)],
+            "site_first": tuple(pressed.centre[0]),
+            "site_step": (pressed.spacing, pressed.spacing),
+            "site_count": (float(pressed.columns), float(pressed.rows)),
+            "longest_shadow": SHADOW * pressed.size,
+            "facet_planes": [
+                (*n, d) for n, d in zip(pressed.normal, pressed.distance, strict=True)
+            ],
         }

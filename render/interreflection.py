@@ -40,11 +40,12 @@ class Interreflection:
         return np.asarray(direct[:, self.points.first_patch :] @ self.indirect.T)
 
     def below(self, around: Array) -> Array:
-        """Return what the coating around facets adds to them, for its irradiance ``around``.
+        """Return what the coating around facets adds to them, ``(..., facet)``.
 
-        It fills the part of a facet's sky that lies below the coating's plane.
+        ``around`` is its irradiance there. It fills the part of a facet's sky that lies below the
+        coating's plane.
         """
-        part = 0.5 * (1 - np.cos(self.scene.indenter.slope))
+        part = 0.5 * (1 + self.points.normal[: self.points.facets, 2])
         return np.asarray(part * self.scene.coating.albedo * around)
 
 

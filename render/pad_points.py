@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.bending import Array
-from render.layout import facet_normals, flat_sites, pyramid
+from render.imprint import Imprint, pyramids
 from render.scene import Scene
 
 PATCH, LEAST_PART = 0.625, 1 / 16
@@ -51,19 +51,22 @@ class PadPoints:
         return self.first_patch + self.columns * self.rows
 
 
-def pad_points(scene: Scene) -> PadPoints:
-    """Return the points of a scene; the lit edges are those with a diffuser that sends light back.
+def pad_points(scene: Scene, imprint: Imprint | None = None) -> PadPoints:
+    """Return the points of a scene that ``imprint`` (default: the pyramids) presses.
+
+    The lit edges are those with a diffuser that sends light back.
 
     Without a diffuser light leaves through the clear edges, which then have no patches.
     """
-    pad, sites = scene.pad, flat_sites(scene)
+    pad, imprint = scene.pad, imprint or pyramids(scene)
+    sites = imprint.centre
     longest = max(PATCH * pad.thickness, LEAST_PART * max(pad.width, pad.length))
     columns, rows = (int(np.ceil(side / longest)) for side in (pad.width, pad.length))
     x = pad.width * ((np.arange(columns) + 0.5) / columns - 0.5)
     y = pad.length * ((np.arange(rows) + 0.5) / rows - 0.5)
     grid_y, grid_x = (grid.ravel() for grid in np.meshgrid(y, x, indexing="ij"))
-    facet_position = sites[:, None] + pyramid(scene).mean(axis=1)
-    facet_normal = np.broadcast_to(facet_normals(scene), facet_position.shape)
+    facet_position = sites[:, None] + imprint.middle
+    facet_normal = np.broadcast_to(imprint.normal, facet_position.shape)
     down = np.array([0.0, 0.0, -1.0])
     coating = np.stack([grid_x, grid_y, np.full(grid_x.shape, pad.thickness)], axis=-1)
     coating_size = np.tile([pad.width / columns, pad.length / rows], (len(coating), 1))
@@ -74,13 +77,13 @@ def pad_points(scene: Scene) -> PadPoints:
         *(np.broadcast_to(down, part.shape) for part in (sites, coating)),
         edge_normal,
     ]
-    point_size = np.zeros((len(sites) * (scene.indenter.faces + 1), 2))
+    point_size = np.zeros((len(sites) * (len(imprint.normal) + 1), 2))
     return PadPoints(
         np.concatenate(position),
         np.concatenate(normal),
         np.concatenate([point_size, coating_size, edge_size]),
-        scene.sites.count,
-        scene.indenter.faces,
+        len(sites),
+        len(imprint.normal),
         columns,
         rows,
         len(edge_position),

@@ -12,6 +12,7 @@ from render.bending import Array
 from render.chebyshev import interpolation_weights
 from render.drawing import LARGEST, Drawing
 from render.errors import DesignError, GraphicsError
+from render.imprint import Imprint, pyramids
 from render.interreflection import Interreflection, interreflection
 from render.lights import Lights, make_lights
 from render.pad_points import pad_points
@@ -31,6 +32,7 @@ class Preview:
         backend: ``osmesa`` or ``egl``; None takes the first that works.
         cache: folder of cached slab responses; None is the user's cache.
         lights: what the fibers make of the scene, instead of the cached response.
+        imprint: what is pressed into pictures; None is the pyramids, which alone have transport.
 
     Example::
 
@@ -45,15 +47,18 @@ class Preview:
         backend: str | None = None,
         cache: Path | None = None,
         lights: Lights | None = None,
+        imprint: Imprint | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
         self.scene = scene
         self._lights = lights or make_lights(scene, cache)
-        self._points = pad_points(scene)
+        pressed = imprint or pyramids(scene)
+        self._measures = imprint is None
+        self._points = pad_points(scene, pressed)
         self._light: dict[float, Interreflection] = {}
         self._view: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
-        self._drawing: Drawing | None = Drawing(scene, self._lights, self._points, backend)
+        self._drawing: Drawing | None = Drawing(scene, self._lights, self._points, pressed, backend)
 
     def __enter__(self) -> Preview:
         """Return the preview itself."""
@@ -89,6 +94,8 @@ class Preview:
         if phi.ndim == 1:
             phi = np.tile(phi, (fibers, 1))
         self._check(phi, np.asarray(bends))
+        if not self._measures:
+            raise GraphicsError("only the pyramids have transport: make a preview without imprint")
         seen = np.stack([self._seen(phi, float(bend)) for bend in bends], axis=2)
         return seen[..., :-1], seen[..., -1]
 
@@ -153,7 +160,7 @@ class Preview:
             bend: rad in [0, pi].
             width: columns of pixels.
             height: rows of pixels, over which the camera's field of view spreads.
-            indented: pressed by the pyramids, or untouched.
+            indented: pressed by the imprint, or untouched.
 
         x runs to the right and the tip is up; what is not pad is 0.
         """
@@ -174,7 +181,7 @@ class Preview:
         facets, sites = np.split(
             indirect[:, : points.first_patch], [points.sites * points.facets], 1
         )
-        facet = facets.reshape(3, points.sites, points.facets) + light.below(sites)[..., None]
+        facet = facets.reshape(3, points.sites, points.facets) + light.below(sites[..., None])
         return self._open.picture(
             position, emission, coating, facet if indented else None, bend, (width, height)
         )

@@ -69,7 +69,7 @@ def test_bright_faces_multiply_light_but_stay_finite(scene: Scene, points: PadPo
 def test_a_facet_sees_the_coating_around_it(scene: Scene, points: PadPoints) -> None:
     light = solved(scene, points, 0.6, 0.0)
     expected = 0.5 * (1 - np.cos(scene.indenter.slope)) * 0.6
-    np.testing.assert_allclose(light.below(np.array([2.0])), 2 * expected)
+    np.testing.assert_allclose(light.below(np.array([[2.0]]))[0], np.full(10, 2 * expected))
 
 
 def test_interreflection_is_mirror_symmetric(scene: Scene, points: PadPoints) -> None:
