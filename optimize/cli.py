@@ -334,6 +334,16 @@ def describe(scene: Scene = "finger20", json: Json = False) -> None:
 
 
 @app.command()
+def report(
+    run: Annotated[Path, typer.Argument(help="The directory of a finished night.")],
+) -> None:
+    """Write the report of a finished night anew, from its files alone."""
+    from optimize.commands import report as command
+
+    command.run(run)
+
+
+@app.command()
 def colors(
     table: Annotated[Path, typer.Argument(help="Transport table, an .npz file.")],
     method: Annotated[Method, typer.Option(help="Search method.")] = Method.QUICK,

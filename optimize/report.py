@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from itertools import pairwise
 from typing import Any
 
-import jinja2
-import numpy as np
-
-from optimize.drawings import INK
+from optimize.page import (
+    bend_titles,
+    clipping_warning,
+    data_uri,
+    monochrome_warning,
+    render_page,
+    stage_pictures,
+    wiring_sheet,
+)
 from optimize.stages import Stage
-from render.layout import fiber_edges, flat_fiber_poses
 from render.scene import Scene
 
 
@@ -47,15 +49,7 @@ class ReportContent:
 
 def render_report(content: ReportContent) -> str:
     """Return the report as HTML with every picture inside as a data URI."""
-    environment = jinja2.Environment(
-        loader=jinja2.BaseLoader(),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    source = (resources.files("optimize") / "templates" / "report.html.j2").read_text("utf-8")
-    return environment.from_string(source).render(_context(content))
+    return render_page("report.html.j2", _context(content))
 
 
 def score_row(stage: Stage) -> dict[str, str]:
@@ -106,28 +100,19 @@ def warnings(stages: Sequence[Stage]) -> list[str]:
             "The intervals of baseline and optimised design overlap: at this level the gain is "
             "not certain, and only a verification can tell."
         )
-    if len(set(last.design.colours.tolist())) == 1:
-        found.append(
-            "The optimum is monochrome: the weight of the colour term does not reward colour "
-            "differences in this scene, so surface azimuth will be hard to read."
-        )
+    found += monochrome_warning(last.design)
     if last.domain_excess > 0:
         found.append(
             f"The optimised design lies outside the range that the surrogate was trained on "
             f"(excess {last.domain_excess:.2g}): its score is an extrapolation."
         )
-    if last.clipped > 0.01:
-        found.append(
-            f"{last.clipped:.1%} of the facets saturate the camera in the optimised design; "
-            "lower its exposure or the LED power."
-        )
-    return found
+    return found + clipping_warning(last.clipped)
 
 
 def _context(content: ReportContent) -> dict[str, Any]:
     scene, pictures = content.scene, content.pictures
-    bends = [f"bend {np.degrees(bend):g}°" for bend in scene.bending.angles]
-    ends = [content.stages[0], content.stages[-1]]
+    bends, result = bend_titles(scene), content.stages[-1]
+    ends = [content.stages[0], result]
     return {
         "scene": scene.name,
         "scene_hash": scene.hash,
@@ -139,56 +124,28 @@ def _context(content: ReportContent) -> dict[str, Any]:
         "warnings": warnings(content.stages),
         "bends": bends,
         "stages": [
-            {
-                **score_row(stage),
-                **{
-                    kind: _data_uri(pictures[f"{kind}-{stage.key}"])
-                    for kind in ("scheme", "metric", "facets")
-                },
-            }
-            for stage in content.stages
+            {**score_row(stage), **stage_pictures(pictures, stage.key)} for stage in content.stages
         ],
         "previews": [
             {
                 "title": stage.title,
                 "pictures": [
-                    {"bend": bend, "data": _data_uri(pictures[f"preview-{stage.key}-{index}"])}
+                    {"bend": bend, "data": data_uri(pictures[f"preview-{stage.key}-{index}"])}
                     for index, bend in enumerate(bends)
                 ],
             }
             for stage in ends
         ],
-        "convergence": _data_uri(pictures["convergence"]),
+        "convergence": data_uri(pictures["convergence"]),
         "search_note": content.search_note,
-        "wiring": _wiring(scene, content.stages[-1]),
+        "wiring": wiring_sheet(
+            scene, result.design, result.title, pictures[f"scheme-{result.key}"]
+        ),
         "caveats": content.caveats,
         "verify_command": content.verify_command,
         "facts": content.facts,
         "errors": [_error_row(row) for row in content.errors],
     }
-
-
-def _wiring(scene: Scene, stage: Stage) -> list[dict[str, str]]:
-    position = flat_fiber_poses(scene).position
-    return [
-        {
-            "number": str(number),
-            "edge": edge,
-            "x": f"{position[number, 0]:.2f}",
-            "y": f"{position[number, 1]:.2f}",
-            "colour": colour if power == 1.0 or colour == "off" else f"{colour}, {power:.0%}",
-            "ink": INK[colour],
-            "angle": f"{np.degrees(stage.design.phi[number]):.1f}°",
-        }
-        for number, (edge, colour, power) in enumerate(
-            zip(
-                fiber_edges(scene),
-                stage.design.colour_names,
-                stage.design.power.max(axis=1),
-                strict=True,
-            )
-        )
-    ]
 
 
 def _error_row(row: Mapping[str, Any]) -> dict[str, str]:
@@ -200,7 +157,3 @@ def _error_row(row: Mapping[str, Any]) -> dict[str, str]:
         "score_p95": f"{row['score_p95']:.2f}",
         "kendall_tau": f"{row['kendall_tau']:.2f}",
     }
-
-
-def _data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

@@ -121,6 +121,10 @@ class Night:
         """Return the finalist of that key, or None if the night had none."""
         return next((entry for entry in self.finalists if entry.key == key), None)
 
+    def finalist(self, key: str) -> Finalist:
+        """Return the finalist of that key, which the night has."""
+        return next(entry for entry in self.finalists if entry.key == key)
+
     @property
     def reach(self) -> float:
         """Standard errors on either side of a value that make its 95 % interval (Student's t)."""

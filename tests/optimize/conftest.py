@@ -1,18 +1,44 @@
-"""What tests of the optimizer share: a small invented sensor, and stages with invented figures."""
+"""What tests of the optimizer share: an invented sensor, stages and a night, and a browser."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from optimize.design import Design, Rating, baseline_design
+from optimize.design import Array, Design, Rating, baseline_design
+from optimize.overnight.night import Finalist, Night, Step, keep_scene
+from optimize.overnight.report import write_report
+from optimize.score_scale import Scale
 from optimize.stages import Stage
 from render.chebyshev import chebyshev_nodes
-from render.metric import choose_exposure, choose_lambda, image_counts
+from render.metric import (
+    choose_exposure,
+    choose_lambda,
+    design_score,
+    image_counts,
+    site_metric,
+)
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
+from surrogate.checker import Checker
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+MODELS = Path(__file__).parents[2] / "models"
+NOISE = 0.01  # relative, of invented renders
+TITLES = {
+    "baseline": "Baseline",
+    "colours": "Colours",
+    "thesis": "Thesis procedure",
+    "winner": "Winner",
+    "runner-up": "Runner-up",
+}
 
 MakeTable = Callable[..., TransportTable]
 StageMaker = Callable[[float, float, float], list[Stage]]
@@ -109,3 +135,139 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
         )
         for (key, title, change), design, score in zip(texts, designs, scores, strict=True)
     ]
+
+
+@pytest.fixture(scope="session")
+def finger20_checker(finger20: Scene) -> Checker:
+    return Checker.load(MODELS / "finger20", finger20.hash)
+
+
+@pytest.fixture(scope="session")
+def finished_night(finger20: Scene, finger20_checker: Checker) -> Night:
+    """Return a night of five finalists and two rounds."""
+    rng = np.random.default_rng(11)
+    straight = np.full(20, np.pi / 2)
+    # What tactilux explore finds on the shipped surrogate, to a degree.
+    colours = [0, 0, 0, 0, 2, 0, 0, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0, 0]
+    degrees = [69, 79, 102, 120, 101, 66, 154, 105, 76, 90]
+    degrees += [101, 110, 106, 106, 81, 76, 105, 88, 68, 61]
+    turned = np.radians(degrees)
+    designs = {
+        "baseline": baseline_design(finger20),
+        "colours": Design.of_colours(straight, colours),
+        "thesis": Design.of_colours(straight + 0.1, colours),
+        "winner": Design.of_colours(turned, colours),
+        "runner-up": Design.of_colours(0.5 * (straight + turned), colours),
+    }
+    finalists = tuple(
+        _finalist(finger20, finger20_checker, rng, key, design) for key, design in designs.items()
+    )
+    first = finalists[0].score
+    finalists = tuple(
+        entry
+        if entry.key == "baseline"
+        else Finalist(**{**vars(entry), "gain": entry.score - first, "gain_se": 0.9})
+        for entry in finalists
+    )
+    rows = list(zip(("baseline", "best", "uncertain", "random"), finalists, strict=False))
+    steps = tuple(
+        Step("search", number, role, 600.0 * number, entry.score - 4 / number, 1.5, entry.predicted)
+        for number in (1, 2)
+        for role, entry in rows
+    )
+    return Night(
+        scene=finger20,
+        scale=Scale(finger20_checker.exposure, finger20_checker.lam),
+        replicates=16,
+        finalists=finalists,
+        winner="winner",
+        verdict=(
+            "The winner is better than the baseline (95% interval of the difference 30 to 36).",
+            "The winner and the runner-up tie (95% interval of the difference -1.2 to 2.0).",
+        ),
+        steps=steps,
+        trade=(
+            _level("preview", 0.004, 0.028, 0.087, 1.94, 0.93),
+            _level("checker.onnx", 0.0006, 0.013, 0.029, 0.95, 0.96),
+            _level("PSSMLT, 96 mutations", 9.0, 0.03, 0.07, 2.4, 0.91),
+        ),
+        facts=(("Scene", f"finger20, {finger20.hash}"), ("Seed", "0"), ("Budget", "8 h")),
+    )
+
+
+@pytest.fixture(scope="session")
+def night_report(finished_night: Night, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of the night, made from its files."""
+    run = tmp_path_factory.mktemp("night")
+    keep_scene(run, "finger20")
+    finished_night.save(run)
+    return write_report(Night.load(run), run)
+
+
+@pytest.fixture
+def run_directory(tmp_path: Path, finished_night: Night) -> Path:
+    """Return a directory in which the night is kept."""
+    run = tmp_path / "run"
+    keep_scene(run, "finger20")
+    finished_night.save(run)
+    return run
+
+
+def _finalist(
+    scene: Scene, checker: Checker, rng: np.random.Generator, key: str, design: Design
+) -> Finalist:
+    bends = np.array(scene.bending.angles)
+    found = checker.run(design.phi[None], design.power[None], bends)
+    predicted = np.asarray(found["counts"][0], dtype=np.float64)
+    counts: Array = np.clip(predicted * (1 + NOISE * rng.standard_normal(predicted.shape)), 0, 255)
+    metric = np.asarray(site_metric(counts, checker.lam))
+    return Finalist(
+        key=key,
+        title=TITLES[key],
+        design=design,
+        score=float(design_score(metric).score),
+        se=1.1,
+        gain=None,
+        gain_se=None,
+        predicted=float(found["score"][0]),
+        predicted_reach=checker.score_reach,
+        counts=counts,
+        counts_se=NOISE * predicted,
+        predicted_counts=predicted,
+        metric=metric,
+        metric_se=np.full_like(metric, 1.0),
+    )
+
+
+def _level(
+    name: str, seconds: float, median: float, p95: float, score: float, tau: float
+) -> dict[str, float | str | None]:
+    return {
+        "level": name,
+        "seconds_per_design": seconds,
+        "facet_error_median": median,
+        "facet_error_p95": p95,
+        "score_error": score,
+        "kendall_tau": tau,
+    }
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    """Return a running browser: the system's, or the one that Playwright has downloaded."""
+    from playwright.sync_api import Error, sync_playwright
+
+    with sync_playwright() as playwright:
+        names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+        found = [path for name in names if (path := shutil.which(name))]
+        problems = []
+        for path in [*found, None]:
+            try:
+                browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+            except Error as error:
+                problems.append(str(error))
+            else:
+                yield browser
+                browser.close()
+                return
+        pytest.fail("no Chromium: sudo apt-get install chromium\n" + "\n".join(problems))

@@ -50,7 +50,7 @@ def test_the_report_needs_no_other_file_and_no_network(
 ) -> None:
     html = render_report(content(finger20, sample_stages(30, 40, 50)))
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
-    assert len(sources) == 3 * 3 + 2 * 3 + 1
+    assert len(sources) == 3 * 3 + 2 * 3 + 1 + 1
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not re.search(r"<script|<link|@import|url\(|https?://", html)
 

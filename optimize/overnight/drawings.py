@@ -1,0 +1,166 @@
+"""The plots of a night: how the score rose, how right the surrogate was, what accuracy costs."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from optimize.design import Array
+from optimize.drawings import INK
+from optimize.frontier.plot import draw_levels
+from optimize.heatmaps import drawing
+from optimize.overnight.night import Night, Step
+
+WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
+SOFT = "#8a8f98"
+ROLES = {
+    "baseline": ("baseline", "#1c1f24"),
+    "incumbent": ("best so far, again", "#7c3aed"),
+    "best": ("surrogate's best", "#b45309"),
+    "uncertain": ("most uncertain", "#2f5fd0"),
+    "random": ("random", "#1e9e4a"),
+}
+OTHER = ("other", "#9aa0aa")
+
+
+def convergence(night: Night) -> Figure:
+    """Draw every rendered score over the render time, with 95 % intervals and predictions."""
+    steps = night.steps
+    seconds = np.array([step.render_seconds for step in steps])
+    unit, name = (3600.0, "hours") if seconds.max() > 7200 else (60.0, "minutes")
+    with drawing(WIDTH, HEIGHT) as figure:
+        axes = figure.subplots()
+        at = _side_by_side(seconds / unit)
+        for role in dict.fromkeys(step.role for step in steps):
+            label, tone = ROLES.get(role, OTHER)
+            mine = [i for i, step in enumerate(steps) if step.role == role]
+            axes.errorbar(
+                at[mine],
+                [steps[i].score for i in mine],
+                [night.reach * steps[i].se for i in mine],
+                fmt="o",
+                ms=4.5,
+                lw=1.0,
+                capsize=2,
+                color=tone,
+                label=label,
+            )
+            axes.plot(at[mine], [steps[i].predicted for i in mine], "x", ms=5, mew=1.0, color=tone)
+        axes.plot([], [], "x", ms=5, mew=1.0, color=SOFT, label="predicted")
+        moments, best = _best_so_far(steps)
+        axes.step(moments / unit, best, where="post", color="#b6bbc4", lw=1.2, zorder=1)
+        for entry in (night.finalists[0], night.finalist(night.winner)):
+            half = night.reach * entry.se
+            band = axes.axhspan(entry.score - half, entry.score + half, lw=0, zorder=0)
+            band.set_facecolor("#e6e8ec" if entry is night.finalists[0] else "#fdebd0")
+        axes.set(xlabel=f"{name} of rendering", ylabel="score S")
+        axes.spines[["top", "right"]].set_visible(False)
+        figure.legend(
+            *axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False
+        )
+    return figure
+
+
+def score_scatter(night: Night) -> Figure:
+    """Draw predicted against rendered scores of all designs that were rendered."""
+    with drawing(WIDTH, HEIGHT) as figure:
+        axes = figure.subplots()
+        steps = night.steps
+        if steps:
+            axes.errorbar(
+                [step.predicted for step in steps],
+                [step.score for step in steps],
+                [night.reach * step.se for step in steps],
+                fmt="o",
+                ms=3.5,
+                lw=0.8,
+                color=SOFT,
+                label="during the search",
+            )
+        axes.errorbar(
+            [entry.predicted for entry in night.finalists],
+            [entry.score for entry in night.finalists],
+            [night.reach * entry.se for entry in night.finalists],
+            [entry.predicted_reach for entry in night.finalists],
+            fmt="s",
+            ms=5,
+            lw=1.2,
+            color="#b45309",
+            label="finalists",
+        )
+        _identity(axes)
+        axes.set(xlabel="score S, surrogate", ylabel="score S, rendered")
+        axes.legend(frameon=False, loc="upper left")
+    return figure
+
+
+def colour_scatter(night: Night) -> Figure:
+    """Draw predicted against rendered facet colours of all finalists, and what is left over."""
+    predicted = np.concatenate([e.predicted_counts.reshape(-1, 3) for e in night.finalists])
+    rendered = np.concatenate([e.counts.reshape(-1, 3) for e in night.finalists])
+    noise = np.concatenate([e.counts_se.reshape(-1, 3) for e in night.finalists])
+    with drawing(WIDTH, HEIGHT) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
+        for channel, name in enumerate(("red", "green", "blue")):
+            x, y = predicted[:, channel], rendered[:, channel]
+            look = {"ms": 2.0, "alpha": 0.35, "mew": 0, "color": INK[name]}
+            upper.plot(x, y, "o", **look)
+            upper.plot([], [], "o", ms=4, color=INK[name], label=name)
+            lower.plot(x, x - y, "o", **look)
+        _identity(upper)
+        lower.axhline(0.0, color=SOFT, lw=0.8)
+        edges = np.linspace(predicted.min(), predicted.max(), 9)
+        middle, level = 0.5 * (edges[1:] + edges[:-1]), np.digitize(predicted, edges[1:-1])
+        spread = [np.sqrt((noise[level == i] ** 2).mean()) for i in np.unique(level)]
+        reach = night.reach * np.array(spread)
+        lower.plot(middle[np.unique(level)], reach, "-", color="#1c1f24", lw=0.9)
+        lower.plot(middle[np.unique(level)], -reach, "-", color="#1c1f24", lw=0.9)
+        upper.set(ylabel="rendered counts")
+        lower.set(xlabel="facet colours, surrogate (counts)", ylabel="difference")
+        upper.legend(frameon=False, loc="upper left")
+        for axes in (upper, lower):
+            axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def speed_accuracy(night: Night) -> Figure:
+    """Draw the error of facet colours of every level over its seconds per design."""
+    with drawing(WIDTH, HEIGHT) as figure:
+        axes = figure.subplots()
+        draw_levels(axes, timed_levels(night))
+        axes.set_xlabel("seconds per design (all bends)")
+        axes.set_ylabel("error of facet colours, %\nmedian (dot) to 95th percentile")
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def timed_levels(night: Night) -> list[dict[str, float | str | None]]:
+    """Return the rows of the trade that can be drawn, from quick to slow."""
+    needed = ("seconds_per_design", "facet_error_median", "facet_error_p95")
+    rows = [dict(row) for row in night.trade if all(row.get(key) for key in needed)]
+    return sorted(rows, key=lambda row: float(row["seconds_per_design"] or 0.0))
+
+
+def _side_by_side(at: Array) -> Array:
+    """Return positions at which points of equal ``at`` do not cover each other."""
+    step = 0.015 * float(at.max())
+    shifted = at.astype(np.float64)
+    for value in np.unique(at):
+        same = np.flatnonzero(at == value)
+        shifted[same] += step * (np.arange(len(same)) - (len(same) - 1) / 2)
+    return shifted
+
+
+def _best_so_far(steps: tuple[Step, ...]) -> tuple[Array, Array]:
+    """Return the seconds at which something was rendered, and the best score until then."""
+    moments = np.unique([step.render_seconds for step in steps])
+    scores = [max(s.score for s in steps if s.render_seconds == moment) for moment in moments]
+    return moments, np.maximum.accumulate(scores)
+
+
+def _identity(axes: Axes) -> None:
+    low = min(axes.get_xlim()[0], axes.get_ylim()[0])
+    high = max(axes.get_xlim()[1], axes.get_ylim()[1])
+    axes.plot([low, high], [low, high], "-", color=SOFT, lw=0.8, zorder=0)
+    axes.spines[["top", "right"]].set_visible(False)

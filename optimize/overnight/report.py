@@ -1,0 +1,256 @@
+"""The report of a night: one HTML file that needs nothing else, for screen, phone and paper.
+
+It is made from the files of the finished night alone, and equal files make equal reports.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optimize.atomic import write_text
+from optimize.overnight.drawings import timed_levels
+from optimize.overnight.night import Finalist, Night
+from optimize.overnight.pictures import bolt_pictures, night_pictures
+from optimize.page import (
+    bend_titles,
+    clipping_warning,
+    data_uri,
+    monochrome_warning,
+    render_page,
+    stage_pictures,
+    wiring_sheet,
+)
+from render.errors import SceneError
+from render.imprint import BoltHead
+
+REPORT = "report.html"
+STAGES = ("baseline", "colours")
+"""What Figs. 5.1 and 5.2 show before the design that is handed over."""
+
+
+def write_report(night: Night, run: Path) -> Path:
+    """Write ``report.html`` into ``run`` atomically and return its path."""
+    path = run / REPORT
+    write_text(path, render_night(night))
+    return path
+
+
+def render_night(night: Night) -> str:
+    """Return the report as HTML with every picture inside as a data URI."""
+    return render_page("night.html.j2", _context(night))
+
+
+def summary(night: Night) -> list[str]:
+    """Return the outcome in words: how much better, where it comes from, who says so."""
+    first, last = night.finalists[0], night.finalist(night.winner)
+    sentences = []
+    if last.gain is not None and last.gain_se is not None:
+        low, high = _interval(night, last.gain, last.gain_se)
+        sentences.append(
+            f"The design scores {_pm(last.score, last.se)}; the baseline scores "
+            f"{_pm(first.score, first.se)}. Rendered with the same seeds, the gain is "
+            f"{last.gain:.1f} ({last.gain / abs(first.score):+.0%}), and its 95% interval reaches "
+            f"from {low:.1f} to {high:.1f}."
+        )
+    else:
+        sentences.append(
+            f"Nothing that was rendered beats the baseline, which scores "
+            f"{_pm(first.score, first.se)}."
+        )
+    sentences.append(" ".join(night.verdict))
+    colours = night.of("colours")
+    if (
+        last.key not in STAGES
+        and colours is not None
+        and colours.gain is not None
+        and last.gain is not None
+        and last.gain > 0
+    ):
+        sentences.append(
+            f"Of the gain, {colours.gain:+.1f} came with the colours alone, every fiber pointing "
+            f"straight in, and {last.gain - colours.gain:+.1f} with the directions."
+        )
+    before, after = night.rating(first), night.rating(last)
+    if last is not first:
+        sentences.append(
+            f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
+            f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f} and over bends "
+            f"from {before.spread_bends:.1f} to {after.spread_bends:.1f}."
+        )
+    held = sum(prediction_holds(entry) for entry in night.finalists)
+    sentences.append(
+        f"The surrogate said {last.predicted:.1f} for this design, off by "
+        f"{last.predicted - last.score:+.1f}. Its 90% interval held for {held} of "
+        f"{len(night.finalists)} finalists."
+    )
+    return [text for text in sentences if text]
+
+
+def warnings(night: Night) -> list[str]:
+    """Return what makes the result doubtful, most important first; usually nothing."""
+    last, found = night.finalist(night.winner), []
+    if last.gain is not None and last.gain_se is not None:
+        low, high = _interval(night, last.gain, last.gain_se)
+        if high < 0:
+            found.append("The renders say that the baseline is better: this design is not one.")
+        elif low <= 0:
+            found.append(
+                "The interval of the gain reaches 0: more hours would make it narrower, and the "
+                "same command with more of them goes on from here."
+            )
+        found += monochrome_warning(last.design)
+    others = [
+        entry
+        for entry in night.finalists
+        if entry is not last and entry.score > last.score + night.reach * last.se
+    ]
+    if others:
+        found.append(
+            f"{others[0].title} scored higher in the last renders, at {others[0].score:.1f}."
+        )
+    return found + clipping_warning(last.clipped)
+
+
+def prediction_holds(entry: Finalist) -> bool:
+    """Return whether the surrogate's 90 % interval holds the rendered score, noise allowed for."""
+    reach = math.hypot(entry.predicted_reach, 2 * entry.se)
+    return abs(entry.predicted - entry.score) <= reach
+
+
+def _context(night: Night) -> dict[str, Any]:
+    scene, last = night.scene, night.finalist(night.winner)
+    pictures = dict(night_pictures(night))
+    shown = list(dict.fromkeys([*STAGES, last.key]))
+    stages = [entry for key in shown if (entry := night.of(key)) is not None]
+    others = [entry for entry in night.finalists if entry not in stages]
+
+    def stage(entry: Finalist) -> dict[str, str]:
+        return {**_row(night, entry), **stage_pictures(pictures, entry.key)}
+
+    metric_se = np.stack([entry.metric_se for entry in night.finalists])
+    return {
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "title": last.title,
+        "lam": f"{night.scale.lam:.4g}",
+        "summary": summary(night),
+        "warnings": warnings(night),
+        "finalists": [{**_row(night, entry), "best": entry is last} for entry in night.finalists],
+        "bends": bend_titles(scene),
+        "stages": [stage(entry) for entry in stages],
+        "others": [stage(entry) for entry in others],
+        "metric_se": f"{np.median(metric_se):.2g}",
+        "metric_se_most": f"{metric_se.max():.2g}",
+        "bolt": _bolt(night),
+        "plots": {
+            name: data_uri(pictures[name])
+            for name in ("convergence", "scores", "colours", "trade")
+            if name in pictures
+        },
+        "colour_errors": _colour_errors(night),
+        "levels": [_level(row) for row in timed_levels(night)],
+        "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
+        "caveats": _caveats(night),
+        "facts": night.facts,
+    }
+
+
+def _row(night: Night, entry: Finalist) -> dict[str, str]:
+    """Return the figures of one finalist as text."""
+    rating = night.rating(entry)
+    gain = ""
+    if entry.gain is not None and entry.gain_se is not None:
+        gain = f"{entry.gain:+.1f} ± {entry.gain_se:.1f}"
+    return {
+        "title": entry.title,
+        "score": _pm(entry.score, entry.se),
+        "interval": f"{rating.interval[0]:.1f} to {rating.interval[1]:.1f}",
+        "gain": gain or "–",
+        "predicted": f"{entry.predicted:.1f} ± {entry.predicted_reach:.1f}",
+        "holds": "yes" if prediction_holds(entry) else "no",
+        "mean": f"{rating.mean:.1f}",
+        "spread_sites": f"{rating.spread_sites:.1f}",
+        "spread_bends": f"{rating.spread_bends:.1f}",
+        "clipped": f"{entry.clipped:.1%}" if entry.clipped else "none",
+    }
+
+
+def _bolt(night: Night) -> dict[str, Any]:
+    """Return Fig. 5.3, or why there is none."""
+    head = BoltHead()
+    try:
+        drawn = bolt_pictures(night)
+    except SceneError as error:
+        return {"rows": [], "titles": [], "why_not": str(error)}
+    keys = list(dict.fromkeys(key for key, _ in drawn))
+    return {
+        "titles": [night.finalist(key).title for key in keys],
+        "rows": [
+            {
+                "bend": bend,
+                "pictures": [
+                    {"title": night.finalist(key).title, "data": data_uri(drawn[key, index])}
+                    for key in keys
+                ],
+            }
+            for index, bend in enumerate(bend_titles(night.scene))
+        ],
+        "radius": f"{2 * head.radius:g}",
+        "depth": f"{head.depth:g}",
+    }
+
+
+def _colour_errors(night: Night) -> str:
+    """Say how far the surrogate's facet colours are from the renders, and how noisy those are."""
+    off, noise, lit = [], [], 0.5
+    for entry in night.finalists:
+        length = np.maximum(np.linalg.norm(entry.counts, axis=-1), lit)
+        off.append(np.linalg.norm(entry.predicted_counts - entry.counts, axis=-1) / length)
+        noise.append(np.linalg.norm(entry.counts_se, axis=-1) / length)
+    error, spread = np.concatenate(off).ravel(), np.concatenate(noise).ravel()
+    return (
+        f"Colours differ by {np.median(error):.1%} in the median and by up to "
+        f"{np.quantile(error, 0.95):.1%} in 95% of cases; the renders' own noise is "
+        f"{np.median(spread):.1%} of a colour in the median."
+    )
+
+
+def _level(row: dict[str, float | str | None]) -> dict[str, str]:
+    def text(key: str, form: str) -> str:
+        value = row.get(key)
+        return "–" if value is None else format(value, form)
+
+    return {
+        "level": str(row["level"]),
+        "seconds": text("seconds_per_design", ".2g"),
+        "median": text("facet_error_median", ".1%"),
+        "p95": text("facet_error_p95", ".1%"),
+        "score": text("score_error", ".2f"),
+        "tau": text("kendall_tau", ".2f"),
+    }
+
+
+def _caveats(night: Night) -> list[str]:
+    return [
+        "Scores come from physically based renders (level 2, PSSMLT) with seeds that had no part "
+        f"in the choice. ± is one standard error from {night.replicates} independent replicates; "
+        f"intervals hold 95%. What the noise of a render does to a spread is taken out of scores "
+        "by the jackknife.",
+        "The gain is that of paired renders: noise which both designs share cancels, so its error "
+        "is smaller than that of the two scores together.",
+        "The surrogate's figures and the bolt's pictures are of lower levels and say so.",
+        "The scene is the one described by its file. Values marked as assumed there (see "
+        "tactilux describe) have not been calibrated against a real sensor.",
+    ]
+
+
+def _interval(night: Night, value: float, se: float) -> tuple[float, float]:
+    return value - night.reach * se, value + night.reach * se
+
+
+def _pm(value: float, se: float) -> str:
+    return f"{value:.1f} ± {se:.1f}"

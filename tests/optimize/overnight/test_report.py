@@ -1,0 +1,164 @@
+"""The report of a night says what the renders say, doubts what is doubtful, and stands alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimize.design import Design
+from optimize.overnight.drawings import convergence, timed_levels
+from optimize.overnight.night import Finalist, Night
+from optimize.overnight.pictures import bolt_pictures
+from optimize.overnight.report import render_night, summary, warnings
+from render.errors import SceneError
+
+Run = Callable[..., Any]
+
+
+def changed(night: Night, key: str, **values: Any) -> Night:
+    """Return the night with one finalist changed."""
+    finalists = [replace(e, **values) if e.key == key else e for e in night.finalists]
+    return replace(night, finalists=tuple(finalists))
+
+
+def won_by(night: Night, gain: float, se: float) -> Night:
+    return changed(night, "winner", gain=gain, gain_se=se, score=night.finalists[0].score + gain)
+
+
+def test_the_report_needs_no_other_file_and_no_network(night_report: Path) -> None:
+    html = night_report.read_text()
+    sources = re.findall(r'(?:src|href)="([^"]*)"', html)
+    # Scheme, map and facets of five finalists, six bolts, four plots, and the wiring sheet's.
+    assert len(sources) == 3 * 5 + 6 + 4 + 1
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.search(r"<script|<link|@import|url\(|https?://", html)
+
+
+def test_the_command_rebuilds_the_report_from_the_files_alone(
+    tactilux: Run, run_directory: Path, night_report: Path
+) -> None:
+    done = tactilux("report", run_directory)
+    assert done.code == 0
+    assert done.out == f"Report: {run_directory / 'report.html'}\n"
+    assert (run_directory / "report.html").read_bytes() == night_report.read_bytes()
+
+
+def test_a_directory_without_a_night_is_bad_input(tactilux: Run, tmp_path: Path) -> None:
+    for place in (tmp_path, tmp_path / "none"):
+        done = tactilux("report", place)
+        assert done.code == 2
+        assert done.err.count("\n") == 1
+        assert "night.json cannot be read" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_summary_states_gain_and_interval(finished_night: Night) -> None:
+    text = summary(won_by(finished_night, 30.0, 1.0))
+    base = finished_night.finalists[0].score
+    # Student's t with 15 degrees of freedom.
+    assert f"the gain is 30.0 ({30 / base:+.0%}), and its 95% interval reaches from 27.9" in text[0]
+    assert text[1] == " ".join(finished_night.verdict)
+
+
+def test_the_summary_says_what_came_with_colours_and_what_with_directions(
+    finished_night: Night,
+) -> None:
+    night = changed(won_by(finished_night, 30.0, 1.0), "colours", gain=24.0, gain_se=1.0)
+    assert any("+24.0 came with the colours" in text for text in summary(night))
+    assert any("+6.0 with the directions" in text for text in summary(night))
+
+
+def test_the_summary_counts_the_predictions_that_held(finished_night: Night) -> None:
+    winner = finished_night.finalist("winner")
+    off = changed(finished_night, "winner", predicted=winner.score + 5.0)
+    assert "off by +5.0. Its 90% interval held for 4 of 5" in summary(off)[-1]
+
+
+def test_a_night_that_found_nothing_says_so(finished_night: Night) -> None:
+    night = replace(
+        finished_night, finalists=finished_night.finalists[:1], winner="baseline", verdict=()
+    )
+    assert "Nothing that was rendered beats the baseline" in summary(night)[0]
+    assert warnings(night) == []
+
+
+def test_a_sure_gain_needs_no_warning(finished_night: Night) -> None:
+    assert warnings(won_by(finished_night, 39.0, 1.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("gain", "se", "word"),
+    [(1.0, 1.0, "more hours"), (-9.0, 1.0, "the baseline is better")],
+)
+def test_a_gain_that_is_not_sure_is_told(
+    finished_night: Night, gain: float, se: float, word: str
+) -> None:
+    assert word in warnings(won_by(finished_night, gain, se))[0]
+
+
+def test_a_better_finalist_than_the_winner_is_told(finished_night: Night) -> None:
+    night = changed(won_by(finished_night, 39.0, 1.0), "thesis", score=500.0)
+    assert "Thesis procedure scored higher" in warnings(night)[0]
+
+
+def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: Night) -> None:
+    night = won_by(finished_night, 39.0, 1.0)
+    winner = night.finalist("winner")
+    red = Design.of_colours(winner.design.phi, [0] * 20)
+    found = warnings(changed(night, "winner", design=red, counts=np.full_like(winner.counts, 255)))
+    assert "monochrome" in found[0]
+    assert "saturate" in found[1]
+
+
+def test_text_is_escaped_and_a_bare_night_still_has_a_report(
+    finished_night: Night, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_small(night: Night) -> dict[tuple[str, int], bytes]:
+        raise SceneError("a bolt does not fit")
+
+    # Drawing a bolt takes seconds, and what stands in its place is tested here.
+    monkeypatch.setattr("optimize.overnight.report.bolt_pictures", too_small)
+    night = replace(finished_night, steps=(), trade=(), facts=(("Model", "<fitted>"),))
+    html = render_night(night)
+    assert "&lt;fitted&gt;" in html
+    assert "No picture: a bolt does not fit." in html
+    assert "Convergence" not in html
+    assert "Speed and accuracy" not in html
+
+
+def test_a_pad_too_small_for_a_bolt_is_refused(finished_night: Night) -> None:
+    scene = finished_night.scene
+    narrow = scene.model_copy(update={"pad": scene.pad.model_copy(update={"width": 6.0})})
+    with pytest.raises(SceneError, match="does not fit into the pad"):
+        bolt_pictures(replace(finished_night, scene=narrow))
+
+
+def test_levels_without_a_time_or_an_error_are_not_drawn(finished_night: Night) -> None:
+    night = replace(
+        finished_night,
+        trade=(*finished_night.trade, {"level": "guess", "seconds_per_design": None}),
+    )
+    names = [row["level"] for row in timed_levels(night)]
+    assert names == ["checker.onnx", "preview", "PSSMLT, 96 mutations"]
+
+
+def test_convergence_shows_every_rendered_design_with_its_error_bar(finished_night: Night) -> None:
+    (axes,) = convergence(finished_night).axes
+    bars = [part for part in axes.containers if hasattr(part, "has_yerr") and part.has_yerr]
+    shown = sorted(float(y) for bar in bars for y in bar.lines[0].get_ydata())
+    assert shown == pytest.approx(sorted(step.score for step in finished_night.steps))
+    best = max(step.score for step in finished_night.steps)
+    assert any(np.max(line.get_ydata()) == pytest.approx(best) for line in axes.lines)
+
+
+def test_finalists_keep_their_titles(night_report: Path, finished_night: Night) -> None:
+    html = night_report.read_text()
+    entry: Finalist
+    for entry in finished_night.finalists:
+        assert f"<td>{entry.title}</td>" in html

@@ -1,0 +1,189 @@
+"""Reports as a reader meets them in Chromium: on a desk, on a phone and on paper."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from optimize.design import Design, baseline_design
+from optimize.explore import Exploration, rate
+from optimize.explore_output import write_exploration
+from optimize.joint import JointResult, SearchStep
+from render.scene import Scene
+from surrogate.checker import Checker
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+MODEL = Path(__file__).parents[2] / "models" / "finger20"
+SMALLEST = 11.0  # CSS pixels of text
+# Width and height in CSS pixels, device pixels per CSS pixel, and whether a finger does the work.
+SCREENS = {
+    "desk": (1280, 900, 1, False),
+    "phone": (390, 844, 3, True),
+    "small phone": (320, 568, 2, True),
+}
+# Elements of the page that stick out, pictures that do not show, and text that is too small.
+EXAMINE = """([smallest, width]) => {
+    const name = e => e.tagName + (e.className ? '.' + e.className : '');
+    const wide = [...document.querySelectorAll('body *')].filter(e =>
+        e.getBoundingClientRect().right > width + 1 && !e.closest('.scroll'));
+    const scrolled = [...document.querySelectorAll('.scroll')].filter(e =>
+        e.scrollWidth > e.clientWidth + 1);
+    const blank = [...document.images].filter(e =>
+        !e.complete || !e.naturalWidth || e.getBoundingClientRect().width < 100 || !e.alt);
+    const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const small = [];
+    while (words.nextNode()) {
+        const e = words.currentNode.parentElement;
+        if (words.currentNode.data.trim() && parseFloat(getComputedStyle(e).fontSize) < smallest)
+            small.push(e);
+    }
+    return {
+        page: document.documentElement.scrollWidth - width,
+        wide: wide.map(name), scrolled: scrolled.map(name), blank: blank.map(name),
+        small: small.map(name), pictures: document.images.length,
+    };
+}"""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a reader gets to see."""
+
+    page: int
+    wide: list[str]
+    scrolled: list[str]
+    blank: list[str]
+    small: list[str]
+    pictures: int
+    requests: list[str]
+    complaints: list[str]
+    shot: np.ndarray
+
+
+def look(browser: Browser, path: Path, screen: str) -> Look:
+    """Open a file as on one of the screens, without a network."""
+    width, height, density, touch = SCREENS[screen]
+    context = browser.new_context(
+        viewport={"width": width, "height": height},
+        device_scale_factor=density,
+        is_mobile=touch,
+        has_touch=touch,
+        offline=True,
+    )
+    with context:
+        page = context.new_page()
+        requests: list[str] = []
+        complaints: list[str] = []
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(path.as_uri())
+        found = page.evaluate(EXAMINE, [SMALLEST, width])
+        shot = imread(io.BytesIO(page.screenshot()))
+    outside = [url for url in requests if not url.startswith("data:") and url != path.as_uri()]
+    return Look(**found, requests=outside, complaints=complaints, shot=shot)
+
+
+def printed(browser: Browser, path: Path) -> list[str]:
+    """Print a file on A4 and return the text of each page."""
+    from pypdf import PdfReader
+
+    with browser.new_context(offline=True) as context:
+        page = context.new_page()
+        page.goto(path.as_uri())
+        pdf = PdfReader(io.BytesIO(page.pdf(format="A4", prefer_css_page_size=True)))
+    return [sheet.extract_text() for sheet in pdf.pages]
+
+
+@pytest.fixture(scope="module")
+def explore_report(
+    finger20: Scene, finger20_checker: Checker, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    rng = np.random.default_rng(5)
+    base = baseline_design(finger20)
+    mixed = Design.of_colours(base.phi, np.arange(20) % 3)
+    turned = Design(rng.uniform(0.5, 2.6, 20), mixed.power)
+    texts = [("baseline", "Baseline", ""), ("colours", "Colours", "the colour search")]
+    texts += [("optimized", "Optimised", "the fiber directions")]
+    stages = tuple(
+        rate(finger20_checker, finger20, *text, design)
+        for text, design in zip(texts, (base, mixed, turned), strict=True)
+    )
+    names = [(0, "start"), (1, "quick"), (1, "free")]
+    steps = tuple(
+        SearchStep(number, name, stage.rating.score, 100 * i, 2.0 * i, stage.design)
+        for i, ((number, name), stage) in enumerate(zip(names, stages, strict=True))
+    )
+    search = JointResult(turned, stages[-1].rating.score, steps, True)
+    found = Exploration(finger20, finger20_checker, stages, search, 0, 4.0)
+    target = tmp_path_factory.mktemp("explore") / "run"
+    write_exploration(found, target, MODEL, lambda: 4.0)
+    return target / "report.html"
+
+
+@pytest.fixture(params=["night_report", "explore_report"])
+def report(request: pytest.FixtureRequest) -> Path:
+    path: Path = request.getfixturevalue(request.param)
+    return path
+
+
+@pytest.mark.parametrize("screen", SCREENS)
+def test_a_report_fits_the_screen(chromium: Browser, report: Path, screen: str) -> None:
+    seen = look(chromium, report, screen)
+    assert seen.page <= 0
+    assert seen.wide == []
+    assert screen == "small phone" or seen.scrolled == []
+    assert seen.small == []
+
+
+@pytest.mark.parametrize("screen", ["desk", "phone"])
+def test_every_picture_of_a_report_shows(chromium: Browser, report: Path, screen: str) -> None:
+    seen = look(chromium, report, screen)
+    assert seen.blank == []
+    assert seen.pictures >= 3 * 3 + 6 + 2
+    # Grey levels of smooth letters, at least: the page is not blank.
+    assert len(np.unique(seen.shot)) > 50
+
+
+def test_a_report_asks_for_nothing_but_itself(chromium: Browser, report: Path) -> None:
+    seen = look(chromium, report, "desk")
+    assert seen.requests == []
+    assert seen.complaints == []
+
+
+def test_the_wiring_sheet_prints_on_a_page_of_its_own(chromium: Browser, report: Path) -> None:
+    pages = printed(chromium, report)
+    (number,) = [i for i, text in enumerate(pages) if "Wiring sheet" in text]
+    sheet = pages[number]
+    assert sheet.lstrip().startswith("Wiring sheet")
+    place = r"(?:left|tip|right)\s+\S+\s+\S+"
+    rows = re.findall(rf"^(\d+)\s+{place}\s+(?:red|green|blue)\s+(\d+\.\d)°$", sheet, re.MULTILINE)
+    assert [int(fiber) for fiber, _ in rows] == list(range(20))
+    assert "68471ad4c129ea4d" in sheet
+    assert sheet.rstrip().endswith("°")
+    assert 0 < number < len(pages) - 1
+    assert len(pages) < 9
+
+
+def test_what_sticks_out_breaks_or_is_fetched_is_noticed(chromium: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "bad.html"
+    path.write_text(
+        '<meta name="viewport" content="width=device-width"><p style="width:900px">wide</p>'
+        '<small style="font-size:8px">small</small><img src="https://example.com/a.png" alt="a">'
+    )
+    seen = look(chromium, path, "phone")
+    assert seen.page > 0
+    assert seen.wide == ["P"]
+    assert seen.small == ["SMALL"]
+    assert seen.blank == ["IMG"]
+    assert seen.requests == ["https://example.com/a.png"]
+    assert seen.complaints
