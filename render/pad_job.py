@@ -51,7 +51,7 @@ class PadJob:
         indented: pressed by the pyramids, or untouched.
         seed: of all random numbers.
         chains: paths at once.
-        iterations: mutations per chain, a multiple of ``CHUNK``.
+        iterations: mutations per chain, a multiple of ``chunk``.
         replicates: independent groups of chains.
         p_large: probability of large steps; 1 is plain bidirectional Monte Carlo.
     """
@@ -75,6 +75,11 @@ class PadJob:
     def mutations(self) -> int:
         """Mutations of all chains together: the size of the job."""
         return self.chains * self.iterations
+
+    @property
+    def chunk(self) -> int:
+        """Mutations per chain between chances to save; independent paths need no more than one."""
+        return 1 if self.p_large == 1.0 else CHUNK
 
     @cached_property
     def key(self) -> str:
@@ -155,9 +160,9 @@ def render_pad(
     if run.done:
         report(run.done * job.chains)
     while run.done < job.iterations:
-        run.mutate(CHUNK)
+        run.mutate(job.chunk)
         try:
-            report(CHUNK * job.chains)
+            report(job.chunk * job.chains)
         except BaseException:
             save()
             raise

@@ -8,6 +8,7 @@ measurement (README.md) large steps alone, ``p_large`` 1, are the cheapest, and 
 from __future__ import annotations
 
 import gc
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,10 +147,7 @@ def pad_jobs(
                 # One sample serves all facets of a site.
                 pairs = scene.sites.count * phi.shape[0]
                 total = mutations * pairs * (1 if indented else UNTOUCHED_SHARE)
-                chains = CHAINS_MAX
-                while chains > CHAINS_MIN and total < ITERATIONS_MIN * chains:
-                    chains //= 2
-                iterations = CHUNK * max(1, round(total / chains / CHUNK))
+                chains, iterations = _shape(total, p_large)
                 jobs.append(
                     PadJob.of(
                         scene,
@@ -216,6 +214,21 @@ def gather(
             "version": VERSION,
         },
     )
+
+
+def _shape(total: int, p_large: float) -> tuple[int, int]:
+    """Return chains and iterations for about ``total`` mutations.
+
+    Every pass is traced anew, which takes as long as thousands of paths: independent paths take
+    the fewest passes. Chains need their passes, to move away from where they started.
+    """
+    if p_large == 1.0:
+        passes = max(1, math.ceil(total / CHAINS_MAX))
+        return CHAINS_MIN * max(1, round(total / passes / CHAINS_MIN)), passes
+    chains = CHAINS_MAX
+    while chains > CHAINS_MIN and total < ITERATIONS_MIN * chains:
+        chains //= 2
+    return chains, CHUNK * max(1, round(total / chains / CHUNK))
 
 
 def _validated(

@@ -93,8 +93,7 @@ def test_jobs_that_travelled_and_ran_backwards_gather_to_the_same_estimate(
 
 
 def test_a_run_that_is_stopped_saves_its_state_first(jobs: list[PadJob], tmp_path: Path) -> None:
-    job, state = jobs[0], tmp_path / "state.npz"
-    assert job.iterations > 8
+    job, state = replace(jobs[0], iterations=3), tmp_path / "state.npz"
 
     def stop(count: int) -> None:
         raise KeyboardInterrupt
@@ -103,6 +102,6 @@ def test_a_run_that_is_stopped_saves_its_state_first(jobs: list[PadJob], tmp_pat
         render_pad(job, state, stop)
     ticks: list[int] = []
     resumed = render_pad(job, state, ticks.append)
-    assert ticks[0] == 8 * job.chains
+    assert ticks[0] == job.chains
     assert sum(ticks) == job.mutations
     np.testing.assert_array_equal(resumed.estimate, render_pad(job).estimate)
