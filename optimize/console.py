@@ -85,7 +85,7 @@ class Meter:
         if elapsed < PATIENCE:
             return
         left = eta if eta is not None else elapsed * (total - done) / done if done > 0 else None
-        remaining = "" if left is None else f"{_clock(left)} left"
+        remaining = "" if left is None else f"{clock(left)} left"
         if sys.stderr.isatty():
             self._draw(done, total, remaining)
         elif now - self._said >= LOG_EVERY:
@@ -144,7 +144,8 @@ class Stages:
         self._meter(done, total, None if eta is None or eta != eta else eta)
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """Return ``h:mm:ss``, or ``m:ss`` below an hour."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

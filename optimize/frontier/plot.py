@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 GROUPS = {
     "preview": "#c46a1b",
     "checker": "#1f6fb2",
+    "surrogate": "#1f6fb2",
     "transport": "#5b616b",
     "PSSMLT": "#2b8a57",
     "volpath": "#a33a5a",

@@ -16,10 +16,14 @@ WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
 SOFT = "#8a8f98"
 ROLES = {
     "baseline": ("baseline", "#1c1f24"),
-    "incumbent": ("best so far, again", "#7c3aed"),
+    "incumbent": ("best so far, again", "#a78bfa"),
     "best": ("surrogate's best", "#b45309"),
     "uncertain": ("most uncertain", "#2f5fd0"),
     "random": ("random", "#1e9e4a"),
+    "colours": ("colours", "#0e9aa7"),
+    "thesis": ("thesis-style", "#c2410c"),
+    "runner-up": ("runner-up", "#93b4f5"),
+    "winner": ("winner", "#7c3aed"),
 }
 OTHER = ("other", "#9aa0aa")
 
@@ -48,7 +52,7 @@ def convergence(night: Night) -> Figure:
             )
             axes.plot(at[mine], [steps[i].predicted for i in mine], "x", ms=5, mew=1.0, color=tone)
         axes.plot([], [], "x", ms=5, mew=1.0, color=SOFT, label="predicted")
-        moments, best = _best_so_far(steps)
+        moments, best = _best_by_then(steps)
         axes.step(moments / unit, best, where="post", color="#b6bbc4", lw=1.2, zorder=1)
         for entry in (night.finalists[0], night.finalist(night.winner)):
             half = night.reach * entry.se
@@ -152,11 +156,14 @@ def _side_by_side(at: Array) -> Array:
     return shifted
 
 
-def _best_so_far(steps: tuple[Step, ...]) -> tuple[Array, Array]:
-    """Return the seconds at which something was rendered, and the best score until then."""
+def _best_by_then(steps: tuple[Step, ...]) -> tuple[Array, Array]:
+    """Return the seconds at which something was rendered, and the best score of those renders.
+
+    Not the best of all so far: that would be the luckiest of the noisy ones at the beginning.
+    """
     moments = np.unique([step.render_seconds for step in steps])
     scores = [max(s.score for s in steps if s.render_seconds == moment) for moment in moments]
-    return moments, np.maximum.accumulate(scores)
+    return moments, np.array(scores)
 
 
 def _identity(axes: Axes) -> None:

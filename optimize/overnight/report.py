@@ -15,6 +15,7 @@ from optimize.atomic import write_text
 from optimize.overnight.drawings import timed_levels
 from optimize.overnight.night import Finalist, Night
 from optimize.overnight.pictures import bolt_pictures, night_pictures
+from optimize.overnight.scaling import Scaling, load_scaling, scaling_rows, scaling_words
 from optimize.page import (
     bend_titles,
     clipping_warning,
@@ -35,13 +36,13 @@ STAGES = ("baseline", "colours")
 def write_report(night: Night, run: Path) -> Path:
     """Write ``report.html`` into ``run`` atomically and return its path."""
     path = run / REPORT
-    write_text(path, render_night(night))
+    write_text(path, render_night(night, load_scaling(run)))
     return path
 
 
-def render_night(night: Night) -> str:
+def render_night(night: Night, scaling: Scaling | None = None) -> str:
     """Return the report as HTML with every picture inside as a data URI."""
-    return render_page("night.html.j2", _context(night))
+    return render_page("night.html.j2", _context(night, scaling))
 
 
 def summary(night: Night) -> list[str]:
@@ -121,7 +122,7 @@ def prediction_holds(entry: Finalist) -> bool:
     return abs(entry.predicted - entry.score) <= reach
 
 
-def _context(night: Night) -> dict[str, Any]:
+def _context(night: Night, scaling: Scaling | None) -> dict[str, Any]:
     scene, last = night.scene, night.finalist(night.winner)
     pictures = dict(night_pictures(night))
     shown = list(dict.fromkeys([*STAGES, last.key]))
@@ -153,6 +154,7 @@ def _context(night: Night) -> dict[str, Any]:
         },
         "colour_errors": _colour_errors(night),
         "levels": [_level(row) for row in timed_levels(night)],
+        "scaling": None if scaling is None else _scaling(scaling),
         "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
         "caveats": _caveats(night),
         "facts": night.facts,
@@ -232,6 +234,12 @@ def _level(row: dict[str, float | str | None]) -> dict[str, str]:
         "score": text("score_error", ".2f"),
         "tau": text("kendall_tau", ".2f"),
     }
+
+
+def _scaling(scaling: Scaling) -> dict[str, Any]:
+    names = ("workers", "time", "speedup", "more")
+    rows = [dict(zip(names, row, strict=True)) for row in scaling_rows(scaling)]
+    return {"rows": rows, "note": scaling_words(scaling)}
 
 
 def _caveats(night: Night) -> list[str]:

@@ -1,0 +1,260 @@
+"""How the time of a night falls with the number of workers: simulated from its own renders.
+
+Assumptions, all of them:
+
+- A worker renders every job in the seconds that it took in the run; nobody slows anybody down.
+- Jobs are cut as they were in the run and given out in their order, each to the worker that is free
+  first (list scheduling; Graham 1969 bounds it by twice the optimum).
+- A stage begins when all renders of the one before are kept; within a stage nothing waits.
+- Results come home one after the other, in ``Transfer.handling`` seconds each; workers go on
+  meanwhile. Jobs themselves are some kilobytes of text and cost the latency.
+- Everything else that the run did (fits, searches, the report) takes as long as it took.
+"""
+
+from __future__ import annotations
+
+import heapq
+import json
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from optimize.atomic import write_text
+from optimize.console import clock
+from optimize.design import Array
+from optimize.overnight.night import NightError
+from optimize.overnight.transfer import Transfer, measure_transfer
+
+SCALING = "scaling.json"
+WORKERS = (1, 2, 8, 64)
+GROWS = ("table", "final")
+"""Stages that render more when there is more time; a round stays as it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Renders that do not wait for each other: seconds and bytes ``(job,)``, in their order."""
+
+    name: str
+    seconds: Array
+    size: Array
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of workers.
+
+    Arguments:
+        workers: how many.
+        seconds: of the same night; speedup: one worker's seconds over these.
+        more: how many times as much the table and the final verification would render in the time
+            that one worker takes.
+    """
+
+    workers: int
+    seconds: float
+    speedup: float
+    more: float
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """What the simulation says, and what it stands on.
+
+    Arguments:
+        rows: by number of workers.
+        renders, render_seconds: of the run; serial_seconds: all that was not rendering.
+        longest: seconds of the longest render; size: bytes of the largest result.
+        transfer: as measured.
+        measured_workers: how many rendered the run.
+    """
+
+    rows: tuple[Row, ...]
+    renders: int
+    render_seconds: float
+    serial_seconds: float
+    longest: float
+    size: int
+    transfer: Transfer
+    measured_workers: int
+
+
+def write_scaling(run: Path) -> Scaling:
+    """Simulate from the record of ``run``, keep the result there and return it."""
+    found = scaling_of(run)
+    write_text(run / SCALING, json.dumps(asdict(found), indent=1, allow_nan=False) + "\n")
+    return found
+
+
+def load_scaling(run: Path) -> Scaling | None:
+    """Return what ``write_scaling`` kept in ``run``, None where it did not.
+
+    Raises:
+        NightError: the file is damaged.
+    """
+    path = run / SCALING
+    try:
+        return TypeAdapter(Scaling).validate_json(path.read_bytes(), extra="forbid")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValidationError) as error:
+        raise NightError(
+            f"{path} is damaged ({str(error).splitlines()[0]}): delete it, the next night that "
+            "ends here measures anew",
+            field="scaling",
+        ) from None
+
+
+def scaling_of(run: Path) -> Scaling:
+    """Return the simulation for the renders that ``run`` has logged."""
+    stages, worked, rendered_by = _read(run)
+    sizes = np.concatenate([stage.size for stage in stages])
+    transfer = measure_transfer(run, int(sizes.max()))
+    return simulated(stages, worked, rendered_by, transfer)
+
+
+def simulated(
+    stages: Sequence[Stage], worked: float, rendered_by: int, transfer: Transfer
+) -> Scaling:
+    """Return the times for all ``WORKERS``.
+
+    Arguments:
+        stages: what was rendered, in order.
+        worked: seconds of the whole run.
+        rendered_by: workers of the run.
+        transfer: of results.
+    """
+    seconds = np.concatenate([stage.seconds for stage in stages])
+    # A render in the process itself travels nowhere.
+    way = transfer if rendered_by > 1 else None
+    serial = max(worked - sum(makespan(stage, rendered_by, way) for stage in stages), 0.0)
+    alone = serial + sum(makespan(stage, 1, None) for stage in stages)
+    rows = []
+    for workers in WORKERS:
+        way = transfer if workers > 1 else None
+        spans = [makespan(stage, workers, way) for stage in stages]
+        total = serial + sum(spans)
+        rows.append(Row(workers, total, alone / total, _more(stages, spans, workers, serial, way)))
+    return Scaling(
+        tuple(rows),
+        len(seconds),
+        float(seconds.sum()),
+        serial,
+        float(seconds.max()),
+        int(max(stage.size.max() for stage in stages)),
+        transfer,
+        rendered_by,
+    )
+
+
+def scaling_rows(scaling: Scaling) -> list[tuple[str, str, str, str]]:
+    """Return workers, time, speed-up and times the renders of every row, as text."""
+    return [
+        (str(row.workers), clock(row.seconds), f"{row.speedup:.2g}", f"{row.more:.2g}")
+        for row in scaling.rows
+    ]
+
+
+def scaling_words(scaling: Scaling) -> str:
+    """Say what the rows stand on."""
+    way, worker = scaling.transfer, "a machine like this one, which rendered all of them"
+    if scaling.measured_workers > 1:
+        worker = f"one like the {scaling.measured_workers} that rendered them"
+    return (
+        f"Simulated from this night's {scaling.renders} renders ({clock(scaling.render_seconds)} "
+        f"in all, the longest {scaling.longest:.0f} s) and from its "
+        f"{clock(scaling.serial_seconds)} of other work, which does not shrink. A worker is "
+        f"{worker}. Jobs are cut and ordered as they were, given out by list scheduling, and every "
+        "stage waits for the one before. A "
+        f"result of {scaling.size / 1e6:.1f} MB travels at {way.rate / 1e6:.0f} MB/s (measured "
+        f"over this machine's loopback) or at the network's {way.network / 1e6:.0f} MB/s (assumed "
+        f"to be gigabit), whichever is less, and is kept at {way.store / 1e6:.0f} MB/s, one after "
+        "the other. The last column is for the table and the final verification, cut finely "
+        "enough: with --hours, more workers render more in the same time."
+    )
+
+
+def makespan(stage: Stage, workers: int, transfer: Transfer | None) -> float:
+    """Return the seconds from the first job given out to the last result kept.
+
+    ``transfer`` None: the jobs stay in this process.
+    """
+    free = [0.0] * workers
+    latency = transfer.latency if transfer else 0.0
+    ends = []
+    for seconds in stage.seconds:
+        ends.append(heapq.heappop(free) + latency + float(seconds))
+        heapq.heappush(free, ends[-1])
+    handling = transfer.handling(stage.size) if transfer else np.zeros(len(ends))
+    kept = 0.0
+    for job in np.argsort(ends, kind="stable"):
+        kept = max(kept, ends[job]) + float(handling[job])
+    return kept
+
+
+def _more(
+    stages: Sequence[Stage],
+    spans: Sequence[float],
+    workers: int,
+    serial: float,
+    transfer: Transfer | None,
+) -> float:
+    """Return how many times the growing stages fit into the time that one worker takes."""
+    fixed = sum(span for stage, span in zip(stages, spans, strict=True) if stage.name not in GROWS)
+    growing = [stage for stage in stages if stage.name in GROWS]
+    total = serial + sum(makespan(stage, 1, None) for stage in stages)
+    left = total - serial - fixed
+    busy = sum(float(stage.seconds.sum()) for stage in growing) / workers
+    handled = sum(float(transfer.handling(stage.size).sum()) for stage in growing if transfer)
+    return left / max(busy, handled, 1e-9)
+
+
+def _read(run: Path) -> tuple[list[Stage], float, int]:
+    """Return the stages of ``run``, the seconds worked, and how many workers rendered.
+
+    Raises:
+        NightError: nothing was rendered, or the record cannot be read.
+    """
+    path = run / "run.sqlite"
+    try:
+        db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+        try:
+            rows = db.execute(
+                "SELECT kind, key, seconds, worker FROM evaluations WHERE id IN "
+                "(SELECT MAX(id) FROM evaluations GROUP BY key) ORDER BY id"
+            ).fetchall()
+            (worked,) = db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
+        finally:
+            db.close()
+    except sqlite3.Error as error:
+        raise NightError(f"{path} cannot be read ({error})", field="run", value=str(run)) from None
+    if not rows:
+        raise NightError(f"{path} has no renders to learn from", field="run", value=str(run))
+    kinds: dict[str, list[tuple[Any, ...]]] = {}
+    for row in rows:
+        kinds.setdefault(row[0], []).append(row)
+    stages = [
+        Stage(
+            kind.partition("/")[2],
+            np.array([row[2] for row in entries], dtype=np.float64),
+            np.array([_size(run / "renders" / f"{row[1]}.npz") for row in entries], np.float64),
+        )
+        for kind, entries in kinds.items()
+    ]
+    return stages, float(worked), len({row[3] for row in rows if row[3]}) or 1
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise NightError(
+            f"{path} cannot be read ({error.strerror}): go on with tactilux overnight, which "
+            "renders it anew",
+            field="run",
+        ) from None
