@@ -62,14 +62,13 @@ def summary(night: Night) -> list[str]:
             f"Nothing that was rendered beats the baseline, which scores "
             f"{_pm(first.score, first.se)}."
         )
-    sentences.append(" ".join(night.verdict))
     colours = night.of("colours")
     if (
         last.key not in STAGES
         and colours is not None
         and colours.gain is not None
         and last.gain is not None
-        and last.gain > 0
+        and 0 < colours.gain < last.gain
     ):
         sentences.append(
             f"Of the gain, {colours.gain:+.1f} came with the colours alone, every fiber pointing "
@@ -77,18 +76,21 @@ def summary(night: Night) -> list[str]:
         )
     before, after = night.rating(first), night.rating(last)
     if last is not first:
+        over_bends = (
+            f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
+            if len(night.scene.bending.angles) > 1
+            else ""
+        )
         sentences.append(
             f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
-            f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f} and over bends "
-            f"from {before.spread_bends:.1f} to {after.spread_bends:.1f}."
+            f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
         )
     held = sum(prediction_holds(entry) for entry in night.finalists)
     sentences.append(
-        f"The surrogate said {last.predicted:.1f} for this design, off by "
-        f"{last.predicted - last.score:+.1f}. Its 90% interval held for {held} of "
-        f"{len(night.finalists)} finalists."
+        f"The surrogate said {last.predicted:.1f} for this design; its 90% interval held for "
+        f"{held} of {len(night.finalists)} finalists."
     )
-    return [text for text in sentences if text]
+    return sentences
 
 
 def warnings(night: Night) -> list[str]:
@@ -140,6 +142,7 @@ def _context(night: Night, scaling: Scaling | None) -> dict[str, Any]:
         "lam": f"{night.scale.lam:.4g}",
         "summary": summary(night),
         "warnings": warnings(night),
+        "verdict": night.verdict,
         "finalists": [{**_row(night, entry), "best": entry is last} for entry in night.finalists],
         "bends": bend_titles(scene),
         "stages": [stage(entry) for entry in stages],

@@ -33,7 +33,7 @@ from optimize.overnight.transfer import Transfer, measure_transfer
 SCALING = "scaling.json"
 WORKERS = (1, 2, 8, 64)
 GROWS = ("table", "final")
-"""Stages that render more when there is more time; a round stays as it is."""
+"""Stages that render more when there is more time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Row:
         workers: how many.
         seconds: of the same night; speedup: one worker's seconds over these.
         more: how many times as much the table and the final verification would render in the time
-            that one worker takes.
+            that one worker takes for them.
     """
 
     workers: int
@@ -139,7 +139,7 @@ def simulated(
         way = transfer if workers > 1 else None
         spans = [makespan(stage, workers, way) for stage in stages]
         total = serial + sum(spans)
-        rows.append(Row(workers, total, alone / total, _more(stages, spans, workers, serial, way)))
+        rows.append(Row(workers, total, alone / total, _more(stages, workers, way)))
     return Scaling(
         tuple(rows),
         len(seconds),
@@ -171,7 +171,7 @@ def scaling_words(scaling: Scaling) -> str:
         f"{clock(scaling.serial_seconds)} of other work, which does not shrink. A worker is "
         f"{worker}. Jobs are cut and ordered as they were, given out by list scheduling, and every "
         "stage waits for the one before. A "
-        f"result of {scaling.size / 1e6:.1f} MB travels at {way.rate / 1e6:.0f} MB/s (measured "
+        f"result of {scaling.size / 1e6:.2g} MB travels at {way.rate / 1e6:.0f} MB/s (measured "
         f"over this machine's loopback) or at the network's {way.network / 1e6:.0f} MB/s (assumed "
         f"to be gigabit), whichever is less, and is kept at {way.store / 1e6:.0f} MB/s, one after "
         "the other. The last column is for the table and the final verification, cut finely "
@@ -197,21 +197,12 @@ def makespan(stage: Stage, workers: int, transfer: Transfer | None) -> float:
     return kept
 
 
-def _more(
-    stages: Sequence[Stage],
-    spans: Sequence[float],
-    workers: int,
-    serial: float,
-    transfer: Transfer | None,
-) -> float:
-    """Return how many times the growing stages fit into the time that one worker takes."""
-    fixed = sum(span for stage, span in zip(stages, spans, strict=True) if stage.name not in GROWS)
+def _more(stages: Sequence[Stage], workers: int, transfer: Transfer | None) -> float:
+    """Return how many times the growing stages fit into the time that one worker takes for them."""
     growing = [stage for stage in stages if stage.name in GROWS]
-    total = serial + sum(makespan(stage, 1, None) for stage in stages)
-    left = total - serial - fixed
-    busy = sum(float(stage.seconds.sum()) for stage in growing) / workers
+    alone = sum(float(stage.seconds.sum()) for stage in growing)
     handled = sum(float(transfer.handling(stage.size).sum()) for stage in growing if transfer)
-    return left / max(busy, handled, 1e-9)
+    return min(float(workers), alone / max(handled, 1e-9))
 
 
 def _read(run: Path) -> tuple[list[Stage], float, int]:

@@ -57,6 +57,7 @@ async def _sent(array: Array) -> tuple[float, float]:
         for _ in range(2 * TRIES + 1):
             await comm.read()
             await comm.write(1)
+        await comm.close()
 
     listener = await listen("tcp://127.0.0.1:0", answer)
     comm = await connect(listener.contact_address)
