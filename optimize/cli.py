@@ -16,7 +16,9 @@ import typer
 from render.errors import TactiluxError
 
 # Packages of the extra "train", which rendering and training need, and of "hw", for the real rig.
-EXTRA = dict.fromkeys(("drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch"), "train")
+EXTRA = dict.fromkeys(
+    ("dask", "distributed", "drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch"), "train"
+)
 EXTRA |= dict.fromkeys(("cv2", "serial"), "hw")
 
 app = typer.Typer(
@@ -309,6 +311,66 @@ def frontier(
         seed=seed,
         as_json=json,
     )
+
+
+@app.command()
+def overnight(
+    scene: Scene = "finger20",
+    out: Annotated[
+        Path | None, typer.Option(help="Run directory (default: runs/<scene>-overnight).")
+    ] = None,
+    hours: Annotated[
+        float | None,
+        typer.Option(min=0.01, help="Time for everything, over all attempts (default: 8)."),
+    ] = None,
+    mutations: Annotated[
+        int | None,
+        typer.Option(min=1, help="A fixed amount of work instead: per cell of the table."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Render in so many processes on this machine.")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(help="Render on the workers of a Dask scheduler, tcp://host:8786."),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+    json_lines: Annotated[
+        bool, typer.Option("--json-lines", help="Print progress as JSON, one object per line.")
+    ] = False,
+) -> None:
+    """Verify designs by rendering for hours; survives interruptions."""
+    from optimize.commands import overnight as command
+
+    for first, second, both in (
+        ("--hours", "--mutations", hours is not None and mutations is not None),
+        ("--workers", "--dask", workers is not None and dask is not None),
+    ):
+        if both:
+            raise typer.BadParameter(f"give {first} or {second}, not both")
+    command.run(
+        scene,
+        out=out,
+        hours=hours,
+        mutations=mutations,
+        workers=workers,
+        dask=dask,
+        seed=seed,
+        as_json=json,
+        json_lines=json_lines,
+    )
+
+
+@app.command()
+def status(
+    run: Annotated[Path, typer.Argument(help="Directory of an overnight run.")],
+    json: Json = False,
+) -> None:
+    """Say how far an overnight run is, also while it works."""
+    from optimize.commands import status as command
+
+    command.run(run, as_json=json)
 
 
 @app.command()

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -27,13 +28,16 @@ from optimize.score_scale import Scale
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.transport import TransportTable
-from surrogate.refit import Correction, NewRenders, Refitter
+from surrogate.refit import Correction, NewRenders
 
 LEAST_TAU = 0.85
 LEAST_GAIN = 1e-3
 """A proposal that promises less than this share of the score is no reason for another round."""
 SEED_STRIDE = 1000
 """Between the render seeds of different seeds of the loop."""
+SEED_STEP = 50
+"""Between the render seeds of one round."""
+CONVERGED = "the refitted surrogate proposes nothing better than what was rendered"
 
 
 @dataclass(frozen=True)
@@ -41,13 +45,15 @@ class LoopConfig:
     """How much is rendered.
 
     Arguments:
-        mutations: per cell in every round.
+        mutations: per cell and seed in every round.
         rounds: at most; seed: of searches and renders.
+        seeds: independent renders per round, which can be made at once.
     """
 
     mutations: int = 96
     rounds: int = 4
     seed: int = 0
+    seeds: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +77,33 @@ class Round:
     refitted: RankAgreement
     correction: Correction
     seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A round before its refit, with the fields of ``Round``.
+
+    Arguments:
+        interval: 95 % interval of the score of design j minus that of design i.
+    """
+
+    number: int
+    proposals: tuple[Proposal, ...]
+    measured: tuple[Measured, ...]
+    gains: tuple[JackknifeEstimate, ...]
+    agreement: RankAgreement
+    seconds: float
+    interval: Callable[[int, int], tuple[float, float]]
+
+
+class Refits(Protocol):
+    """Fits corrections of the surrogate and applies them; see ``surrogate.refit.Refitter``."""
+
+    def fit(self, runs: Sequence[NewRenders]) -> Correction:
+        """Return the correction by all ``runs``."""
+
+    def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
+        """Return ``table`` with the correction."""
 
 
 @dataclass
@@ -104,7 +137,7 @@ def verification_loop(
     table: TransportTable,
     baseline: Design,
     render: RenderDesigns,
-    refitter: Refitter,
+    refitter: Refits,
     *,
     edges: Sequence[str],
     config: LoopConfig,
@@ -123,74 +156,92 @@ def verification_loop(
         limits: of what is proposed.
         report: called after every round.
     """
-    loop = _Loop(table, baseline, render, refitter, edges, config, limits)
+    loop = Loop(table, baseline, render, refitter, edges, config, limits)
+    rounds: list[Round] = []
     reason = f"the {config.rounds} rounds ran out"
     for number in range(1, config.rounds + 1):
         proposals = loop.proposals(number)
-        if loop.rounds and not proposals:
-            reason = "the refitted surrogate proposes nothing better than what was rendered"
+        if not proposals:
+            reason = CONVERGED
             break
-        loop.round(number, proposals)
+        rounds.append(loop.round(number, proposals))
         if report is not None:
-            report(loop.rounds[-1])
+            report(rounds[-1])
     return LoopResult(
         tuple(loop.ranking()),
-        tuple(loop.rounds),
+        tuple(rounds),
         loop.table,
-        sum(entry.seconds for entry in loop.rounds),
+        sum(entry.seconds for entry in rounds),
         reason,
     )
 
 
-class _Loop:
-    """What the rounds share: contenders, renders and the surrogate as it stands."""
+class Loop:
+    """What the rounds share: contenders, renders and the surrogate as it stands.
+
+    ``round`` is ``render`` and then ``refit``; a round that is only read from a record needs no
+    refit of its own, because a refit takes all renders so far.
+    """
 
     def __init__(
         self,
         table: TransportTable,
         baseline: Design,
         render: RenderDesigns,
-        refitter: Refitter,
+        refitter: Refits,
         edges: Sequence[str],
         config: LoopConfig,
         limits: Limits | None,
+        start: Design | None = None,
     ) -> None:
+        """Begin without contenders, see ``verification_loop``.
+
+        Searches begin at ``start`` while the surrogate rates it above the best contender.
+        """
         self.original = self.table = table
-        self.baseline, self.render, self.refitter = baseline, render, refitter
+        self.baseline, self.renderer, self.refitter = baseline, render, refitter
         self.edges, self.config, self.limits = edges, config, limits
+        self.start = start
         self.scale = Scale(table.exposure, table.lam)
         self.contenders: list[Contender] = []
         self.runs: list[NewRenders] = []
-        self.rounds: list[Round] = []
+        self.agreement: RankAgreement | None = None
 
     def ranking(self) -> list[Contender]:
         """Return the contenders, best rendered gain first."""
         return sorted(self.contenders, key=lambda entry: -entry.gain[0])
 
     def proposals(self, number: int) -> list[Proposal]:
-        """Return what the surrogate wants to have rendered; nothing when it has converged."""
+        """Return what round ``number`` renders beside the baseline; nothing when it has converged.
+
+        Best and second-best designs so far come first, as ``incumbent``.
+        """
         scorer = TableScorer(self.table, limits=self.limits)
-        best = self.ranking()[0].design if self.contenders else self.baseline
+        ranking = self.ranking()
+        best = ranking[0].design if ranking else self.baseline
+        if self.start is not None:
+            best = max((best, self.start), key=lambda d: scorer.score(d.phi, d.power))
         known = [entry.design for entry in self.contenders]
         seed = SEED_STRIDE * self.config.seed + number
         found = propose(scorer, best, edges=self.edges, seed=seed, known=known)
-        if not self.rounds:
-            return found
-        agreement = self.rounds[-1].agreement.tau
-        leader = scorer.score(best.phi, best.power)
-        promised = max((p.predicted for p in found if p.role == "best"), default=leader)
-        converged = promised - leader < LEAST_GAIN * abs(leader)
-        return [] if converged and agreement is not None and agreement >= LEAST_TAU else found
+        if self.agreement is not None:
+            tau = self.agreement.tau
+            first = ranking[0].design
+            leader = scorer.score(first.phi, first.power)
+            promised = max((p.predicted for p in found if p.role == "best"), default=leader)
+            converged = promised - leader < LEAST_GAIN * abs(leader)
+            if not found or (converged and tau is not None and tau >= LEAST_TAU):
+                return []
+        again = [described(scorer, "incumbent", entry.design) for entry in ranking[:2]]
+        return [described(scorer, "baseline", self.baseline), *again, *found]
 
-    def round(self, number: int, proposals: Sequence[Proposal]) -> None:
-        """Render, measure and refit."""
-        scorer = TableScorer(self.table, limits=self.limits)
-        again = [described(scorer, "incumbent", entry.design) for entry in self.ranking()[:2]]
-        chosen = [described(scorer, "baseline", self.baseline), *again, *proposals]
-        renders = self.render(
+    def render(self, number: int, chosen: Sequence[Proposal]) -> Rendered:
+        """Render and measure what ``proposals`` returned."""
+        first = SEED_STRIDE * (self.config.seed + 1) + number
+        renders = self.renderer(
             [entry.design for entry in chosen],
             mutations=self.config.mutations,
-            seeds=[SEED_STRIDE * (self.config.seed + 1) + number],
+            seeds=[first + SEED_STEP * i for i in range(self.config.seeds)],
             title=f"round {number}",
         )
         measured = [self._measure(renders, i) for i in range(len(chosen))]
@@ -201,23 +252,40 @@ class _Loop:
         def interval(i: int, j: int) -> tuple[float, float]:
             return self._gain(renders, i, j).interval()
 
-        agreement = rank_agreement(np.array([entry.predicted for entry in chosen]), interval)
+        predicted = np.array([entry.predicted for entry in chosen])
+        self.agreement = rank_agreement(predicted, interval)
         self.runs.append(self._observed(renders))
+        return Rendered(
+            number,
+            tuple(chosen),
+            tuple(measured),
+            tuple(gains),
+            self.agreement,
+            renders.seconds,
+            interval,
+        )
+
+    def refit(self) -> Correction:
+        """Correct the surrogate by all renders so far."""
         correction = self.refitter.fit(self.runs)
         self.table = self.refitter.apply(correction, self.original)
+        return correction
+
+    def round(self, number: int, chosen: Sequence[Proposal]) -> Round:
+        """Render, measure and refit."""
+        done = self.render(number, chosen)
+        correction = self.refit()
         scorer = TableScorer(self.table, limits=self.limits)
         after = [scorer.score(entry.design.phi, entry.design.power) for entry in chosen]
-        self.rounds.append(
-            Round(
-                number,
-                tuple(chosen),
-                tuple(measured),
-                tuple(gains),
-                agreement,
-                rank_agreement(np.array(after), interval),
-                correction,
-                renders.seconds,
-            )
+        return Round(
+            number,
+            done.proposals,
+            done.measured,
+            done.gains,
+            done.agreement,
+            rank_agreement(np.array(after), done.interval),
+            correction,
+            done.seconds,
         )
 
     def _contender(self, proposal: Proposal) -> Contender:

@@ -1,0 +1,241 @@
+"""From the verdict to the finished night: finalists with all figures, sentences, steps, facts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from optimize.design import Array, Design
+from optimize.overnight.final_stage import TITLES, handed_over
+from optimize.overnight.loop_stage import Outcome
+from optimize.overnight.night import Finalist, Night, Step
+from optimize.overnight.shift import Shift
+from optimize.provenance import package_versions
+from optimize.verdict import Verdict
+from render.metric import site_metric
+from surrogate.checker import Checker
+from surrogate.model_file import MODEL_FILE, sha256
+
+TIMED = 20
+"""Designs whose median time is that of a level."""
+
+
+def concluded(
+    shift: Shift,
+    checker: Checker,
+    outcome: Outcome,
+    verdict: Verdict,
+    checks: Sequence[tuple[int, Verdict]],
+    hours: float | None,
+) -> Night:
+    """Return the night that is over."""
+    winner = handed_over(verdict)
+    return Night(
+        scene=shift.scene,
+        scale=verdict.scale,
+        replicates=len(verdict.renders.replicates),
+        finalists=tuple(
+            _finalist(shift, checker, verdict, index) for index in range(len(verdict.names))
+        ),
+        winner=winner,
+        verdict=_sentences(shift, checker, outcome, verdict, winner),
+        steps=_steps(shift, outcome, checks, checker),
+        trade=_trade(shift, checker, outcome),
+        facts=_facts(shift, outcome, verdict, hours),
+    )
+
+
+def _finalist(shift: Shift, checker: Checker, verdict: Verdict, index: int) -> Finalist:
+    name, design = verdict.names[index], verdict.renders.designs[index]
+    replicates = verdict.renders.replicates[:, index]
+    scale, score = verdict.scale, verdict.measured[index].score
+    count = len(replicates)
+    counts = scale.counts(replicates.mean(axis=0), design.power)
+    # The error bar is the one before clipping: a clipped channel would seem to be known exactly.
+    light = scale.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
+    predicted = _predicted(shift, checker, design)
+    gain = None if name == "baseline" else verdict.gain("baseline", name)
+    return Finalist(
+        key=name,
+        title=TITLES[name],
+        design=design,
+        score=score.value,
+        se=score.se,
+        gain=None if gain is None else gain.value,
+        gain_se=None if gain is None else gain.se,
+        predicted=float(predicted["score"]),
+        predicted_reach=checker.score_reach,
+        counts=counts,
+        counts_se=light.std(axis=0, ddof=1) / np.sqrt(count),
+        predicted_counts=predicted["counts"],
+        metric=np.asarray(site_metric(counts, scale.lam, scale.conventions)),
+        metric_se=_metric_se(verdict, index),
+    )
+
+
+def _predicted(shift: Shift, checker: Checker, design: Design) -> dict[str, Array]:
+    found = checker.run(design.phi[None], design.power[None], shift.bends)
+    return {name: np.asarray(value[0], dtype=np.float64) for name, value in found.items()}
+
+
+def _metric_se(verdict: Verdict, index: int) -> Array:
+    """Return the jackknife's standard error of M, ``(bend, site)``."""
+    replicates, scale = verdict.renders.replicates[:, index], verdict.scale
+    power, count = verdict.renders.designs[index].power, len(verdict.renders.replicates)
+    total = replicates.sum(axis=0)
+    without = np.stack(
+        [
+            site_metric(
+                scale.counts((total - one) / (count - 1), power), scale.lam, scale.conventions
+            )
+            for one in replicates
+        ]
+    )
+    return np.asarray(np.sqrt((count - 1) * without.var(axis=0)))
+
+
+def _sentences(
+    shift: Shift, checker: Checker, outcome: Outcome, verdict: Verdict, winner: str
+) -> tuple[str, ...]:
+    names, said = verdict.names, []
+    if winner != "baseline":
+        said.append(verdict.sentence("baseline", winner))
+    said += [
+        verdict.sentence(other, winner)
+        for other in ("runner-up", "thesis", "colours", "winner")
+        if other in names and other != winner
+    ]
+    index = names.index(winner)
+    design, score = verdict.renders.designs[index], verdict.of(winner).score
+    off = float(_predicted(shift, checker, design)["score"]) - score.value
+    reach = checker.score_reach
+    # The renders' own error bar (90 %) is part of what the surrogate may be off by.
+    allowed = float(np.hypot(reach, 1.645 * score.se))
+    holds = "holds" if abs(off) <= allowed else "does not hold"
+    said.append(
+        f"The surrogate is off by {off:+.2f} for the {winner}: its 90% interval of ±{reach:.2f} "
+        f"{holds} (renders ±{score.se:.2f})."
+    )
+    said.append(f"The verification loop stopped because {outcome.reason}.")
+    if len(set(design.colours.tolist())) == 1:
+        said.append(
+            "The optimum is monochrome: the weight of the colour term does not reward colour "
+            "differences in this scene."
+        )
+    return tuple(said)
+
+
+def _steps(
+    shift: Shift, outcome: Outcome, checks: Sequence[tuple[int, Verdict]], checker: Checker
+) -> tuple[Step, ...]:
+    spent = shift.store.render_seconds_by_kind()
+    before = sum(seconds for kind, seconds in spent.items() if _precedes_rounds(kind, shift.number))
+    steps = []
+    for done in outcome.rounds:
+        before += done.seconds
+        steps += [
+            Step("rounds", done.number, entry.role, before, m.score.value, m.score.se,
+                 entry.predicted)
+            for entry, m in zip(done.proposals, done.measured, strict=True)
+        ]  # fmt: skip
+    for number, verdict in checks:
+        for index, name in enumerate(verdict.names):
+            score = verdict.measured[index].score
+            predicted = _predicted(shift, checker, verdict.renders.designs[index])["score"]
+            steps.append(
+                Step("final", number, name, before + verdict.renders.seconds, score.value,
+                     score.se, float(predicted))
+            )  # fmt: skip
+    return tuple(steps)
+
+
+def _precedes_rounds(kind: str, number: int) -> bool:
+    shift, _, stage = kind.partition("/")
+    return int(shift) < number or (int(shift) == number and stage in ("trial", "table"))
+
+
+def _trade(
+    shift: Shift, checker: Checker, outcome: Outcome
+) -> tuple[dict[str, float | str | None], ...]:
+    """Return speed and accuracy by level: the model's held-out errors and measured times."""
+    held = {str(row["level"]): row for row in checker.metadata.held_out}
+    rendered = [done.seconds / len(done.proposals) for done in outcome.rounds]
+    phi = np.full((1, shift.scene.fibers.count), np.pi / 2)
+    power = np.ones((1, shift.scene.fibers.count, 3))
+
+    def model() -> None:
+        checker.run(phi, power, shift.bends)
+
+    kind = str(checker.metadata.residual["kind"])
+    rows: list[tuple[str, str, float]] = [
+        ("preview", "preview", _preview_seconds(shift)),
+        ("surrogate", kind, _median_seconds(model)),
+    ]
+    if rendered:
+        rows.append(("a render of one round", "noise of the reference", float(np.median(rendered))))
+    return tuple(
+        {
+            "level": title,
+            "seconds_per_design": seconds,
+            "facet_error_median": float(held[name]["facet_median"]),
+            "facet_error_p95": float(held[name]["facet_p95"]),
+            "score_error": float(held[name]["score_median"]),
+            "kendall_tau": float(held[name]["kendall_tau"]),
+        }
+        for title, name, seconds in rows
+        if name in held
+    )
+
+
+def _preview_seconds(shift: Shift) -> float:
+    from render.preview import Preview
+
+    with Preview(shift.scene) as preview:
+
+        def draw() -> None:
+            preview.transport(np.array([np.pi / 2]), shift.bends)
+
+        return _median_seconds(draw)
+
+
+def _median_seconds(work: Callable[[], None]) -> float:
+    work()
+    spent = []
+    for _ in range(TIMED):
+        began = time.perf_counter()
+        work()
+        spent.append(time.perf_counter() - began)
+    return float(np.median(spent))
+
+
+def _facts(
+    shift: Shift, outcome: Outcome, verdict: Verdict, hours: float | None
+) -> tuple[tuple[str, str], ...]:
+    store, scene = shift.store, shift.scene
+    table = shift.decided("table")
+    passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, shift.number + 1))
+    asked = (
+        f"{hours:g} h"
+        if hours is not None
+        else f"{shift.fixed and shift.fixed.mutations} mutations"
+    )
+    versions = package_versions("mitsuba", "drjit", "torch", "onnxruntime", "numpy")
+    return (
+        ("Scene", f"{scene.name}, {scene.hash}"),
+        ("Seed", str(shift.seed)),
+        ("Asked for", asked),
+        ("Time worked", f"{store.spent() / 3600:.3f} h"),
+        ("Rendering", f"{store.render_seconds():.0f} s in {store.evaluations()} renders"),
+        ("Workers", str(shift.renders.workers.count)),
+        (
+            "Transport table",
+            f"{passes} passes, {table['mutations']} mutations per cell in the last",
+        ),
+        ("Rounds", str(len(outcome.rounds))),
+        ("Final verification", f"{len(verdict.renders.replicates)} replicates"),
+        ("Surrogate", sha256((store.run / "model" / MODEL_FILE).read_bytes())),
+        ("Exposure, lambda", f"{verdict.scale.exposure:.6g}, {verdict.scale.lam:.6g}"),
+        *((f"Version of {name}", value) for name, value in versions.items()),
+    )

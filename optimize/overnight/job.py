@@ -1,0 +1,225 @@
+"""The overnight job: from a scene to a verified design, its report and a refitted model.
+
+Every stage asks the record first, so the job may be ended at any instant and asked for again. With
+more hours than a finished run has worked, another shift refines: more passes of the table, the
+model fitted to all of them, rounds from the contenders so far, and fresh seeds for the verdict.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import IO
+
+from optimize.overnight.amounts import Fixed
+from optimize.overnight.conclusion import concluded
+from optimize.overnight.errors import RunError, writing
+from optimize.overnight.final_stage import chosen_finalists, verify_finalists
+from optimize.overnight.lock import LOCK, locked
+from optimize.overnight.loop_stage import run_loop
+from optimize.overnight.model_stage import fitted_model
+from optimize.overnight.night import SCENE, Night, NightError, keep_scene
+from optimize.overnight.runner import StoredRenders
+from optimize.overnight.search_stage import searched, thesis_design
+from optimize.overnight.shift import Shift
+from optimize.overnight.store import RECORD, Request, Store
+from optimize.overnight.table_stage import measured_pace, render_table, whole_table
+from optimize.overnight.watch import LOG, Signals, Stopped, Watch
+from optimize.overnight.workers import Workers
+from optimize.score_scale import Scale
+from render.errors import SceneError
+from render.scene import Scene, load_scene
+from render.transport import TransportTable
+
+WORTH = 1.05
+"""Hours beyond what was worked by less than this factor start no other shift."""
+
+
+@dataclass(frozen=True)
+class NightConfig:
+    """What is asked for.
+
+    Arguments:
+        hours: of work, over all attempts together; None where ``mutations`` are given.
+        mutations: of the transport table per cell; everything else follows from it.
+        seed: of everything.
+    """
+
+    hours: float | None = 8.0
+    mutations: int | None = None
+    seed: int = 0
+
+
+def overnight(
+    scene_name: str,
+    run: Path,
+    config: NightConfig,
+    *,
+    hire: Callable[[], Workers],
+    lines: IO[str] | None = None,
+) -> Night:
+    """Do the job in ``run`` and return the finished night.
+
+    Arguments:
+        scene_name: a shipped scene, or a file.
+        run: the run directory, new or of an earlier call.
+        config: what is asked for.
+        hire: starts who renders, after everything else has been checked.
+        lines: where progress goes as JSON lines.
+
+    Raises:
+        RunError: the directory is in use, for something else, full, read-only or damaged.
+        Stopped: a signal asked for the end; what is finished is kept.
+    """
+    scene = load_scene(scene_name)
+    check_directory(run)
+    with writing(run):
+        run.mkdir(parents=True, exist_ok=True)
+        with locked(run):
+            signals, watch = Signals(), Watch(run, lines)
+            try:
+                with signals.caught():
+                    return _work(scene, scene_name, run, config, hire, signals, watch)
+            finally:
+                watch.close()
+
+
+def check_directory(run: Path) -> None:
+    """Refuse a place that holds something else.
+
+    Raises:
+        RunError: it is a file, or holds files but no record of a run.
+    """
+    if run.exists() and not run.is_dir():
+        raise RunError(f"{run} is not a directory: choose another place with --out", field="out")
+    if run.exists() and not (run / RECORD).exists():
+        others = {item.name for item in run.iterdir()} - {LOCK, LOG}
+        if others:
+            raise RunError(
+                f"{run} holds files but no run ({RECORD}), so it is left alone: choose another "
+                "place with --out",
+                field="out",
+                value=str(run),
+            )
+
+
+def _work(
+    scene: Scene,
+    scene_name: str,
+    run: Path,
+    config: NightConfig,
+    hire: Callable[[], Workers],
+    signals: Signals,
+    watch: Watch,
+) -> Night:
+    limits = scene.model_dump_json(include={"constraints"})
+    request = Request(
+        scene.hash, hashlib.sha256(limits.encode()).hexdigest()[:16], config.seed, config.mutations
+    )
+    store, ended = Store(run, request, watch.note), "error"
+    workers: Workers | None = None
+    try:
+        _keep_scene(run, scene_name, scene)
+        number, finished = _shift_number(store, config)
+        if finished:
+            ended = "finished"
+            try:
+                night = Night.load(run)
+            except NightError as error:
+                watch.note(f"{error}; doing so now")
+            else:
+                watch.note(f"{run} is finished: ask for more hours, or for another --out")
+                return night
+        workers = hire()
+        shift = _shift(scene, store, workers, signals, watch, config, number)
+        night = _shifted(shift, config)
+        ended = "finished"
+        return night
+    except Stopped as stop:
+        ended = "stopped"
+        watch.note(f"Stopped; give the same command again to go on: {run}")
+        raise stop
+    finally:
+        if workers is not None:
+            workers.close()
+        store.close(ended)
+
+
+def _keep_scene(run: Path, scene_name: str, scene: Scene) -> None:
+    """Copy the scene's file into the run, unless a whole copy is there."""
+    try:
+        if load_scene(run / SCENE) == scene:
+            return
+    except SceneError:
+        pass
+    keep_scene(run, scene_name)
+
+
+def _shift_number(store: Store, config: NightConfig) -> tuple[int, bool]:
+    """Return the shift to work in, and whether it has nothing left to do."""
+    number = 1
+    while store.decided(f"{number}/finished") is not None:
+        number += 1
+    more = config.hours is not None and 3600 * config.hours > WORTH * store.spent()
+    if number == 1 or more or store.decided(f"{number}/hours") is not None:
+        return number, False
+    return number - 1, True
+
+
+def _shift(
+    scene: Scene,
+    store: Store,
+    workers: Workers,
+    signals: Signals,
+    watch: Watch,
+    config: NightConfig,
+    number: int,
+) -> Shift:
+    began = 0.0 if number == 1 else store.decided(f"{number - 1}/finished")["spent"]
+    store.decide(f"{number}/hours", lambda: {"hours": config.hours})
+    shift = Shift(
+        scene=scene,
+        store=store,
+        renders=StoredRenders(store, workers, signals),
+        watch=watch,
+        seed=config.seed,
+        number=number,
+        fixed=None if config.mutations is None else Fixed(config.mutations),
+        until=math.inf if config.hours is None else 3600 * config.hours,
+        began=began,
+    )
+    watch.record = lambda stage, done, total, eta: store.progress(
+        stage, done, total, eta, shift.best
+    )
+    return shift
+
+
+def _shifted(shift: Shift, config: NightConfig) -> Night:
+    """Return the night after all stages of the shift."""
+    pace = None if shift.fixed is not None else measured_pace(shift)
+    render_table(shift, pace)
+
+    @cache
+    def table() -> TransportTable:
+        return whole_table(shift)
+
+    checker = fitted_model(shift, table)
+    coloured, best = searched(shift, checker)
+    thesis = thesis_design(shift, table, checker)
+    outcome = run_loop(shift, checker, best, pace)
+    finalists = chosen_finalists(shift, coloured, thesis, outcome)
+    scale = Scale(checker.exposure, checker.lam)
+    verdict, checks = verify_finalists(shift, finalists, scale, pace)
+    shift.watch.stage("Report")
+    night = concluded(shift, checker, outcome, verdict, checks, config.hours)
+    night.save(shift.store.run)
+    spent = shift.store.spent()
+    shift.store.decide(f"{shift.number}/finished", lambda: {"spent": spent})
+    shift.watch.record("Finished", 1, 1, 0.0)
+    for sentence in night.verdict:
+        shift.watch.note(sentence)
+    return night

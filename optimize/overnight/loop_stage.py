@@ -1,0 +1,203 @@
+"""The verification loop of a night, round by round from the record.
+
+What a round renders is a decision: a run that goes on renders at once, without searching again. The
+refit takes all renders so far, so only the last one is needed, when the next round is proposed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from optimize.design import Design
+from optimize.explore import PHI_NODES
+from optimize.jackknife import JackknifeEstimate
+from optimize.limits import limits_of
+from optimize.overnight.amounts import (
+    LEAST_MUTATIONS,
+    LOOP_UNTIL,
+    ROUNDS_FIXED,
+    ROUNDS_MAX,
+    Pace,
+)
+from optimize.overnight.search_stage import baseline_of
+from optimize.overnight.shift import Shift, design_json, design_of
+from optimize.proposals import Proposal
+from optimize.renders import distinct_directions, reference_renders
+from optimize.verification_loop import CONVERGED, Contender, Loop, LoopConfig, Rendered
+from render.chebyshev import chebyshev_nodes
+from render.layout import fiber_edges
+from render.reference import pad_jobs
+from render.transport import TransportTable
+from surrogate.checker import Checker
+from surrogate.preview_grid import draw_grid
+from surrogate.refit import Correction, Refitter
+
+ROUND_SHARE = 0.3
+"""Part of the loop's time that the renders of one round take."""
+ROUND_SEEDS = 4
+"""Seeds of a round at most: jobs that can be rendered at once."""
+
+
+class Outcome:
+    """What the loop found.
+
+    Arguments:
+        rounds: as they were rendered.
+        contenders: of all shifts, best first.
+        reason: why it stopped.
+    """
+
+    def __init__(self, rounds: list[Rendered], contenders: list[Contender], reason: str) -> None:
+        self.rounds, self.contenders, self.reason = rounds, contenders, reason
+
+
+def run_loop(shift: Shift, checker: Checker, start: Design, pace: Pace | None) -> Outcome:
+    """Render rounds until the surrogate has nothing better to propose, or the time is over.
+
+    Arguments:
+        shift: the shift; what earlier ones found takes part.
+        checker: the surrogate.
+        start: the best design on it, where the first search begins.
+        pace: of renders; None for a fixed amount of work.
+    """
+    config = _config(shift, start, pace)
+    loop = Loop(
+        checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)),
+        baseline_of(shift),
+        reference_renders(
+            shift.scene, None, lambda _, state: shift.progress(state), runner=shift.renders
+        ),
+        _LateRefitter(shift, checker),
+        fiber_edges(shift.scene),
+        config,
+        limits_of(shift.scene),
+        start,
+    )
+    loop.contenders = _known(shift)
+    rounds: list[Rendered] = []
+    reason = f"the {config.rounds} rounds ran out"
+    took = 0.0
+    for number in range(1, config.rounds + 1):
+        began = shift.store.spent()
+
+        def propose(number: int = number, took: float = took) -> dict[str, Any]:
+            if number > 1 and took / 2 > shift.left_until(LOOP_UNTIL):
+                return {"stop": "its share of the time is used"}
+            shift.stage(f"Round {number}", f"round {number}")
+            shift.tell(0, 1)
+            if loop.runs:
+                loop.refit()
+            found = loop.proposals(number)
+            if not found:
+                return {"stop": CONVERGED}
+            return {"proposals": [_proposal_json(entry) for entry in found]}
+
+        decided = shift.decide(f"round {number}", propose)
+        if "stop" in decided:
+            reason = decided["stop"]
+            break
+        shift.stage(f"Round {number}", f"round {number}")
+        done = loop.render(number, [_proposal_of(entry) for entry in decided["proposals"]])
+        rounds.append(done)
+        took = max(shift.store.spent() - began, took)
+        _tell_round(shift, done)
+        best = max(zip(done.measured, done.proposals, strict=True), key=lambda m: m[0].score.value)
+        low, high = best[0].score.interval()
+        shift.rated("reference", best[0].score.value, (high - low) / 2, f"round {number}")
+    ranking = loop.ranking()
+    shift.decide("contenders", lambda: [_contender_json(entry) for entry in ranking])
+    return Outcome(rounds, ranking, reason)
+
+
+def _config(shift: Shift, start: Design, pace: Pace | None) -> LoopConfig:
+    """Return how much a round renders."""
+
+    def choose() -> dict[str, int]:
+        if shift.fixed is not None:
+            return {"mutations": shift.fixed.round, "rounds": ROUNDS_FIXED, "seeds": 1}
+        assert pace is not None  # with hours it is measured
+        phi, _ = distinct_directions([baseline_of(shift), start])
+        seeds = min(ROUND_SEEDS, -(-pace.workers // (2 * len(shift.bends))))
+        unit = pad_jobs(shift.scene, phi, shift.bends, mutations=64, seeds=list(range(seeds)))
+        seconds = ROUND_SHARE * max(shift.left_until(LOOP_UNTIL), 1.0)
+        mutations = max(LEAST_MUTATIONS, pace.mutations(unit, 64, seconds))
+        return {"mutations": mutations, "rounds": ROUNDS_MAX, "seeds": seeds}
+
+    found = shift.decide("rounds", choose)
+    # Every shift of every seed searches and renders with seeds of its own.
+    return LoopConfig(seed=64 * shift.seed + shift.number, **found)
+
+
+class _LateRefitter:
+    """The refitter, made when it is needed: drawing its grid takes longer than a run may wait."""
+
+    def __init__(self, shift: Shift, checker: Checker) -> None:
+        self.shift, self.checker = shift, checker
+
+    @cached_property
+    def _refitter(self) -> Refitter:
+        preview = self.checker.metadata.preview
+        grid = draw_grid(self.shift.scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
+        return Refitter(self.shift.scene, grid)
+
+    def fit(self, runs: Any) -> Correction:
+        return self._refitter.fit(runs)
+
+    def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
+        return self._refitter.apply(correction, table)
+
+
+def _tell_round(shift: Shift, done: Rendered) -> None:
+    said = shift.decided(f"round {done.number} said")
+    if said is not None:
+        return
+    shift.watch.note(f"Round {done.number}: {done.agreement.shown}")
+    for entry, measured in zip(done.proposals, done.measured, strict=True):
+        score = measured.score
+        shift.watch.note(
+            f"  {entry.role}: predicted {entry.predicted:.2f}, rendered {score.value:.2f} "
+            f"± {score.se:.2f}"
+        )
+    shift.decide(f"round {done.number} said", lambda: True)
+
+
+def _known(shift: Shift) -> list[Contender]:
+    """Return the contenders of the shift before this one."""
+    if shift.number == 1:
+        return []
+    kept = shift.store.decided(f"{shift.number - 1}/contenders")
+    return [
+        Contender(
+            entry["role"],
+            design_of(entry["design"]),
+            [
+                JackknifeEstimate(g["value"], g["plain"], g["se"], np.array(g["pseudo"]))
+                for g in entry["gains"]
+            ],
+        )
+        for entry in kept
+    ]
+
+
+def _contender_json(entry: Contender) -> dict[str, Any]:
+    gains = [asdict(gain) | {"pseudo": gain.pseudo.tolist()} for gain in entry.gains]
+    return {"role": entry.role, "design": design_json(entry.design), "gains": gains}
+
+
+def _proposal_json(entry: Proposal) -> dict[str, Any]:
+    return {
+        "role": entry.role,
+        "design": design_json(entry.design),
+        "predicted": entry.predicted,
+        "spread": entry.spread,
+    }
+
+
+def _proposal_of(content: dict[str, Any]) -> Proposal:
+    return Proposal(
+        content["role"], design_of(content["design"]), content["predicted"], content["spread"]
+    )

@@ -1,0 +1,129 @@
+"""The surrogate of the night: fitted to the night's own table, as long as its share of time allows.
+
+A model that is whole and was logged is not fitted again; a damaged one is, and comes out the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from optimize.overnight.amounts import FIT_STEPS, MODEL_UNTIL
+from optimize.overnight.shift import Shift
+from optimize.overnight.store import TABLE
+from render.errors import ModelError
+from render.transport import TransportTable
+from surrogate.checker import Checker
+from surrogate.model_file import MODEL_FILE, sha256
+
+MODEL = "model"
+TRIAL_STEPS = 60
+SPLITS = 1.9
+"""The networks for held-out fibers, directions and bends take about this many times the steps."""
+AROUND = 30.0
+"""Seconds of a fit around the networks: the preview's grid, ridge, errors, export."""
+
+
+def fitted_model(shift: Shift, table: Callable[[], TransportTable]) -> Checker:
+    """Return the surrogate that is fitted to ``table``, which is read only where it is needed."""
+    folder = shift.store.run / MODEL
+    known = shift.decided("model")
+    if known is not None:
+        found = _whole(shift, known["sha256"])
+        if found is not None:
+            return found
+        shift.watch.note(f"{folder} is missing or damaged: the surrogate is fitted again")
+        for item in folder.glob("*") if folder.is_dir() else ():
+            item.unlink()
+    from surrogate.train import TrainConfig, TrainProgress, train
+
+    shift.stage("Surrogate", "surrogate")
+    steps = shift.decide("fit", lambda: {"steps": _steps(shift, table())})["steps"]
+    config = TrainConfig()
+    network = replace(config.fit.network, steps=steps)
+
+    def progress(state: TrainProgress) -> None:
+        eta = None if np.isnan(state.eta_seconds) else state.eta_seconds
+        shift.tell(state.done, state.total, eta)
+
+    began = time.monotonic()
+    train(
+        shift.scene,
+        folder,
+        seed=shift.seed,
+        table=table(),
+        run=shift.store.run / TABLE,
+        config=replace(config, fit=replace(config.fit, network=network)),
+        command=f"tactilux overnight {shift.scene.name} --seed {shift.seed}",
+        progress=progress,
+    )
+    digest = sha256((folder / MODEL_FILE).read_bytes())
+    shift.decide("model", lambda: {"sha256": digest, "seconds": time.monotonic() - began})
+    made = _whole(shift, shift.decided("model")["sha256"])
+    if made is None:
+        raise ModelError(
+            f"{folder} was fitted again to the same renders and came out different: this is "
+            "another processor type or another version; start anew in another directory",
+            field="model",
+        )
+    return made
+
+
+def _whole(shift: Shift, digest: str) -> Checker | None:
+    """Return the model in the run directory if it is the one of that SHA-256."""
+    folder = shift.store.run / MODEL
+    try:
+        if sha256((folder / MODEL_FILE).read_bytes()) != digest:
+            return None
+        return Checker.load(folder, shift.scene.hash)
+    except (OSError, ModelError):
+        return None
+
+
+def _steps(shift: Shift, table: TransportTable) -> int:
+    """Return the steps that fit the time, after timing a few on data of the same size."""
+    if shift.fixed is not None:
+        return shift.fixed.fit_steps
+    low, high = FIT_STEPS
+    per_step = SPLITS * _seconds_per_step(table)
+    free = shift.left_until(MODEL_UNTIL) - AROUND
+    return min(high, max(low, int(free / per_step)))
+
+
+def _seconds_per_step(table: TransportTable) -> float:
+    import torch
+
+    from surrogate.basis import SIZE
+    from surrogate.fit import FitConfig
+    from surrogate.inputs import INPUT_NAMES
+    from surrogate.mlp import fit_networks
+    from surrogate.rows import Rows
+
+    config = FitConfig()
+    directions, count = len(table.phi), config.network.batch
+    shape = (directions, count, 1, 1)
+    rows = directions * count
+    normals = table.T.shape[4] + 1
+    data = Rows(
+        x=torch.zeros(rows, len(INPUT_NAMES)),
+        basis=torch.zeros(rows, SIZE, normals),
+        ratio=torch.ones(rows, normals),
+        noise=torch.ones(rows, normals),
+        log_preview=np.zeros((*shape, normals)),
+    )
+    fold = np.arange(directions * count).reshape(shape[:3]) % config.members
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        seconds = []
+        for steps in (1, TRIAL_STEPS):
+            began = time.monotonic()
+            network = replace(config.network, steps=steps)
+            fit_networks(data, fold, config.members, network, 0)
+            seconds.append(time.monotonic() - began)
+    finally:
+        torch.set_num_threads(threads)
+    return max(seconds[1] - seconds[0], 1e-4) / (TRIAL_STEPS - 1)

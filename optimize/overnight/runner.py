@@ -1,0 +1,53 @@
+"""The night's runner: looks jobs up in the store and renders only what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from optimize.overnight.store import Store
+from optimize.overnight.watch import Signals
+from optimize.overnight.workers import Workers
+from render.pad_job import PadJob, PadResult
+from render.progress import Clock
+
+
+class StoredRenders:
+    """Runs jobs for ``render_transport``; every result is kept before the next is waited for.
+
+    Arguments:
+        store: the run directory.
+        workers: who renders.
+        signals: asked between mutations whether to stop.
+        kind: what the renders are for; goes into the record.
+    """
+
+    def __init__(self, store: Store, workers: Workers, signals: Signals) -> None:
+        self.store, self.workers, self.signals = store, workers, signals
+        self.kind = ""
+
+    def __call__(self, jobs: Sequence[PadJob], clock: Clock) -> list[PadResult]:
+        """Return the results in the order of ``jobs``."""
+        found: dict[str, PadResult] = {}
+        missing: dict[str, PadJob] = {}
+        for job in jobs:
+            if job.key in found or job.key in missing:
+                continue
+            known = self.store.finished(job, self.kind)
+            if known is None:
+                missing[job.key] = job
+            else:
+                found[job.key] = known
+                clock.skip(job.mutations)
+        todo = list(missing.values())
+        with self.signals.patient() as stop_if_asked:
+
+            def tick(count: int) -> None:
+                clock.tick(count)
+                self.store.beat()
+                stop_if_asked()
+
+            for done in self.workers.render(todo, self.store.state, tick):
+                job = todo[done.index]
+                self.store.keep(job, done.result, self.kind, done.worker)
+                found[job.key] = done.result
+        return [found[job.key] for job in jobs]

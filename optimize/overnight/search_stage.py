@@ -1,0 +1,104 @@
+"""Searches that render nothing: colours and directions on the model, the thesis's on the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from optimize.colors.grouped import grouped_colours
+from optimize.colors.result import renamed_like
+from optimize.design import Design, baseline_design
+from optimize.directions import optimise_directions, population, tied_groups
+from optimize.evaluate import TableScorer
+from optimize.explore import PHI_NODES
+from optimize.joint import SearchStep, optimise_jointly
+from optimize.limits import limits_of
+from optimize.overnight.shift import Shift, design_json, design_of
+from optimize.thesis import GENERATIONS
+from render.chebyshev import chebyshev_nodes, interpolation_weights
+from render.layout import fiber_edges
+from render.transport import TransportTable
+from surrogate.checker import Checker
+
+
+def baseline_of(shift: Shift) -> Design:
+    """Return the design to beat."""
+    return limits_of(shift.scene).dimmed(baseline_design(shift.scene))
+
+
+def searched(shift: Shift, checker: Checker) -> tuple[Design, Design]:
+    """Return the best colours at the baseline's directions, and the best design, on the model."""
+
+    def search() -> dict[str, Any]:
+        shift.stage("Colours and directions on the surrogate", "search")
+        table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+        steps: list[SearchStep] = []
+
+        def report(step: SearchStep) -> None:
+            steps.append(step)
+            shift.tell(len(steps), len(steps) + 1)
+
+        found = optimise_jointly(
+            TableScorer(table, limits=limits_of(shift.scene)),
+            baseline_of(shift),
+            edges=fiber_edges(shift.scene),
+            seed=shift.seed,
+            progress=report,
+        )
+        coloured = next(step for step in found.history if step.stage == "quick")
+        return {
+            "colours": design_json(coloured.design),
+            "best": design_json(found.design),
+            "scores": [coloured.score, found.score],
+            "monochrome": found.monochrome,
+        }
+
+    kept = shift.decide("search", search)
+    shift.rated("surrogate", kept["scores"][1], checker.score_reach, "found on the surrogate")
+    return design_of(kept["colours"]), design_of(kept["best"])
+
+
+def thesis_design(
+    shift: Shift, table: Callable[[], TransportTable], checker: Checker
+) -> Design | None:
+    """Return what the thesis's procedure (4.3) makes of the reference table.
+
+    Colours in pairs at the baseline's directions, then directions tied by side and colour, by
+    CMA-ES. None where the scene has constraints, which that procedure does not know.
+    """
+    if shift.scene.constraints is not None:
+        return None
+
+    def search() -> dict[str, Any]:
+        shift.stage("Thesis-style design on the table", "thesis")
+        rendered = table()
+        at_bends = interpolation_weights(rendered.bends, shift.bends)
+        own = replace(
+            rendered,
+            T=np.einsum("ab,fjbsk->fjask", at_bends, rendered.T),
+            se=np.einsum("ab,fjbsk->fjask", at_bends, rendered.se),
+            bends=shift.bends,
+            background=None,
+            background_se=None,
+            exposure=checker.exposure,
+            lam=checker.lam,
+        )
+        scorer, baseline = TableScorer(own), baseline_of(shift)
+        found = grouped_colours(scorer, baseline.phi)
+        colours = renamed_like(found.colours, baseline.colours)
+        coloured = Design.of_colours(baseline.phi, colours)
+        groups = tied_groups(fiber_edges(shift.scene), colours)
+        turned = optimise_directions(
+            lambda phi: scorer.direction_scores(phi, coloured.power),
+            baseline.phi,
+            groups=groups,
+            bounds=scorer.phi_bounds,
+            seed=shift.seed,
+            max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
+        )
+        return design_json(Design(turned.phi, coloured.power)) | {"believed": turned.score}
+
+    return design_of(shift.decide("thesis", search))

@@ -1,0 +1,325 @@
+"""The run directory: an append-only record in SQLite and renders by the hash of their jobs.
+
+``run.sqlite`` (WAL) holds
+
+- ``meta``: schema, program version, scene hash and what was asked for;
+- ``evaluations``: every render, with the SHA-256 of its file;
+- ``decisions``: what was chosen on the way. A choice is logged before it is acted on, so that a
+  run that was killed makes the same ones when it goes on, whatever its clock says then;
+- ``attempts``: processes and the seconds each has worked, by monotonic clocks;
+- ``progress``: one row for ``tactilux status``.
+
+``renders/<key>.npz`` are written beside their place, synced and renamed, then logged. Times of day
+are there for people; nothing is decided by them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import socket
+import sqlite3
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optimize.overnight.errors import RunError
+from optimize.provenance import program_version
+from render.errors import TableError
+from render.npz import read_npz
+from render.pad_job import PadJob, PadResult
+from render.scene_content import scene_of
+
+SCHEMA = 1
+RECORD, RENDERS, STATES, TABLE = "run.sqlite", "renders", "states", "table"
+_UNFINISHED = re.compile(r"\..+\.[0-9a-f]{32}")
+HEARTBEAT = 2.0
+"""Seconds between records of the time spent: what a killed process can lose of it."""
+_TABLES = """
+CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE evaluations (
+    id INTEGER PRIMARY KEY, key TEXT NOT NULL, kind TEXT NOT NULL, level TEXT NOT NULL,
+    seed INTEGER NOT NULL, spec TEXT NOT NULL, seconds REAL NOT NULL, sha256 TEXT NOT NULL,
+    worker TEXT NOT NULL, time TEXT NOT NULL);
+CREATE INDEX evaluation_key ON evaluations (key);
+CREATE TABLE decisions (
+    id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, value TEXT NOT NULL, time TEXT NOT NULL);
+CREATE TABLE attempts (
+    id INTEGER PRIMARY KEY, pid INTEGER NOT NULL, host TEXT NOT NULL, started TEXT NOT NULL,
+    seconds REAL NOT NULL, ended TEXT NOT NULL);
+CREATE TABLE progress (
+    id INTEGER PRIMARY KEY CHECK (id = 1), stage TEXT NOT NULL, done REAL NOT NULL,
+    total REAL NOT NULL, eta REAL, best TEXT);
+"""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a run directory is for; another seed, or a fixed amount of work, is another run.
+
+    Arguments:
+        scene_hash: of the sensor; limits: of its constraints, which change designs but no light.
+        seed: of everything.
+        mutations: of the transport table per cell; None where hours set the amount of work.
+    """
+
+    scene_hash: str
+    limits: str
+    seed: int
+    mutations: int | None
+
+
+class Store:
+    """An open run directory, see the module; only the holder of its lock may open it."""
+
+    def __init__(self, run: Path, request: Request, note: Callable[[str], None]) -> None:
+        """Open or begin the record of ``run``; ``note`` is told of damaged renders.
+
+        Raises:
+            RunError: the directory is for something else or of another version.
+            sqlite3.DatabaseError: the record is damaged.
+        """
+        self.run, self.note = run, note
+        self._began = self._beat = time.monotonic()
+        existed = (run / RECORD).exists()
+        # Autocommit: every statement is a transaction unless one is begun.
+        self._db = sqlite3.connect(run / RECORD, isolation_level=None)
+        if existed:
+            _check_whole(self._db)
+        self._db.execute("PRAGMA journal_mode = WAL")
+        self._db.execute("PRAGMA synchronous = FULL")
+        if not self._db.execute("SELECT name FROM sqlite_master").fetchall():
+            self._create(request)
+        check_request(run, self._db, request)
+        for name in (RENDERS, STATES):
+            (run / name).mkdir(exist_ok=True)
+        _sweep(run)
+        (before,) = self._db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
+        self._before = float(before)
+        self._attempt = self._db.execute(
+            "INSERT INTO attempts (pid, host, started, seconds, ended) VALUES (?, ?, ?, 0, '')",
+            (os.getpid(), socket.gethostname(), _now()),
+        ).lastrowid
+
+    def _create(self, request: Request) -> None:
+        meta = {"schema": SCHEMA, "tactilux": program_version(), "request": asdict(request)}
+        rows = "".join(
+            f"INSERT INTO meta VALUES ('{name}', '{json.dumps(value)}');"
+            for name, value in meta.items()
+        )
+        self._db.executescript(f"BEGIN; {_TABLES} {rows} COMMIT;")
+
+    def close(self, ended: str) -> None:
+        """Record how this attempt ended, and close."""
+        try:
+            self._db.execute(
+                "UPDATE attempts SET seconds = ?, ended = ? WHERE id = ?",
+                (self._own(), ended, self._attempt),
+            )
+        finally:
+            self._db.close()
+
+    def _own(self) -> float:
+        return time.monotonic() - self._began
+
+    def spent(self) -> float:
+        """Return the seconds that all attempts together have worked."""
+        return self._before + self._own()
+
+    def beat(self) -> None:
+        """Record the time spent, at most every ``HEARTBEAT`` seconds."""
+        if time.monotonic() - self._beat >= HEARTBEAT:
+            self._beat = time.monotonic()
+            self._db.execute(
+                "UPDATE attempts SET seconds = ? WHERE id = ?", (self._own(), self._attempt)
+            )
+
+    def progress(
+        self, stage: str, done: float, total: float, eta: float | None, best: dict[str, Any] | None
+    ) -> None:
+        """Replace the row that ``tactilux status`` reads."""
+        self._db.execute(
+            "INSERT OR REPLACE INTO progress VALUES (1, ?, ?, ?, ?, ?)",
+            (stage, done, total, eta, None if best is None else json.dumps(best)),
+        )
+
+    def decided(self, name: str) -> Any:
+        """Return the decision of that name, None where there is none yet."""
+        row = self._db.execute("SELECT value FROM decisions WHERE name = ?", (name,)).fetchone()
+        return None if row is None else json.loads(row[0])
+
+    def decide(self, name: str, make: Callable[[], Any]) -> Any:
+        """Return the logged decision, or log what ``make`` returns (JSON, not None)."""
+        known = self.decided(name)
+        if known is not None:
+            return known
+        text = json.dumps(make(), allow_nan=False)
+        self._db.execute(
+            "INSERT INTO decisions (name, value, time) VALUES (?, ?, ?)", (name, text, _now())
+        )
+        return json.loads(text)
+
+    def evaluations(self) -> int:
+        """Return the number of renders that are finished."""
+        (count,) = self._db.execute("SELECT COUNT(DISTINCT key) FROM evaluations").fetchone()
+        return int(count)
+
+    def render_seconds(self) -> float:
+        """Return the seconds of all renders together, on whatever machine."""
+        (seconds,) = self._db.execute("SELECT TOTAL(seconds) FROM evaluations").fetchone()
+        return float(seconds)
+
+    def render_seconds_by_kind(self) -> dict[str, float]:
+        """Return the seconds of the renders of every kind."""
+        rows = self._db.execute("SELECT kind, TOTAL(seconds) FROM evaluations GROUP BY kind")
+        return {str(kind): float(seconds) for kind, seconds in rows.fetchall()}
+
+    def state(self, job: PadJob) -> Path:
+        """Return where an unfinished render of ``job`` is kept."""
+        return self.run / STATES / f"{job.key}.npz"
+
+    def finished(self, job: PadJob, kind: str) -> PadResult | None:
+        """Return the render of ``job`` if it is there and whole; a damaged one is told of."""
+        path = self.run / RENDERS / f"{job.key}.npz"
+        row = self._db.execute(
+            "SELECT sha256, seconds FROM evaluations WHERE key = ? ORDER BY id DESC", (job.key,)
+        ).fetchone()
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            if row is not None:
+                self.note(f"{path} is missing, though it was logged: it is rendered again")
+            return None
+        if row is None:
+            return self._adopt(job, kind, path, content)
+        digest, seconds = row
+        if hashlib.sha256(content).hexdigest() != digest:
+            self.note(f"{path} is damaged (its SHA-256 is not the logged one): rendered again")
+            return None
+        with np.load(BytesIO(content), allow_pickle=False) as arrays:
+            return PadResult(arrays["estimate"], float(seconds))
+
+    def _adopt(self, job: PadJob, kind: str, path: Path, content: bytes) -> PadResult | None:
+        """Log a render whose process was killed between renaming its file and logging it."""
+        try:
+            arrays = read_npz(path)
+        except TableError:
+            return None
+        if str(arrays.get("key")) != job.key or "estimate" not in arrays:
+            return None
+        # Nobody noted how long it took.
+        result = PadResult(arrays["estimate"], 0.0)
+        self._log(job, kind, result, content, "")
+        return result
+
+    def keep(self, job: PadJob, result: PadResult, kind: str, worker: str) -> None:
+        """Write the render of ``job``, then log it; the same result makes the same bytes."""
+        buffer = BytesIO()
+        np.savez(buffer, key=np.array(job.key), estimate=result.estimate)
+        content = buffer.getvalue()
+        _write(self.run / RENDERS / f"{job.key}.npz", content)
+        self._log(job, kind, result, content, worker)
+        self.state(job).unlink(missing_ok=True)
+
+    def _log(self, job: PadJob, kind: str, result: PadResult, content: bytes, worker: str) -> None:
+        spec = asdict(job) | {"scene": scene_of(job.scene).hash}
+        self._db.execute(
+            "INSERT INTO evaluations (key, kind, level, seed, spec, seconds, sha256, worker, time)"
+            " VALUES (?, ?, 'reference', ?, ?, ?, ?, ?, ?)",
+            (
+                job.key, kind, job.seed, json.dumps(spec), result.seconds,
+                hashlib.sha256(content).hexdigest(), worker, _now(),
+            ),
+        )  # fmt: skip
+
+
+def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> None:
+    """Refuse a record of another version or another request; ``wanted`` None takes any request.
+
+    Raises:
+        RunError: says which it is.
+    """
+    try:
+        rows = dict(db.execute("SELECT name, value FROM meta").fetchall())
+    except sqlite3.OperationalError:
+        raise RunError(
+            f"{run / RECORD} is not the record of a run: choose another directory with --out",
+            field="out",
+            value=str(run),
+        ) from None
+    meta = {name: json.loads(value) for name, value in rows.items()}
+    if meta.get("schema") != SCHEMA:
+        raise RunError(
+            f"{run} was written by tactilux {meta.get('tactilux')} in version "
+            f"{meta.get('schema')} of the format, this program reads version {SCHEMA}: use that "
+            "program, or choose another directory with --out",
+            field="schema",
+            value=meta.get("schema"),
+            allowed=str(SCHEMA),
+        )
+    if wanted is None:
+        return
+    for name, value in asdict(wanted).items():
+        there = meta["request"].get(name)
+        if there != value:
+            raise RunError(
+                f"{run} is a run with {_WORDS[name]} {there}, asked for is {value}: choose "
+                "another directory with --out, or ask for the same again",
+                field=name,
+                value=value,
+                allowed=str(there),
+            )
+
+
+_WORDS = {
+    "scene_hash": "the scene of hash",
+    "limits": "constraints of hash",
+    "seed": "--seed",
+    "mutations": "--mutations",
+}
+
+
+def _check_whole(db: sqlite3.Connection) -> None:
+    found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+    if found != "ok":
+        raise sqlite3.DatabaseError(found)
+
+
+def _sweep(run: Path) -> None:
+    """Take away what a killed process had not finished writing."""
+    for folder in (run, run / RENDERS, run / STATES, run / TABLE):
+        for left in folder.glob(".*"):
+            if _UNFINISHED.fullmatch(left.name):
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+
+def _write(path: Path, content: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        with temporary.open("xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(timespec="seconds")

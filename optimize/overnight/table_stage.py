@@ -1,0 +1,180 @@
+"""The transport table: passes over all pads, each in order of what the score is made of.
+
+A pass renders every bend, pressed and untouched, with a seed of its own; the passes' weighted mean
+is the table. In every pass the scene's own bends come first, pressed before untouched, because all
+scores are made of them, then the bends between.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optimize.design import Array
+from optimize.measure import check_seen
+from optimize.overnight.amounts import JOB_SECONDS, PASSES_MIN, TABLE_UNTIL, Pace
+from optimize.overnight.shift import Shift
+from render.chebyshev import chebyshev_nodes
+from render.pad_job import PadJob, PadResult
+from render.progress import Clock
+from render.reference import gather, pad_jobs
+from render.scene import Scene
+from render.transport import TransportTable
+from surrogate.reference_run import training_bends
+
+PHI_NODES, BEND_NODES = 11, 3
+PILOT = (8, 200)
+"""Mutations of the trial renders: next to none, and enough paths at once for full speed."""
+PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
+
+
+def measured_pace(shift: Shift) -> Pace:
+    """Return how fast renders are here, by trial renders at the first bend."""
+
+    def trial() -> dict[str, float]:
+        shift.stage("Trial renders", "trial")
+        phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
+        seed = shift.random_seed(PILOT_PURPOSE, 0)
+        jobs: list[PadJob] = []
+        # The smallest ones first, so that nobody measures how long kernels take to compile.
+        for mutations in (PILOT[0], *PILOT):
+            jobs += pad_jobs(
+                shift.scene, phi, shift.bends[:1], mutations=mutations, seeds=[seed + len(jobs)]
+            )
+        clock = Clock(sum(job.mutations for job in jobs), shift.progress)
+        seconds = [result.seconds for job in jobs for result in shift.renders([job], clock)]
+        pace = Pace.of(jobs[2:], seconds[2:], 1)
+        return {"fixed": pace.fixed, "each": pace.each}
+
+    found = shift.decide("pace", trial)
+    return Pace(found["fixed"], found["each"], shift.renders.workers.count)
+
+
+def render_table(shift: Shift, pace: Pace | None) -> None:
+    """Render this shift's passes."""
+    if shift.decided("table") is not None:
+        return
+    passes = _passes(shift, pace)
+    shift.stage("Transport table", "table")
+    seeds: list[int] = []
+    group = max(1, 2 * shift.renders.workers.count // (2 * len(table_bends(shift.scene))))
+    while len(seeds) < passes["passes"]:
+        first = len(seeds)
+
+        def another(first: int = first) -> list[int]:
+            last = min(first + group, passes["passes"])
+            return [shift.random_seed(TABLE_PURPOSE, i) for i in range(first, last)]
+
+        def affordable(first: int = first, pace: Pace | None = pace) -> list[int]:
+            if first and pace is not None:
+                jobs = _jobs(shift.scene, passes["mutations"], another(first))
+                # Half a pass too many is as good as half a pass too few.
+                if pace.seconds(jobs) / 2 > shift.left_until(TABLE_UNTIL):
+                    return []
+            return another(first)
+
+        chosen = shift.decide(f"table passes from {first}", affordable)
+        if not chosen:
+            break
+        began = shift.store.spent()
+        jobs = _jobs(shift.scene, passes["mutations"], chosen)
+        clock = Clock(sum(job.mutations for job in jobs), shift.progress)
+        shift.renders(jobs, clock)
+        if pace is not None and clock.worked == clock.total:
+            # From here on what was seen counts, not what the trial promised.
+            pace = _corrected(pace, jobs, shift.store.spent() - began)
+        seeds += chosen
+    shift.decide("table", lambda: {"mutations": passes["mutations"], "seeds": seeds})
+
+
+def whole_table(shift: Shift) -> TransportTable:
+    """Return the mean of all passes of all shifts so far, weighted by their mutations."""
+    parts: list[tuple[int, TransportTable]] = []
+    for number in range(1, shift.number + 1):
+        found = shift.store.decided(f"{number}/table")
+        for seed in found["seeds"]:
+            jobs = _jobs(shift.scene, found["mutations"], [seed])
+            results = shift.renders(jobs, Clock(sum(job.mutations for job in jobs), None))
+            parts.append((found["mutations"], _table(shift.scene, jobs, results)))
+    return _mean(parts)
+
+
+def table_bends(scene: Scene) -> Array:
+    """Return the bends of the table in rad, in order of value: the scene's own ones first."""
+    own = np.array(scene.bending.angles)
+    between = [b for b in training_bends(scene, BEND_NODES) if np.abs(own - b).min() > 1e-6]
+    return np.concatenate([own, between])
+
+
+def _passes(shift: Shift, pace: Pace | None) -> dict[str, int]:
+    """Return the number of passes and their mutations per cell."""
+
+    def choose() -> dict[str, int]:
+        if shift.fixed is not None:
+            return {"passes": shift.fixed.passes, "mutations": shift.fixed.per_pass}
+        assert pace is not None  # with hours it is measured
+        unit = _jobs(shift.scene, 64, [0])
+        work = max(shift.left_until(TABLE_UNTIL), 1.0) * pace.workers
+        passes = max(PASSES_MIN, round(work / (JOB_SECONDS * len(unit))))
+        mutations = pace.mutations(unit, 64, work / passes / min(pace.workers, len(unit)))
+        return {"passes": passes, "mutations": mutations}
+
+    found: dict[str, int] = shift.decide("passes", choose)
+    return found
+
+
+def _jobs(scene: Scene, mutations: int, seeds: list[int]) -> list[PadJob]:
+    phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
+    jobs = pad_jobs(scene, phi, table_bends(scene), mutations=mutations, seeds=seeds)
+    own = len(scene.bending.angles)
+    ranks = {bend: int(i >= own) for i, bend in enumerate(table_bends(scene).tolist())}
+    return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
+
+
+def _corrected(pace: Pace, jobs: list[PadJob], seconds: float) -> Pace:
+    ratio = seconds / pace.seconds(jobs)
+    return Pace(pace.fixed * ratio, pace.each * ratio, pace.workers)
+
+
+def _table(scene: Scene, jobs: list[PadJob], results: list[PadResult]) -> TransportTable:
+    found = gather(scene, jobs, results, 0)
+    check_seen(found.replicates)
+    bends = np.array(list(dict.fromkeys(job.bend for job in jobs)))
+    order = np.argsort(bends)
+    return TransportTable(
+        T=found.T[:, :, order],
+        se=found.se[:, :, order],
+        phi=np.array(jobs[0].phi[0]),
+        exposure=1.0,
+        lam=0.0,
+        scene_hash=scene.hash,
+        level="reference",
+        bends=bends[order],
+        background=found.background[:, :, order],
+        background_se=found.background_se[:, :, order],
+    )
+
+
+def _mean(parts: list[tuple[int, TransportTable]]) -> TransportTable:
+    """Return the weighted mean; its standard errors follow from those of the parts."""
+    total = sum(weight for weight, _ in parts)
+    first = parts[0][1]
+
+    def mean(name: str) -> Array:
+        return np.asarray(sum(weight / total * getattr(part, name) for weight, part in parts))
+
+    def error(name: str) -> Array:
+        squares = sum((weight / total * getattr(part, name)) ** 2 for weight, part in parts)
+        return np.asarray(np.sqrt(np.asarray(squares)))
+
+    return TransportTable(
+        T=mean("T"),
+        se=error("se"),
+        phi=first.phi,
+        exposure=1.0,
+        lam=0.0,
+        scene_hash=first.scene_hash,
+        level="reference",
+        bends=first.bends,
+        background=mean("background"),
+        background_se=error("background_se"),
+    )
