@@ -15,6 +15,8 @@ from render.pad_job import PadJob
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""
+OVERDUE = 0.04
+"""What is still rendering when so much more of the time is over is given up for the next stage."""
 REPORT_SECONDS = 8.0
 """What the end of a night takes: measuring finalists and writing files and report."""
 JOB_SECONDS = 90.0

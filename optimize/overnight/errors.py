@@ -52,16 +52,16 @@ def writing(run: Path) -> Iterator[None]:
 
 
 def _of_sqlite(run: Path, error: sqlite3.DatabaseError) -> RunError:
-    name = getattr(error, "sqlite_errorname", "")
+    name, said = getattr(error, "sqlite_errorname", ""), " ".join(str(error).split())
     if name.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
         advice = "free some space, then give the same command again; it goes on from what is done"
-        return RunError(f"{run} cannot be written ({error}): {advice}", field="out")
+        return RunError(f"{run} cannot be written ({said}): {advice}", field="out")
     if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
         return RunError(
-            f"{run} cannot be written ({error}): choose another place with --out", field="out"
+            f"{run} cannot be written ({said}): choose another place with --out", field="out"
         )
     return RunError(
-        f"{run / 'run.sqlite'} is damaged ({error}): restore it from a copy, or start anew in "
+        f"{run / 'run.sqlite'} is damaged ({said}): restore it from a copy, or start anew in "
         "another place with --out; nothing was changed",
         field="run",
         value=str(run),

@@ -14,6 +14,7 @@ from optimize.design import Array, Design
 from optimize.measure import measure
 from optimize.overnight.amounts import REPORT_SECONDS, SEEDS_FIXED, Pace
 from optimize.overnight.loop_stage import Outcome
+from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
 from optimize.overnight.shift import Shift, design_json, design_of
 from optimize.renders import DesignRenders, distinct_directions, reference_renders
@@ -87,10 +88,18 @@ def verify_finalists(
         if not seeds:
             break
         shift.stage("Final verification", "final")
-        pooled.add(
-            render(designs, mutations=amount["mutations"], seeds=seeds, title="the finalists"),
-            len(seeds),
-        )
+        late = None if shift.fixed is not None or not number else shift.until - REPORT_SECONDS / 2
+        try:
+            if shift.decided(f"final batch {number + 1} given up") is not None:
+                break
+            with shift.renders.until(late):
+                found = render(
+                    designs, mutations=amount["mutations"], seeds=seeds, title="the finalists"
+                )
+        except OutOfTime:
+            shift.decide(f"final batch {number + 1} given up", lambda: True)
+            break
+        pooled.add(found, len(seeds))
         number += 1
         longest = max(longest, shift.store.spent() - began)
         if number & (number - 1) == 0:

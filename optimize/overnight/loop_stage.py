@@ -19,10 +19,12 @@ from optimize.limits import limits_of
 from optimize.overnight.amounts import (
     LEAST_MUTATIONS,
     LOOP_UNTIL,
+    OVERDUE,
     ROUNDS_FIXED,
     ROUNDS_MAX,
     Pace,
 )
+from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
 from optimize.overnight.shift import Shift, design_json, design_of
 from optimize.proposals import Proposal
@@ -38,6 +40,7 @@ from surrogate.refit import Correction, Refitter
 
 ROUND_SHARE = 0.3
 """Part of the loop's time that the renders of one round take."""
+USED = "its share of the time is used"
 ROUND_SEEDS = 4
 """Seeds of a round at most: jobs that can be rendered at once."""
 
@@ -86,7 +89,7 @@ def run_loop(shift: Shift, checker: Checker, start: Design, pace: Pace | None) -
 
         def propose(number: int = number, took: float = took) -> dict[str, Any]:
             if number > 1 and took / 2 > shift.left_until(LOOP_UNTIL):
-                return {"stop": "its share of the time is used"}
+                return {"stop": USED}
             shift.stage(f"Round {number}", f"round {number}")
             shift.tell(0, 1)
             if loop.runs:
@@ -97,11 +100,18 @@ def run_loop(shift: Shift, checker: Checker, start: Design, pace: Pace | None) -
             return {"proposals": [_proposal_json(entry) for entry in found]}
 
         decided = shift.decide(f"round {number}", propose)
+        decided = shift.decided(f"round {number} given up") or decided
         if "stop" in decided:
             reason = decided["stop"]
             break
         shift.stage(f"Round {number}", f"round {number}")
-        done = loop.render(number, [_proposal_of(entry) for entry in decided["proposals"]])
+        late = shift.at(LOOP_UNTIL + OVERDUE) if rounds else None
+        try:
+            with shift.renders.until(late):
+                done = loop.render(number, [_proposal_of(entry) for entry in decided["proposals"]])
+        except OutOfTime:
+            reason = shift.decide(f"round {number} given up", lambda: {"stop": USED})["stop"]
+            break
         rounds.append(done)
         took = max(shift.store.spent() - began, took)
         _tell_round(shift, done)

@@ -56,6 +56,12 @@ class Shift:
         """Return the seconds until ``share`` of the shift is over."""
         return self.began + share * (self.until - self.began) - self.store.spent()
 
+    def at(self, share: float) -> float | None:
+        """Return the seconds of work after which ``share`` of the shift is over; None if fixed."""
+        if self.fixed is not None:
+            return None
+        return self.began + share * (self.until - self.began)
+
     def decide(self, name: str, make: Callable[[], Any]) -> Any:
         """Return the shift's decision of that name; see ``Store.decide``."""
         return self.store.decide(f"{self.number}/{name}", make)

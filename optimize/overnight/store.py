@@ -91,16 +91,23 @@ class Store:
         """
         self.run, self.note = run, note
         self._began = self._beat = time.monotonic()
-        existed = (run / RECORD).exists()
         # Autocommit: every statement is a transaction unless one is begun.
         self._db = sqlite3.connect(run / RECORD, isolation_level=None)
-        if existed:
-            _check_whole(self._db)
+        try:
+            self._open(request)
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _open(self, request: Request) -> None:
+        run = self.run
+        _check_whole(self._db)
+        if self._db.execute("SELECT name FROM sqlite_master").fetchall():
+            check_request(run, self._db, request)
         self._db.execute("PRAGMA journal_mode = WAL")
         self._db.execute("PRAGMA synchronous = FULL")
         if not self._db.execute("SELECT name FROM sqlite_master").fetchall():
             self._create(request)
-        check_request(run, self._db, request)
         for name in (RENDERS, STATES):
             (run / name).mkdir(exist_ok=True)
         _sweep(run)

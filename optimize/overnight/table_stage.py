@@ -11,7 +11,8 @@ import numpy as np
 
 from optimize.design import Array
 from optimize.measure import check_seen
-from optimize.overnight.amounts import JOB_SECONDS, PASSES_MIN, TABLE_UNTIL, Pace
+from optimize.overnight.amounts import JOB_SECONDS, OVERDUE, PASSES_MIN, TABLE_UNTIL, Pace
+from optimize.overnight.runner import OutOfTime
 from optimize.overnight.shift import Shift
 from render.chebyshev import chebyshev_nodes
 from render.pad_job import PadJob, PadResult
@@ -78,7 +79,15 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
         began = shift.store.spent()
         jobs = _jobs(shift.scene, passes["mutations"], chosen)
         clock = Clock(sum(job.mutations for job in jobs), shift.progress)
-        shift.renders(jobs, clock)
+        late = shift.at(TABLE_UNTIL + OVERDUE) if first else None
+        try:
+            if shift.decided(f"table passes from {first} given up") is not None:
+                break
+            with shift.renders.until(late):
+                shift.renders(jobs, clock)
+        except OutOfTime:
+            shift.decide(f"table passes from {first} given up", lambda: True)
+            break
         if pace is not None and clock.worked == clock.total:
             # From here on what was seen counts, not what the trial promised.
             pace = _corrected(pace, jobs, shift.store.spent() - began)

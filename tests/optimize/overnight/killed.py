@@ -1,0 +1,100 @@
+"""Kills runs at random instants, for real, and says how that went: a program for a test to start.
+
+A process forks one attempt after the other. It has imported everything and has used none of it, so
+an attempt begins within milliseconds and no thread of Dr.Jit is lost by the fork.
+
+Usage: killed.py FOLDER KILLS SEED
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import render.pad_job
+from optimize.overnight.lock import locked
+from optimize.overnight.runner import StoredRenders
+from optimize.overnight.store import STATES, Store
+from optimize.overnight.watch import Signals
+from optimize.overnight.workers import Here
+from render.llvm import mitsuba
+from render.progress import Clock
+from render.scene import Scene
+from tests.optimize.overnight.tiny import request_of, tiny_jobs, tiny_scene
+
+SEEDS = 4
+LONGEST = 0.4
+"""An attempt lives at most so long, in units of what an unbroken run takes here."""
+
+
+def attempt(run: Path, scene: Scene) -> None:
+    """Do, or go on with, a run of eight small renders, each kept after every eight mutations."""
+    render.pad_job.SAVE_SECONDS = 0.0
+    with locked(run):
+        store = Store(run, request_of(scene), lambda text: None)
+        jobs = tiny_jobs(scene, SEEDS)
+        renders = StoredRenders(store, Here(), Signals())
+        renders.kind = "1/table"
+        seeds = store.decide("seeds", lambda: [job.seed for job in jobs])
+        assert seeds == [job.seed for job in jobs]
+        renders(jobs, Clock(sum(job.mutations for job in jobs), None))
+        store.close("finished")
+
+
+def forked(run: Path, scene: Scene, limit: float | None) -> bool:
+    """Run an attempt in a process of its own; kill it after ``limit`` seconds, else let it end."""
+    child = os.fork()
+    if not child:
+        try:
+            attempt(run, scene)
+        except BaseException as error:
+            print(repr(error), file=sys.stderr, flush=True)
+            os._exit(1)
+        os._exit(0)
+    began = time.monotonic()
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            if os.waitstatus_to_exitcode(status):
+                raise SystemExit(f"an attempt failed: {os.waitstatus_to_exitcode(status)}")
+            return True
+        if limit is not None and time.monotonic() - began >= limit:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return False
+        time.sleep(0.001)
+
+
+def main() -> None:
+    """Kill until the kills are used up; after a run that finishes meanwhile, another begins."""
+    folder, kills, rng = Path(sys.argv[1]), int(sys.argv[2]), random.Random(int(sys.argv[3]))
+    mitsuba()
+    scene = tiny_scene(folder)
+    killed = resumed = 0
+    broken: list[str] = []
+    (folder / "unbroken").mkdir()
+    began = time.monotonic()
+    forked(folder / "unbroken", scene, None)
+    longest = LONGEST * (time.monotonic() - began)
+    while True:
+        run = folder / f"broken-{len(broken)}"
+        run.mkdir()
+        broken.append(run.name)
+        while killed < kills:
+            if forked(run, scene, rng.uniform(0.0, longest)):
+                break
+            killed += 1
+            resumed += any((run / STATES).glob("*.npz")) if (run / STATES).is_dir() else 0
+        if killed == kills:
+            forked(run, scene, None)
+            break
+    print(json.dumps({"killed": killed, "resumed": resumed, "broken": broken}))
+
+
+if __name__ == "__main__":
+    main()

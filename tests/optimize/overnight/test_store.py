@@ -1,0 +1,303 @@
+"""The record and its files: what is damaged is noticed, what is foreign is left alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimize.overnight.errors import RunError, RunInUseError, writing
+from optimize.overnight.job import check_directory
+from optimize.overnight.lock import LOCK, holder, locked
+from optimize.overnight.status import status_of
+from optimize.overnight.store import RECORD, RENDERS, Store
+from render.pad_job import PadJob, PadResult
+from render.scene import Scene
+from tests.optimize.overnight.tiny import ROOT, request_of, tiny_jobs, tiny_scene
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return tiny_scene(tmp_path_factory.mktemp("scene"))
+
+
+@pytest.fixture(scope="module")
+def job(scene: Scene) -> PadJob:
+    return tiny_jobs(scene, 1)[0]
+
+
+@pytest.fixture
+def said() -> list[str]:
+    return []
+
+
+class Opener:
+    """Opens a run again and again, as one process after the other does."""
+
+    def __init__(self, run: Path, scene: Scene, note: Callable[[str], None]) -> None:
+        self.run, self.scene, self.note = run, scene, note
+        self.store: Store | None = None
+
+    def __call__(self) -> Store:
+        self.close()
+        self.store = Store(self.run, request_of(self.scene), self.note)
+        return self.store
+
+    def close(self) -> None:
+        if self.store is not None:
+            self.store.close("stopped")
+        self.store = None
+
+
+@pytest.fixture
+def opened(scene: Scene, tmp_path: Path, said: list[str]) -> Iterator[Opener]:
+    opener = Opener(tmp_path, scene, said.append)
+    yield opener
+    opener.close()
+
+
+@pytest.fixture
+def result() -> PadResult:
+    return PadResult(np.random.default_rng(0).random((4, 5, 1, 8)), 1.5)
+
+
+def contents(run: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+
+
+def file_of(run: Path, job: PadJob) -> Path:
+    return run / RENDERS / f"{job.key}.npz"
+
+
+def test_a_render_comes_back_bit_equal_with_its_seconds(
+    opened: Opener, job: PadJob, result: PadResult
+) -> None:
+    assert opened().finished(job, "table") is None
+    opened().keep(job, result, "table", "here")
+    kept = opened().finished(job, "table")
+    assert kept is not None
+    np.testing.assert_array_equal(kept.estimate, result.estimate)
+    assert kept.seconds == result.seconds
+
+
+def test_every_render_is_logged_with_its_hash_and_what_it_is_of(
+    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path, scene: Scene
+) -> None:
+    opened().keep(job, result, "1/table", "worker 3")
+    opened()
+    db = sqlite3.connect(tmp_path / RECORD)
+    row = db.execute("SELECT key, kind, level, seed, spec, worker FROM evaluations").fetchone()
+    db.close()
+    assert row[:4] == (job.key, "1/table", "reference", job.seed)
+    assert json.loads(row[4])["scene"] == scene.hash
+    assert row[5] == "worker 3"
+
+
+@pytest.mark.parametrize("damage", ["truncated", "bit", "empty", "missing"])
+def test_a_damaged_render_is_told_of_and_made_again(
+    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path, said: list[str], damage: str
+) -> None:
+    opened().keep(job, result, "table", "here")
+    path = file_of(tmp_path, job)
+    whole = path.read_bytes()
+    if damage == "truncated":
+        path.write_bytes(whole[: len(whole) // 2])
+    elif damage == "bit":
+        at = len(whole) // 2
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    elif damage == "empty":
+        path.write_bytes(b"")
+    else:
+        path.unlink()
+    store = opened()
+    assert store.finished(job, "table") is None
+    assert len(said) == 1
+    assert path.name in said[0]
+    store.keep(job, result, "table", "here")
+    assert path.read_bytes() == whole
+    store = opened()
+    assert store.finished(job, "table") is not None
+    assert store.evaluations() == 1
+
+
+def test_a_render_whose_process_died_before_it_was_logged_is_not_lost(
+    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path
+) -> None:
+    opened().keep(job, result, "table", "here")
+    opened()
+    db = sqlite3.connect(tmp_path / RECORD)
+    db.execute("DELETE FROM evaluations")
+    db.commit()
+    db.close()
+    store = opened()
+    kept = store.finished(job, "table")
+    assert kept is not None
+    np.testing.assert_array_equal(kept.estimate, result.estimate)
+    assert store.evaluations() == 1
+
+
+def test_an_unlogged_file_that_is_cut_off_or_of_another_job_is_not_taken(
+    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path
+) -> None:
+    other = replace(job, seed=99)
+    opened().keep(job, result, "table", "here")
+    content = file_of(tmp_path, job).read_bytes()
+    file_of(tmp_path, other).write_bytes(content)
+    assert opened().finished(other, "table") is None
+    third = replace(job, seed=100)
+    file_of(tmp_path, third).write_bytes(content[:-10])
+    assert opened().finished(third, "table") is None
+
+
+def test_what_a_killed_process_left_half_written_is_swept_away(
+    opened: Opener, job: PadJob, tmp_path: Path
+) -> None:
+    opened()
+    half = tmp_path / RENDERS / f".{job.key}.npz.{'0' * 32}"
+    half.write_bytes(b"half")
+    own = tmp_path / ".note-of-mine"
+    own.write_text("mine")
+    opened()
+    assert not half.exists()
+    assert own.exists()
+
+
+def test_a_decision_is_made_once(opened: Opener) -> None:
+    made = []
+
+    def choose() -> dict[str, float]:
+        made.append(1)
+        return {"mutations": 0.1 + 0.2}
+
+    assert opened().decide("1/plan", choose) == {"mutations": 0.1 + 0.2}
+    assert opened().decide("1/plan", choose) == {"mutations": 0.1 + 0.2}
+    assert len(made) == 1
+
+
+def test_time_is_that_of_all_attempts_and_does_not_follow_the_clock_on_the_wall(
+    opened: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import time
+
+    real = time.time
+    monkeypatch.setattr(time, "time", lambda: real() + 86400.0)
+    first = opened().spent()
+    monkeypatch.setattr(time, "time", lambda: real() - 86400.0)
+    second = opened().spent()
+    assert 0 <= first < second < 60
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scene_hash": "0" * 16}, "the scene of hash"),
+        ({"limits": "x"}, "constraints"),
+        ({"seed": 5}, "--seed 0, asked for is 5"),
+        ({"mutations": None}, "--mutations 8, asked for is None"),
+    ],
+)
+def test_a_run_of_something_else_is_refused_and_left_alone(
+    opened: Opener, scene: Scene, tmp_path: Path, change: dict[str, object], words: str
+) -> None:
+    opened()
+    opened.close()
+    before = contents(tmp_path)
+    with pytest.raises(RunError, match=words):
+        Store(tmp_path, replace(request_of(scene), **change), print)  # type: ignore[arg-type]
+    assert contents(tmp_path) == before
+
+
+def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, scene: Scene) -> None:
+    opened()
+    db = sqlite3.connect(tmp_path / RECORD)
+    db.execute("UPDATE meta SET value = '99' WHERE name = 'schema'")
+    db.commit()
+    db.close()
+    with pytest.raises(RunError, match="version 99 of the format, this program reads version 1"):
+        Store(tmp_path, request_of(scene), print)
+    with pytest.raises(RunError, match="version 99"):
+        status_of(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["text", "hole", "cut"])
+def test_a_damaged_record_is_one_sentence_and_nothing_is_destroyed(
+    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path, scene: Scene, damage: str
+) -> None:
+    store = opened()
+    for seed in range(60):
+        store.keep(replace(job, seed=seed), result, "table", "here")
+    opened.close()
+    path = tmp_path / RECORD
+    content = path.read_bytes()
+    hole = len(content) // 2
+    path.write_bytes(
+        {
+            "text": b"these are not the tables you are looking for" * 100,
+            "hole": content[:4096] + b"\xff" * hole + content[4096 + hole :],
+            "cut": content[: len(content) // 3],
+        }[damage]
+    )
+    before = path.read_bytes()
+    with (
+        pytest.raises(RunError, match=r"run\.sqlite is damaged .* nothing was changed"),
+        writing(tmp_path),
+    ):
+        Store(tmp_path, request_of(scene), print)
+    assert path.read_bytes() == before
+
+
+def test_a_directory_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:
+    check_directory(tmp_path / "new")
+    check_directory(tmp_path)
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(RunError, match="holds files but no run"):
+        check_directory(tmp_path)
+    with pytest.raises(RunError, match="is not a directory"):
+        check_directory(tmp_path / "thesis.tex")
+    with pytest.raises(RunError, match="holds no run"):
+        status_of(tmp_path)
+
+
+HOLD = """
+import sys, pathlib
+from optimize.overnight.lock import locked
+with locked(pathlib.Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_the_second_process_refuses_and_names_the_first_even_when_that_was_killed_later(
+    tmp_path: Path,
+) -> None:
+    first = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
+    )  # fmt: skip
+    assert first.stdout is not None
+    assert first.stdin is not None
+    try:
+        assert first.stdout.readline() == "held\n"
+        with (
+            pytest.raises(RunInUseError, match=f"in use by process {first.pid} on "),
+            locked(tmp_path),
+        ):
+            pass
+        assert f"process {first.pid}" in str(holder(tmp_path))
+    finally:
+        os.kill(first.pid, signal.SIGKILL)
+        first.wait()
+        first.stdin.close()
+        first.stdout.close()
+    assert holder(tmp_path) is None
+    with locked(tmp_path):
+        assert json.loads((tmp_path / LOCK).read_text())["pid"] == os.getpid()
