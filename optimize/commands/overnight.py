@@ -9,6 +9,7 @@ from typing import IO
 from optimize.console import note, print_json, reserved_stdout
 from optimize.overnight.job import NightConfig, check_directory, overnight
 from optimize.overnight.night import DESIGNS, Night
+from optimize.overnight.report import REPORT
 from optimize.overnight.status import status_of
 from optimize.overnight.watch import Stopped
 from optimize.overnight.workers import Here, Workers
@@ -66,6 +67,7 @@ def night_to_json(night: Night, target: Path) -> dict[str, object]:
         "level": "reference",
         "winner": night.winner,
         "design": str(target / DESIGNS / f"{night.winner}.json"),
+        "report": str(target / REPORT),
         "finalists": {
             entry.key: {
                 "score": entry.score,
@@ -104,4 +106,4 @@ def _print(stream: IO[str], night: Night, target: Path) -> None:
     Console(file=stream, width=None if stream.isatty() else 100).print(table)
     for sentence in night.verdict:
         stream.write(sentence + "\n")
-    stream.write(f"Design: {target / DESIGNS / night.winner}.json\n")
+    stream.write(f"Design: {target / DESIGNS / night.winner}.json\nReport: {target / REPORT}\n")

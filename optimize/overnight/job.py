@@ -23,6 +23,7 @@ from optimize.overnight.lock import LOCK, locked
 from optimize.overnight.loop_stage import run_loop
 from optimize.overnight.model_stage import fitted_model
 from optimize.overnight.night import SCENE, Night, NightError, keep_scene
+from optimize.overnight.report import REPORT, write_report
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.search_stage import searched, thesis_design
 from optimize.overnight.shift import Shift
@@ -133,6 +134,8 @@ def _work(
                 watch.note(f"{error}; doing so now")
             else:
                 watch.note(f"{run} is finished: ask for more hours, or for another --out")
+                if not (run / REPORT).is_file():
+                    write_report(night, run)
                 return night
         workers = hire()
         shift = _shift(scene, store, workers, signals, watch, config, number)
@@ -217,6 +220,7 @@ def _shifted(shift: Shift, config: NightConfig) -> Night:
     shift.watch.stage("Report")
     night = concluded(shift, checker, outcome, verdict, checks, config.hours)
     night.save(shift.store.run)
+    write_report(night, shift.store.run)
     spent = shift.store.spent()
     shift.store.decide(f"{shift.number}/finished", lambda: {"spent": spent})
     shift.watch.record("Finished", 1, 1, 0.0)
