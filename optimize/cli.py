@@ -365,12 +365,15 @@ def overnight(
 @app.command()
 def status(
     run: Annotated[Path, typer.Argument(help="Directory of an overnight run.")],
+    scaling: Annotated[
+        bool, typer.Option("--scaling", help="Say what 2, 8 and 64 workers would do.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Say how far an overnight run is, also while it works."""
     from optimize.commands import status as command
 
-    command.run(run, as_json=json)
+    command.run(run, scaling=scaling, as_json=json)
 
 
 @app.command()

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import tempfile
+from dataclasses import asdict
 from pathlib import Path
+from typing import IO
 
 from optimize.console import clock, print_json, reserved_stdout
+from optimize.overnight.scaling import (
+    Scaling,
+    load_scaling,
+    scaling_of,
+    scaling_rows,
+    scaling_words,
+)
 from optimize.overnight.status import status_of
 
 _WORDS = {
@@ -15,12 +25,14 @@ _WORDS = {
 }
 
 
-def run(directory: Path, *, as_json: bool) -> None:
-    """Print progress, the best design so far and the time left."""
+def run(directory: Path, *, scaling: bool, as_json: bool) -> None:
+    """Print progress, the best design so far and the time left; ``scaling``: of more workers."""
     with reserved_stdout() as stream:
         found = status_of(directory)
+        more = _scaling(directory) if scaling else None
         if as_json:
-            print_json(stream, found.to_json())
+            extra = {} if more is None else {"scaling": asdict(more)}
+            print_json(stream, found.to_json() | extra)
             return
         by = f" ({found.holder})" if found.holder else ""
         stream.write(f"{directory} {_WORDS[found.state]}{by}\n")
@@ -38,3 +50,25 @@ def run(directory: Path, *, as_json: bool) -> None:
         )
         if found.eta_seconds is not None:
             stream.write(f"Left: {clock(found.eta_seconds)}\n")
+        if more is not None:
+            _print_scaling(stream, more)
+
+
+def _scaling(directory: Path) -> Scaling:
+    """Return what the finished run has kept, or a simulation of what there is so far."""
+    kept = load_scaling(directory)
+    return kept or scaling_of(directory, Path(tempfile.gettempdir()))
+
+
+def _print_scaling(stream: IO[str], scaling: Scaling) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="More workers", title_justify="left")
+    for heading in ("workers", "this night", "times as fast", "renders in the same time"):
+        table.add_column(heading, justify="right")
+    for row in scaling_rows(scaling):
+        table.add_row(*row)
+    console = Console(file=stream, width=None if stream.isatty() else 100)
+    console.print(table)
+    console.print(scaling_words(scaling), highlight=False)

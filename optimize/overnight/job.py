@@ -25,6 +25,7 @@ from optimize.overnight.model_stage import fitted_model
 from optimize.overnight.night import SCENE, Night, NightError, keep_scene
 from optimize.overnight.report import REPORT, write_report
 from optimize.overnight.runner import StoredRenders
+from optimize.overnight.scaling import write_scaling
 from optimize.overnight.search_stage import searched, thesis_design
 from optimize.overnight.shift import Shift
 from optimize.overnight.store import RECORD, Request, Store
@@ -220,6 +221,7 @@ def _shifted(shift: Shift, config: NightConfig) -> Night:
     shift.watch.stage("Report")
     night = concluded(shift, checker, outcome, verdict, checks, config.hours)
     night.save(shift.store.run)
+    write_scaling(shift.store.run)
     write_report(night, shift.store.run)
     spent = shift.store.spent()
     shift.store.decide(f"{shift.number}/finished", lambda: {"spent": spent})

@@ -8,7 +8,8 @@ Assumptions, all of them:
 - A stage begins when all renders of the one before are kept; within a stage nothing waits.
 - Results come home one after the other, in ``Transfer.handling`` seconds each; workers go on
   meanwhile. Jobs themselves are some kilobytes of text and cost the latency.
-- Everything else that the run did (fits, searches, the report) takes as long as it took.
+- Everything else that the run did (trial renders, which follow each other, fits, searches, the
+  report) takes as long as it took.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ SCALING = "scaling.json"
 WORKERS = (1, 2, 8, 64)
 GROWS = ("table", "final")
 """Stages that render more when there is more time."""
+TRIAL = "trial"
+"""The stage whose renders are made one by one, to see how fast they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,7 @@ class Scaling:
 
 def write_scaling(run: Path) -> Scaling:
     """Simulate from the record of ``run``, keep the result there and return it."""
-    found = scaling_of(run)
+    found = scaling_of(run, run)
     write_text(run / SCALING, json.dumps(asdict(found), indent=1, allow_nan=False) + "\n")
     return found
 
@@ -110,11 +113,19 @@ def load_scaling(run: Path) -> Scaling | None:
         ) from None
 
 
-def scaling_of(run: Path) -> Scaling:
-    """Return the simulation for the renders that ``run`` has logged."""
+def scaling_of(run: Path, scratch: Path) -> Scaling:
+    """Return the simulation for the renders that ``run`` has logged so far.
+
+    Arguments:
+        run: directory of the run, in which another process may work.
+        scratch: folder on whose disk it is tried how fast results are kept.
+
+    Raises:
+        NightError: nothing was rendered, or the record cannot be read.
+    """
     stages, worked, rendered_by = _read(run)
     sizes = np.concatenate([stage.size for stage in stages])
-    transfer = measure_transfer(run, int(sizes.max()))
+    transfer = measure_transfer(scratch, int(sizes.max()))
     return simulated(stages, worked, rendered_by, transfer)
 
 
@@ -224,8 +235,6 @@ def _read(run: Path) -> tuple[list[Stage], float, int]:
             db.close()
     except sqlite3.Error as error:
         raise NightError(f"{path} cannot be read ({error})", field="run", value=str(run)) from None
-    if not rows:
-        raise NightError(f"{path} has no renders to learn from", field="run", value=str(run))
     kinds: dict[str, list[tuple[Any, ...]]] = {}
     for row in rows:
         kinds.setdefault(row[0], []).append(row)
@@ -236,7 +245,15 @@ def _read(run: Path) -> tuple[list[Stage], float, int]:
             np.array([_size(run / "renders" / f"{row[1]}.npz") for row in entries], np.float64),
         )
         for kind, entries in kinds.items()
+        if not kind.endswith(f"/{TRIAL}")
     ]
+    if not stages:
+        raise NightError(
+            f"{path} has no renders to learn from yet: ask again when the transport table is "
+            "being rendered",
+            field="run",
+            value=str(run),
+        )
     return stages, float(worked), len({row[3] for row in rows if row[3]}) or 1
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from optimize.overnight.night import NightError
+from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import (
     Stage,
     load_scaling,
@@ -20,7 +24,15 @@ from optimize.overnight.scaling import (
     simulated,
     write_scaling,
 )
+from optimize.overnight.store import Store
 from optimize.overnight.transfer import Transfer, measure_transfer
+from optimize.overnight.watch import Signals
+from optimize.overnight.workers import Here
+from render.progress import Clock
+from render.scene import load_scene
+from tests.optimize.overnight.tiny import request_of, tiny_jobs, write_tiny
+
+Run = Callable[..., Any]
 
 FREE = Transfer(0.0, 1e15, 1e15, 1e15)
 
@@ -109,7 +121,12 @@ def run(tmp_path: Path) -> Path:
             "CREATE TABLE evaluations (id INTEGER PRIMARY KEY, key TEXT, kind TEXT, seconds REAL, "
             "worker TEXT); CREATE TABLE attempts (id INTEGER PRIMARY KEY, seconds REAL);"
         )
-        rows = [("a", "1/table", 99.0), ("b", "1/table", 2.0), ("a", "1/table", 3.0)]
+        rows = [
+            ("t", "1/trial", 1.0),
+            ("a", "1/table", 99.0),
+            ("b", "1/table", 2.0),
+            ("a", "1/table", 3.0),
+        ]
         rows += [("c", "1/round 1", 4.0), ("d", "1/final", 5.0), ("e", "1/final", 6.0)]
         for key, kind, seconds in rows:
             db.execute(
@@ -123,7 +140,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def test_the_record_of_a_run_is_what_it_is_simulated_from(run: Path) -> None:
-    found = scaling_of(run)
+    found = scaling_of(run, run)
     assert (found.renders, found.render_seconds) == (5, 20.0)
     assert found.serial_seconds == pytest.approx(10.0)
     assert found.rows[0].seconds == pytest.approx(30.0)
@@ -147,11 +164,35 @@ def test_a_damaged_file_is_refused(run: Path, content: str) -> None:
         load_scaling(run)
 
 
+def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    scene = load_scene(write_tiny(tmp_path))
+    store = Store(folder, request_of(scene), print)
+    renders = StoredRenders(store, Here(), Signals())
+    first, *others = tiny_jobs(scene, 2)
+    for kind, jobs in (("1/trial", [first]), ("1/table", others)):
+        renders.kind = kind
+        renders(jobs, Clock(sum(job.mutations for job in jobs), None))
+    store.close("stopped")
+    done = tactilux("status", folder, "--scaling", "--json")
+    assert done.code == 0, done.err
+    status = json.loads(done.out)
+    found = status["scaling"]
+    assert [row["workers"] for row in found["rows"]] == [1, 2, 8, 64]
+    assert found["renders"] == len(others)
+    assert found["rows"][0]["seconds"] == pytest.approx(status["seconds"])
+    assert found["rows"][-1]["seconds"] >= found["serial_seconds"] + found["longest"]
+    assert not (folder / "scaling.json").exists()
+    said = " ".join(tactilux("status", folder, "--scaling").out.split())
+    assert "Simulated from this night's 3 renders" in said
+
+
 def test_a_run_without_renders_says_so(run: Path, tmp_path: Path) -> None:
     with sqlite3.connect(run / "run.sqlite") as db:
         db.execute("DELETE FROM evaluations")
     db.close()
     with pytest.raises(NightError, match="no renders"):
-        scaling_of(run)
+        scaling_of(run, run)
     with pytest.raises(NightError, match="cannot be read"):
-        scaling_of(tmp_path / "none")
+        scaling_of(tmp_path / "none", tmp_path)
