@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from render.constraints import Constraints
+from render.free import Free
 from render.quantity import Quantity
 from render.scene import EDGES, Scene
 from render.tolerances import Tolerances
@@ -50,6 +51,7 @@ class Description:
     left_out: tuple[LeftOut, ...]
     limits: tuple[str, ...] = ()
     tolerances: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the description as JSON-ready values."""
@@ -75,6 +77,7 @@ class Description:
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
                 *_listed("limits of designs:", self.limits),
                 *_listed("tolerances:", self.tolerances),
+                *_listed("free, an input of the surrogate:", self.free),
             ]
         )
 
@@ -103,6 +106,7 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         left_out=tuple(LeftOut(what, why) for what, why in _left_out(scene)),
         limits=tuple(scene.constraints.sentences()) if scene.constraints else (),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
+        free=tuple(scene.free.sentences()) if scene.free else (),
     )
 
 
@@ -113,7 +117,7 @@ def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
 def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> Iterator[Value]:
     for name, info in type(part).model_fields.items():
         content, key = getattr(part, name), f"{prefix}{name}"
-        if isinstance(content, Constraints | Tolerances):
+        if isinstance(content, Constraints | Tolerances | Free):
             continue  # told in sentences of their own
         if isinstance(content, BaseModel):
             yield from _values(content, origins, f"{key}.")

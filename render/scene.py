@@ -19,6 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from render.constraints import Constraints
 from render.errors import SceneError
+from render.free import Free
 from render.part import Part
 from render.quantity import Count, Quantity
 from render.tolerances import Tolerances
@@ -49,6 +50,20 @@ class Diffuser(Part):
     sigma_s: Annotated[float, Quantity("1/mm", 0.0, 50.0)]
     sigma_a: Annotated[float, Quantity("1/mm", 0.0, 10.0)]
     g: Annotated[float, Quantity("", -0.99, 0.99)]
+
+    @property
+    def free_values(self) -> dict[str, float]:
+        """What a scene may leave free: reduced scattering in 1/mm and thickness in mm."""
+        return {
+            "reduced_scattering": self.sigma_s * (1.0 - self.g),
+            "diffuser_thickness": self.thickness,
+        }
+
+    def with_free(self, name: str, value: float) -> Diffuser:
+        """Return the layer with another value of a free quantity; g stays."""
+        if name == "reduced_scattering":
+            return self.model_copy(update={"sigma_s": value / (1.0 - self.g)})
+        return self.model_copy(update={"thickness": value})
 
 
 class Coating(Part):
@@ -147,6 +162,7 @@ class Scene(Part):
     baseline: Baseline
     constraints: Constraints | None = None
     tolerances: Tolerances | None = None
+    free: Free | None = None
 
     @model_validator(mode="after")
     def _parts_fit_together(self) -> Scene:
@@ -199,6 +215,8 @@ class Scene(Part):
             for name in ("scattering", "diffuser_thickness"):
                 if getattr(self.tolerances, name) is not None:
                     problems.append(f"tolerances.{name}: the scene has no diffuser, leave it out")
+        if self.free is not None:
+            problems += self.free.problems(self.diffuser.free_values if self.diffuser else {})
         if problems:
             raise ValueError("; ".join(problems))
         return self
@@ -207,9 +225,11 @@ class Scene(Part):
     def hash(self) -> str:
         """16 hex digits that identify the physical content.
 
-        Sources, the name, constraints and tolerances change no light and have no part in it.
+        Sources, the name, constraints, tolerances and free ranges change no light and have no part
+        in it.
         """
-        content = self.model_dump(mode="json", exclude={"name", "constraints", "tolerances"})
+        lightless = {"name", "constraints", "tolerances", "free"}
+        content = self.model_dump(mode="json", exclude=lightless)
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -13,7 +13,7 @@ from render.errors import SceneError
 from render.part import Part
 from render.scene import Scene
 
-_LEFT_OUT = {"constraints", "tolerances"}
+_LEFT_OUT = {"constraints", "tolerances", "free"}
 """They change no light."""
 
 
@@ -25,7 +25,7 @@ def scene_content(scene: Scene) -> str:
 
 @lru_cache(maxsize=16)
 def scene_of(text: str) -> Scene:
-    """Return the scene that ``scene_content`` wrote, without constraints and tolerances.
+    """Return the scene that ``scene_content`` wrote, without what changes no light.
 
     Raises:
         SceneError: the text is none, or was changed on the way.

@@ -111,12 +111,26 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "range and `domain_excess` is positive; inputs that are not finite give NaN.",
             "- Random designs set the intervals. A search that picks the best of very many "
             "designs finds errors too: verify its result with `tactilux verify`.",
-            "- It knows this scene alone: another pad, material, camera or indenter needs its own "
-            "model.",
+            _family(metadata),
             "- Errors of the reference (facets of finite size, an ideal black body, no light "
             "bending with the pad) are not in the intervals.",
             "",
         ]
+    )
+
+
+def _family(metadata: ModelMetadata) -> str:
+    free = metadata.material
+    if not free:
+        return (
+            "- It knows this scene alone: another pad, material, camera or indenter needs its own "
+            "model."
+        )
+    rows = zip(free["names"], free["low"], free["high"], strict=True)
+    ranges = ", ".join(f"{name} {low:g} to {high:g}" for name, low, high in rows)
+    return (
+        f"- Its input `material` holds {ranges} (1/mm, mm); it serves every scene that differs in "
+        "these alone. Another pad, camera or indenter needs its own model."
     )
 
 

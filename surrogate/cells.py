@@ -7,6 +7,7 @@ of the checker; the normals are the facets, then the untouched pad.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,8 @@ class Cells:
             normal)``.
         group: ``(direction, fiber, bend)`` integers; mirror twins share a group.
         fiber_group, direction_group, bend_group: the same shape, coarser groups.
+        block: ``(direction,)`` which material the cells of a direction are of.
+        material: ``(direction, quantity)`` that material, where the scene leaves it free.
     """
 
     phi: Array
@@ -42,6 +45,13 @@ class Cells:
     fiber_group: np.ndarray
     direction_group: np.ndarray
     bend_group: np.ndarray
+    block: np.ndarray
+    material: Array | None = None
+
+    @property
+    def material_group(self) -> np.ndarray:
+        """The block in the shape of the other groups."""
+        return np.broadcast_to(self.block[:, None, None], self.group.shape)
 
     @property
     def reliable(self) -> np.ndarray:
@@ -78,16 +88,55 @@ def cells_from_table(scene: Scene, table: TransportTable) -> Cells:
     transport = np.concatenate([table.T, table.background[..., None]], axis=-1)
     error = np.concatenate([table.se, table.background_se[..., None]], axis=-1)
     phi = np.repeat(table.phi[:, None], scene.fibers.count, axis=1)
-    keys = _group_keys(scene, phi, table.bends)
+    blocks = np.zeros(len(phi), dtype=int)
+    return _grouped(
+        scene, phi, table.bends, transport.swapaxes(0, 1), error.swapaxes(0, 1), blocks, None
+    )
+
+
+def cells_of_materials(scene: Scene, tables: Sequence[TransportTable], materials: Array) -> Cells:
+    """Return the training cells of one reference table per material ``(material, quantity)``.
+
+    The same cell of two materials is in one group: held out, it is unseen in all of them.
+
+    Raises:
+        TableError: as :func:`cells_from_table`, or when the tables' bends differ.
+    """
+    parts = [cells_from_table(scene, table) for table in tables]
+    if any(not np.array_equal(part.bends, parts[0].bends) for part in parts):
+        raise TableError(
+            "the reference tables of the materials have different bends: render them together",
+            field="bends",
+        )
+    blocks = np.repeat(np.arange(len(parts)), [len(part.phi) for part in parts])
+    phi, transport, error = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("phi", "transport", "error")
+    )
+    return _grouped(scene, phi, parts[0].bends, transport, error, blocks, materials[blocks])
+
+
+def _grouped(
+    scene: Scene,
+    phi: Array,
+    bends: Array,
+    transport: Array,
+    error: Array,
+    block: np.ndarray,
+    material: Array | None,
+) -> Cells:
+    keys = _group_keys(scene, phi, bends)
     return Cells(
         phi=phi,
-        bends=table.bends,
-        transport=transport.swapaxes(0, 1),
-        error=error.swapaxes(0, 1),
+        bends=bends,
+        transport=transport,
+        error=error,
         group=_numbered(keys),
         fiber_group=_numbered(keys[..., :2]),
         direction_group=_numbered(keys[..., 2:3]),
         bend_group=_numbered(keys[..., 3:]),
+        block=block,
+        material=material,
     )
 
 

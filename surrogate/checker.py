@@ -10,9 +10,11 @@ import numpy as np
 
 from render.bending import Array
 from render.errors import ModelError
+from render.scene import Scene
 from render.transport import TransportTable
+from surrogate.materials import family_hash
 from surrogate.metadata import ModelMetadata, read_props
-from surrogate.model_file import MODEL_FILE, OUTPUTS, open_session, read_verified
+from surrogate.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
 # Designs per call of the runtime: enough to fill its threads, few enough to stay in the cache.
 _BATCH = 64
@@ -24,12 +26,24 @@ class Checker:
     Arguments:
         session: the onnxruntime session.
         metadata: what the model says about itself.
+        material: the free quantities ``(quantity,)`` of the scene that it is asked for, in the
+            order and units of ``metadata.material``; empty where nothing is free.
+        scene_hash: of that scene.
     """
 
-    def __init__(self, session: Any, metadata: ModelMetadata) -> None:
-        """Take an open session; use :meth:`load` for files."""
+    def __init__(
+        self,
+        session: Any,
+        metadata: ModelMetadata,
+        material: Array | None = None,
+        scene_hash: str | None = None,
+    ) -> None:
+        """Take an open session; use :meth:`load` or :meth:`for_scene` for files."""
         self._session = session
         self.metadata = metadata
+        own = np.array(metadata.material.get("nominal", []), dtype=np.float64)
+        self.material = own if material is None else material
+        self.scene_hash = scene_hash or metadata.scene_hash
 
     @classmethod
     def load(
@@ -48,20 +62,32 @@ class Checker:
         Raises:
             ModelError: missing, altered, corrupt, foreign, or for another scene.
         """
-        file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
-        content = read_verified(file, strict=Path(path).is_dir())
-        session = open_session(content, file, threads)
-        metadata = read_props(session.get_modelmeta().custom_metadata_map, str(file))
+        session, metadata = _opened(path, threads)
         if scene_hash is not None and metadata.scene_hash != scene_hash:
-            raise ModelError(
-                f"{file} is a model of another scene ({metadata.scene}, hash "
-                f"{metadata.scene_hash}), allowed: hash {scene_hash}; train one with "
-                "`tactilux train`",
-                field="scene_hash",
-                value=metadata.scene_hash,
-                allowed=scene_hash,
-            )
+            raise _foreign(path, metadata, scene_hash)
         return cls(session, metadata)
+
+    @classmethod
+    def for_scene(cls, path: str | Path, scene: Scene, *, threads: int | None = None) -> Checker:
+        """Return the model in ``path``, as :meth:`load`, for ``scene``.
+
+        A model with a free material serves every scene that differs in the free quantities alone;
+        outside their trained range its ``domain_excess`` is positive.
+
+        Raises:
+            ModelError: as :meth:`load`.
+        """
+        session, metadata = _opened(path, threads)
+        if metadata.scene_hash == scene.hash:
+            return cls(session, metadata)
+        free = metadata.material
+        if not free or scene.diffuser is None:
+            raise _foreign(path, metadata, scene.hash)
+        if family_hash(scene, tuple(free["names"])) != free["family"]:
+            raise _foreign(path, metadata, scene.hash)
+        values = scene.diffuser.free_values
+        material = np.array([values[name] for name in free["names"]])
+        return cls(session, metadata, material, scene.hash)
 
     @property
     def exposure(self) -> float:
@@ -118,6 +144,8 @@ class Checker:
         _check_range("bends", bends, math.pi, "rad")
         bend = np.tile(bends.astype(np.float32), (len(phi), 1))
         feeds = {"phi": phi.astype(np.float32), "power": power.astype(np.float32), "bend": bend}
+        if len(self.material):
+            feeds[MATERIAL] = np.tile(self.material.astype(np.float32), (len(phi), 1))
         parts = [
             self._session.run(list(OUTPUTS), {k: v[i : i + _BATCH] for k, v in feeds.items()})
             for i in range(0, len(phi), _BATCH)
@@ -162,12 +190,30 @@ class Checker:
             phi=phi,
             exposure=self.exposure,
             lam=self.lam,
-            scene_hash=self.metadata.scene_hash,
+            scene_hash=self.scene_hash,
             level="surrogate",
             bends=bends,
             background=background,
             background_se=background * (spread / transport).mean(axis=-1),
         )
+
+
+def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata]:
+    file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
+    content = read_verified(file, strict=Path(path).is_dir())
+    session = open_session(content, file, threads)
+    return session, read_props(session.get_modelmeta().custom_metadata_map, str(file))
+
+
+def _foreign(path: str | Path, metadata: ModelMetadata, scene_hash: str) -> ModelError:
+    file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
+    return ModelError(
+        f"{file} is a model of another scene ({metadata.scene}, hash {metadata.scene_hash}), "
+        f"allowed: hash {scene_hash}; train one with `tactilux train`",
+        field="scene_hash",
+        value=metadata.scene_hash,
+        allowed=scene_hash,
+    )
 
 
 def _shape_error(name: str, value: Array, allowed: str) -> ModelError:

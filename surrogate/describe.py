@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import subprocess
 from dataclasses import asdict
@@ -13,10 +12,12 @@ import numpy as np
 
 from render.metric import THESIS
 from render.scene import Scene
-from render.transport import TransportTable
 from surrogate.fit import Fit
+from surrogate.material_grid import LeftOut
+from surrogate.materials import family_hash
 from surrogate.metadata import UNITS, ModelMetadata
 from surrogate.preview_grid import InterpolationError, PreviewGrid
+from surrogate.reference_data import Reference
 from surrogate.uncertainty import COVERAGE
 
 VERSIONED = ("tactilux", "numpy", "torch", "onnx", "mitsuba", "drjit")
@@ -26,11 +27,15 @@ def describe_model(
     scene: Scene,
     grid: PreviewGrid,
     preview_error: InterpolationError,
-    table: TransportTable,
+    left_out: LeftOut | None,
+    reference: Reference,
     fit: Fit,
-    renderer: dict[str, object],
 ) -> ModelMetadata:
-    """Return the metadata of a model of ``scene`` fitted to ``table``."""
+    """Return the metadata of a model of ``scene`` fitted to ``reference``.
+
+    ``left_out`` is the error of the preview at materials that it was not drawn for.
+    """
+    table = reference.tables[0]
     return ModelMetadata(
         scene=scene.name,
         scene_hash=scene.hash,
@@ -59,13 +64,14 @@ def describe_model(
             "bend_nodes": len(grid.bends),
             "floored": grid.floored,
             **asdict(preview_error),
+            **({} if left_out is None else {"materials": asdict(left_out)}),
         },
         renderer={
             "phi_nodes": len(table.phi),
             "bends_deg": [round(x, 4) for x in np.degrees(table.bends).tolist()],
-            **renderer,
+            **reference.renderer,
         },
-        training_data_hash=data_hash(table),
+        training_data_hash=reference.hash,
         git_revision=_git_revision(),
         versions=_versions(),
         residual={
@@ -75,17 +81,23 @@ def describe_model(
             "unreliable_cells": fit.unreliable,
             "cells": fit.cells,
         },
-        units=UNITS,
+        units=UNITS | ({} if grid.free is None else {"material": "1/mm, mm"}),
+        material=_material(scene, grid, reference),
     )
 
 
-def data_hash(table: TransportTable) -> str:
-    """Return the SHA-256 of the numbers in ``table``, whatever file they are in."""
-    digest = hashlib.sha256(table.scene_hash.encode())
-    for values in (table.phi, table.bends, table.T, table.se, table.background):
-        if values is not None:
-            digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
-    return digest.hexdigest()
+def _material(scene: Scene, grid: PreviewGrid, reference: Reference) -> dict[str, object]:
+    free = grid.free
+    if free is None or reference.materials is None:
+        return {}
+    return {
+        "names": list(free.names),
+        "low": free.low.tolist(),
+        "high": free.high.tolist(),
+        "nominal": free.nominal.tolist(),
+        "rendered": reference.materials.tolist(),
+        "family": family_hash(scene, free.names),
+    }
 
 
 def _members(fit: Fit) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from surrogate.graph import Checker
-from surrogate.model_file import INPUTS, OUTPUTS
+from surrogate.model_file import INPUTS, MATERIAL, OUTPUTS
 
 OPSET = 18
 IR_VERSION = 8
@@ -26,9 +26,19 @@ def export_onnx(checker: Checker, fibers: int, path: Path, metadata: Mapping[str
 
     batch, bends = torch.export.Dim("batch"), torch.export.Dim("bends")
     # Sizes that occur nowhere else, so that no axis can be taken for a constant.
-    example = (torch.full((5, fibers), 1.5), torch.full((5, fibers, 3), 0.5), torch.zeros(5, 7))
+    example: tuple[torch.Tensor, ...] = (
+        torch.full((5, fibers), 1.5),
+        torch.full((5, fibers, 3), 0.5),
+        torch.zeros(5, 7),
+    )
     low, high = checker.bends
     example[2].fill_(0.5 * (low + high))
+    names, axes = list(INPUTS), [{0: batch}, {0: batch}, {0: batch, 1: bends}]
+    if checker.free is not None:
+        nominal = torch.as_tensor(checker.free.nominal, dtype=torch.float32)
+        example = (*example, nominal.tile(5, 1))
+        names.append(MATERIAL)
+        axes.append({0: batch})
     with warnings.catch_warnings(), torch.no_grad():
         # The exporter warns about its own internals (deprecated pytree calls).
         warnings.simplefilter("ignore")
@@ -36,10 +46,10 @@ def export_onnx(checker: Checker, fibers: int, path: Path, metadata: Mapping[str
         program = torch.onnx.export(
             checker.eval(),
             example,
-            input_names=list(INPUTS),
+            input_names=names,
             output_names=list(OUTPUTS),
             opset_version=OPSET,
-            dynamic_shapes=({0: batch}, {0: batch}, {0: batch, 1: bends}),
+            dynamic_shapes=tuple(axes),
             external_data=False,
             dynamo=True,
             verbose=False,

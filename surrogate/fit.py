@@ -154,7 +154,9 @@ class _Task:
         )
 
     def designs(self, count: int, allowed: np.ndarray, stream: int) -> Designs:
-        return random_designs(count, allowed, np.random.default_rng([self.seed, stream]))
+        return random_designs(
+            count, allowed, self.cells.block, np.random.default_rng([self.seed, stream])
+        )
 
     def residuals(self, model: nn.Module) -> Array:
         with torch.no_grad():
@@ -267,7 +269,7 @@ def _train(
 def _splits(
     task: _Task, config: FitConfig, refit: Callable[[np.ndarray, int, str], nn.Module]
 ) -> tuple[LevelErrors, ...]:
-    """Return the errors when whole fiber positions, inner directions or inner bends are left out.
+    """Return the errors when whole fiber positions, inner directions, bends or materials are out.
 
     ``refit`` takes folds, their number and a name, and returns an ensemble.
     """
@@ -276,6 +278,7 @@ def _splits(
         ("fiber position", cells.fiber_group, False),
         ("direction", cells.direction_group, True),
         ("bend", cells.bend_group, True),
+        ("material", cells.material_group, False),
     ):
         out = interior_folds(group, SPLIT_FOLDS, task.seed, inner)
         held = np.asarray(out >= 0)

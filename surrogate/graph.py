@@ -19,6 +19,7 @@ from render.scene import Scene
 from surrogate.basis import Expansion
 from surrogate.constants import store_constants
 from surrogate.inputs import BRIGHTNESS, Inputs
+from surrogate.materials import MaterialRange
 from surrogate.preview_grid import PreviewGrid
 
 
@@ -37,6 +38,7 @@ class PreviewTable(nn.Module):
     """The interpolated log preview: ``(normal, batch, fiber, bend, site)``."""
 
     table: Tensor
+    slopes: Tensor
 
     def __init__(self, grid: PreviewGrid) -> None:
         """Store the values of ``grid`` at its nodes as float32 constants."""
@@ -46,15 +48,56 @@ class PreviewTable(nn.Module):
         self.shape = table.shape
         store_constants(self, {"table": table.reshape(table.shape[0], table.shape[1], -1)})
         self.in_phi, self.in_bend = Lagrange(grid.phi), Lagrange(grid.bends)
+        self.terms = None
+        if grid.free is not None and grid.slopes is not None:
+            self.terms = MaterialTerms(grid.free)
+            # (fiber, term and phi node, rest). A logarithm's small part: half precision is within
+            # 1e-3 of it, and the file stays below its limit.
+            slopes = np.moveaxis(grid.slopes.swapaxes(-1, -2), 0, 1)
+            slopes = slopes.reshape(table.shape[0], -1, self.table.shape[2])
+            self.register_buffer("slopes", torch.as_tensor(slopes, dtype=torch.float16))
 
-    def forward(self, phi: Tensor, bend: Tensor) -> Tensor:
-        """Return the log preview for ``phi`` ``(batch, fiber)``, ``bend`` ``(batch, bend)``."""
+    def forward(self, phi: Tensor, bend: Tensor, material: Tensor | None = None) -> Tensor:
+        """Return the log preview for ``phi`` ``(batch, fiber)``, ``bend`` ``(batch, bend)``.
+
+        ``material`` is ``(batch, quantity)`` in [-1, 1], where the scene leaves it free.
+        """
         fibers, _, nodes, normals, sites = self.shape
         # (fiber, batch, phi node) x (fiber, phi node, rest), then (bend, node) x (node, rest).
-        at_phi = torch.matmul(self.in_phi(phi).transpose(0, 1), self.table)
+        in_phi = self.in_phi(phi).transpose(0, 1)
+        at_phi = torch.matmul(in_phi, self.table)
+        if self.terms is not None and material is not None:
+            both = self.terms(material)[:, :, None] * in_phi[:, :, None, :]
+            at_phi = at_phi + torch.matmul(both.flatten(2), self.slopes.float())
         at_phi = at_phi.reshape(fibers, -1, nodes, normals * sites)
         out = torch.matmul(self.in_bend(bend), at_phi)
         return out.reshape(fibers, out.shape[1], -1, normals, sites).permute(3, 1, 0, 2, 4)
+
+
+class MaterialTerms(nn.Module):
+    """The polynomial terms ``(batch, term)`` of a free material ``(batch, quantity)``.
+
+    See :meth:`surrogate.materials.MaterialRange.terms`; the material comes mapped to [-1, 1].
+    """
+
+    nominal: Tensor
+
+    def __init__(self, free: MaterialRange) -> None:
+        """Store the terms of the scene's own material."""
+        super().__init__()
+        self.exponents = free.exponents.tolist()
+        store_constants(self, {"nominal": free.nominal_terms})
+
+    def forward(self, material: Tensor) -> Tensor:
+        """Return the terms, 0 at the scene's own material."""
+        columns = []
+        for powers in self.exponents:
+            product = torch.ones_like(material[:, 0])
+            for quantity, power in enumerate(powers):
+                for _ in range(power):
+                    product = product * material[:, quantity]
+            columns.append(product)
+        return torch.stack(columns, dim=1) - self.nominal
 
 
 class Lagrange(nn.Module):
@@ -95,6 +138,8 @@ class Checker(nn.Module):
             ``b0 + b1 z``, with z the standardised log preview of the untouched pad.
     """
 
+    logarithmic: Tensor
+
     def __init__(
         self,
         scene: Scene,
@@ -111,23 +156,33 @@ class Checker(nn.Module):
         self.residual, self.expansion = residual, Expansion(scene)
         self.exposure, self.lam, self.spread = exposure, lam, spread
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
+        self.free = grid.free
+        if grid.free is not None:
+            store_constants(self, {"logarithmic": grid.free.logarithmic.astype(float)})
 
-    def forward(self, phi: Tensor, power: Tensor, bend: Tensor) -> Prediction:
+    def forward(
+        self, phi: Tensor, power: Tensor, bend: Tensor, material: Tensor | None = None
+    ) -> Prediction:
         """Return the prediction.
 
         Arguments:
             phi: ``(batch, fiber)`` rad.
             power: ``(batch, fiber, 3)`` in [0, 1].
             bend: ``(batch, bend)`` rad.
+            material: ``(batch, quantity)``, where the scene leaves it free, in the units of
+                :mod:`surrogate.materials`.
 
         Inputs outside their range are moved to its edge and reported in ``domain_excess``;
         inputs that are not finite give NaN.
         """
-        given = self._scaled(phi, power, bend)
+        given = self._scaled(phi, power, bend, material)
         inside = _within(given)
         fibers, width = phi.shape[1], self.bends[1] - self.bends[0]
+        free = 4 * fibers + (0 if material is None else material.shape[1])
         log_preview, residual, spread = self.transport(
-            inside[:, :fibers] * math.pi, inside[:, 4 * fibers :] * width + self.bends[0]
+            inside[:, :fibers] * math.pi,
+            inside[:, free:] * width + self.bends[0],
+            None if material is None else 2.0 * inside[:, 4 * fibers : free] - 1.0,
         )
         weight = inside[:, fibers : 4 * fibers].reshape(-1, 3, fibers)
         shared = residual.sum(dim=0) / residual.shape[0]
@@ -144,24 +199,37 @@ class Checker(nn.Module):
             domain_excess=_excess(given).amax(dim=1),
         )
 
-    def _scaled(self, phi: Tensor, power: Tensor, bend: Tensor) -> Tensor:
+    def _scaled(self, phi: Tensor, power: Tensor, bend: Tensor, material: Tensor | None) -> Tensor:
         """Return all inputs of a design in one row, 0 to 1 inside the trained range.
 
-        ``(batch, fiber + 3 fiber + bend)``; power by colour first.
+        ``(batch, fiber + 3 fiber + quantity + bend)``; power by colour first.
         """
         low, high = self.bends
         level = (bend - low) / (high - low) if high > low else bend - low
         colours = power.transpose(1, 2).flatten(1)
-        return torch.cat([phi / math.pi, colours, level], dim=1)
+        if material is None or self.free is None:
+            return torch.cat([phi / math.pi, colours, level], dim=1)
+        ends = np.stack([self.free.low, self.free.high])
+        start, stop = np.where(self.free.logarithmic, np.log(ends), ends)
+        # The logarithm of what is not positive is not finite, and gives NaN as such input does.
+        value = torch.where(self.logarithmic > 0.5, torch.log(material), material)
+        columns = [
+            (value[:, i : i + 1] - float(a)) / float(b - a)
+            for i, (a, b) in enumerate(zip(start, stop, strict=True))
+        ]
+        return torch.cat([phi / math.pi, colours, *columns, level], dim=1)
 
-    def transport(self, phi: Tensor, bend: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def transport(
+        self, phi: Tensor, bend: Tensor, material: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Return log preview, residual of every member and standard deviation of the residual.
 
         Shapes ``(normal, batch, fiber, bend, site)``, the same with ``member`` in front, and
-        ``(batch, fiber, bend, site)``; the untouched pad is the last normal.
+        ``(batch, fiber, bend, site)``; the untouched pad is the last normal. ``material`` is in
+        [-1, 1].
         """
-        log_preview = self.preview(phi, bend)
-        x = self.inputs(phi, bend, log_preview)
+        log_preview = self.preview(phi, bend, material)
+        x = self.inputs(phi, bend, log_preview, material)
         coefficients = self.residual(x.reshape(x.shape[0], -1).t()).transpose(1, 2)
         coefficients = coefficients.reshape(coefficients.shape[0], -1, *x.shape[1:])
         residual = self.expansion(coefficients, log_preview)

@@ -32,16 +32,24 @@ class Designs:
         return np.asarray(cells[self.direction, np.arange(cells.shape[1])])
 
 
-def random_designs(count: int, allowed: np.ndarray, rng: np.random.Generator) -> Designs:
+def random_designs(
+    count: int, allowed: np.ndarray, block: np.ndarray, rng: np.random.Generator
+) -> Designs:
     """Return ``count`` designs over the directions ``allowed`` ``(direction, fiber)``.
 
+    A design stays within one ``block`` ``(direction,)``: a sensor is made of one material.
     Neighbouring fibers share a colour in runs of 1, 2 or 4, as the candidates of a search do;
     every third design has a run length of its own.
     """
     fibers = allowed.shape[1]
-    choices = [np.flatnonzero(allowed[:, f]) for f in range(fibers)]
-    direction = np.stack([rng.choice(choice, size=count) for choice in choices], axis=1)
-    return Designs(direction, random_colours(count, fibers, rng))
+    inside = [allowed & (block == b)[:, None] for b in np.unique(block)]
+    usable = [choices for choices in inside if choices.any(axis=0).all()]
+    shares = np.array_split(np.arange(count), len(usable))
+    drawn = [
+        np.stack([rng.choice(np.flatnonzero(ok), size=len(share)) for ok in choices.T], axis=1)
+        for choices, share in zip(usable, shares, strict=True)
+    ]
+    return Designs(np.concatenate(drawn), random_colours(count, fibers, rng))
 
 
 def random_colours(count: int, fibers: int, rng: np.random.Generator) -> Array:

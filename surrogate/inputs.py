@@ -47,6 +47,8 @@ BRIGHTNESS = INPUT_NAMES.index("log preview of the untouched pad")
 class Inputs(nn.Module):
     """Inputs of the residual, ``(20, batch, fiber, bend, site)``, in the order of INPUT_NAMES.
 
+    A free material adds its quantities, in [-1, 1], at the end.
+
     Arguments of the constructor:
         scene: gives positions and directions (flat pad; the bend is an input of its own).
         grid: gives the scale and the offset of the log preview.
@@ -99,13 +101,16 @@ class Inputs(nn.Module):
         }
         store_constants(self, constants)
 
-    def forward(self, phi: Tensor, bend: Tensor, log_preview: Tensor) -> Tensor:
+    def forward(
+        self, phi: Tensor, bend: Tensor, log_preview: Tensor, material: Tensor | None = None
+    ) -> Tensor:
         """Return the inputs.
 
         Arguments:
             phi: ``(batch, fiber)`` rad.
             bend: ``(batch, bend)`` rad.
             log_preview: ``(normal, batch, fiber, bend, site)``, the untouched pad last.
+            material: ``(batch, quantity)`` in [-1, 1], where it is free.
         """
         flat = log_preview[-1:]
         zero = 0.0 * flat
@@ -118,15 +123,16 @@ class Inputs(nn.Module):
         level = (2 * bend - low - high) / max(high - low, 1e-9) if high > low else 0 * bend
         shape = torch.matmul(self.columns, log_preview.reshape(log_preview.shape[0], -1))
         shape = shape.reshape(-1, *log_preview.shape[1:]) * self.turned
-        return torch.cat(
-            [
-                zero + self.fixed,
-                zero + angles[:, :, :, None],
-                zero + level[None, :, None, :, None],
-                (flat - self.center) / self.scale,
-                shape[:4] + shape[4:],
-            ]
-        )
+        parts = [
+            zero + self.fixed,
+            zero + angles[:, :, :, None],
+            zero + level[None, :, None, :, None],
+            (flat - self.center) / self.scale,
+            shape[:4] + shape[4:],
+        ]
+        if material is not None:
+            parts.append(zero + material.t()[:, :, None, None, None])
+        return torch.cat(parts)
 
 
 def _angles(ahead: Array, aside: Array) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from render.errors import ModelError
@@ -50,6 +50,9 @@ class ModelMetadata:
         training_data_hash: SHA-256 of the reference table.
         git_revision, versions: the sources and packages that made the model.
         residual: kind and size of what corrects the preview.
+        material: the free material: ``names``, ``low``, ``high`` and ``nominal`` of the quantities,
+            the ``rendered`` materials, and the ``family`` hash of the scenes that it holds for;
+            empty where nothing is free.
         units, licence, schema: constants of this format.
     """
 
@@ -72,6 +75,7 @@ class ModelMetadata:
     versions: dict[str, str]
     residual: dict[str, Any]
     units: dict[str, str]
+    material: dict[str, Any] = field(default_factory=dict)
     licence: str = LICENCE
     schema: str = SCHEMA
 
@@ -106,13 +110,19 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
     texts = {"scene", "scene_hash", "training_data_hash", "git_revision", "licence", "schema"}
     try:
         content: dict[str, Any] = {
-            field.name: props[field.name] if field.name in texts else json.loads(props[field.name])
-            for field in fields(ModelMetadata)
+            item.name: props[item.name] if item.name in texts else json.loads(props[item.name])
+            for item in fields(ModelMetadata)
+            if item.name != "material" or "material" in props  # older models fix theirs
         }
         found = ModelMetadata(**content)
         _ = found.metric
         numbers = [found.exposure, found.lam, found.conformal["counts"], found.conformal["score"]]
         numbers += [x for name in ("phi", "power", "bend") for x in found.bounds[name]]
+        if found.material:
+            sizes = {len(found.material[key]) for key in ("names", "low", "high", "nominal")}
+            if len(sizes) != 1 or not isinstance(found.material["family"], str):
+                raise ValueError("its material is incomplete")
+            numbers += [x for key in ("low", "high", "nominal") for x in found.material[key]]
         if not all(math.isfinite(x) for x in numbers):
             raise ValueError("a number in it is not finite")
     except (KeyError, ValueError, TypeError) as error:

@@ -15,6 +15,8 @@ MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE = (
     "golden.npz",
 )
 INPUTS = ("phi", "power", "bend")
+MATERIAL = "material"
+"""A fourth input of models whose scene leaves its material free."""
 OUTPUTS = ("counts", "counts_spread", "background", "metric", "score", "domain_excess")
 
 
@@ -97,9 +99,9 @@ def open_session(content: bytes, file: Path, threads: int | None) -> Any:
 
 def _check_signature(session: Any, file: Path) -> None:
     found = [i.name for i in session.get_inputs()], [o.name for o in session.get_outputs()]
-    if found != (list(INPUTS), list(OUTPUTS)):
+    if found not in [([*INPUTS, *more], list(OUTPUTS)) for more in ([], [MATERIAL])]:
         raise ModelError(
-            f"{file} has inputs {found[0]} and outputs {found[1]}, allowed: {list(INPUTS)} and "
-            f"{list(OUTPUTS)}; train the model again",
+            f"{file} has inputs {found[0]} and outputs {found[1]}, allowed: {list(INPUTS)} (and "
+            f"{MATERIAL!r}) and {list(OUTPUTS)}; train the model again",
             field="model",
         )

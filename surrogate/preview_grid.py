@@ -14,6 +14,7 @@ from render.bending import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.errors import TableError
 from render.scene import Scene
+from surrogate.materials import MaterialRange
 
 FLOOR = 1e-9
 """Darkest preview that is told from black, relative to the brightest cell of the grid."""
@@ -28,12 +29,17 @@ class PreviewGrid:
             facets, then the untouched pad; logarithm of 1/(mm^2 sr).
         phi, bends: Chebyshev nodes, rad, ascending.
         floored: number of cells that were darker than ``FLOOR`` and hold it instead.
+        slopes: how the logarithm follows a free material, ``(term, fiber, ...)``, times the terms
+            of ``free``; see :mod:`surrogate.material_grid`.
+        free: the range of the free material.
     """
 
     log_transport: Array
     phi: Array
     bends: Array
     floored: int
+    slopes: Array | None = None
+    free: MaterialRange | None = None
 
     def evaluate(self, phi: Array, bends: Array) -> Array:
         """Return the logarithm ``(fiber, phi, bend, site, normal)`` at ``phi`` and ``bends``."""

@@ -81,7 +81,9 @@ def preview_checker(scene: Scene, grid: PreviewGrid) -> Checker:
 
 def build_rows(scene: Scene, grid: PreviewGrid, cells: Cells) -> Rows:
     """Return the regression rows of ``cells`` on top of the preview ``grid``."""
-    rows, basis, log_preview = cell_features(preview_checker(scene, grid), cells.phi, cells.bends)
+    rows, basis, log_preview = cell_features(
+        preview_checker(scene, grid), cells.phi, cells.bends, cells.material
+    )
     normals = len(log_preview)
     log_cells = log_preview.movedim(0, -1).double().numpy()
     preview = np.exp(log_cells)
@@ -95,17 +97,25 @@ def build_rows(scene: Scene, grid: PreviewGrid, cells: Cells) -> Rows:
     )
 
 
-def cell_features(checker: Checker, phi: Array, bends: Array) -> tuple[Tensor, Tensor, Tensor]:
+def cell_features(
+    checker: Checker, phi: Array, bends: Array, material: Array | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
     """Return inputs ``(row, input)``, basis ``(row, output, normal)`` and the log preview.
 
     Rows run over ``(direction, fiber, bend, site)`` for ``phi`` ``(direction, fiber)`` and
     ``bends`` ``(bend,)`` rad; the log preview is ``(normal, direction, fiber, bend, site)``.
+    ``material`` is that of each direction, ``(direction, quantity)``, where the scene leaves it
+    free (default: the scene's own).
     """
     at = torch.as_tensor(phi, dtype=torch.float32)
     bend = torch.as_tensor(bends, dtype=torch.float32).expand(len(at), -1)
+    made_of = None
+    if checker.free is not None:
+        own = np.tile(checker.free.nominal, (len(phi), 1)) if material is None else material
+        made_of = torch.as_tensor(checker.free.unit(own), dtype=torch.float32)
     with torch.no_grad():
-        log_preview = checker.preview(at, bend)
-        x = checker.inputs(at, bend, log_preview)
+        log_preview = checker.preview(at, bend, made_of)
+        x = checker.inputs(at, bend, log_preview, made_of)
         # One member for every basis function, with 1 for its coefficient.
         unit = torch.eye(SIZE).reshape(SIZE, SIZE, 1, 1, 1, 1)
         basis = checker.expansion(unit.expand(-1, -1, *log_preview.shape[1:]), log_preview)

@@ -5,24 +5,26 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from render.bending import Array
 from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.card import Provenance, write_card
-from surrogate.cells import cells_from_table
 from surrogate.describe import describe_model
 from surrogate.fit import Fit, FitConfig, fit_residual
 from surrogate.graph import Checker as Graph
 from surrogate.heldout import scene_bends
+from surrogate.material_grid import MATERIALS, draw_material_grid
+from surrogate.materials import MaterialRange
 from surrogate.metadata import ModelMetadata
 from surrogate.package import write_package
-from surrogate.preview_grid import draw_grid, interpolation_error
+from surrogate.preview_grid import interpolation_error
+from surrogate.reference_data import Reference, render_reference
 from surrogate.scale import fix_scale
 
 
@@ -45,6 +47,8 @@ class TrainConfig:
         mutations: mutations per (fiber, facet) pair instead; the same number on any machine.
         phi_nodes, bend_nodes: nodes of the reference.
         preview_nodes: nodes of the preview in phi and bend.
+        materials, preview_materials: how many materials are rendered, and drawn by the preview,
+            where the scene leaves its material free.
         fit: the residual.
     """
 
@@ -53,6 +57,8 @@ class TrainConfig:
     phi_nodes: int = 11
     bend_nodes: int = 5
     preview_nodes: tuple[int, int] = (11, 9)
+    materials: int = 8
+    preview_materials: int = MATERIALS
     fit: FitConfig = field(default_factory=FitConfig)
 
 
@@ -100,27 +106,34 @@ def train(
     """
     config = config or TrainConfig()
     run = run or out.parent / f"{out.name}-training"
+    if table is not None:
+        _check(scene, table)
     began = time.monotonic()
     report = _Reporter(progress)
 
     report("preview", 0, 1)
-    grid = draw_grid(scene, *config.preview_nodes)
+    grid, left_out = draw_material_grid(
+        scene,
+        *config.preview_nodes,
+        materials=config.preview_materials,
+        progress=lambda done, total: report("preview", done, total),
+    )
     preview_error = interpolation_error(scene, grid)
     report("preview", 1, 1)
 
-    table, renderer = _reference(scene, table, run, seed, config, report)
-    exposure, lam = fix_scale(scene, table)
-    table = replace(table, exposure=exposure, lam=lam)
-    table.save(run / "reference.npz")
+    reference = _reference(scene, table, run, seed, config, report)
+    exposure, lam = fix_scale(scene, reference.tables[0])
+    reference = reference.scaled(exposure, lam)
+    reference.save(run)
 
     fitting = time.monotonic()
     fit = fit_residual(
         scene,
         grid,
-        cells_from_table(scene, table),
+        reference.cells(scene),
         exposure=exposure,
         lam=lam,
-        bends=scene_bends(table, scene.bending.angles),
+        bends=scene_bends(reference.tables[0], scene.bending.angles),
         seed=seed,
         config=config.fit,
         progress=report,
@@ -128,9 +141,9 @@ def train(
     fit_seconds = time.monotonic() - fitting
 
     report("export", 0, 1)
-    about = describe_model(scene, grid, preview_error, table, fit, renderer)
+    about = describe_model(scene, grid, preview_error, left_out, reference, fit)
     graph = Graph(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
-    render_seconds = renderer.get("seconds", 0.0)
+    render_seconds = reference.renderer.get("seconds", 0.0)
     made = Provenance(
         command=command or f"tactilux train {scene.name} --seed {seed}",
         seed=seed,
@@ -139,7 +152,7 @@ def train(
     )
     write_package(out, graph, about, write_card(about, fit, made), _golden_inputs(scene, seed))
     report("export", 1, 1)
-    return Trained(out, about, fit, table, time.monotonic() - began)
+    return Trained(out, about, fit, reference.tables[0], time.monotonic() - began)
 
 
 class _Reporter:
@@ -159,6 +172,22 @@ class _Reporter:
         self.progress(TrainProgress(stage, done, total, eta))
 
 
+def _check(scene: Scene, table: TransportTable) -> None:
+    """Refuse a table that the model cannot be made of, before anything is drawn."""
+    if table.scene_hash != scene.hash or table.level != "reference":
+        raise TableError(
+            f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
+            f"allowed: level 'reference' of scene {scene.hash}: render it for {scene.name}",
+            field="table",
+        )
+    if MaterialRange.of(scene) is not None:
+        raise TableError(
+            f"scene {scene.name} leaves its material free, and a table knows one material: "
+            "train without --table, or leave the section free out of the scene",
+            field="free",
+        )
+
+
 def _reference(
     scene: Scene,
     table: TransportTable | None,
@@ -166,42 +195,35 @@ def _reference(
     seed: int,
     config: TrainConfig,
     report: _Reporter,
-) -> tuple[TransportTable, dict[str, object]]:
-    """Return the reference table and what is known of its rendering."""
+) -> Reference:
+    """Return the reference, rendered unless ``table`` is given."""
+    free = MaterialRange.of(scene)
     if table is not None:
-        if table.scene_hash != scene.hash or table.level != "reference":
-            raise TableError(
-                f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
-                f"allowed: level 'reference' of scene {scene.hash}: render it for {scene.name}",
-                field="table",
-            )
-        return table, {"source": "an existing reference table"}
-    from surrogate.reference_run import estimate_table, make_plan, render_plan
-
-    report("plan", 0, 1)
-    plan = make_plan(
+        return Reference((table,), {"source": "an existing reference table"})
+    return render_reference(
         scene,
         run,
+        seed=seed,
         minutes=config.minutes,
         mutations=config.mutations,
-        seed=seed,
         phi_count=config.phi_nodes,
         bend_count=config.bend_nodes,
+        materials=None if free is None else free.samples(config.materials),
+        progress=report,
     )
-    report("plan", 1, 1)
-    estimate = render_plan(
-        scene, plan, run, lambda p: report("render", p.done, p.total, p.eta_seconds)
-    )
-    renderer = dict(estimate.settings) | {"seconds": float(estimate.seconds)}
-    return estimate_table(scene, plan, estimate), renderer
 
 
-def _golden_inputs(scene: Scene, seed: int) -> dict[str, Array]:
+def _golden_inputs(scene: Scene, seed: int) -> dict[str, NDArray[np.float32]]:
     """Return three random designs at the scene's bends, float32, as the graph takes them."""
     rng = np.random.default_rng([seed, 99])
     fibers = scene.fibers.count
-    return {
+    inputs = {
         "phi": rng.uniform(0.0, np.pi, (3, fibers)).astype(np.float32),
         "power": rng.uniform(0.0, 1.0, (3, fibers, 3)).astype(np.float32),
         "bend": np.tile(np.array(scene.bending.angles, dtype=np.float32), (3, 1)),
     }
+    free = MaterialRange.of(scene)
+    if free is not None:
+        unit = rng.uniform(-1.0, 1.0, (3, len(free.names)))
+        inputs["material"] = free.from_unit(unit).astype(np.float32)
+    return inputs

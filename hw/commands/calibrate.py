@@ -25,11 +25,10 @@ from optimize.atomic import write_text
 from optimize.console import Meter, note, print_json, reserved_stdout
 from optimize.design import Array, baseline_design
 from optimize.design_file import load_design
-from optimize.models import find_model
+from optimize.models import open_model
 from optimize.output import check_target, fresh_directory, write_manifest
 from render.errors import RenderError
 from render.scene import Scene, load_scene
-from surrogate.checker import Checker
 
 
 def run(
@@ -101,7 +100,7 @@ def calibrate_sets(
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     additivity = require_linearity(linearity_sets, noise)
-    checker = Checker.load(find_model(scene.name, model), scene.hash)
+    checker = open_model(scene, model)
     with Meter("Drawing materials") as meter:
         lines = line_model(scene, checker, lighting.phi, bends, meter)
     measurements = measure(scene, sets, bends, noise)

@@ -26,9 +26,8 @@ from hw.site_colours import SiteSpots
 from optimize.console import note, print_json, reserved_stdout
 from optimize.design import Array, baseline_design
 from optimize.design_file import load_design
-from optimize.models import find_model
+from optimize.models import open_model
 from render.scene import Scene, load_scene
-from surrogate.checker import Checker
 
 if TYPE_CHECKING:
     from hw.commands.wiring import Wiring
@@ -68,7 +67,7 @@ def run(
                 "sweep, or --camera with a number",
                 field="capture",
             )
-        checker = Checker.load(find_model(scene.name, model), scene.hash, threads=2)
+        checker = open_model(scene, model, threads=2)
         angle = math.radians(bend)
         prediction = predict(checker, lighting.phi, lighting.power, angle)
         spots = SiteSpots(scene, angle)

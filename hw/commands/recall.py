@@ -12,7 +12,7 @@ from hw.check.prediction import predict
 from hw.check.study import study
 from optimize.console import Meter, print_json, reserved_stdout
 from optimize.design import Array, baseline_design
-from optimize.models import find_model
+from optimize.models import open_model
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.layout import flat_sites
@@ -33,7 +33,7 @@ def run(
     """Print recall and false alarms of every way of checking, with 95 % intervals."""
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        checker = Checker.load(find_model(scene.name, model), scene.hash, threads=2)
+        checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
         prediction = predict(checker, design.phi, design.power, 0.0)
         light = None if truth is None else _true_light(truth, prediction.nodes, checker)

@@ -12,7 +12,7 @@ from optimize.drawings import STAGES
 from optimize.explore import Exploration, explore
 from optimize.explore_output import write_exploration
 from optimize.joint import SearchStep
-from optimize.models import find_model
+from optimize.models import find_model, open_model
 from optimize.output import check_target
 from optimize.report import score_row, warnings
 from optimize.robust import Measure
@@ -21,7 +21,6 @@ from optimize.study_table import print_study
 from render.errors import DesignError
 from render.gl import create_context
 from render.scene import load_scene
-from surrogate.checker import Checker
 
 
 def run(
@@ -49,7 +48,7 @@ def run(
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
         folder = find_model(scene.name, model)
-        checker = Checker.load(folder, scene.hash)
+        checker = open_model(scene, folder)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
         note(f"Exploring {scene.name} on the surrogate in {folder}")

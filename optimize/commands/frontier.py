@@ -10,12 +10,11 @@ from optimize.console import Stages, note, print_json, reserved_stdout
 from optimize.frontier.frontier import Frontier, measure
 from optimize.frontier.plan import check_folder
 from optimize.frontier.plot import frontier_png
-from optimize.models import find_model
+from optimize.models import open_model
 from optimize.output import write_atomically
 from render.llvm import ensure_llvm
 from render.scene import load_scene
 from render.transport import load_table
-from surrogate.checker import Checker
 
 RESULT, PLOT = "frontier.json", "frontier.png"
 
@@ -37,7 +36,7 @@ def run(
         scene = load_scene(scene_name)
         folder = out or Path("runs") / f"{scene.name}-frontier"
         check_folder(folder)
-        checker = Checker.load(find_model(scene.name, model), scene.hash)
+        checker = open_model(scene, model)
         trained = Path("models") / f"{scene.name}-training" / "reference.npz"
         given = table or (trained if trained.is_file() else None)
         known = None if given is None else load_table(given)

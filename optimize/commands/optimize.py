@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import IO
 
 from optimize.console import Meter, note, print_json, reserved_stdout
-from optimize.models import find_model
+from optimize.models import find_model, open_model
 from optimize.optimization import Method, Optimization, OptimizeConfig, optimize
 from optimize.optimize_output import optimization_to_json, write_optimization
 from optimize.output import check_target
@@ -89,7 +89,7 @@ def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | N
             raise
         note("There is no surrogate: exposure and lambda come from the baseline's first render")
         return None
-    return Checker.load(folder, scene.hash)
+    return open_model(scene, folder)
 
 
 class _Meters:

@@ -11,7 +11,7 @@ import numpy as np
 from optimize.candidate import Candidate, open_candidate
 from optimize.console import Meter, note, print_json, reserved_stdout
 from optimize.design import Array, Design
-from optimize.models import find_model
+from optimize.models import open_model
 from optimize.reconstruct import CameraNoise
 from optimize.reconstruction_table import Compared, compare_reconstruction
 from render.errors import DesignError
@@ -43,8 +43,7 @@ def run(
         candidate = open_candidate(path, scene)
         designs = [candidate.baseline, candidate.design]
         if mutations is None:
-            folder = find_model(candidate.scene.name, model)
-            checker = Checker.load(folder, candidate.scene.hash)
+            checker = open_model(candidate.scene, model)
             pairs = [_predicted(candidate, checker, design) for design in designs]
             known = shown = pairs
         else:

@@ -12,12 +12,11 @@ from optimize.evaluate import TableScorer
 from optimize.explore import PHI_NODES
 from optimize.limits import limits_of
 from optimize.material_slopes import MATERIALS, material_slopes
-from optimize.models import find_model
+from optimize.models import open_model
 from optimize.sensitivity import score_slopes, sensitivities
 from optimize.study import check_tolerances, sensitivity_json
 from optimize.study_table import print_sensitivities
 from render.chebyshev import chebyshev_nodes
-from surrogate.checker import Checker
 
 RENDER_SEED = 600
 
@@ -38,7 +37,7 @@ def run(
         check_tolerances(sensor)
         assert sensor.tolerances is not None  # just checked
         spreads = sensor.tolerances.spreads()
-        checker = Checker.load(find_model(sensor.name, model), sensor.hash)
+        checker = open_model(sensor, model)
         table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         scorer = TableScorer(table, limits=limits_of(sensor))
         names: list[str] = [name for name in MATERIALS if name in spreads]

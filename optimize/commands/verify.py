@@ -12,7 +12,7 @@ from optimize.candidate import Candidate, open_candidate
 from optimize.console import Meter, note, print_json, reserved_stdout
 from optimize.jackknife import JackknifeEstimate
 from optimize.measure import Measured
-from optimize.models import find_model
+from optimize.models import open_model
 from optimize.score_scale import PARTS
 from optimize.verify import Verification, verify
 from optimize.verify_budget import affordable_mutations
@@ -44,8 +44,7 @@ def run(
         )
     with reserved_stdout() as stream:
         candidate = open_candidate(path, scene)
-        folder = find_model(candidate.scene.name, model)
-        checker = Checker.load(folder, candidate.scene.hash)
+        checker = open_model(candidate.scene, model)
         ensure_llvm()
         checkpoint = path.parent / f"{path.stem}-renders"
         count = mutations or _count(candidate, minutes, seeds, checkpoint)

@@ -17,13 +17,13 @@ from render.npz import read_npz, write_npz
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.cells import cells_from_table
-from surrogate.describe import data_hash
 from surrogate.fit import FitConfig, fit_ensembles
 from surrogate.graph import Checker as Graph
 from surrogate.heldout import scene_bends
 from surrogate.inputs import INPUT_NAMES
 from surrogate.networks import NetworkEnsemble, RidgeEnsemble
 from surrogate.preview_grid import PreviewGrid
+from surrogate.reference_data import data_hash
 
 NAMES = {"ridge": "preview + ridge", "network": "preview + network"}
 

@@ -22,8 +22,8 @@ from render.progress import Progress
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.checker import Checker
-from surrogate.describe import data_hash
 from surrogate.preview_grid import draw_grid
+from surrogate.reference_data import data_hash
 from surrogate.reference_run import estimate_table, render_plan
 from surrogate.reference_run import make_plan as make_table_plan
 from surrogate.train import TrainConfig

@@ -51,7 +51,8 @@ def fitted_model(shift: Shift, table: Callable[[], TransportTable]) -> Checker:
 
     began = time.monotonic()
     train(
-        shift.scene,
+        # The table is of the scene's own material, whatever it leaves free.
+        shift.scene.model_copy(update={"free": None}),
         folder,
         seed=shift.seed,
         table=table(),

@@ -18,7 +18,7 @@ SHAPE = (4, 6, 2, 3, 5)  # direction, fiber, bend, site, normal
 @pytest.fixture
 def exam() -> Exam:
     rng = np.random.default_rng(0)
-    designs = random_designs(40, np.ones(SHAPE[:2], dtype=bool), rng)
+    designs = random_designs(40, np.ones(SHAPE[:2], dtype=bool), np.zeros(SHAPE[0]), rng)
     reference = rng.uniform(1.0, 2.0, SHAPE)
     known = np.ones(SHAPE, dtype=bool)
     return Exam(
@@ -68,13 +68,24 @@ def test_designs_keep_to_the_allowed_directions() -> None:
     allowed = np.zeros((4, 6), dtype=bool)
     allowed[2] = True
     allowed[0, 1] = True
-    designs = random_designs(50, allowed, np.random.default_rng(0))
+    designs = random_designs(50, allowed, np.zeros(4), np.random.default_rng(0))
     assert set(designs.direction[:, 1]) == {0, 2}
     assert (np.delete(designs.direction, 1, axis=1) == 2).all()
 
 
+def test_a_design_is_of_one_material() -> None:
+    allowed, block = np.ones((4, 6), dtype=bool), np.array([0, 0, 1, 1])
+    allowed[2:, 3] = False  # no design of the second material can light fiber 3
+    designs = random_designs(30, np.ones((4, 6), dtype=bool), block, np.random.default_rng(0))
+    of = block[designs.direction]
+    assert (of == of[:, :1]).all()
+    assert set(of[:, 0]) == {0, 1}
+    some = random_designs(30, allowed, block, np.random.default_rng(0))
+    assert set(block[some.direction].ravel()) == {0}
+
+
 def test_neighbouring_fibers_share_colours_in_runs() -> None:
-    designs = random_designs(3, np.ones((2, 8), dtype=bool), np.random.default_rng(1))
+    designs = random_designs(3, np.ones((2, 8), dtype=bool), np.zeros(2), np.random.default_rng(1))
     colour = designs.power.argmax(axis=-1)
     assert (colour[1, 0::2] == colour[1, 1::2]).all()
     assert (colour[2, :4] == colour[2, 0]).all()

@@ -14,7 +14,7 @@ from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.checker import Checker
-from surrogate.describe import data_hash
+from surrogate.reference_data import data_hash
 from surrogate.reference_run import make_plan, training_bends
 from surrogate.train import TrainConfig, Trained, TrainProgress, train
 

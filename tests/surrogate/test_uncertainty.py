@@ -27,7 +27,7 @@ def _exam(seed: int, noise: float = 0.0, designs: int = 300) -> tuple[Exam, np.n
     truth = rng.uniform(1.0, 2.0, SHAPE)
     guess = truth * (1 + MODEL * rng.standard_normal(SHAPE))
     known = np.ones(SHAPE, dtype=bool)
-    chosen = random_designs(designs, known[..., 0, 0, 0], rng)
+    chosen = random_designs(designs, known[..., 0, 0, 0], np.zeros(len(known), dtype=int), rng)
     exam = Exam(
         reference=truth * (1 + noise * rng.standard_normal(SHAPE)),
         error=noise * truth,

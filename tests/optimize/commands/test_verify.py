@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,8 +50,6 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
     )
     assert result["seeds"] == [1, 2]
 
-    began = time.monotonic()
     again = tactilux(*command)
-    assert time.monotonic() - began < 0.5 * result["render_seconds"]
-    assert again.out == first.out
+    assert again.out == first.out  # render_seconds too: nothing was rendered again
     assert {item.name for item in tmp_path.iterdir()} == {"design.json", "design-renders"}
