@@ -40,7 +40,7 @@ TRIAL = "trial"
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class StageRenders:
     """Renders that do not wait for each other: seconds and bytes ``(job,)``, in their order."""
 
     name: str
@@ -90,8 +90,13 @@ class Scaling:
 def write_scaling(run: Path) -> Scaling:
     """Simulate from the record of ``run``, keep the result there and return it."""
     found = scaling_of(run, run)
-    write_text(run / SCALING, json.dumps(asdict(found), indent=1, allow_nan=False) + "\n")
+    keep_scaling(run, found)
     return found
+
+
+def keep_scaling(run: Path, scaling: Scaling) -> None:
+    """Write ``scaling`` into ``run``, atomically."""
+    write_text(run / SCALING, json.dumps(asdict(scaling), indent=1, allow_nan=False) + "\n")
 
 
 def load_scaling(run: Path) -> Scaling | None:
@@ -130,7 +135,7 @@ def scaling_of(run: Path, scratch: Path) -> Scaling:
 
 
 def simulated(
-    stages: Sequence[Stage], worked: float, rendered_by: int, transfer: Transfer
+    stages: Sequence[StageRenders], worked: float, rendered_by: int, transfer: Transfer
 ) -> Scaling:
     """Return the times for all ``WORKERS``.
 
@@ -190,7 +195,7 @@ def scaling_words(scaling: Scaling) -> str:
     )
 
 
-def makespan(stage: Stage, workers: int, transfer: Transfer | None) -> float:
+def makespan(stage: StageRenders, workers: int, transfer: Transfer | None) -> float:
     """Return the seconds from the first job given out to the last result kept.
 
     ``transfer`` None: the jobs stay in this process.
@@ -208,7 +213,7 @@ def makespan(stage: Stage, workers: int, transfer: Transfer | None) -> float:
     return kept
 
 
-def _more(stages: Sequence[Stage], workers: int, transfer: Transfer | None) -> float:
+def _more(stages: Sequence[StageRenders], workers: int, transfer: Transfer | None) -> float:
     """Return how many times the growing stages fit into the time that one worker takes for them."""
     growing = [stage for stage in stages if stage.name in GROWS]
     alone = sum(float(stage.seconds.sum()) for stage in growing)
@@ -216,7 +221,7 @@ def _more(stages: Sequence[Stage], workers: int, transfer: Transfer | None) -> f
     return min(float(workers), alone / max(handled, 1e-9))
 
 
-def _read(run: Path) -> tuple[list[Stage], float, int]:
+def _read(run: Path) -> tuple[list[StageRenders], float, int]:
     """Return the stages of ``run``, the seconds worked, and how many workers rendered.
 
     Raises:
@@ -239,7 +244,7 @@ def _read(run: Path) -> tuple[list[Stage], float, int]:
     for row in rows:
         kinds.setdefault(row[0], []).append(row)
     stages = [
-        Stage(
+        StageRenders(
             kind.partition("/")[2],
             np.array([row[2] for row in entries], dtype=np.float64),
             np.array([_size(run / "renders" / f"{row[1]}.npz") for row in entries], np.float64),

@@ -13,6 +13,8 @@ import pytest
 from optimize.design import Array, Design, Rating, baseline_design
 from optimize.overnight.night import Finalist, Night, Step, keep_scene
 from optimize.overnight.report import write_report
+from optimize.overnight.scaling import Scaling, StageRenders, keep_scaling, simulated
+from optimize.overnight.transfer import Transfer
 from optimize.score_scale import Scale
 from optimize.stages import Stage
 from render.chebyshev import chebyshev_nodes
@@ -196,11 +198,23 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> Night:
 
 
 @pytest.fixture(scope="session")
-def night_report(finished_night: Night, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def night_scaling() -> Scaling:
+    """Return what more workers would do for sixty renders of half a minute."""
+    seconds = np.random.default_rng(3).uniform(25.0, 35.0, 60)
+    stages = [StageRenders("table", seconds[:40], np.full(40, 2e6))]
+    stages += [StageRenders("final", seconds[40:], np.full(20, 1e6))]
+    return simulated(stages, 2400.0, 1, Transfer(2e-4, 1e9, 8e7))
+
+
+@pytest.fixture(scope="session")
+def night_report(
+    finished_night: Night, night_scaling: Scaling, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """Return the report of the night, made from its files."""
     run = tmp_path_factory.mktemp("night")
     keep_scene(run, "finger20")
     finished_night.save(run)
+    keep_scaling(run, night_scaling)
     return write_report(Night.load(run), run)
 
 

@@ -16,6 +16,7 @@ from optimize.overnight.drawings import convergence, timed_levels
 from optimize.overnight.night import Night
 from optimize.overnight.pictures import bolt_pictures
 from optimize.overnight.report import render_night, summary, warnings
+from optimize.overnight.scaling import Scaling, keep_scaling, scaling_rows
 from render.errors import SceneError
 
 Run = Callable[..., Any]
@@ -41,12 +42,24 @@ def test_the_report_needs_no_other_file_and_no_network(night_report: Path) -> No
 
 
 def test_the_command_rebuilds_the_report_from_the_files_alone(
-    tactilux: Run, run_directory: Path, night_report: Path
+    tactilux: Run, run_directory: Path, night_report: Path, night_scaling: Scaling
 ) -> None:
+    keep_scaling(run_directory, night_scaling)
     done = tactilux("report", run_directory)
     assert done.code == 0
     assert done.out == f"Report: {run_directory / 'report.html'}\n"
     assert (run_directory / "report.html").read_bytes() == night_report.read_bytes()
+
+
+def test_a_report_that_cannot_be_written_is_one_sentence(
+    tactilux: Run, run_directory: Path
+) -> None:
+    (run_directory / "report.html").mkdir()
+    done = tactilux("report", run_directory)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "cannot be written" in done.err
+    assert not list(run_directory.glob(".*"))
 
 
 def test_a_directory_without_a_night_is_bad_input(tactilux: Run, tmp_path: Path) -> None:
@@ -165,6 +178,15 @@ def test_finalists_and_verdict_are_shown_as_they_are(
         assert f"<td>{entry.title}</td>" in html
     for sentence in finished_night.verdict:
         assert f"<li>{sentence}</li>" in html
+
+
+def test_the_report_states_the_time_of_more_workers(
+    night_report: Path, night_scaling: Scaling
+) -> None:
+    text = " ".join(re.sub(r"<[^>]+>", " ", night_report.read_text()).split())
+    for row in scaling_rows(night_scaling):
+        assert f" {' '.join(row)} " in text
+    assert "Simulated from this night's 60 renders" in text.replace("&#39;", "'")
 
 
 def test_colours_that_won_nothing_get_no_part_of_the_gain(finished_night: Night) -> None:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from optimize.overnight.night import NightError
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import (
-    Stage,
+    StageRenders,
     load_scaling,
     makespan,
     scaling_of,
@@ -37,8 +37,8 @@ Run = Callable[..., Any]
 FREE = Transfer(0.0, 1e15, 1e15, 1e15)
 
 
-def stage(name: str, *seconds: float, size: float = 1e6) -> Stage:
-    return Stage(name, np.array(seconds), np.full(len(seconds), size))
+def stage(name: str, *seconds: float, size: float = 1e6) -> StageRenders:
+    return StageRenders(name, np.array(seconds), np.full(len(seconds), size))
 
 
 @given(
