@@ -169,13 +169,13 @@ def _row(night: Night, entry: Finalist) -> dict[str, str]:
     rating = night.rating(entry)
     gain = ""
     if entry.gain is not None and entry.gain_se is not None:
-        gain = f"{entry.gain:+.1f} ± {entry.gain_se:.1f}"
+        gain = _pm(entry.gain, entry.gain_se, "+")
     return {
         "title": entry.title,
         "score": _pm(entry.score, entry.se),
         "interval": f"{rating.interval[0]:.1f} to {rating.interval[1]:.1f}",
         "gain": gain or "–",
-        "predicted": f"{entry.predicted:.1f} ± {entry.predicted_reach:.1f}",
+        "predicted": _pm(entry.predicted, entry.predicted_reach),
         "holds": "yes" if prediction_holds(entry) else "no",
         "mean": f"{rating.mean:.1f}",
         "spread_sites": f"{rating.spread_sites:.1f}",
@@ -263,5 +263,6 @@ def _interval(night: Night, value: float, se: float) -> tuple[float, float]:
     return value - night.reach * se, value + night.reach * se
 
 
-def _pm(value: float, se: float) -> str:
-    return f"{value:.1f} ± {se:.1f}"
+def _pm(value: float, reach: float, sign: str = "") -> str:
+    """Return value and reach as text that does not break into two lines."""
+    return f"{value:{sign}.1f}\u00a0±\u00a0{reach:.1f}"
