@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
-
-import numpy as np
 
 from optimize.atomic import write_text
 from optimize.design import Array
-from render.reference import render_transport
+from render.pace import render_pace
 from render.scene import Scene
 
-TRIALS = (4, 32)
-"""Mutations of two short renders at one bend; their difference is free of compiling."""
+LEAST = 4
+"""Mutations per cell, however little time there is."""
 
 
 def affordable_mutations(
     scene: Scene, phi: Array, *, minutes: float, seeds: int, designs: int, folder: Path
 ) -> int:
-    """Return the mutations per cell and seed that fill ``minutes``, at least the smaller trial.
+    """Return the mutations per cell and seed that fill ``minutes``, at least LEAST.
 
     The choice is kept in ``folder``, so that a verification that was interrupted goes on with
     the same number instead of measuring again.
@@ -38,18 +35,9 @@ def affordable_mutations(
     known = _read(path)
     if all(known.get(key) == value for key, value in plan.items()) and "mutations" in known:
         return int(str(known["mutations"]))
-    spent = []
-    for trial in TRIALS:
-        began = time.monotonic()
-        render_transport(
-            scene, phi[:, None], np.array(scene.bending.angles[:1]), mutations=trial, seeds=[0]
-        )
-        spent.append(time.monotonic() - began)
-    few, many = TRIALS
-    slope = max(spent[1] - spent[0], 1e-3) / (many - few)
-    fixed = max(spent[0] - few * slope, 0.0)
-    share = (60.0 * minutes - sum(spent)) / (len(scene.bending.angles) * seeds * designs)
-    mutations = max(few, int((share - fixed) / slope))
+    pace = render_pace(scene, phi[:, None])
+    share = (60.0 * minutes - pace.spent) / (len(scene.bending.angles) * seeds * designs)
+    mutations = max(LEAST, int((share - pace.fixed) / pace.each))
     write_text(path, json.dumps({**plan, "mutations": mutations}) + "\n")
     return mutations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,13 +12,15 @@ import numpy as np
 
 from render.bending import Array
 from render.chebyshev import chebyshev_nodes
+from render.pace import render_pace
 from render.progress import Progress
 from render.reference import Estimate, RunPads, render_transport
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.preview_grid import bend_range
 
-TRIAL_MUTATIONS = (8, 40)
+LEAST = 8
+"""Mutations per cell, however little time there is."""
 
 
 @dataclass(frozen=True)
@@ -120,20 +121,10 @@ def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> Transp
 
 
 def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
-    """Return the mutations that fill ``minutes``, from two short renders at one bend.
-
-    Their difference is free of the time for compiling, which both spend.
-    """
-    seconds = []
-    for mutations in TRIAL_MUTATIONS:
-        began = time.monotonic()
-        render_transport(scene, phi, bends[:1], mutations=mutations, seeds=[0])
-        seconds.append(time.monotonic() - began)
-    few, many = TRIAL_MUTATIONS
-    per_mutation = max(seconds[1] - seconds[0], 1e-3) / (many - few) * len(bends)
-    fixed = max(seconds[0] - few * per_mutation / len(bends), 0.0) * len(bends)
-    left = max(60.0 * minutes - sum(seconds) - fixed, 0.0)
-    return max(TRIAL_MUTATIONS[0], int(left / per_mutation))
+    """Return the mutations that fill ``minutes``."""
+    pace = render_pace(scene, phi)
+    left = 60.0 * minutes - pace.spent - pace.fixed * len(bends)
+    return max(LEAST, int(left / (pace.each * len(bends))))
 
 
 def _read(path: Path) -> RenderPlan | None:

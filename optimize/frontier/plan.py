@@ -13,7 +13,7 @@ from optimize.atomic import write_text
 from optimize.frontier.designs import HeldOut, Nodes
 from optimize.frontier.volpath import PathTracer
 from optimize.output import OutputError
-from render.reference import render_transport
+from render.pace import render_pace
 from render.scene import Scene
 
 PLAN = "plan.json"
@@ -25,8 +25,6 @@ TABLE_SHARE = 2
 """How many times fewer mutations a transport table gets, where none is given."""
 PATH_TRACER_SHARE, FIT_SECONDS = 0.15, 120.0
 """Part of the minutes for the path tracer, and what the fits take."""
-TRIALS = (4, 24)
-"""Mutations of two trial renders at one bend; their difference is free of compiling."""
 
 
 @dataclass(frozen=True)
@@ -124,22 +122,12 @@ def make_plan(
 
 def _affordable(scene: Scene, nodes: Nodes, seconds: float, *, renders_table: bool) -> int:
     """Return the reference's mutations that fill ``seconds`` together with the shorter renders."""
-    spent = []
-    for trial in TRIALS:
-        began = time.monotonic()
-        render_transport(
-            scene, nodes.phi, np.array(scene.bending.angles[:1]), mutations=trial, seeds=[0]
-        )
-        spent.append(time.monotonic() - began)
-    few, many = TRIALS
-    bends = len(scene.bending.angles)
-    slope = bends * max(spent[1] - spent[0], 1e-3) / (many - few)
-    fixed = bends * max(spent[0] - few * slope / bends, 0.0)
+    pace, bends = render_pace(scene, nodes.phi), len(scene.bending.angles)
     # The longest of the short renders is made once more with small steps, and for one design.
     parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
     parts += [1.0 / TABLE_SHARE] if renders_table else []
-    left = seconds - sum(spent) - fixed * len(parts)
-    return max(SHORTER[0], int(left / (slope * sum(parts))))
+    left = seconds - pace.spent - bends * pace.fixed * len(parts)
+    return max(SHORTER[0], int(left / (bends * pace.each * sum(parts))))
 
 
 def _affordable_samples(scene: Scene, designs: HeldOut, seconds: float) -> list[int]:
