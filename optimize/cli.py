@@ -368,12 +368,18 @@ def status(
     scaling: Annotated[
         bool, typer.Option("--scaling", help="Say what 2, 8 and 64 workers would do.")
     ] = False,
+    hours: Annotated[
+        float | None,
+        typer.Option(min=0.01, help="With --scaling: for a night of so many hours instead."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Say how far an overnight run is, also while it works."""
     from optimize.commands import status as command
 
-    command.run(run, scaling=scaling, as_json=json)
+    if hours is not None and not scaling:
+        raise typer.BadParameter("--hours goes with --scaling")
+    command.run(run, scaling=scaling, hours=hours, as_json=json)
 
 
 @app.command()

@@ -25,11 +25,14 @@ _WORDS = {
 }
 
 
-def run(directory: Path, *, scaling: bool, as_json: bool) -> None:
-    """Print progress, the best design so far and the time left; ``scaling``: of more workers."""
+def run(directory: Path, *, scaling: bool, hours: float | None, as_json: bool) -> None:
+    """Print progress, the best design so far and the time left.
+
+    ``scaling``: also what more workers would do, for ``hours`` instead of the run itself.
+    """
     with reserved_stdout() as stream:
         found = status_of(directory)
-        more = _scaling(directory) if scaling else None
+        more = _scaling(directory, hours) if scaling else None
         if as_json:
             extra = {} if more is None else {"scaling": asdict(more)}
             print_json(stream, found.to_json() | extra)
@@ -54,10 +57,10 @@ def run(directory: Path, *, scaling: bool, as_json: bool) -> None:
             _print_scaling(stream, more)
 
 
-def _scaling(directory: Path) -> Scaling:
-    """Return what the finished run has kept, or a simulation of what there is so far."""
-    kept = load_scaling(directory)
-    return kept or scaling_of(directory, Path(tempfile.gettempdir()))
+def _scaling(directory: Path, hours: float | None) -> Scaling:
+    """Return what the finished run has kept, or a simulation by what there is so far."""
+    kept = load_scaling(directory) if hours is None else None
+    return kept or scaling_of(directory, Path(tempfile.gettempdir()), hours)
 
 
 def _print_scaling(stream: IO[str], scaling: Scaling) -> None:
@@ -65,7 +68,7 @@ def _print_scaling(stream: IO[str], scaling: Scaling) -> None:
     from rich.table import Table
 
     table = Table(title="More workers", title_justify="left")
-    for heading in ("workers", "this night", "times as fast", "renders in the same time"):
+    for heading in ("workers", "the night takes", "times as fast", "renders in the same time"):
         table.add_column(heading, justify="right")
     for row in scaling_rows(scaling):
         table.add_row(*row)

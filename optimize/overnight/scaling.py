@@ -18,7 +18,7 @@ import heapq
 import json
 import sqlite3
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,8 @@ from pydantic import TypeAdapter, ValidationError
 from optimize.atomic import write_text
 from optimize.console import clock
 from optimize.design import Array
+from optimize.overnight.amounts import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TABLE_UNTIL
+from optimize.overnight.loop_stage import ROUND_SHARE
 from optimize.overnight.night import NightError
 from optimize.overnight.transfer import Transfer, measure_transfer
 
@@ -75,6 +77,7 @@ class Scaling:
         longest: seconds of the longest render; size: bytes of the largest result.
         transfer: as measured.
         measured_workers: how many rendered the run.
+        hours: of the planned night that the rows are about; None for the run itself.
     """
 
     rows: tuple[Row, ...]
@@ -85,6 +88,7 @@ class Scaling:
     size: int
     transfer: Transfer
     measured_workers: int
+    hours: float | None = None
 
 
 def write_scaling(run: Path) -> Scaling:
@@ -118,12 +122,13 @@ def load_scaling(run: Path) -> Scaling | None:
         ) from None
 
 
-def scaling_of(run: Path, scratch: Path) -> Scaling:
+def scaling_of(run: Path, scratch: Path, hours: float | None = None) -> Scaling:
     """Return the simulation for the renders that ``run`` has logged so far.
 
     Arguments:
         run: directory of the run, in which another process may work.
         scratch: folder on whose disk it is tried how fast results are kept.
+        hours: of a night as one worker would plan it, instead of what the run did.
 
     Raises:
         NightError: nothing was rendered, or the record cannot be read.
@@ -131,7 +136,36 @@ def scaling_of(run: Path, scratch: Path) -> Scaling:
     stages, worked, rendered_by = _read(run)
     sizes = np.concatenate([stage.size for stage in stages])
     transfer = measure_transfer(scratch, int(sizes.max()))
-    return simulated(stages, worked, rendered_by, transfer)
+    if hours is None:
+        return simulated(stages, worked, rendered_by, transfer)
+    planned = planned_stages(stages, hours)
+    return replace(simulated(planned, 3600 * hours, 1, transfer), hours=hours)
+
+
+def planned_stages(measured: Sequence[StageRenders], hours: float) -> list[StageRenders]:
+    """Return the renders of a night of ``hours`` on one worker, by the shares of its stages.
+
+    They scatter around their planned length as the measured ones do around their mean, and their
+    results are as large.
+    """
+    spread = np.concatenate([stage.seconds / stage.seconds.mean() for stage in measured])
+    sizes = np.concatenate([stage.size for stage in measured])
+
+    def stage(name: str, share: float, jobs: int) -> StageRenders:
+        relative = np.resize(spread, jobs)
+        seconds = 3600 * hours * share * relative / relative.sum()
+        return StageRenders(name, seconds, np.resize(sizes, jobs))
+
+    def jobs_in(share: float) -> int:
+        return max(1, round(3600 * hours * share / JOB_SECONDS))
+
+    loop, final = LOOP_UNTIL - MODEL_UNTIL, 1.0 - LOOP_UNTIL
+    rounds = round(1 / ROUND_SHARE)
+    return [
+        stage("table", TABLE_UNTIL, jobs_in(TABLE_UNTIL)),
+        *(stage(f"round {i + 1}", loop / rounds, jobs_in(loop / rounds)) for i in range(rounds)),
+        stage("final", final, jobs_in(final)),
+    ]
 
 
 def simulated(
@@ -181,8 +215,11 @@ def scaling_words(scaling: Scaling) -> str:
     way, worker = scaling.transfer, "a machine like this one, which rendered all of them"
     if scaling.measured_workers > 1:
         worker = f"one like the {scaling.measured_workers} that rendered them"
+    night = "this night's"
+    if scaling.hours is not None:
+        night = f"the plan of a night of {scaling.hours:g} h, scattered as this one's, with its"
     return (
-        f"Simulated from this night's {scaling.renders} renders ({clock(scaling.render_seconds)} "
+        f"Simulated from {night} {scaling.renders} renders ({clock(scaling.render_seconds)} "
         f"in all, the longest {scaling.longest:.0f} s) and from its "
         f"{clock(scaling.serial_seconds)} of other work, which does not shrink. A worker is "
         f"{worker}. Jobs are cut and ordered as they were, given out by list scheduling, and every "

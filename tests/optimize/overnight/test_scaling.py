@@ -22,6 +22,7 @@ from optimize.overnight.scaling import (
     StageRenders,
     load_scaling,
     makespan,
+    planned_stages,
     scaling_of,
     simulated,
     write_scaling,
@@ -96,6 +97,20 @@ def test_a_barrier_costs_what_the_longest_job_leaves_idle() -> None:
     apart = [stage("table", 9.0, 1.0), stage("final", 1.0, 9.0)]
     found = simulated(apart, 20.0, 1, FREE)
     assert found.rows[1].seconds == pytest.approx(18.0)
+
+
+def test_a_planned_night_keeps_the_shares_of_its_stages() -> None:
+    planned = planned_stages([stage("table", 1.0, 3.0)], 8.0)
+    spent = {part.name: part.seconds.sum() / 28800 for part in planned}
+    assert spent["table"] == pytest.approx(0.40)
+    assert spent["final"] == pytest.approx(0.24)
+    assert sum(spent.values()) == pytest.approx(0.88)
+    # 128 renders of about 90 s, as uneven as the measured ones.
+    assert len(planned[0].seconds) == 128
+    assert planned[0].seconds.mean() == pytest.approx(90.0)
+    assert planned[0].seconds.max() == pytest.approx(3 * planned[0].seconds.min())
+    found = simulated(planned, 28800, 1, FREE)
+    assert found.serial_seconds == pytest.approx(0.12 * 28800)
 
 
 def test_what_the_disk_cannot_keep_no_worker_can_speed_up() -> None:
@@ -209,6 +224,9 @@ def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tmp_path: Pa
     assert found["rows"][0]["seconds"] == pytest.approx(status["seconds"])
     assert found["rows"][-1]["seconds"] >= found["serial_seconds"] + found["longest"]
     assert not (folder / "scaling.json").exists()
+    planned = tactilux("status", folder, "--scaling", "--hours", 8)
+    assert "the plan of a night of 8 h" in " ".join(planned.out.split())
+    assert tactilux("status", folder, "--hours", 8).code == 2
     said = " ".join(tactilux("status", folder, "--scaling").out.split())
     assert "Simulated from this night's 3 renders" in said
 
