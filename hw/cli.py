@@ -53,6 +53,10 @@ Gamma = Annotated[
 Noise = Annotated[
     float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
 ]
+Mutations = Annotated[
+    int,
+    typer.Option(min=0, help="Light paths per fiber and cell of the confirming renders (0: none)."),
+]
 
 
 @rig.command()
@@ -175,9 +179,7 @@ def calibrate(
     ] = None,
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
-    mutations: Annotated[
-        int, typer.Option(min=0, help="Per cell of the confirming renders (0: none).")
-    ] = 100,
+    mutations: Mutations = 500,
     json: Json = False,
 ) -> None:
     """Fit the scene's material, powers and gains to photographs of single fibers."""
@@ -221,14 +223,15 @@ def demo(
     ] = None,
     model: Model = None,
     seed: Seed = 0,
-    mutations: Annotated[
-        int, typer.Option(min=0, help="Per cell of the confirming renders (0: none).")
-    ] = 0,
+    rig_mutations: Annotated[
+        int, typer.Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
+    ] = 500,
+    mutations: Mutations = 500,
     rays: Annotated[
-        int, typer.Option(min=2000, help="Light paths of the emulated rig's own random walk.")
+        int, typer.Option(min=2000, help="Light paths of photographs that are not rendered.")
     ] = 360_000,
     calibrate: Annotated[
-        bool, typer.Option(help="Also calibrate, which first draws materials for some minutes.")
+        bool, typer.Option(help="Also calibrate, on rendered photographs: some minutes.")
     ] = True,
     json: Json = False,
 ) -> None:
@@ -240,6 +243,7 @@ def demo(
         out=out,
         model=model,
         seed=seed,
+        rig_mutations=rig_mutations,
         mutations=mutations,
         rays=rays,
         calibrate=calibrate,
@@ -262,6 +266,32 @@ def recall(
     from hw.commands import recall as command
 
     command.run(scene, model=model, rigs=rigs, seed=seed, truth=truth, as_json=json)
+
+
+@rig.command()
+def recovery(
+    scene: SceneOption = "finger20",
+    model: Model = None,
+    rigs: Annotated[int, typer.Option(min=1, help="Number of random rigs.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first rig; the others follow.")] = 0,
+    rig_mutations: Annotated[
+        int, typer.Option(min=1, help="Light paths per fiber and cell of the photographs.")
+    ] = 2000,
+    mutations: Mutations = 500,
+    json: Json = False,
+) -> None:
+    """Measure how well calibration recovers random rigs from rendered photographs."""
+    from hw.commands import recovery as command
+
+    command.run(
+        scene,
+        model=model,
+        rigs=rigs,
+        seed=seed,
+        rig_mutations=rig_mutations,
+        mutations=mutations,
+        as_json=json,
+    )
 
 
 @app.command()

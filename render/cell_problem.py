@@ -52,13 +52,15 @@ class Targets:
         return len(self.offset) - 1
 
 
-def fiber_slots(site: Array, fiber: Array) -> np.ndarray:
+def fiber_slots(site: Array, fiber: Array, lit: np.ndarray | None = None) -> np.ndarray:
     """Return the fiber of every slot, ``(site, SLOTS)``, from positions ``(site | fiber, 3)`` mm.
 
-    Every fiber gets slots in proportion to ``EVEN`` shares plus the inverse square of its distance.
+    Every fiber gets slots in proportion to ``EVEN`` shares plus the inverse square of its distance;
+    those outside ``lit`` (numbers of fibers, all by default) get none.
     """
-    near = 1.0 / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
-    share = EVEN / len(fiber) + (1.0 - EVEN) * near / near.sum(axis=1, keepdims=True)
+    chosen = np.ones(len(fiber)) if lit is None else np.isin(np.arange(len(fiber)), lit)
+    near = chosen / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
+    share = EVEN * chosen / chosen.sum() + (1.0 - EVEN) * near / near.sum(axis=1, keepdims=True)
     middle = (np.arange(SLOTS) + 0.5) / SLOTS
     edges = np.cumsum(share, axis=1)
     return np.stack([np.searchsorted(row / row[-1], middle) for row in edges])
@@ -70,9 +72,18 @@ class CellProblem:
     stored = (CAMERA_STORED, LIGHT_PATHS, LIGHT_STORED)
 
     def __init__(
-        self, scene: Scene, phi: Array, bend: float, indented: bool, targets: Targets
+        self,
+        scene: Scene,
+        phi: Array,
+        bend: float,
+        indented: bool,
+        targets: Targets,
+        lit: np.ndarray | None = None,
     ) -> None:
-        """Load the pad and upload targets; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad."""
+        """Load the pad and upload targets; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad.
+
+        Cells of fibers outside ``lit`` (numbers of fibers, all by default) stay 0.
+        """
         self.scene = scene
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi, bend)
@@ -87,7 +98,7 @@ class CellProblem:
         place = facets(scene, bend)
         self._point = _points(place.centroid.mean(axis=1) if indented else place.site_position)
         self._normal = mi.Vector3f(_points(place.site_normal))
-        slots = fiber_slots(place.site_position, fiber_poses(scene, bend).position)
+        slots = fiber_slots(place.site_position, fiber_poses(scene, bend).position, lit)
         self._fiber = mi.UInt32(slots.astype(np.uint32).ravel())
         shares = np.stack([np.bincount(row, minlength=self.fibers)[row] for row in slots])
         self._scale = mi.Float((self.sites * SLOTS / shares).astype(np.float32).ravel())

@@ -54,6 +54,7 @@ def calibrate(
     discrepancy: Array,
     measurements: list[Measurement],
     start: Material,
+    draws: Array | None = None,
 ) -> Calibration:
     """Return the best material, powers and gains, with intervals.
 
@@ -63,13 +64,14 @@ def calibrate(
         discrepancy: ``(bend,)`` relative error of the model itself, smooth over the pad.
         measurements: at least one photograph at each bend.
         start: where the fit starts.
+        draws: ``(draw, bend, fiber, point)`` log errors left after a correction by renders.
 
     Raises:
         CalibrationError: too few photographs, or the fit ends outside the range of materials.
     """
     from scipy.optimize import least_squares
 
-    problem = Problem(table, log_correction, discrepancy, measurements)
+    problem = Problem(table, log_correction, discrepancy, measurements, draws)
     begin = problem.start(start)
     low, high = problem.bounds()
     found = least_squares(

@@ -5,7 +5,8 @@ All three are carried to the parameters by the fit's own linearisation:
 - photographs: the sandwich estimate with one cluster per photograph, which holds however the
   residuals within one photograph hang together;
 - table: the errors at the table's materials, each left out in turn;
-- model: smooth random fields of the size of the preview's error, half of it common to all fibers.
+- model: smooth random fields of the size of the preview's error, half of it common to all fibers;
+- renders, in place of the last two once renders have corrected both: what these leave open.
 """
 
 from __future__ import annotations
@@ -81,9 +82,12 @@ def intervals(problem: Problem, x: Array) -> Intervals:
     parts = {
         # Each photograph has had a power of its own fitted away.
         "photographs": np.sum([np.outer(p, p) for p in pieces], axis=0) * count / max(count - 8, 1),
-        "table": _spread(problem.as_residuals(x, problem.table.left_out) @ solve.T),
-        "model": _spread(problem.as_residuals(x, _fields(problem)) @ solve.T),
     }
+    if problem.draws is None:
+        parts["table"] = _spread(problem.as_residuals(x, problem.table.left_out) @ solve.T)
+        parts["model"] = _spread(problem.as_residuals(x, _fields(problem)) @ solve.T)
+    else:
+        parts["renders"] = _spread(problem.as_residuals(x, problem.draws) @ solve.T)
     covariance = np.sum(list(parts.values()), axis=0)
     se = np.sqrt(np.diag(covariance))
     fibers, gains = len(problem.fibers), len(problem.channels)

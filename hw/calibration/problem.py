@@ -26,6 +26,8 @@ class Problem:
         log_correction: ``(bend, fiber, point)`` added to its logarithm.
         discrepancy: ``(bend,)`` relative error of the model.
         measurements: the photographs.
+        draws: ``(draw, bend, fiber, point)`` log errors that the model may have after a correction
+            by renders; None where there was none.
     """
 
     def __init__(
@@ -34,9 +36,10 @@ class Problem:
         log_correction: Array,
         discrepancy: Array,
         measurements: list[Measurement],
+        draws: Array | None = None,
     ) -> None:
         """Gather the used points of all photographs."""
-        self.table, self.correction = table, log_correction
+        self.table, self.correction, self.draws = table, log_correction, draws
         self.discrepancy, self.measurements = discrepancy, measurements
         self.fibers = sorted({one.fiber for one in measurements})
         self.channels = sorted({c for one in measurements for c in one.channels})

@@ -34,12 +34,18 @@ class Model:
         correction: what the surrogate adds to it.
         log_correction: the same at the lines, ``(bend, fiber, point)``.
         discrepancy: ``(bend,)`` relative error that is left.
+        draws: ``(draw, bend, fiber, point)`` log errors that renders leave open; None before any.
     """
 
     table: MaterialTable
     correction: Correction
     log_correction: Array
     discrepancy: Array
+    draws: Array | None = None
+
+    def log_light(self, material: Material) -> Array:
+        """Return log radiance per unit power at the reference lines, ``(bend, fiber, point)``."""
+        return self.table.log_light(material.array()) + self.log_correction
 
 
 def line_model(
@@ -100,8 +106,13 @@ def measure(scene: Scene, sets: list[PhotoSet], bends: Array, noise: float) -> l
     ]
 
 
-def fit_rig(scene: Scene, model: Model, measurements: list[Measurement]) -> Calibration:
-    """Return the calibration of ``scene`` to ``measurements``."""
+def fit_rig(
+    scene: Scene,
+    model: Model,
+    measurements: list[Measurement],
+    start: Material | None = None,
+) -> Calibration:
+    """Return the calibration of ``scene`` to ``measurements``; it starts at the scene's own."""
     dark = [one.fiber for one in measurements if not one.channels or one.used.sum() < 10]
     if dark:
         raise CalibrationError(
@@ -115,5 +126,6 @@ def fit_rig(scene: Scene, model: Model, measurements: list[Measurement]) -> Cali
         model.log_correction,
         model.discrepancy,
         measurements,
-        Material.of(scene),
+        start or Material.of(scene),
+        model.draws,
     )

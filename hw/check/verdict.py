@@ -19,14 +19,15 @@ class State(StrEnum):
 
 
 WORDS = {
-    State.OK: "as designed",
-    State.OFF: "not lit by the design",
-    State.DEAD: "dead: check its LED, its cable and the fiber's end",
-    State.DIM: "dim: check its LED, its coupling and the fiber for a break",
-    State.SWAPPED: "wrong colour: check the wiring of its LED",
+    State.OK: "is as designed",
+    State.OFF: "is not lit by the design",
+    State.DEAD: "is dead: check its LED, its cable and the fiber's end",
+    State.DIM: "is dim: check its LED, its coupling and the fiber for a break",
+    State.SWAPPED: "has the wrong colour: check the wiring of its LED",
     State.MOVED: "points elsewhere: check its seat",
     State.UNCLEAR: "differs in a way that no single fault explains: clean the pad and the lens",
 }
+"""What follows the name of a fiber."""
 
 
 @dataclass(frozen=True)

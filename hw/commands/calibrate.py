@@ -11,10 +11,11 @@ from typing import IO
 
 import numpy as np
 
-from hw.calibration.confirm import Confirmation, confirm
+from hw.calibration.confirm import Confirmation
 from hw.calibration.fit import Calibration
 from hw.calibration.material import NAMES, UNITS, Material
 from hw.calibration.reference_lines import reference_lines
+from hw.calibration.refine import refine
 from hw.calibration.report import ReportContent, render_report, value_rows
 from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
 from hw.calibration.scene_file import calibrated_toml, save_scene
@@ -28,6 +29,7 @@ from optimize.design_file import load_design
 from optimize.models import open_model
 from optimize.output import check_target, fresh_directory, write_manifest
 from render.errors import RenderError
+from render.progress import Progress
 from render.scene import Scene, load_scene
 
 
@@ -95,7 +97,8 @@ def calibrate_sets(
         model: folder of the surrogate; None looks for it.
         target: result directory.
         noise: of one pixel, counts.
-        mutations: per cell of the confirming renders; 0 leaves them out.
+        mutations: light paths per fiber and cell of the renders that correct and confirm the fit;
+            0 leaves them out.
     """
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
@@ -109,21 +112,27 @@ def calibrate_sets(
     today = date.today().isoformat()
     confirmation = None
     if mutations:
-        with Meter("Rendering") as meter:
-            calibrated = found.material.put_into(scene)
+        note("Rendering the material that was found, to correct and to confirm the fit")
+        with Meter("Render 1") as meter:
+
+            def said(number: int, at: Progress) -> None:
+                meter.title = f"Render {number}"
+                meter(at.done, at.total, at.eta_seconds)
+
             try:
-                confirmation = confirm(
+                refined = refine(
                     scene,
-                    calibrated,
+                    lines,
                     found,
-                    sets,
+                    measurements,
                     lighting.phi,
                     bends,
-                    mutations=mutations,
-                    progress=lambda at: meter(at.done, at.total, at.eta_seconds),
+                    samples=mutations,
+                    progress=said,
                 )
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None
+        found, confirmation = refined.found, refined.confirmation
     with fresh_directory(target) as work:
         text = calibrated_toml(scene_name, scene, found, today)
         after = save_scene(work / "scene.toml", text)
@@ -170,7 +179,9 @@ def _result(
         "report": str(target / "report.html"),
         "scene_hash": {"before": scene.hash, "after": after.hash},
         "date": today,
-        "level": "preview corrected by the surrogate",
+        "level": "preview corrected by the surrogate"
+        if confirmation is None
+        else "preview corrected by the reference",
         "material": material,
         "table": value_rows(scene, found),
         "power": [float(p) if np.isfinite(p) else None for p in found.power],
@@ -198,11 +209,11 @@ def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
     confirmation = result["confirmation"]
     if isinstance(confirmation, dict):
         stream.write(
-            f"PSSMLT renders of the calibrated scene differ from the photographs by "
-            f"{100 * confirmation['rms']:.1f} % rms (their own error: "
+            f"Confirmed: along the reference lines, renders of the calibrated scene differ from "
+            f"the photographs by {100 * confirmation['rms']:.1f} % rms (noise explains "
             f"{100 * confirmation['noise']:.1f} %; before calibration: "
             f"{100 * confirmation['before']:.1f} %).\n"
         )
     else:
-        stream.write("Not confirmed by renders: --mutations 200 does that.\n")
+        stream.write("Neither corrected nor confirmed by renders: --mutations 500 does both.\n")
     stream.write(f"Scene: {result['scene']}\nReport: {result['report']}\n")

@@ -13,12 +13,13 @@ from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
+from hw.check.channel_order import check_order
 from hw.check.commission import RigRecord, commission, load_record
 from hw.check.image_check import check_image
 from hw.check.prediction import predict
 from hw.check.sweep_check import check_sweep
 from hw.check.tolerances import WAYS
-from hw.check.verdict import WORDS, Verdict
+from hw.check.verdict import WORDS, State, Verdict
 from hw.errors import CaptureError
 from hw.photo import check_photo, linear, read_photo
 from hw.photo_set import PhotoSet, load_photo_set
@@ -93,6 +94,7 @@ def run(
         ratio = None if record is None else record.ratio
         if isinstance(seen, PhotoSet):
             colours = seen.stacked(scene.fibers.count, spots.colours)
+            check_order(prediction.alone.sum(axis=1), colours.sum(axis=1))
             verdict = check_sweep(prediction, colours, tolerances, ratio)
             if commissioned is not None and verdict.ok:
                 _commission(commission(prediction, colours, scene.hash, angle), commissioned)
@@ -103,7 +105,9 @@ def run(
                     "sweep",
                     field="commission",
                 )
-            verdict = check_image(prediction, spots.colours(seen), tolerances, ratio)
+            colours = spots.colours(seen)
+            check_order(prediction.together, colours)
+            verdict = check_image(prediction, colours, tolerances, ratio)
         took = time.perf_counter() - began
         if as_json:
             print_json(stream, verdict.to_json())
@@ -132,12 +136,18 @@ def _commission(record: RigRecord, path: Path) -> None:
 def _write(stream: IO[str], verdict: Verdict, milliseconds: float, record: object) -> None:
     if verdict.ok:
         stream.write("The rig looks as designed.\n")
-    for fiber in verdict.faults:
-        detail = f", {fiber.detail}" if fiber.detail else ""
+    if all(fiber.state is State.UNCLEAR for fiber in verdict.faults) and len(verdict.faults) > 1:
         stream.write(
-            f"Fiber {fiber.index} is {WORDS[fiber.state]}{detail} "
-            f"(confidence {100 * fiber.confidence:.1f} %)\n"
+            f"{len(verdict.faults)} fibers differ in a way that no single fault explains: clean "
+            "the pad and the lens, and see that scene, design and bend are those of the rig.\n"
         )
+    else:
+        for fiber in verdict.faults:
+            detail = f", {fiber.detail}" if fiber.detail else ""
+            stream.write(
+                f"Fiber {fiber.index} {WORDS[fiber.state]}{detail} "
+                f"(confidence {100 * fiber.confidence:.1f} %)\n"
+            )
     stream.write(
         f"Colours differ from the prediction by {verdict.counts_error:.2f} counts (rms); the "
         f"check took {milliseconds:.0f} ms.\n"

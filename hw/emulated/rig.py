@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from hw.correction import Correction
 from hw.emulated.board import EmulatedBoard
 from hw.emulated.camera import EmulatedCamera, Flaws
 from hw.fiber_images import fiber_images
+from hw.pad_light import render_pad_light
 from hw.projection import pad_positions
 from render.bending import Array
+from render.progress import Progress
 from render.scene import Scene
 
 COLUMNS, ROWS = 120, 200
@@ -109,6 +112,42 @@ def true_images(
             position = pad_positions(scene, float(bend), ROWS, COLUMNS)
             for fiber in range(len(phi)):
                 images[index, fiber] *= np.exp(correction.log_ratio(index, fiber, position))
+    return images
+
+
+def rendered_images(
+    scene: Scene,
+    secret: Secret,
+    phi: Array,
+    bends: Array,
+    lit: Sequence[Sequence[int]],
+    *,
+    samples: int,
+    progress: Callable[[Progress], None] | None = None,
+) -> NDArray[np.float32]:
+    """Return the rig's true radiance per unit power as the reference renders it.
+
+    Slower than `true_images`, and independent of everything that a fit is built from.
+
+    Arguments:
+        scene: what is known about the rig.
+        secret: what is not.
+        phi: ``(fiber,)`` rad, as designed.
+        bends: ``(bend,)`` rad.
+        lit: fibers that will be photographed at each bend; the others stay dark.
+        samples: light paths per fiber and cell of the pad.
+        progress: called every few seconds.
+    """
+    own = secret.material.put_into(scene)
+    turned = np.clip(phi + secret.turn, 0.0, np.pi)
+    seed = 900_000 + secret.seed
+    light = render_pad_light(own, turned, bends, lit, samples=samples, seed=seed, progress=progress)
+    light = light.filled()
+    images = np.zeros((len(bends), len(phi), ROWS, COLUMNS), dtype=np.float32)
+    for bend, angle in enumerate(bends):
+        position = pad_positions(scene, float(angle), ROWS, COLUMNS)
+        for fiber in lit[bend]:
+            images[bend, fiber] = np.nan_to_num(light.at(bend, fiber, position)[0])
     return images
 
 

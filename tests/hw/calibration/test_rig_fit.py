@@ -127,7 +127,7 @@ def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
     )
     assert text.count("data:image/png;base64,") == 6
     assert "g and sigma_s cannot be separated" in text
-    assert "Not confirmed by renders" in text
+    assert "Neither corrected nor confirmed by renders" in text
     (tmp_path / "report.html").write_text(text)
 
 

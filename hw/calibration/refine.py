@@ -1,0 +1,107 @@
+"""The fit through the surrogate, brought to the reference: render, correct, fit again, confirm.
+
+Each render is of the material that was found so far. The first corrects the model, and the fit is
+repeated; from then on a render first judges the fit before it with random numbers that no fit has
+seen, and only corrects again when that fit had still moved.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hw.calibration.confirm import Confirmation, against_light, against_model
+from hw.calibration.fit import Calibration
+from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.measurement import Measurement
+from hw.calibration.reference_lines import reference_lines
+from hw.calibration.rendered_correction import rendered_correction
+from hw.calibration.rig_fit import Model, fit_rig
+from hw.pad_light import render_pad_light
+from render.bending import Array
+from render.progress import Progress
+from render.scene import Scene
+
+ROUNDS = 4
+"""Renders at most."""
+SETTLED = 0.5
+"""Standard errors within which a repeated fit counts as unmoved."""
+LEAST = 0.003
+"""Relative error of the model that is always reckoned with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What came out: the fit, the model that it was made with, and its confirmation."""
+
+    found: Calibration
+    model: Model
+    confirmation: Confirmation
+
+
+def refine(
+    scene: Scene,
+    model: Model,
+    found: Calibration,
+    measurements: list[Measurement],
+    phi: Array,
+    bends: Array,
+    *,
+    samples: int,
+    progress: Callable[[int, Progress], None] | None = None,
+) -> Refined:
+    """Return the calibration as renders correct and confirm it.
+
+    Arguments:
+        scene: before calibration.
+        model: that ``found`` was fitted with.
+        found: the fit through the surrogate.
+        measurements: the photographs.
+        phi: ``(fiber,)`` rad.
+        bends: ``(bend,)`` rad.
+        samples: light paths per photographed fiber and cell of the pad, for each render.
+        progress: called every few seconds with the number of the render and its progress.
+    """
+    lines = reference_lines(scene)
+    lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(bends))]
+    original, rendered, moved = model, 0, np.inf
+    began = time.monotonic()
+    while True:
+        rendered += 1
+
+        def said(at: Progress, number: int = rendered) -> None:
+            if progress:
+                progress(number, at)
+
+        light = render_pad_light(
+            found.material.put_into(scene), phi, bends, lit,
+            samples=samples, seed=10 + rendered, progress=said,
+        )  # fmt: skip
+        rms, noise = against_light(light, found, measurements, lines)
+        if moved <= SETTLED or rendered == ROUNDS:
+            break
+        # The model is always corrected from where it began: corrections do not add up.
+        correction = rendered_correction(light, original.log_light(found.material), lines)
+        model = replace(
+            original,
+            log_correction=original.log_correction + correction.log_ratio,
+            discrepancy=np.hypot(LEAST, correction.noise),
+            draws=correction.draws,
+        )
+        again = fit_rig(scene, model, measurements, found.material)
+        step = (again.material.array() - found.material.array()) / again.intervals.material
+        moved, found = float(np.abs(step).max()), again
+    before = against_model(original.log_light(_known(scene)), light, found, measurements, lines)
+    return Refined(
+        found,
+        model,
+        Confirmation(rms, noise, before, samples, time.monotonic() - began, rendered),
+    )
+
+
+def _known(scene: Scene) -> Material:
+    """Return the scene's own material, brought into the range that the table knows."""
+    return Material.from_array(np.clip(Material.of(scene).array(), LOW, HIGH))
