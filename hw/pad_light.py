@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.projection import pad_positions
 from render.bending import Array
@@ -65,19 +66,15 @@ class PadLight:
         radiance, error = (np.where(seen, values, np.nan) for values in found)
         return radiance, error
 
-    def filled(self) -> PadLight:
-        """Return the same with every unseen block as bright as the nearest that is seen."""
-        from scipy.ndimage import distance_transform_edt
+    @property
+    def block(self) -> float:
+        """Side of a block in mm."""
+        return self.cell / self.blocks
 
-        radiance = self.radiance.copy()
-        for field in radiance.reshape(-1, *radiance.shape[2:]):
-            unseen = np.isnan(field)
-            if not unseen.all():
-                nearest = distance_transform_edt(
-                    unseen, return_distances=False, return_indices=True
-                )
-                field[:] = field[tuple(nearest)]
-        return PadLight(self.cell, self.blocks, radiance, self.error)
+    def positions(self) -> Array:
+        """Return the middles of the blocks, flat x, y in mm, ``(row, column, 2)``."""
+        y, x = (self.block * (np.arange(n) - (n - 1) / 2) for n in self.radiance.shape[2:])
+        return np.stack(np.meshgrid(x, y), axis=-1)
 
     def cell_of(self, position: Array) -> Array:
         """Return the number of the cell ``(...)`` that flat positions ``(..., 2)`` mm lie in."""
@@ -87,8 +84,7 @@ class PadLight:
     def _place(self, position: Array) -> Array:
         """Return row and column ``(..., 2)`` in blocks, whole numbers in their middles."""
         size = np.array(self.radiance.shape[:1:-1])
-        block = self.cell / self.blocks
-        return np.asarray((position / block + size / 2 - 0.5)[..., ::-1])
+        return np.asarray((position / self.block + size / 2 - 0.5)[..., ::-1])
 
 
 def render_pad_light(
@@ -99,6 +95,7 @@ def render_pad_light(
     *,
     samples: int,
     seed: int,
+    around: Array | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> PadLight:
     """Render the untouched pad under the fibers that are ``lit``.
@@ -108,8 +105,10 @@ def render_pad_light(
         phi: ``(fiber,)`` rad.
         bends: ``(bend,)`` rad.
         lit: numbers of the fibers that are rendered, for each bend.
-        samples: light paths per lit fiber and cell, on average.
+        samples: light paths per rendered fiber and cell, on average.
         seed: of the paths.
+        around: ``(fiber, point, 2)`` flat positions (mm; NaN for none) that matter: cells of a
+            fiber that neither hold one nor touch such a cell are left out. All matter by default.
         progress: called every few seconds.
 
     Raises:
@@ -125,27 +124,30 @@ def render_pad_light(
     rows, columns = cells.rows * BLOCKS, cells.columns * BLOCKS
     shape = (len(bends), scene.fibers.count, rows, columns)
     radiance, error = np.full(shape, np.nan), np.full(shape, np.nan)
-    passes = [_passes(samples * len(set(on)) * cells.count) for on in lit]
+    wanted = _wanted(cut, around)
+    pairs = [wanted & np.isin(np.arange(scene.fibers.count), on) for on in lit]
+    passes = [_passes(samples * int(pair.sum())) for pair in pairs]
     clock = Clock(sum(number * lanes for number, lanes in passes), progress)
     for index, bend in enumerate(bends):
-        targets = _blocks(cut, float(bend))
-        on = np.unique(np.asarray(lit[index], dtype=np.int64))
-        if not len(on):
+        if not pairs[index].any():
             continue
+        targets = _blocks(cut, float(bend))
         number, lanes = passes[index]
-        problem = CellProblem(cut, phi[:, None], float(bend), False, targets, on)
+        problem = CellProblem(cut, phi[:, None], float(bend), False, targets, pairs[index])
         run = Independent(problem, lanes, REPLICATES, seed * len(bends) + index)
         for _ in range(number):
             run.mutate(1)
             clock.tick(lanes)
+        # (replicate, fiber, cell row, cell column, row, column), where something was rendered.
         found = run.estimate().reshape(
             REPLICATES, scene.fibers.count, cells.rows, cells.columns, BLOCKS, BLOCKS
         )
-        found = found.transpose(0, 1, 2, 4, 3, 5).reshape(REPLICATES, -1, rows, columns)[:, on]
         seen = np.diff(targets.offset).reshape(cells.rows, cells.columns, BLOCKS, BLOCKS) > 0
-        unseen: Array = np.where(seen.transpose(0, 2, 1, 3).reshape(rows, columns), 0.0, np.nan)
-        radiance[index, on] = found.mean(axis=0) + unseen
-        error[index, on] = found.std(axis=0, ddof=1) / np.sqrt(REPLICATES) + unseen
+        lit_here = pairs[index].T.reshape(-1, cells.rows, cells.columns, 1, 1)
+        found = np.where(lit_here & seen, found, np.nan)
+        found = found.transpose(0, 1, 2, 4, 3, 5).reshape(REPLICATES, -1, rows, columns)
+        radiance[index] = found.mean(axis=0)
+        error[index] = found.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
     return PadLight(cells.spacing, BLOCKS, radiance, error)
 
 
@@ -163,6 +165,22 @@ def _cut(scene: Scene) -> Scene:
         }
     )
     return scene.model_copy(update={"sites": cells})
+
+
+def _wanted(cut: Scene, around: Array | None) -> NDArray[np.bool_]:
+    """Return which cells of which fibers matter, ``(cell, fiber)``."""
+    from scipy.ndimage import binary_dilation
+
+    cells, fibers = cut.sites, cut.fibers.count
+    wanted = np.ones((fibers, cells.rows, cells.columns), dtype=np.bool_)
+    if around is not None:
+        place = around / cells.spacing + np.array([cells.columns, cells.rows]) / 2
+        for fiber, points in enumerate(place):
+            column, row = np.floor(points[np.isfinite(points).all(axis=1)]).astype(np.int64).T
+            holds = np.zeros(wanted.shape[1:], dtype=np.bool_)
+            holds[np.clip(row, 0, cells.rows - 1), np.clip(column, 0, cells.columns - 1)] = True
+            wanted[fiber] = binary_dilation(holds, np.ones((3, 3)))
+    return wanted.reshape(fibers, -1).T
 
 
 def _blocks(cut: Scene, bend: float) -> Targets:

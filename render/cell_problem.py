@@ -55,12 +55,15 @@ class Targets:
 def fiber_slots(site: Array, fiber: Array, lit: np.ndarray | None = None) -> np.ndarray:
     """Return the fiber of every slot, ``(site, SLOTS)``, from positions ``(site | fiber, 3)`` mm.
 
-    Every fiber gets slots in proportion to ``EVEN`` shares plus the inverse square of its distance;
-    those outside ``lit`` (numbers of fibers, all by default) get none.
+    Every fiber gets slots in proportion to ``EVEN`` shares plus the inverse square of its distance.
+    Where ``lit`` ``(site, fiber)`` is given, only its fibers get any at a site that has some.
     """
-    chosen = np.ones(len(fiber)) if lit is None else np.isin(np.arange(len(fiber)), lit)
+    chosen = np.ones((len(site), len(fiber)))
+    if lit is not None:
+        chosen = np.where(lit.any(axis=1, keepdims=True), lit, chosen)
     near = chosen / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
-    share = EVEN * chosen / chosen.sum() + (1.0 - EVEN) * near / near.sum(axis=1, keepdims=True)
+    share = EVEN * chosen / chosen.sum(axis=1, keepdims=True)
+    share = share + (1.0 - EVEN) * near / near.sum(axis=1, keepdims=True)
     middle = (np.arange(SLOTS) + 0.5) / SLOTS
     edges = np.cumsum(share, axis=1)
     return np.stack([np.searchsorted(row / row[-1], middle) for row in edges])
@@ -82,7 +85,7 @@ class CellProblem:
     ) -> None:
         """Load the pad and upload targets; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad.
 
-        Cells of fibers outside ``lit`` (numbers of fibers, all by default) stay 0.
+        ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`); their cells stay 0.
         """
         self.scene = scene
         self.pad = pad_scene(scene, bend, indented)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.calibration.intervals import Intervals, intervals
-from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.material import HIGH, LOW, NAMES, UNITS, Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.problem import MATERIAL, TILT, VIGNETTING, Problem
@@ -67,7 +67,7 @@ def calibrate(
         draws: ``(draw, bend, fiber, point)`` log errors left after a correction by renders.
 
     Raises:
-        CalibrationError: too few photographs, or the fit ends outside the range of materials.
+        CalibrationError: too few photographs, or the fit does not converge.
     """
     from scipy.optimize import least_squares
 
@@ -92,21 +92,32 @@ def calibrate(
             "the scene's lengths are those of the rig",
             field="calibration",
         )
-    material = found.x[MATERIAL]
-    span = HIGH - LOW
+    return _result(problem, found.x)
+
+
+def require_known(found: Calibration) -> None:
+    """Refuse a fit that ended where the model is not known.
+
+    Raises:
+        CalibrationError: the material lies at the end of its range.
+    """
+    material, span = found.material.array(), HIGH - LOW
     at_end = (material < LOW + 1e-3 * span) | (material > HIGH - 1e-3 * span)
     # Absorption and roughness may well be as small as can be.
     at_end[1] &= material[1] > HIGH[1] / 2
     at_end[3] &= material[3] > HIGH[3] / 2
     if at_end.any():
-        name = ("reduced scattering", "absorption", "sigma_v", "roughness")[int(np.argmax(at_end))]
+        worst = int(np.argmax(at_end))
+        name = NAMES[worst].replace("_", " ")
+        factor = 180 / np.pi if UNITS[worst] == "deg" else 1.0
         raise CalibrationError(
             f"the photographs ask for a {name} beyond the range that is known, allowed: "
-            f"{LOW[int(np.argmax(at_end))]:.3g} to {HIGH[int(np.argmax(at_end))]:.3g}; see that "
-            "the scene's lengths are those of the rig",
-            field=name,
+            f"{factor * LOW[worst]:.3g} to {factor * HIGH[worst]:.3g} {UNITS[worst]}; see that the "
+            "scene's lengths are those of the rig",
+            field=NAMES[worst],
+            value=factor * float(material[worst]),
+            allowed=f"{factor * LOW[worst]:.3g} to {factor * HIGH[worst]:.3g}",
         )
-    return _result(problem, found.x)
 
 
 def _result(problem: Problem, x: Array) -> Calibration:

@@ -2,7 +2,8 @@
 
 Each render is of the material that was found so far. The first corrects the model, and the fit is
 repeated; from then on a render first judges the fit before it with random numbers that no fit has
-seen, and only corrects again when that fit had still moved.
+seen, and only corrects again, together with those of nearly the same material, when that fit had
+still moved.
 """
 
 from __future__ import annotations
@@ -18,17 +19,19 @@ from hw.calibration.fit import Calibration
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import reference_lines
-from hw.calibration.rendered_correction import rendered_correction
+from hw.calibration.rendered_correction import Render, rendered_correction
 from hw.calibration.rig_fit import Model, fit_rig
-from hw.pad_light import render_pad_light
+from hw.pad_light import PadLight, render_pad_light
 from render.bending import Array
 from render.progress import Progress
 from render.scene import Scene
 
 ROUNDS = 4
 """Renders at most."""
-SETTLED = 0.5
+SETTLED = 1.0
 """Standard errors within which a repeated fit counts as unmoved."""
+ALIKE = 2.0
+"""Standard errors within which renders of two materials correct the model alike."""
 LEAST = 0.003
 """Relative error of the model that is always reckoned with."""
 
@@ -52,6 +55,7 @@ def refine(
     *,
     samples: int,
     progress: Callable[[int, Progress], None] | None = None,
+    render: Callable[..., PadLight] = render_pad_light,
 ) -> Refined:
     """Return the calibration as renders correct and confirm it.
 
@@ -64,10 +68,13 @@ def refine(
         bends: ``(bend,)`` rad.
         samples: light paths per photographed fiber and cell of the pad, for each render.
         progress: called every few seconds with the number of the render and its progress.
+        render: what renders.
     """
     lines = reference_lines(scene)
     lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(bends))]
+    where = np.where(lines.inside[..., None], lines.position, np.nan)
     original, rendered, moved = model, 0, np.inf
+    renders: list[tuple[Array, Render]] = []
     began = time.monotonic()
     while True:
         rendered += 1
@@ -76,15 +83,17 @@ def refine(
             if progress:
                 progress(number, at)
 
-        light = render_pad_light(
+        light = render(
             found.material.put_into(scene), phi, bends, lit,
-            samples=samples, seed=10 + rendered, progress=said,
+            samples=samples, seed=10 + rendered, around=where, progress=said,
         )  # fmt: skip
         rms, noise = against_light(light, found, measurements, lines)
         if moved <= SETTLED or rendered == ROUNDS:
             break
+        log_light = original.log_light(found.material)
+        renders.append((found.material.array(), Render(light, log_light)))
         # The model is always corrected from where it began: corrections do not add up.
-        correction = rendered_correction(light, original.log_light(found.material), lines)
+        correction = rendered_correction(_near(renders, found), lines)
         model = replace(
             original,
             log_correction=original.log_correction + correction.log_ratio,
@@ -100,6 +109,16 @@ def refine(
         model,
         Confirmation(rms, noise, before, samples, time.monotonic() - began, rendered),
     )
+
+
+def _near(renders: list[tuple[Array, Render]], found: Calibration) -> list[Render]:
+    """Return the last render, and those before it of nearly the same material."""
+    last = renders[-1][0]
+    return [
+        one
+        for material, one in renders
+        if np.all(np.abs(material - last) <= ALIKE * found.intervals.material)
+    ]
 
 
 def _known(scene: Scene) -> Material:

@@ -1,34 +1,44 @@
 """What renders of one material know better than the model of all materials.
 
-The ratio of rendered to modelled light is smooth over the pad and alike for all fibers, while the
-renders' own noise is neither. So the logarithm of the ratio at the reference lines is taken as a
-Gaussian process in the fiber's frame (Rasmussen and Williams 2006, eq. 2.25 and 2.26): a constant
-of each fiber, a field that all fibers share, and a field of its own for each. Its mean corrects
-the model; draws from what it leaves open say how wrong the corrected model may still be.
-
-Near the rendered material the model is then the reference itself; only its change with the
-material is the preview's ("space mapping": Bandler et al. 1994).
+At the reference lines, the mean of the smooth ratio (``hw.smooth_ratio``) corrects the model; draws
+from what it leaves open say how wrong the corrected model may still be. Near the rendered material
+the model is then the reference itself; only its change with the material is the preview's ("space
+mapping": Bandler et al. 1994).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hw.calibration.reference_lines import ReferenceLines, frame_positions
 from hw.pad_light import PadLight
+from hw.smooth_ratio import Ratios, SmoothRatio, pooled, ratios
 from render.bending import Array
 
-REACH = 4.0
-"""Distance (mm) over which the ratio changes."""
-SIZES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
-"""Relative sizes of the shared and of the own fields; the data choose, bend by bend."""
-LOOSE = 1.0
-"""Spread of each fiber's constant: nothing is known about it, its power takes it up."""
-WORST = 0.3
-"""Relative error of a rendered block from which it tells nothing."""
 DRAWS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Render:
+    """One material, rendered and modelled.
+
+    Arguments:
+        light: rendered.
+        log_light: ``(bend, fiber, point)`` of the model at the reference lines, NaN where the
+            camera sees nothing.
+    """
+
+    light: PadLight
+    log_light: Array
+
+    def ratios(self, bend: int, fiber: int, position: Array) -> Ratios:
+        """Return what it says about one fiber at its line's points ``(point, 2)`` mm."""
+        radiance, error = self.light.at(bend, fiber, position)
+        cell = self.light.cell_of(position)
+        return ratios(frame_positions(), cell, radiance, error, self.log_light[bend, fiber])
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,101 +56,38 @@ class RenderedCorrection:
     noise: Array
 
 
-def rendered_correction(
-    light: PadLight, log_light: Array, lines: ReferenceLines
-) -> RenderedCorrection:
-    """Return the correction that ``light`` asks for.
+def rendered_correction(renders: Sequence[Render], lines: ReferenceLines) -> RenderedCorrection:
+    """Return the correction that ``renders`` of nearly one material ask for.
 
     Arguments:
-        light: rendered, of the fibers that matter at each bend.
-        log_light: ``(bend, fiber, point)`` of the model for the same material, NaN where the
-            camera sees nothing.
+        renders: at least one; light of the fibers that matter at each bend.
         lines: of the scene.
     """
-    log_ratio = np.zeros(log_light.shape)
-    draws = np.zeros((DRAWS, *log_light.shape))
+    shape = renders[0].log_light.shape
+    log_ratio, draws, noise = np.zeros(shape), np.zeros((DRAWS, *shape)), np.zeros(shape[0])
     rng = np.random.default_rng(5)
-    for bend in range(len(log_light)):
-        lit = np.nonzero(np.isfinite(light.radiance[bend]).any(axis=(1, 2)))[0].tolist()
-        data = [_samples(light, log_light[bend, fiber], lines, bend, fiber) for fiber in lit]
-        wanted = [np.nonzero(np.isfinite(log_light[bend, fiber]))[0] for fiber in lit]
-        if not sum(len(ratio) for _, ratio, _ in data):
+    place = frame_positions()
+    for bend in range(len(noise)):
+        data, wanted, lit = [], [], []
+        for fiber, position in enumerate(lines.position):
+            told = pooled([one.ratios(bend, fiber, position) for one in renders])
+            if len(told.log_ratio):
+                lit.append(fiber)
+                data.append(told)
+                wanted.append(np.isfinite(renders[0].log_light[bend, fiber]))
+        if not lit:
             continue
-        mean, spread = _posterior(data, [frame_positions()[points] for points in wanted])
+        smooth = SmoothRatio(data)
+        places = [place[on] for on in wanted]
+        mean, spread = smooth.mean(places), smooth.spread(places)
         root = np.linalg.cholesky(spread + 1e-10 * np.eye(len(spread)))
         several = rng.standard_normal((DRAWS, len(mean))) @ root.T
-        edges = np.cumsum([0, *(len(points) for points in wanted)])
-        for fiber, points, first, last in zip(lit, wanted, edges, edges[1:], strict=False):
-            log_ratio[bend, fiber, points] = mean[first:last]
-            draws[:, bend, fiber, points] = several[:, first:last]
-    shaped = draws - draws.mean(axis=-1, keepdims=True)
-    known = log_ratio != 0
-    square = (shaped**2).mean(axis=0)
-    noise = np.array(
-        [np.sqrt(square[bend][on].mean()) if on.any() else 0.0 for bend, on in enumerate(known)]
-    )
+        edges = np.cumsum([0, *(on.sum() for on in wanted)])
+        square = 0.0
+        for index, (fiber, on) in enumerate(zip(lit, wanted, strict=True)):
+            own = several[:, edges[index] : edges[index + 1]]
+            log_ratio[bend, fiber, on] = mean[edges[index] : edges[index + 1]]
+            draws[:, bend, fiber, on] = own
+            square += float(((own - own.mean(axis=1, keepdims=True)) ** 2).mean()) / len(lit)
+        noise[bend] = np.sqrt(square)
     return RenderedCorrection(log_ratio, draws, noise)
-
-
-def _samples(
-    light: PadLight, log_light: Array, lines: ReferenceLines, bend: int, fiber: int
-) -> tuple[Array, Array, Array]:
-    """Return what renders tell about one fiber: place in its frame, log ratio, variance.
-
-    One sample per cell, whose blocks share their error.
-    """
-    position = lines.position[fiber]
-    radiance, error = light.at(bend, fiber, position)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        relative = error / radiance
-        useful = np.isfinite(log_light) & (relative < WORST) & (radiance > 0)
-    variance = relative[useful] ** 2
-    # The logarithm of a noisy mean is too small by half its relative variance.
-    ratio = np.log(radiance[useful]) + 0.5 * variance - log_light[useful]
-    _, cell, size = np.unique(
-        light.cell_of(position[useful]), return_inverse=True, return_counts=True
-    )
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(cell, values) / size)
-
-    place = np.stack([mean(values) for values in frame_positions()[useful].T], axis=-1)
-    return place, mean(ratio), mean(variance)
-
-
-def _posterior(data: list[tuple[Array, Array, Array]], wanted: list[Array]) -> tuple[Array, Array]:
-    """Return mean and covariance at the places ``wanted`` of every fiber, one after the other."""
-    seen = [place for place, _, _ in data]
-    ratio = np.concatenate([values for _, values, _ in data])
-    noise = np.diag(np.concatenate([variance for _, _, variance in data]))
-    smooth, same = _kernels(seen, seen)
-    best, chosen = -np.inf, (SIZES[0], SIZES[0])
-    for shared in SIZES:
-        for own in SIZES:
-            root = np.linalg.cholesky(
-                LOOSE**2 * same + smooth * (shared**2 + own**2 * same) + noise
-            )
-            white = np.linalg.solve(root, ratio)
-            # Log marginal likelihood, Rasmussen and Williams 2006, eq. 2.30.
-            likelihood = -0.5 * float(white @ white) - float(np.log(np.diag(root)).sum())
-            if likelihood > best:
-                best, chosen = likelihood, (shared, own)
-    shared, own = chosen
-
-    def covariance(a: list[Array], b: list[Array]) -> Array:
-        smooth, same = _kernels(a, b)
-        return np.asarray(LOOSE**2 * same + smooth * (shared**2 + own**2 * same))
-
-    across = covariance(wanted, seen)
-    gain = np.linalg.solve(covariance(seen, seen) + noise, across.T).T
-    spread = covariance(wanted, wanted) - gain @ across.T
-    return gain @ ratio, 0.5 * (spread + spread.T)
-
-
-def _kernels(a: list[Array], b: list[Array]) -> tuple[Array, Array]:
-    """Return closeness of places in the fiber's frame, and whether they are of the same fiber."""
-    own = [np.repeat(np.arange(len(side)), [len(place) for place in side]) for side in (a, b)]
-    where = [np.concatenate(side) for side in (a, b)]
-    away = ((where[0][:, None] - where[1][None]) ** 2).sum(axis=-1)
-    same = (own[0][:, None] == own[1][None]).astype(np.float64)
-    return np.exp(-0.5 * away / REACH**2), same

@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from hw.calibration.confirm import Confirmation
-from hw.calibration.fit import Calibration
+from hw.calibration.fit import Calibration, require_known
 from hw.calibration.material import NAMES, UNITS, Material
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.refine import refine
@@ -133,6 +133,7 @@ def calibrate_sets(
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None
         found, confirmation = refined.found, refined.confirmation
+    require_known(found)
     with fresh_directory(target) as work:
         text = calibrated_toml(scene_name, scene, found, today)
         after = save_scene(work / "scene.toml", text)

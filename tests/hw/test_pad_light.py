@@ -83,9 +83,15 @@ def test_cells_are_numbered_from_the_base() -> None:
     assert ramp().cell_of(corners).tolist() == [0, 1, 4]
 
 
-def test_unseen_blocks_are_filled_from_their_neighbours() -> None:
+def test_what_was_not_rendered_is_not_read() -> None:
     light = ramp()
     light.radiance[0, 0, :, 0] = np.nan
-    filled = light.filled().radiance[0, 0]
-    assert (filled[:, 0] == filled[:, 1]).all()
     assert np.isnan(light.at(0, 0, np.array([[-1.75, 0.0]]))[0]).all()
+
+
+def test_positions_are_the_middles_of_blocks() -> None:
+    positions = ramp().positions()
+    assert positions.shape == (12, 8, 2)
+    np.testing.assert_allclose(positions[0, 0], [-1.75, -2.75])
+    values, _ = ramp().at(0, 0, positions)
+    np.testing.assert_allclose(values, ramp().radiance[0, 0])

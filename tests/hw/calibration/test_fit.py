@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hw.calibration.fit import Calibration, calibrate
+from hw.calibration.fit import Calibration, calibrate, require_known
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
@@ -100,7 +100,7 @@ def test_too_few_photographs_are_refused(scene: Scene, table: MaterialTable) -> 
 def test_a_material_beyond_the_range_is_told(scene: Scene, table: MaterialTable) -> None:
     outside = Material(5.0, 0.02, np.radians(17.0), 0.12)
     with pytest.raises(CalibrationError, match="beyond the range"):
-        fitted(table, photographs(scene, true=outside)[0])
+        require_known(fitted(table, photographs(scene, true=outside)[0]))
 
 
 def test_derivatives_are_those_of_the_residuals(scene: Scene, table: MaterialTable) -> None:

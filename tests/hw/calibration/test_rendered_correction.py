@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hw.calibration.reference_lines import reference_lines
-from hw.calibration.rendered_correction import rendered_correction
+from hw.calibration.rendered_correction import Render, rendered_correction
 from hw.pad_light import BLOCKS, PadLight
 from render.bending import Array
 from render.scene import Scene
@@ -38,7 +38,7 @@ def misses(scene: Scene, ratio: float, noise: float, seed: int) -> tuple[Array, 
     """Return error of the correction and its stated spread at all points, shapes only."""
     light, flat = rendered(scene, ratio, noise, seed)
     lines = reference_lines(scene)
-    found = rendered_correction(light, flat, lines)
+    found = rendered_correction([Render(light, flat)], lines)
     errors, spreads = [], []
     for bend, fibers in enumerate(LIT):
         for fiber in fibers:
@@ -70,6 +70,6 @@ def test_noise_alone_asks_for_no_correction(scene: Scene) -> None:
 
 def test_what_was_not_rendered_is_not_corrected(scene: Scene) -> None:
     light, flat = rendered(scene, 0.1, 0.05, 2)
-    found = rendered_correction(light, flat, reference_lines(scene))
+    found = rendered_correction([Render(light, flat)], reference_lines(scene))
     assert not found.log_ratio[0, 1::2].any()
     assert not found.draws[:, 1, ::2].any()

@@ -1,0 +1,135 @@
+"""Rendered light over modelled light: smooth over the pad and alike for all fibers.
+
+The renders' own noise is neither. So the logarithm of the ratio is taken as a Gaussian process in
+the fiber's frame (Rasmussen and Williams 2006, eq. 2.25 and 2.26): a constant of each fiber, a
+field that all fibers share, and a field of its own for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
+
+from render.bending import Array
+from render.layout import flat_fiber_poses
+from render.scene import Scene
+
+REACH = 4.0
+"""Distance (mm) over which the ratio changes."""
+SIZES = (0.006, 0.02, 0.05, 0.12)
+"""Relative sizes of the shared and of the own fields; the data choose."""
+LOOSE = 1.0
+"""Spread of each fiber's constant: nothing is known about it, its power takes it up."""
+WORST = 0.3
+"""Relative error of rendered light from which it tells nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ratios:
+    """What renders say about one fiber.
+
+    Arguments:
+        place: ``(n, 2)`` mm in the fiber's frame: beside its axis, from the edge.
+        log_ratio: ``(n,)``; variance: ``(n,)`` of it, independent.
+    """
+
+    place: Array
+    log_ratio: Array
+    variance: Array
+
+
+def ratios(place: Array, cell: Array, radiance: Array, error: Array, log_light: Array) -> Ratios:
+    """Return one sample per cell, whose blocks share their error.
+
+    Arguments:
+        place: ``(n, 2)`` mm in the fiber's frame.
+        cell: ``(n,)`` number of the cell that each place lies in.
+        radiance: ``(n,)`` rendered, NaN where nothing was.
+        error: ``(n,)`` its standard error.
+        log_light: ``(n,)`` of the model.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = error / radiance
+        useful = np.isfinite(log_light) & (relative < WORST) & (radiance > 0)
+    variance = relative[useful] ** 2
+    # The logarithm of a noisy mean is too small by half its relative variance.
+    ratio = np.log(radiance[useful]) + 0.5 * variance - log_light[useful]
+    _, index, size = np.unique(cell[useful], return_inverse=True, return_counts=True)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(index, values) / size)
+
+    middle = np.stack([mean(values) for values in place[useful].T], axis=-1)
+    return Ratios(middle, mean(ratio), mean(variance))
+
+
+def pooled(several: Sequence[Ratios]) -> Ratios:
+    """Return what several renders say about one fiber together."""
+    return Ratios(
+        np.concatenate([one.place for one in several]),
+        np.concatenate([one.log_ratio for one in several]),
+        np.concatenate([one.variance for one in several]),
+    )
+
+
+class SmoothRatio:
+    """The process, told what renders say; ``data`` has one entry per fiber.
+
+    Raises:
+        ValueError: no data at all.
+    """
+
+    def __init__(self, data: Sequence[Ratios]) -> None:
+        """Choose the fields' sizes by the data's marginal likelihood (eq. 2.30)."""
+        self._seen = [one.place for one in data]
+        self._values = np.concatenate([one.log_ratio for one in data])
+        if not len(self._values):
+            raise ValueError("no render tells anything about the ratio")
+        noise = np.diag(np.concatenate([one.variance for one in data]))
+        near, same = _kernels(self._seen, self._seen)
+        best = -np.inf
+        for shared in SIZES:
+            for own in SIZES:
+                whole = LOOSE**2 * same + near * (shared**2 + own**2 * same) + noise
+                root = np.linalg.cholesky(whole)
+                white = solve_triangular(root, self._values, lower=True)
+                likelihood = -0.5 * float(white @ white) - float(np.log(np.diag(root)).sum())
+                if likelihood > best:
+                    best, self.shared, self.own, self._root = likelihood, shared, own, root
+
+    def mean(self, wanted: Sequence[Array]) -> Array:
+        """Return the log ratio at places ``(n, 2)`` of every fiber, one after the other."""
+        across = self._covariance(wanted, self._seen)
+        return np.asarray(across @ cho_solve((self._root, True), self._values))
+
+    def spread(self, wanted: Sequence[Array]) -> Array:
+        """Return the covariance of what the mean leaves open."""
+        across = self._covariance(wanted, self._seen)
+        left = self._covariance(wanted, wanted) - across @ cho_solve((self._root, True), across.T)
+        return np.asarray(0.5 * (left + left.T))
+
+    def _covariance(self, a: Sequence[Array], b: Sequence[Array]) -> Array:
+        near, same = _kernels(a, b)
+        return np.asarray(LOOSE**2 * same + near * (self.shared**2 + self.own**2 * same))
+
+
+def in_frame(scene: Scene, fiber: int, position: Array) -> Array:
+    """Return flat positions ``(..., 2)`` mm in a fiber's frame: beside its axis, from the edge."""
+    poses = flat_fiber_poses(scene)
+    away = position - poses.position[fiber, :2]
+    margin = scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
+    return np.stack(
+        [away @ poses.along[fiber, :2], away @ poses.inward[fiber, :2] - margin], axis=-1
+    )
+
+
+def _kernels(a: Sequence[Array], b: Sequence[Array]) -> tuple[Array, Array]:
+    """Return closeness of places in the fiber's frame, and whether they are of the same fiber."""
+    own = [np.repeat(np.arange(len(side)), [len(place) for place in side]) for side in (a, b)]
+    where = [np.concatenate(side) for side in (a, b)]
+    away = ((where[0][:, None] - where[1][None]) ** 2).sum(axis=-1)
+    same = (own[0][:, None] == own[1][None]).astype(np.float64)
+    return np.exp(-0.5 * away / REACH**2), same

@@ -1,0 +1,121 @@
+"""A model that is wrong by a smooth field is brought to the truth by renders, and confirmed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from hw.calibration.material import Material
+from hw.calibration.material_table import MaterialTable
+from hw.calibration.refine import Refined, refine
+from hw.calibration.rig_fit import fit_rig
+from hw.pad_light import BLOCKS, PadLight
+from hw.smooth_ratio import in_frame
+from render.bending import Array
+from render.progress import Progress
+from render.scene import Scene
+from tests.hw.calibration.conftest import BENDS, toy
+from tests.hw.calibration.test_fit import TRUE, photographs
+from tests.hw.calibration.test_rig_fit import model_of
+
+NOISE = 0.04
+"""Relative error of the stand-in's cells."""
+
+
+def distortion(across: Array, along: Array) -> Array:
+    """Return what the toy's table does not know: it looks like more absorption."""
+    return -0.004 * along**2 - 0.01 * np.abs(across)
+
+
+def stand_in(calls: list[Array]) -> Callable[..., PadLight]:
+    """Return a renderer of the distorted toy; it notes the materials that it is asked for."""
+
+    def render(
+        scene: Scene,
+        phi: Array,
+        bends: Array,
+        lit: Sequence[Sequence[int]],
+        *,
+        samples: int,
+        seed: int,
+        around: Array | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> PadLight:
+        assert around is not None
+        material = Material.of(scene).array()
+        calls.append(material)
+        rng = np.random.default_rng(seed)
+        radiance = np.full((len(bends), len(phi), 15 * BLOCKS, 9 * BLOCKS), np.nan)
+        light = PadLight(2.0, BLOCKS, radiance, NOISE * np.ones(radiance.shape))
+        for bend, fibers in enumerate(lit):
+            for fiber in fibers:
+                across, along = np.moveaxis(in_frame(scene, fiber, light.positions()), -1, 0)
+                away = np.maximum(along, 0.0)
+                shape = toy(material, across, away, bend) + distortion(across, away)
+                cells = rng.standard_normal((15, 9)).repeat(BLOCKS, 0).repeat(BLOCKS, 1)
+                radiance[bend, fiber] = np.exp(shape) * (1 + NOISE * cells)
+        if progress:
+            progress(Progress(1, 1, 0.0, 0.0))
+        return PadLight(2.0, BLOCKS, radiance, NOISE * radiance)
+
+    return render
+
+
+@pytest.fixture(scope="module")
+def outcome(scene: Scene, table: MaterialTable) -> tuple[Refined, Array, Material, list[Array]]:
+    """Photograph the distorted toy, fit the plain one, refine."""
+    from hw.calibration.reference_lines import frame_positions
+
+    measurements, _ = photographs(scene)
+    known = np.exp(distortion(*frame_positions().T))[:, None]
+    distorted = [
+        type(one)(
+            one.fiber, one.bend, one.counts * known, one.used, one.channels, one.noise,
+            one.radius2, one.tilt_slope * known,
+        )
+        for one in measurements
+    ]  # fmt: skip
+    model = model_of(table)
+    first = fit_rig(scene, model, distorted)
+    calls: list[Array] = []
+    refined = refine(
+        scene, model, first, distorted, np.full(20, np.pi / 2), BENDS, samples=1,
+        render=stand_in(calls),
+    )  # fmt: skip
+    return refined, first.intervals.material, first.material, calls
+
+
+def test_the_plain_model_alone_is_misled(
+    outcome: tuple[Refined, Array, Material, list[Array]],
+) -> None:
+    _, _, first, _ = outcome
+    assert abs(first.absorption / TRUE.absorption - 1) > 0.3
+
+
+def test_renders_lead_it_to_the_truth(
+    outcome: tuple[Refined, Array, Material, list[Array]],
+) -> None:
+    refined, _, _, _ = outcome
+    error = np.abs(refined.found.material.array() - TRUE.array())
+    assert (error < 3 * refined.found.intervals.material).all()
+    assert abs(refined.found.material.reduced_scattering / TRUE.reduced_scattering - 1) < 0.05
+    assert set(refined.found.intervals.parts) == {"photographs", "renders"}
+
+
+def test_the_last_render_is_of_the_material_that_is_reported(
+    outcome: tuple[Refined, Array, Material, list[Array]],
+) -> None:
+    refined, _, first, calls = outcome
+    np.testing.assert_allclose(calls[0], first.array())
+    np.testing.assert_allclose(calls[-1], refined.found.material.array())
+    assert refined.confirmation.renders == len(calls) >= 2
+
+
+def test_the_confirmation_explains_itself_by_noise(
+    outcome: tuple[Refined, Array, Material, list[Array]],
+) -> None:
+    told = outcome[0].confirmation
+    assert told.rms == pytest.approx(told.noise, rel=0.3)
+    assert told.before > 2 * told.rms
