@@ -6,7 +6,7 @@ are small beside that error, a fiber turned by 10 deg above all, show only then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from hw.errors import CaptureError
 from render.bending import Array
 from render.npz import read_npz, write_npz
 
-SCHEMA = 1
+SCHEMA = 2
 ALLOWED = (0.2, 5.0)
 """Range of measured over predicted light of a fiber in a rig that can be called healthy."""
 
@@ -32,6 +32,7 @@ class RigRecord:
         phi, power: ``(fiber,)`` rad and ``(fiber, 3)``, the design that was captured.
         scene_hash: the scene of the design.
         bend: rad, of the capture.
+        starts: of the rig that are averaged.
     """
 
     ratio: Array
@@ -39,6 +40,13 @@ class RigRecord:
     power: Array
     scene_hash: str
     bend: float
+    starts: int = 1
+
+    def joined(self, other: RigRecord) -> RigRecord:
+        """Return the record of the starts of both, which must be of the same rig."""
+        starts = self.starts + other.starts
+        mean = (self.starts * np.log(self.ratio) + other.starts * np.log(other.ratio)) / starts
+        return replace(self, ratio=np.exp(mean), starts=starts)
 
     def save(self, path: Path) -> None:
         """Write the record, atomically."""
@@ -75,7 +83,7 @@ def load_record(path: Path) -> RigRecord:
         TableError: no readable file; CaptureError: something else than a rig's record.
     """
     arrays = read_npz(path)
-    names = {"ratio", "phi", "power", "scene_hash", "bend"}
+    names = {"ratio", "phi", "power", "scene_hash", "bend", "starts"}
     shapes = {name: arrays[name].shape for name in names & set(arrays)}
     fibers = shapes.get("phi", (0,))
     good = (
@@ -90,6 +98,8 @@ def load_record(path: Path) -> RigRecord:
             for name in ("ratio", "phi", "power", "bend")
         )
         and bool((arrays["ratio"] > 0).all())
+        and np.issubdtype(arrays["starts"].dtype, np.integer)
+        and int(arrays["starts"]) > 0
     )
     if not good:
         raise CaptureError(
@@ -103,6 +113,7 @@ def load_record(path: Path) -> RigRecord:
         power=arrays["power"],
         scene_hash=str(arrays["scene_hash"]),
         bend=float(arrays["bend"]),
+        starts=int(arrays["starts"]),
     )
 
 

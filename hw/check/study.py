@@ -16,14 +16,12 @@ from hw.check.commission import commission
 from hw.check.image_check import check_image
 from hw.check.prediction import Prediction
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import WAYS, Tolerances
+from hw.check.tolerances import POWER_DRIFT, SITE_DRIFT, STARTS, TURN_DRIFT, tolerances
 from hw.check.verdict import State, Verdict
 from render.bending import Array
 
 FAULTS = {"dead": State.DEAD, "half power": State.DIM, "swapped": State.SWAPPED,
           "10 deg off": State.MOVED}  # fmt: skip
-COMMISSIONING = 4
-"""Sweeps that are averaged for the record of a healthy rig."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +41,14 @@ class RigSpread:
 
     power: float = 0.08
     turn: float = float(np.radians(1.5))
-    power_drift: float = 0.03
-    turn_drift: float = float(np.radians(0.5))
+    power_drift: float = POWER_DRIFT
+    turn_drift: float = TURN_DRIFT
     gain: float = 0.05
     gain_drift: float = 0.02
     model: float = 0.03
     model_reach: float = float(np.radians(40.0))
     site_reach: float = 5.0
-    shift: float = 0.002
+    shift: float = SITE_DRIFT
     pixel_noise: float = 2.55
     pixels: int = 700
     frames: int = 16
@@ -180,7 +178,7 @@ def study(
     for number in range(rigs):
         rng = np.random.default_rng([seed, number])
         rig = RandomRig(prediction, sites, spread, rng, truth)
-        known = np.mean([rig.start()("", 0)[0] for _ in range(COMMISSIONING)], axis=0)
+        known = np.mean([rig.start()("", 0)[0] for _ in range(STARTS)], axis=0)
         record = commission(rig.prediction, known, "", 0.0)
         capture = rig.start()
         fiber = int(rng.integers(len(prediction.phi)))
@@ -212,21 +210,18 @@ def _all_ways(
     rig: RandomRig, captured: tuple[Array, Array], ratio: Array, spread: RigSpread
 ) -> list[tuple[str, Verdict]]:
     alone, together = captured
-    way = {
-        (sweep, record): _with_noise(tolerances, spread, 1 + record / COMMISSIONING)
-        for (sweep, record), tolerances in WAYS.items()
-    }
-    return [
-        ("sweep, commissioned", check_sweep(rig.prediction, alone, way[True, True], ratio)),
-        ("sweep", check_sweep(rig.prediction, alone, way[True, False])),
-        ("image, commissioned", check_image(rig.prediction, together, way[False, True], ratio)),
-        ("image", check_image(rig.prediction, together, way[False, False])),
-    ]
-
-
-def _with_noise(tolerances: Tolerances, spread: RigSpread, factor: float = 1.0) -> Tolerances:
-    values = {**vars(tolerances), "noise": np.array(spread.noise * np.sqrt(factor))}
-    return Tolerances(**values)
+    noise = np.array(spread.noise)
+    found = []
+    for way, sweep, starts in (
+        ("sweep, commissioned", True, STARTS),
+        ("sweep", True, 0),
+        ("image, commissioned", False, STARTS),
+        ("image", False, 0),
+    ):
+        known = tolerances(sweep=sweep, starts=starts, noise=noise)
+        check, seen = (check_sweep, alone) if sweep else (check_image, together)
+        found.append((way, check(rig.prediction, seen, known, ratio if starts else None)))
+    return found
 
 
 def _smooth_error(

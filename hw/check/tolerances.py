@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,16 +42,29 @@ class Tolerances:
     alarm: float = 0.5
 
 
-AS_DESIGNED = Tolerances()
-"""A rig whose sweep is compared with the model alone."""
-COMMISSIONED = Tolerances(
-    power=0.034, turn=float(np.radians(0.6)), model=0.0023, gain=0.03, fault=0.1
-)
-"""A rig whose sweep is compared with how it looked when it was known to be healthy."""
-WAYS = {
-    (True, False): AS_DESIGNED,
-    (True, True): COMMISSIONED,
-    (False, False): Tolerances(),
-    (False, True): replace(COMMISSIONED, model=0.005, fault=0.0005),
-}
-"""By whether there is a sweep, and whether there is a record of the healthy rig."""
+STARTS = 4
+"""Starts of the healthy rig that a good record averages: each has a drift of its own."""
+POWER_DRIFT, TURN_DRIFT, SITE_DRIFT = 0.03, float(np.radians(0.5)), 0.002
+"""What a healthy rig changes by between two starts: powers, directions, light of single sites."""
+
+
+def tolerances(*, sweep: bool, starts: int, noise: Array) -> Tolerances:
+    """Return what a healthy rig may differ by, for one way of checking.
+
+    Arguments:
+        sweep: every fiber alone, or one image of all.
+        starts: that the record of the healthy rig averages; 0 compares with the model alone.
+        noise: of a site's colour in counts, ``(site,)`` or one for all.
+    """
+    if not starts:
+        return Tolerances(noise=noise)
+    # The record has a drift and a noise of its own, less of both the more starts it averages.
+    more = np.sqrt(1 + 1 / starts)
+    return Tolerances(
+        power=more * POWER_DRIFT,
+        turn=more * TURN_DRIFT,
+        model=more * SITE_DRIFT if sweep else 0.005,
+        gain=0.03,
+        noise=more * noise,
+        fault=0.1 if sweep else 0.0005,
+    )

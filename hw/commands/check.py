@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -16,9 +15,9 @@ import numpy as np
 from hw.check.channel_order import check_order
 from hw.check.commission import RigRecord, commission, load_record
 from hw.check.image_check import check_image
-from hw.check.prediction import predict
+from hw.check.prediction import Prediction, predict
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import WAYS
+from hw.check.tolerances import STARTS, tolerances
 from hw.check.verdict import WORDS, State, Verdict
 from hw.errors import CaptureError
 from hw.photo import check_photo, linear, read_photo
@@ -85,19 +84,21 @@ def run(
         record = load_record(rig) if rig else None
         if record is not None:
             record.check_fits(prediction, scene.hash, angle)
-        tolerances = replace(
-            WAYS[sweep, record is not None], noise=noise / np.sqrt(np.maximum(spots.counts, 1))
+        pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
+        known = tolerances(
+            sweep=sweep,
+            starts=0 if record is None else record.starts,
+            noise=noise / np.sqrt(pixels),
         )
-        if record is not None:
-            # The record has noise of its own.
-            tolerances = replace(tolerances, noise=np.sqrt(2) * tolerances.noise)
         ratio = None if record is None else record.ratio
         if isinstance(seen, PhotoSet):
             colours = seen.stacked(scene.fibers.count, spots.colours)
             check_order(prediction.alone.sum(axis=1), colours.sum(axis=1))
-            verdict = check_sweep(prediction, colours, tolerances, ratio)
+            verdict = check_sweep(prediction, colours, known, ratio)
             if commissioned is not None and verdict.ok:
-                _commission(commission(prediction, colours, scene.hash, angle), commissioned)
+                _commission(
+                    commission(prediction, colours, scene.hash, angle), prediction, commissioned
+                )
         else:
             if commissioned is not None:
                 raise CaptureError(
@@ -107,12 +108,12 @@ def run(
                 )
             colours = spots.colours(seen)
             check_order(prediction.together, colours)
-            verdict = check_image(prediction, colours, tolerances, ratio)
+            verdict = check_image(prediction, colours, known, ratio)
         took = time.perf_counter() - began
         if as_json:
             print_json(stream, verdict.to_json())
         else:
-            _write(stream, verdict, 1e3 * took, record)
+            _write(stream, verdict, 1e3 * took, record, sweep)
     if not verdict.ok:
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
@@ -128,12 +129,28 @@ def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
     return linear(counts, gamma)
 
 
-def _commission(record: RigRecord, path: Path) -> None:
+def _commission(record: RigRecord, prediction: Prediction, path: Path) -> None:
+    """Write the record, joined with the starts that the file already holds."""
+    if path.exists():
+        before = load_record(path)
+        before.check_fits(prediction, record.scene_hash, record.bend)
+        record = before.joined(record)
     record.save(path)
-    note(f"The rig's record is in {path}: give it to later checks with --rig.")
+    left = STARTS - record.starts
+    more = f"; do this at {left} more starts of the healthy rig, to average its drift"
+    note(
+        f"The record in {path} holds {record.starts} start{'s' * (record.starts > 1)} of the rig: "
+        f"give it to later checks with --rig{more if left > 0 else ''}."
+    )
 
 
-def _write(stream: IO[str], verdict: Verdict, milliseconds: float, record: object) -> None:
+def _write(
+    stream: IO[str],
+    verdict: Verdict,
+    milliseconds: float,
+    record: RigRecord | None,
+    sweep: bool,
+) -> None:
     if verdict.ok:
         stream.write("The rig looks as designed.\n")
     if all(fiber.state is State.UNCLEAR for fiber in verdict.faults) and len(verdict.faults) > 1:
@@ -152,10 +169,28 @@ def _write(stream: IO[str], verdict: Verdict, milliseconds: float, record: objec
         f"Colours differ from the prediction by {verdict.counts_error:.2f} counts (rms); the "
         f"check took {milliseconds:.0f} ms.\n"
     )
-    if record is None:
-        stream.write(
-            "Compared with the model alone: a fiber turned by 10 deg shows only against a record "
-            "of the healthy rig (--commission, then --rig).\n"
-        )
+    stream.write(_reach(record, sweep))
     if verdict.domain_excess > 0:
         stream.write("The design lies outside the model's trained range: do not rely on this.\n")
+
+
+def _reach(record: RigRecord | None, sweep: bool) -> str:
+    """Return what this way of checking can find; `tactilux hw recall` measures it."""
+    if record is None and sweep:
+        return (
+            "Compared with the model alone, which finds dead, dim and swapped fibers; one turned "
+            "by 10 deg shows only against a record of the healthy rig (--commission, then --rig).\n"
+        )
+    if record is None:
+        return (
+            "One image compared with the model alone finds most dead and swapped fibers, few dim "
+            "ones and none turned: give a sweep, and a record of the healthy rig.\n"
+        )
+    if not sweep:
+        return "One image finds dead, dim and swapped fibers, not turned ones: give a sweep.\n"
+    if record.starts < STARTS:
+        return (
+            f"The record holds {record.starts} of {STARTS} starts: fibers turned by 10 deg are "
+            "found more surely once it holds all (--commission at a healthy start).\n"
+        )
+    return ""

@@ -19,7 +19,7 @@ from hw.calibration.material import NAMES, UNITS
 from hw.check.commission import commission
 from hw.check.prediction import predict
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import WAYS
+from hw.check.tolerances import tolerances
 from hw.check.verdict import WORDS, Verdict
 from hw.commands.calibrate import calibrate_sets, print_calibration
 from hw.correction import surrogate_correction
@@ -149,7 +149,7 @@ def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Verdict]:
     spots = SiteSpots(rig.scene, 0.0)
     prediction = predict(checker, rig.design.phi, rig.design.power, 0.0)
     noise = rig.secret.flaws.noise / np.sqrt(spots.counts * FRAMES)
-    tolerances = replace(WAYS[True, True], noise=1.2 * noise)
+    known = tolerances(sweep=True, starts=1, noise=noise)
 
     def colours(camera: EmulatedCamera, power: Array) -> Array:
         photos = rig.photos(camera, power, frames=FRAMES)
@@ -160,7 +160,7 @@ def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Verdict]:
     found = {}
     with Meter("Checking") as meter:
         for number, (name, camera, power) in enumerate(_faulty(rig)):
-            found[name] = check_sweep(prediction, colours(camera, power), tolerances, record.ratio)
+            found[name] = check_sweep(prediction, colours(camera, power), known, record.ratio)
             meter(number + 1, 4)
     return found
 

@@ -27,6 +27,27 @@ def test_a_record_holds_the_measured_ratio(prediction: Prediction, tmp_path: Pat
     record.check_fits(prediction, "0" * 16, 0.0)
 
 
+def test_records_of_several_starts_average_what_drifts(
+    prediction: Prediction, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(2)
+    true = np.exp(0.1 * rng.standard_normal((20, 15)))
+    record = None
+    for start in range(4):
+        drift = np.exp(0.02 * rng.standard_normal((20, 15)))
+        own = commission(prediction, prediction.alone * (true * drift)[..., None], "0" * 16, 0.0)
+        record = own if record is None else record.joined(own)
+        assert record.starts == start + 1
+    assert record is not None
+    record.save(tmp_path / "rig.npz")
+    kept = load_record(tmp_path / "rig.npz")
+    assert kept.starts == 4
+    # Gains are medians, so only the overall factor is free; half the drift of one start is left.
+    for colour in range(3):
+        own = np.log(kept.ratio / true)[prediction.power[:, colour] > 0]
+        assert np.std(own) == pytest.approx(0.01, rel=0.15)
+
+
 @pytest.mark.parametrize(
     ("scene_hash", "bend", "said"), [("1" * 16, 0.0, "another scene"), ("0" * 16, 1.0, "bend")]
 )

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from hw.check.image_check import check_image
 from hw.check.prediction import Prediction
-from hw.check.tolerances import WAYS
+from hw.check.tolerances import STARTS, tolerances
 from hw.check.verdict import State
 from hw.errors import CaptureError
 
-FINE = replace(WAYS[False, True], noise=np.array(0.05))
+FINE = tolerances(sweep=False, starts=STARTS, noise=np.array(0.045))
 
 
 def test_a_healthy_image_is_healthy_at_any_exposure(prediction: Prediction) -> None:

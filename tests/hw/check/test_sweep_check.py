@@ -9,13 +9,13 @@ import pytest
 
 from hw.check.prediction import Prediction
 from hw.check.sweep_check import channel_gains, check_sweep
-from hw.check.tolerances import COMMISSIONED, Tolerances
+from hw.check.tolerances import STARTS, tolerances
 from hw.check.verdict import State
 from hw.errors import CaptureError
 from render.bending import Array
 
 GAIN = np.array([2.0, 3.0, 1.5])
-FINE: Tolerances = replace(COMMISSIONED, noise=np.array(0.05))
+FINE = tolerances(sweep=True, starts=STARTS, noise=np.array(0.045))
 
 
 def seen(prediction: Prediction, power: Array | None = None, turn: Array | None = None) -> Array:

@@ -89,6 +89,31 @@ def test_a_record_of_the_healthy_rig_is_made_and_used(
     assert json.loads(result.out)["counts_error"] < 0.5
 
 
+def test_a_record_grows_with_every_healthy_start(
+    tactilux: Run, tmp_path: Path, sweep: Path
+) -> None:
+    record = tmp_path / "rig.npz"
+    for start in (1, 2):
+        result = tactilux("check", "--capture", sweep, "--commission", record)
+        assert f"holds {start} start" in result.err
+    result = tactilux("check", "--capture", sweep, "--rig", record)
+    assert "holds 2 of 4 starts" in result.out
+    other = tactilux("check", "--capture", sweep, "--bend", "20", "--commission", record)
+    assert other.code != 0
+
+
+def test_swapped_channels_are_one_sentence(tactilux: Run, tmp_path: Path, sweep: Path) -> None:
+    folder = tmp_path / "bgr"
+    folder.mkdir()
+    for path in sweep.iterdir():
+        pixels = np.asarray(Image.open(path))[..., ::-1]
+        Image.fromarray(np.ascontiguousarray(pixels)).save(folder / path.name, compress_level=1)
+    result = tactilux("check", "--capture", folder)
+    assert result.code == 2
+    assert "red in B, green in G, blue in R" in result.err
+    assert result.err.count("\n") == 1
+
+
 def test_a_rig_with_a_fault_gets_no_record(
     tactilux: Run, tmp_path: Path, photographed: Photographed
 ) -> None:
