@@ -12,6 +12,9 @@ from render.scene import Scene
 from render.slab import beam_of, slab_of
 from render.slab_response import compute_response
 
+FEW = 4
+"""Directions up to which the random walk serves these alone, with less noise."""
+
 
 def fiber_images(
     scene: Scene,
@@ -37,7 +40,9 @@ def fiber_images(
         rays: light paths of the slab response.
         seed: of these paths.
     """
-    response = compute_response(slab_of(scene), beam_of(scene), rays=rays, seed=seed)
+    response = compute_response(
+        slab_of(scene), beam_of(scene), rays=rays, seed=seed, phi=_few_nodes(phi)
+    )
     fibers = scene.fibers.count
     images = np.empty((len(bends), fibers, rows, columns), dtype=np.float32)
     with Preview(scene, lights=Glow(scene, response)) as preview:
@@ -52,3 +57,11 @@ def fiber_images(
                 # image.
                 images[index, own] = np.moveaxis(drawn[:, ::-1], -1, 0)[: len(own)]
     return images
+
+
+def _few_nodes(phi: Array) -> Array | None:
+    """Return nodes that hold all of ``phi`` and their mirror images, None if these are many."""
+    nodes = np.unique(np.round(np.concatenate([phi, np.pi - phi]), 9))
+    # Mirror images again, so that rounding leaves them exact.
+    nodes = 0.5 * (nodes + (np.pi - nodes[::-1]))
+    return nodes if len(nodes) <= FEW else None

@@ -1,12 +1,12 @@
 """How sure the fit is: noise and differences between photographs, the table, and the model itself.
 
-All three are carried to the parameters by the fit's own linearisation:
+They are carried to the parameters by the fit's own linearisation:
 
 - photographs: the sandwich estimate with one cluster per photograph, which holds however the
   residuals within one photograph hang together;
-- table: the errors at the table's materials, each left out in turn;
+- table: the errors of the drawn materials, each left out in turn;
 - model: smooth random fields of the size of the preview's error, half of it common to all fibers;
-- renders, in place of the last two once renders have corrected both: what these leave open.
+- renders, in place of the model once they have corrected it: what they leave open.
 """
 
 from __future__ import annotations
@@ -83,8 +83,9 @@ def intervals(problem: Problem, x: Array) -> Intervals:
         # Each photograph has had a power of its own fitted away.
         "photographs": np.sum([np.outer(p, p) for p in pieces], axis=0) * count / max(count - 8, 1),
     }
+    drawn = problem.as_residuals(x, problem.table.errors(x[:4])) @ solve.T
+    parts["table"] = drawn.T @ drawn
     if problem.draws is None:
-        parts["table"] = _spread(problem.as_residuals(x, problem.table.left_out) @ solve.T)
         parts["model"] = _spread(problem.as_residuals(x, _fields(problem)) @ solve.T)
     else:
         parts["renders"] = _spread(problem.as_residuals(x, problem.draws) @ solve.T)

@@ -28,8 +28,8 @@ from render.errors import TableError
 from render.npz import read_npz, write_npz
 from render.scene import Scene
 
-VERSION = 1
-MATERIALS, RAYS = 32, 80_000
+VERSION = 2
+MATERIALS, RAYS = 32, 100_000
 COLUMNS, ROWS = 120, 200
 DEGREE = 2
 EXPONENTS = np.array(
@@ -59,6 +59,15 @@ class MaterialTable:
     def log_light(self, material: Array) -> Array:
         """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
         return np.asarray(np.tensordot(terms(material[None])[0], self.coefficients, axes=1))
+
+    def errors(self, material: Array) -> Array:
+        """Return independent parts ``(material, bend, fiber, point)`` of the error of log light.
+
+        The polynomial at a material is a weighted sum of what was drawn; each drawing adds its own
+        error, known from leaving it out (the HC3 estimate of MacKinnon and White 1985).
+        """
+        weight = terms(material[None])[0] @ np.linalg.pinv(terms(self.materials))
+        return np.asarray(weight[:, None, None, None] * self.left_out)
 
 
 def material_table(

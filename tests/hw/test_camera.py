@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.camera import Locked, OpenCVCamera
+from hw.camera import STALE, Locked, OpenCVCamera
 from hw.errors import CameraError
 
 cv2 = pytest.importorskip("cv2")
@@ -49,4 +49,33 @@ def test_a_camera_that_stops_is_one_sentence(recording: str) -> None:
     camera = OpenCVCamera(recording, unchecked=True)
     with pytest.raises(CameraError, match="no more frames"):
         camera.capture(50)
+    camera.close()
+
+
+def without_frames(recording: str, first: int, count: int) -> None:
+    """Make frames of a recording unreadable, as a camera that drops them."""
+    content = bytearray(Path(recording).read_bytes())
+    place = -1
+    for number in range(first + count):
+        place = content.index(b"00dc", place + 1)
+        size = int.from_bytes(content[place + 4 : place + 8], "little")
+        if number >= first:
+            content[place + 8 : place + 8 + size] = bytes(size)
+    Path(recording).write_bytes(content)
+
+
+def test_a_few_dropped_frames_are_left_out_of_the_mean(recording: str) -> None:
+    without_frames(recording, STALE + 1, 2)
+    camera = OpenCVCamera(recording, unchecked=True)
+    photo = camera.capture(2)
+    camera.close()
+    # A dropped frame that counted would halve the light.
+    assert photo[..., 0].mean() == pytest.approx(200.0, abs=5.0)
+
+
+def test_too_many_dropped_frames_are_one_sentence(recording: str) -> None:
+    without_frames(recording, STALE + 1, 3)
+    camera = OpenCVCamera(recording, unchecked=True)
+    with pytest.raises(CameraError, match="no more frames"):
+        camera.capture(2)
     camera.close()

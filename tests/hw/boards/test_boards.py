@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import grp
 import os
 import pty
+import pwd
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -18,6 +23,7 @@ from hw.errors import LinkError, PortError, ProtocolError, UnpluggedError
 from tests.hw.conftest import Plug
 
 PROTOCOLS = [name.value for name in ProtocolName]
+ROOT = Path(__file__).parents[3]
 COLOURS: Levels = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
 
 
@@ -53,6 +59,39 @@ def test_an_acknowledgement_of_another_request_does_not_count(plug: Plug) -> Non
     board = opened(rig.port)
     rig.faults.wrong = 100
     with pytest.raises(LinkError, match="did not answer"):
+        board.show(COLOURS)
+    board.close()
+
+
+@pytest.mark.parametrize("protocol", ["lines", "wled"])
+@pytest.mark.parametrize("fault", ["silent", "partial"])
+def test_a_board_that_stops_answering_is_told_in_time(
+    plug: Plug, protocol: str, fault: str
+) -> None:
+    rig = plug(protocol)
+    board = opened(rig.port, protocol)
+    setattr(rig.faults, fault, 10_000)
+    began = time.monotonic()
+    with pytest.raises((LinkError, ProtocolError), match="LED board on"):
+        board.show(COLOURS)
+    assert time.monotonic() - began < 5.0
+    board.close()
+
+
+def test_one_wrong_acknowledgement_is_overcome(plug: Plug) -> None:
+    rig = plug()
+    board = opened(rig.port)
+    rig.faults.wrong = 1
+    board.show(COLOURS)
+    assert rig.wait_for(COLOURS)
+    board.close()
+
+
+def test_an_acknowledgement_of_less_light_is_told(plug: Plug) -> None:
+    rig = plug("wled")
+    board = opened(rig.port, "wled")
+    rig.faults.refuse = "brightness limit"
+    with pytest.raises(ProtocolError, match="bri = 128, allowed: on at 255"):
         board.show(COLOURS)
     board.close()
 
@@ -103,6 +142,24 @@ def test_two_programs_cannot_share_a_port(plug: Plug, protocol: str) -> None:
     board.close()
 
 
+def test_another_program_cannot_take_the_port(plug: Plug) -> None:
+    rig = plug()
+    board = opened(rig.port)
+    done = subprocess.run(
+        [sys.executable, "-m", "hw.cli", "hw", "off", "--port", str(rig.port)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "in use by another program: end that program first" in done.stderr
+    assert done.stderr.count("\n") == 1
+    board.show(COLOURS)
+    assert rig.wait_for(COLOURS)
+    board.close()
+
+
 def test_a_silent_device_is_no_board() -> None:
     master, slave = pty.openpty()
     link = SerialLink(os.ttyname(slave), timeout=0.1)
@@ -140,12 +197,21 @@ def test_what_is_no_port_is_one_sentence(port: str, said: str) -> None:
         SerialLink(port)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may open every port")
-def test_a_forbidden_port_says_which_group_to_join(tmp_path: Path) -> None:
-    port = tmp_path / "port"
-    port.touch(mode=0)
-    with pytest.raises(PortError, match="usermod"):
-        SerialLink(str(port))
+def test_a_forbidden_port_says_which_group_to_join() -> None:
+    who = os.geteuid()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        port = Path(folder) / "port"
+        port.touch(mode=0)
+        group = grp.getgrgid(port.stat().st_gid).gr_name
+        if who == 0:
+            # Root may open every port, so it is tried as somebody else.
+            os.seteuid(pwd.getpwnam("nobody").pw_uid)
+        try:
+            with pytest.raises(PortError, match=rf"may not use .*usermod -a -G {group} \$USER"):
+                SerialLink(str(port))
+        finally:
+            os.seteuid(who)
 
 
 def test_the_watchdog_darkens_a_board_that_hears_nothing(plug: Plug) -> None:
