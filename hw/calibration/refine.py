@@ -1,9 +1,9 @@
 """The fit through the surrogate, brought to the reference: render, correct, fit again, confirm.
 
-Each render is of the material that was found so far. The first corrects the model, and the fit is
-repeated; from then on a render first judges the fit before it with random numbers that no fit has
-seen, and only corrects again, together with those of nearly the same material, when that fit had
-still moved.
+The first render is of the scene's own material, the others are of what was found so far. Each
+corrects the model, together with those of nearly the same material, and the fit is repeated; until
+it moves by less than its own error. The last render, with random numbers that no fit has seen, only
+judges.
 """
 
 from __future__ import annotations
@@ -73,25 +73,23 @@ def refine(
     lines = reference_lines(scene)
     lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(bends))]
     where = np.where(lines.inside[..., None], lines.position, np.nan)
-    original, rendered, moved = model, 0, np.inf
+    original, moved, material = model, np.inf, _known(scene)
     renders: list[tuple[Array, Render]] = []
     began = time.monotonic()
     while True:
-        rendered += 1
+        number = len(renders) + 1
 
-        def said(at: Progress, number: int = rendered) -> None:
+        def said(at: Progress, number: int = number) -> None:
             if progress:
                 progress(number, at)
 
         light = render(
-            found.material.put_into(scene), phi, bends, lit,
-            samples=samples, seed=10 + rendered, around=where, progress=said,
+            material.put_into(scene), phi, bends, lit,
+            samples=samples, seed=10 + number, around=where, progress=said,
         )  # fmt: skip
-        rms, noise = against_light(light, found, measurements, lines)
-        if moved <= SETTLED or rendered == ROUNDS:
+        renders.append((material.array(), Render(light, original.log_light(material))))
+        if moved <= SETTLED or number == ROUNDS:
             break
-        log_light = original.log_light(found.material)
-        renders.append((found.material.array(), Render(light, log_light)))
         # The model is always corrected from where it began: corrections do not add up.
         correction = rendered_correction(_near(renders, found), lines)
         model = replace(
@@ -100,14 +98,15 @@ def refine(
             discrepancy=np.hypot(LEAST, correction.noise),
             draws=correction.draws,
         )
-        again = fit_rig(scene, model, measurements, found.material)
+        again = fit_rig(scene, model, measurements, material)
         step = (again.material.array() - found.material.array()) / again.intervals.material
-        moved, found = float(np.abs(step).max()), again
+        moved, found, material = float(np.abs(step).max()), again, again.material
+    rms, noise = against_light(light, found, measurements, lines)
     before = against_model(original.log_light(_known(scene)), light, found, measurements, lines)
     return Refined(
         found,
         model,
-        Confirmation(rms, noise, before, samples, time.monotonic() - began, rendered),
+        Confirmation(rms, noise, before, samples, time.monotonic() - began, len(renders)),
     )
 
 

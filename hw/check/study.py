@@ -22,6 +22,8 @@ from render.bending import Array
 
 FAULTS = {"dead": State.DEAD, "half power": State.DIM, "swapped": State.SWAPPED,
           "10 deg off": State.MOVED}  # fmt: skip
+LEAST_RECALL, MOST_ALARMS = 0.95, 0.01
+"""The bound: how many of each fault must be found, at how many false alarms."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,11 @@ class Recall:
     named: dict[str, float]
     false_alarms: float
     blamed: float
+
+    @property
+    def keeps_bound(self) -> bool:
+        """Whether enough of every fault are found, at few enough false alarms."""
+        return min(self.found.values()) >= LEAST_RECALL and self.false_alarms <= MOST_ALARMS
 
 
 class RandomRig:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hw.check.prediction import predict
-from hw.check.study import study
+from hw.check.study import LEAST_RECALL, MOST_ALARMS, RigSpread, study
+from hw.check.tolerances import STARTS
 from optimize.console import Meter, print_json, reserved_stdout
 from optimize.design import Array, baseline_design
 from optimize.models import open_model
@@ -49,11 +50,25 @@ def run(
             )
         seconds = time.monotonic() - began
         if as_json:
-            print_json(stream, {"ways": [asdict(one) for one in found], "seconds": seconds})
+            ways = [asdict(one) | {"keeps_bound": one.keeps_bound} for one in found]
+            conditions = asdict(RigSpread()) | {"starts": STARTS}
+            print_json(stream, {"ways": ways, "conditions": conditions, "seconds": seconds})
             return
-        stream.write(f"{rigs} random rigs of {scene.name}, one fault of each kind in each\n")
+        spread = RigSpread()
+        stream.write(
+            f"{rigs} random rigs of {scene.name}, one fault of each kind in each.\n"
+            f"As built: powers {100 * spread.power:g} %, directions "
+            f"{np.degrees(spread.turn):g} deg, smooth error of the model {100 * spread.model:g} %; "
+            f"between two starts: powers {100 * spread.power_drift:g} %, directions "
+            f"{np.degrees(spread.turn_drift):g} deg, single sites {100 * spread.shift:g} %.\n"
+            f"Noise {spread.pixel_noise:g} counts per pixel, {spread.frames} photographs per "
+            f"fiber; commissioned: against a record of {STARTS} healthy starts.\n"
+        )
         for one in found:
-            stream.write(f"{one.way}\n")
+            stream.write(
+                f"{one.way}: {'keeps' if one.keeps_bound else 'misses'} the bound "
+                f"({100 * LEAST_RECALL:g} % found at {100 * MOST_ALARMS:g} % false alarms)\n"
+            )
             for fault, part in one.found.items():
                 stream.write(
                     f"  {fault:<12} found {_percent(part, rigs)}, named rightly "

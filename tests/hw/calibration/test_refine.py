@@ -15,7 +15,7 @@ from hw.pad_light import BLOCKS, PadLight
 from hw.smooth_ratio import in_frame
 from render.bending import Array
 from render.progress import Progress
-from render.scene import Scene
+from render.scene import Scene, load_scene
 from tests.hw.calibration.conftest import BENDS, toy
 from tests.hw.calibration.test_fit import TRUE, photographs
 from tests.hw.calibration.test_rig_fit import model_of
@@ -100,17 +100,17 @@ def test_renders_lead_it_to_the_truth(
     refined, _, _, _ = outcome
     error = np.abs(refined.found.material.array() - TRUE.array())
     assert (error < 3 * refined.found.intervals.material).all()
-    assert abs(refined.found.material.reduced_scattering / TRUE.reduced_scattering - 1) < 0.05
-    assert set(refined.found.intervals.parts) == {"photographs", "renders"}
+    assert abs(refined.found.material.reduced_scattering / TRUE.reduced_scattering - 1) < 0.08
+    assert set(refined.found.intervals.parts) == {"photographs", "table", "renders"}
 
 
 def test_the_last_render_is_of_the_material_that_is_reported(
     outcome: tuple[Refined, Array, Material, list[Array]],
 ) -> None:
-    refined, _, first, calls = outcome
-    np.testing.assert_allclose(calls[0], first.array())
+    refined, _, _, calls = outcome
+    np.testing.assert_allclose(calls[0], Material.of(load_scene("finger20")).array())
     np.testing.assert_allclose(calls[-1], refined.found.material.array())
-    assert refined.confirmation.renders == len(calls) >= 2
+    assert refined.confirmation.renders == len(calls) >= 3
 
 
 def test_the_confirmation_explains_itself_by_noise(
