@@ -10,7 +10,8 @@ import numpy as np
 from hw.check.prediction import predict
 from hw.check.study import study
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import COMMISSIONED
+from hw.check.tolerances import STARTS, tolerances
+from hw.site_colours import SiteSpots
 from render.layout import flat_sites
 from render.scene import load_scene
 from surrogate.checker import Checker
@@ -27,15 +28,24 @@ def test_a_check_and_its_recall() -> None:
     began = time.perf_counter()
     prediction = predict(checker, np.full(20, np.pi / 2), power, 0.0)
     prepared = time.perf_counter() - began
+    began = time.perf_counter()
+    spots = SiteSpots(scene, 0.0)
+    placed = time.perf_counter() - began
+    photos = np.random.default_rng(0).uniform(
+        0.0, 1e-6, (20, scene.camera.rows, scene.camera.columns, 3)
+    )
+    known = tolerances(sweep=True, starts=STARTS, noise=np.array(0.1))
     taken = []
     for _ in range(15):
         began = time.perf_counter()
-        check_sweep(prediction, prediction.alone, COMMISSIONED)
+        colours = np.stack([spots.colours(photo) for photo in photos])
+        check_sweep(prediction, prediction.alone + colours, known)
         taken.append(time.perf_counter() - began)
     best = min(taken)
     print(
-        f"\ncheck of a sweep: {1e3 * best:.1f} ms, {best / BOUND:.2f} of the bound; "
-        f"prediction, once per design: {1e3 * prepared:.0f} ms"
+        f"\ncheck of a sweep, from 20 photographs to the verdict: {1e3 * best:.1f} ms, "
+        f"{best / BOUND:.2f} of the bound; once per design: prediction {1e3 * prepared:.0f} ms, "
+        f"places of the sites {1e3 * placed:.0f} ms"
     )
     found = study(prediction, flat_sites(scene)[:, :2], rigs=RIGS, seed=1)
     for one in found:

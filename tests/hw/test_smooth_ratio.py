@@ -1,0 +1,81 @@
+"""The smooth ratio finds a field through noise, also where it was not measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hw.calibration.reference_lines import frame_positions, reference_lines
+from hw.smooth_ratio import Ratios, SmoothRatio, in_frame, pooled, ratios
+from render.bending import Array
+from render.scene import load_scene
+
+
+def field(place: Array) -> Array:
+    return 0.08 * np.sin(place[:, 0] / 5.0) * np.cos(place[:, 1] / 6.0)
+
+
+def measured(noise: float, fibers: int = 6, seed: int = 0) -> list[Ratios]:
+    """Return noisy samples of one field, with another constant for every fiber."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for fiber in range(fibers):
+        place = rng.uniform([-6.0, 1.0], [6.0, 14.0], (40, 2))
+        values = 0.3 * fiber + field(place) + noise * rng.standard_normal(len(place))
+        found.append(Ratios(place, values, np.full(len(place), noise**2)))
+    return found
+
+
+def test_the_field_is_found_between_the_samples() -> None:
+    smooth = SmoothRatio(measured(0.03))
+    wanted = np.stack(np.meshgrid(np.linspace(-4, 4, 5), np.linspace(3, 12, 5)), -1).reshape(-1, 2)
+    found = smooth.mean([wanted] * 6).reshape(6, -1)
+    for fiber, values in enumerate(found):
+        error = values - field(wanted) - 0.3 * fiber
+        assert np.abs(error).max() < 0.03
+
+
+def test_the_spread_holds_the_error() -> None:
+    wanted = np.array([[0.0, 5.0], [3.0, 9.0], [-4.0, 4.0]])
+    scores = []
+    for seed in range(12):
+        smooth = SmoothRatio(measured(0.05, fibers=2, seed=seed))
+        left = smooth.spread([wanted, wanted])
+        error = smooth.mean([wanted, wanted]) - np.concatenate([field(wanted), field(wanted) + 0.3])
+        # Shapes only: a fiber's constant is its power's.
+        shape = np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
+        scores.append(float(shape @ error) / float(np.sqrt(shape @ left @ shape)))
+    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.7
+
+
+def test_several_renders_are_one_set_of_samples() -> None:
+    first, second = measured(0.02, fibers=2)
+    both = pooled([first, second])
+    assert len(both.log_ratio) == 80
+    np.testing.assert_array_equal(both.place[:40], first.place)
+
+
+def test_blocks_of_a_cell_count_once() -> None:
+    place = np.array([[0.0, 2.0], [0.5, 2.0], [4.0, 2.0], [6.0, 2.0]])
+    found = ratios(
+        place, np.array([7, 7, 8, 9]), np.array([2.0, 2.0, 4.0, 1.0]),
+        np.array([0.2, 0.2, 0.4, 0.9]), np.zeros(4),
+    )  # fmt: skip
+    np.testing.assert_allclose(found.place, [[0.25, 2.0], [4.0, 2.0]])
+    np.testing.assert_allclose(found.log_ratio, np.log([2.0, 4.0]) + 0.005)
+    np.testing.assert_allclose(found.variance, [0.01, 0.01])
+
+
+def test_the_frame_is_that_of_the_reference_lines() -> None:
+    scene = load_scene("finger20")
+    lines = reference_lines(scene)
+    for fiber in (0, 9, 15):
+        np.testing.assert_allclose(
+            in_frame(scene, fiber, lines.position[fiber]), frame_positions(), atol=1e-12
+        )
+
+
+def test_nothing_measured_is_no_ratio() -> None:
+    empty = Ratios(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    with pytest.raises(ValueError, match="no render"):
+        SmoothRatio([empty])
