@@ -39,7 +39,7 @@ from hw.self_test import self_test
 from hw.site_colours import SiteSpots
 from optimize.console import Meter, note, print_json, reserved_stdout
 from optimize.design import Array, Design, baseline_design
-from optimize.models import find_model, open_model
+from optimize.models import open_model
 from optimize.output import check_target
 from render.scene import Scene, load_scene
 from surrogate.checker import Checker
@@ -73,8 +73,7 @@ def run(
         scene = load_scene(scene_name)
         target = out or Path("runs") / f"{scene.name}-demo"
         check_target(target)
-        folder = find_model(scene.name, model)
-        checker = open_model(scene, folder, threads=2)
+        checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
         secret = random_secret(scene, seed)
         if calibrate:

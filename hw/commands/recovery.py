@@ -11,10 +11,9 @@ from hw.calibration.study import BOUND, BOUNDED, Recovered, RigOutcome, recover
 from hw.emulated.session import BENDS
 from optimize.console import Meter, print_json, reserved_stdout
 from optimize.design import baseline_design
-from optimize.models import find_model
+from optimize.models import open_model
 from render.progress import Progress
 from render.scene import load_scene
-from surrogate.checker import Checker
 
 
 def run(
@@ -30,7 +29,7 @@ def run(
     """Print true and found values of every rig, and how many keep to the bound."""
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        checker = Checker.load(find_model(scene.name, model), scene.hash, threads=2)
+        checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
         with Meter("Drawing materials") as meter:
             lines = line_model(scene, checker, design.phi, BENDS, meter)
