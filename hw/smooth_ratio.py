@@ -19,12 +19,15 @@ from render.scene import Scene
 
 REACH = 4.0
 """Distance (mm) over which the ratio changes."""
-SIZES = (0.006, 0.02, 0.05, 0.12)
+SIZES = (0.01, 0.025, 0.05, 0.1)
 """Relative sizes of the shared and of the own fields; the data choose."""
 LOOSE = 1.0
 """Spread of each fiber's constant: nothing is known about it, its power takes it up."""
 WORST = 0.3
 """Relative error of rendered light from which it tells nothing."""
+LEAST_CELLS = 12
+LOG_BIAS = 0.15
+"""By how much the logarithm of a variance from 8 replicates is too small on average."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +56,34 @@ def ratios(place: Array, cell: Array, radiance: Array, error: Array, log_light: 
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = error / radiance
-        useful = np.isfinite(log_light) & (relative < WORST) & (radiance > 0)
-    variance = relative[useful] ** 2
-    # The logarithm of a noisy mean is too small by half its relative variance.
-    ratio = np.log(radiance[useful]) + 0.5 * variance - log_light[useful]
+        useful = np.isfinite(log_light) & np.isfinite(relative) & (radiance > 0)
+        useful &= error > 0
+    ratio = np.log(radiance[useful]) - log_light[useful]
     _, index, size = np.unique(cell[useful], return_inverse=True, return_counts=True)
 
     def mean(values: Array) -> Array:
         return np.asarray(np.bincount(index, values) / size)
 
     middle = np.stack([mean(values) for values in place[useful].T], axis=-1)
-    return Ratios(middle, mean(ratio), mean(variance))
+    variance = _steady(middle, mean(relative[useful] ** 2))
+    known = variance < WORST**2
+    # The logarithm of a noisy mean is too small by half its relative variance.
+    found = mean(ratio) + 0.5 * variance
+    return Ratios(middle[known], found[known], variance[known])
+
+
+def _steady(place: Array, variance: Array) -> Array:
+    """Return variances ``(n,)`` as a smooth function of the place.
+
+    Rendered light has heavy tails: where it came out too dark, its own error came out too small,
+    and weights by such errors would make everything too dark.
+    """
+    if len(variance) < LEAST_CELLS:
+        return np.full(len(variance), variance.mean() if len(variance) else np.nan)
+    x, y = place.T / 10.0
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    level = np.log(variance)
+    return np.asarray(np.exp(terms @ np.linalg.lstsq(terms, level, rcond=None)[0] + LOG_BIAS))
 
 
 def pooled(several: Sequence[Ratios]) -> Ratios:
