@@ -179,7 +179,7 @@ def calibrate(
     ] = None,
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
-    mutations: Mutations = 500,
+    mutations: Mutations = 2000,
     json: Json = False,
 ) -> None:
     """Fit the scene's material, powers and gains to photographs of single fibers."""
@@ -225,8 +225,8 @@ def demo(
     seed: Seed = 0,
     rig_mutations: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
-    ] = 500,
-    mutations: Mutations = 500,
+    ] = 2000,
+    mutations: Mutations = 2000,
     rays: Annotated[
         int, typer.Option(min=2000, help="Light paths of photographs that are not rendered.")
     ] = 360_000,
@@ -277,7 +277,7 @@ def recovery(
     rig_mutations: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of the photographs.")
     ] = 2000,
-    mutations: Mutations = 500,
+    mutations: Mutations = 2000,
     json: Json = False,
 ) -> None:
     """Measure how well calibration recovers random rigs from rendered photographs."""

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hw.calibration.confirm import Confirmation
-from hw.calibration.fit import Calibration
+from hw.calibration.fit import Calibration, require_known
 from hw.calibration.material import NAMES, UNITS
 from hw.calibration.refine import refine
 from hw.calibration.rig_fit import Model, fit_rig, measure
 from hw.emulated.rig import Secret, random_secret, rendered_images
 from hw.emulated.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
+from hw.errors import CalibrationError
 from optimize.design import Design
 from render.progress import Progress
 from render.scene import Scene
@@ -57,12 +58,15 @@ class RigOutcome:
         surrogate: values after the fit through the surrogate alone.
         rendered: values after renders have corrected it.
         confirmation: what the last render said.
+        refused: whether the fit ended beyond the known range, so that `tactilux hw calibrate`
+            gives an error instead of a scene.
     """
 
     seed: int
     surrogate: tuple[Recovered, ...]
     rendered: tuple[Recovered, ...]
     confirmation: Confirmation
+    refused: bool
 
 
 def compared(found: Calibration, secret: Secret) -> tuple[Recovered, ...]:
@@ -124,6 +128,15 @@ def recover(
         if progress
         else None,
     )  # fmt: skip
+    try:
+        require_known(refined.found)
+        refused = False
+    except CalibrationError:
+        refused = True
     return RigOutcome(
-        seed, compared(first, secret), compared(refined.found, secret), refined.confirmation
+        seed,
+        compared(first, secret),
+        compared(refined.found, secret),
+        refined.confirmation,
+        refused,
     )

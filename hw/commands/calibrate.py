@@ -216,5 +216,5 @@ def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
             f"{100 * confirmation['before']:.1f} %).\n"
         )
     else:
-        stream.write("Neither corrected nor confirmed by renders: --mutations 500 does both.\n")
+        stream.write("Neither corrected nor confirmed by renders: --mutations 2000 does both.\n")
     stream.write(f"Scene: {result['scene']}\nReport: {result['report']}\n")

@@ -76,6 +76,8 @@ def _write_rig(stream: IO[str], outcome: RigOutcome) -> None:
         f"{100 * told.noise:.1f} %, before calibration {100 * told.before:.1f} %; "
         f"{told.renders} renders, {told.seconds:.0f} s\n"
     )
+    if outcome.refused:
+        stream.write("  refused: the fit ended beyond the known range of materials\n")
     stream.flush()
 
 
@@ -106,4 +108,5 @@ def _as_json(outcome: RigOutcome) -> dict[str, object]:
             for way in ("surrogate", "rendered")
         },
         "confirmation": asdict(outcome.confirmation),
+        "refused": outcome.refused,
     }
