@@ -133,15 +133,22 @@ class DaskWorkers:
         state: Callable[[PadJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[Done]:
-        """Yield the results as they come; unfinished jobs of a worker are not kept."""
+        """Yield the results as they come; unfinished jobs of a worker are not kept.
+
+        No more jobs are out than there are workers: what waits behind a worker that hangs would
+        wait with it.
+        """
         arrived: queue.SimpleQueue[tuple[_Pending, Any]] = queue.SimpleQueue()
-        waiting = {index: _Pending(index, job) for index, job in enumerate(jobs)}
+        later = [_Pending(index, job) for index, job in enumerate(jobs)][::-1]
+        waiting: dict[int, _Pending] = {}
+        looked = time.monotonic()
         try:
-            for pending in waiting.values():
-                self._submit(pending, arrived)
-            looked = time.monotonic()
-            while waiting:
+            while waiting or later:
                 tick(0)
+                while later and len(waiting) < self.count:
+                    pending = later.pop()
+                    waiting[pending.index] = pending
+                    self._submit(pending, arrived)
                 if time.monotonic() - looked > min(5.0, self.patience / 4):
                     looked = time.monotonic()
                     self._give_out_again(waiting, arrived)
@@ -193,9 +200,13 @@ class DaskWorkers:
         from distributed import KilledWorker
 
         try:
-            estimate, seconds, worker = future.result()
+            # The result still lies with its worker, which may hang or die before it is fetched.
+            estimate, seconds, worker = future.result(timeout=self.patience)
         except TactiluxError:
             raise
+        except TimeoutError:
+            self._submit(pending, arrived, self._others(future))
+            return None
         except KilledWorker as error:
             raise RenderError(
                 f"{ATTEMPTS} workers died of the render {pending.job.name}: look at the memory of "
@@ -214,6 +225,11 @@ class DaskWorkers:
             return None
         self._rate.append(seconds / pending.job.mutations)
         return Done(pending.index, PadResult(estimate, seconds), worker)
+
+    def _others(self, future: Any) -> list[str] | None:
+        """Return the workers that do not hold the result of ``future``, None if all do."""
+        held: dict[str, Sequence[str]] = self.client.has_what()
+        return [worker for worker, keys in held.items() if future.key not in keys] or None
 
     def _give_out_again(
         self, waiting: dict[int, _Pending], arrived: queue.SimpleQueue[tuple[_Pending, Any]]

@@ -16,34 +16,14 @@ import sys
 import time
 from pathlib import Path
 
-import render.pad_job
-from optimize.overnight.lock import locked
-from optimize.overnight.runner import StoredRenders
-from optimize.overnight.store import STATES, Store
-from optimize.overnight.watch import Signals
-from optimize.overnight.workers import Here
+from optimize.overnight.store import STATES
 from render.llvm import mitsuba
-from render.progress import Clock
 from render.scene import Scene
-from tests.optimize.overnight.tiny import request_of, tiny_jobs, tiny_scene
+from tests.optimize.overnight.attempt import attempt
+from tests.optimize.overnight.tiny import tiny_scene
 
-SEEDS = 4
 LONGEST = 0.4
 """An attempt lives at most so long, in units of what an unbroken run takes here."""
-
-
-def attempt(run: Path, scene: Scene) -> None:
-    """Do, or go on with, a run of eight small renders, each kept after every eight mutations."""
-    render.pad_job.SAVE_SECONDS = 0.0
-    with locked(run):
-        store = Store(run, request_of(scene), lambda text: None)
-        jobs = tiny_jobs(scene, SEEDS)
-        renders = StoredRenders(store, Here(), Signals())
-        renders.kind = "1/table"
-        seeds = store.decide("seeds", lambda: [job.seed for job in jobs])
-        assert seeds == [job.seed for job in jobs]
-        renders(jobs, Clock(sum(job.mutations for job in jobs), None))
-        store.close("finished")
 
 
 def forked(run: Path, scene: Scene, limit: float | None) -> bool:

@@ -1,0 +1,165 @@
+"""Renders on other processes: the answer of one process, whoever dies, hangs or joins meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimize.overnight.dask_workers import DaskWorkers
+from optimize.overnight.errors import RunError
+from optimize.overnight.workers import Here
+from render.errors import RenderError
+from render.pad_job import PadJob
+from render.scene import Scene
+from tests.optimize.overnight.tiny import tiny_jobs, tiny_scene
+
+pytestmark = [
+    # Distributed's own sockets and loops, closed by its threads a little later.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return tiny_scene(tmp_path_factory.mktemp("scene"))
+
+
+@pytest.fixture(scope="module")
+def jobs(scene: Scene) -> list[PadJob]:
+    return tiny_jobs(scene, 4)
+
+
+@pytest.fixture(scope="module")
+def alone(jobs: list[PadJob]) -> list[np.ndarray]:
+    """Return what one process renders."""
+    done = Here().render(jobs, lambda job: Path("/nonexistent") / job.key, lambda count: None)
+    return [entry.result.estimate for entry in done]
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[DaskWorkers]:
+    """Two worker processes, made impatient: a test has no minute to wait."""
+    made = DaskWorkers(workers=2)
+    made.patience = 4.0
+    made.unknown = 120.0
+    yield made
+    made.close()
+
+
+def rendered(
+    workers: DaskWorkers, jobs: Sequence[PadJob], meanwhile: Callable[[int], None] | None = None
+) -> tuple[list[np.ndarray], list[str]]:
+    """Return the results in order, and who made them; ``meanwhile`` is told of every arrival."""
+    found: dict[int, np.ndarray] = {}
+    names = []
+    ticks: list[int] = []
+    for done in workers.render(jobs, lambda job: Path(job.key), ticks.append):
+        assert done.index not in found
+        found[done.index] = done.result.estimate
+        names.append(done.worker)
+        if meanwhile is not None:
+            meanwhile(len(found))
+    assert sum(ticks) == sum(job.mutations for job in jobs)
+    return [found[index] for index in range(len(jobs))], names
+
+
+def pids(workers: DaskWorkers) -> list[int]:
+    return sorted(workers.client.run(os.getpid).values())
+
+
+def assert_equal(found: list[np.ndarray], wanted: list[np.ndarray]) -> None:
+    assert len(found) == len(wanted)
+    for first, second in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_two_workers_give_the_answer_of_one_process(
+    workers: DaskWorkers, jobs: list[PadJob], alone: list[np.ndarray]
+) -> None:
+    found, names = rendered(workers, jobs)
+    assert_equal(found, alone)
+    assert len(set(names)) == 2
+    assert workers.count == 2
+
+
+def test_a_worker_that_is_killed_loses_nothing(
+    workers: DaskWorkers, jobs: list[PadJob], alone: list[np.ndarray]
+) -> None:
+    before = pids(workers)
+
+    def kill(arrived: int) -> None:
+        if arrived == 2:
+            os.kill(before[0], signal.SIGKILL)
+
+    found, _ = rendered(workers, jobs, kill)
+    assert_equal(found, alone)
+    deadline = time.monotonic() + 60
+    while workers.count < 2 and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert before[0] not in pids(workers)
+
+
+def test_the_job_of_a_worker_that_hangs_is_given_to_another(
+    workers: DaskWorkers, jobs: list[PadJob], alone: list[np.ndarray]
+) -> None:
+    deadline = time.monotonic() + 60
+    while workers.count < 2 and time.monotonic() < deadline:
+        time.sleep(0.2)
+    asleep = pids(workers)[0]
+
+    def stop(arrived: int) -> None:
+        if arrived == 1:
+            os.kill(asleep, signal.SIGSTOP)
+
+    try:
+        found, _ = rendered(workers, jobs, stop)
+    finally:
+        os.kill(asleep, signal.SIGCONT)
+    assert_equal(found, alone)
+
+
+def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
+    workers: DaskWorkers, scene: Scene
+) -> None:
+    more = tiny_jobs(scene, 8)
+    guest = DaskWorkers(address=workers.cluster.scheduler_address)
+    joined = threading.Thread(target=workers.cluster.scale, args=(3,))
+    try:
+        _, names = rendered(guest, more, lambda arrived: joined.start() if arrived == 1 else None)
+        joined.join()
+        deadline = time.monotonic() + 60
+        while guest.count < 3 and time.monotonic() < deadline:
+            time.sleep(0.2)
+        _, later = rendered(guest, more)
+    finally:
+        guest.close()
+    assert len(set(later) | set(names)) >= 3
+
+
+def test_a_worker_of_another_version_is_refused_instead_of_mixing_results(
+    workers: DaskWorkers, jobs: list[PadJob]
+) -> None:
+    from dataclasses import replace
+
+    foreign = replace(jobs[0], seed=77)
+    # As if the worker had another Mitsuba: its key of the same job is another.
+    foreign.__dict__["key"] = "0" * 64
+    with pytest.raises(RenderError, match="another version of tactilux"):
+        rendered(workers, [foreign])
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "quic://a:1", "tcp://"])
+def test_an_address_without_a_scheduler_is_one_sentence(address: str) -> None:
+    began = time.monotonic()
+    with pytest.raises(RunError, match="no Dask scheduler answers at") as caught:
+        DaskWorkers(address=address)
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - began < 60

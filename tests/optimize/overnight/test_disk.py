@@ -1,0 +1,144 @@
+"""Full, closed and damaged disks: one sentence, nothing lost, and the run goes on afterwards."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from optimize.overnight.store import RECORD, RENDERS
+from tests.optimize.overnight.tiny import ROOT, command, write_tiny
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+ATTEMPT = f"{sys.executable} -m tests.optimize.overnight.attempt"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the scene and a run that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("disk")
+    write_tiny(folder)
+    (folder / "unbroken").mkdir()
+    done = attempt(folder, folder / "unbroken")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def attempt(folder: Path, run: Path, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*ATTEMPT.split(), str(run), str(folder)],
+        cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, **options,  # type: ignore[call-overload]
+    )  # fmt: skip
+
+
+def renders(run: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (run / RENDERS).iterdir()}
+
+
+def flipped(content: bytes, at: int) -> bytes:
+    return content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :]
+
+
+def finished(run: Path) -> int:
+    db = sqlite3.connect(run / RECORD)
+    (count,) = db.execute("SELECT COUNT(DISTINCT key) FROM evaluations").fetchone()
+    db.close()
+    return int(count)
+
+
+def in_namespace(script: str) -> subprocess.CompletedProcess[str]:
+    """Run a shell script that may mount file systems nobody else sees."""
+    if subprocess.run(["unshare", "-rm", "true"], capture_output=True).returncode:
+        pytest.skip("this system lets nobody mount a file system of his own")
+    return subprocess.run(
+        ["unshare", "-rm", "sh", "-ec", script],
+        cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+def test_a_full_disk_is_one_sentence_and_with_space_the_run_ends_bit_equal(
+    folder: Path, tmp_path: Path
+) -> None:
+    run, kept = tmp_path / "mounted", tmp_path / "kept"
+    run.mkdir()
+    done = in_namespace(
+        f"""
+        mount -t tmpfs -o size=192k tmpfs {run}
+        {ATTEMPT} {run} {folder} && exit 9 || echo code $?
+        mount -o remount,size=20m {run}
+        cp -r {run} {kept}
+        {ATTEMPT} {run} {folder}
+        cp -r {run} {kept}-after
+        """
+    )
+    assert done.returncode == 0, done.stderr
+    sentence, code = done.stdout.splitlines()
+    assert code == "code 2"
+    assert "free some space, then give the same command again" in sentence
+    before, wanted = finished(kept), renders(folder / "unbroken")
+    assert 0 < before < len(wanted)
+    after = Path(f"{kept}-after")
+    assert renders(after) == wanted
+    assert finished(after) == len(wanted)
+
+
+def test_files_that_may_not_grow_are_one_sentence_too(folder: Path, tmp_path: Path) -> None:
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (64_000, 64_000))
+
+    stopped = attempt(folder, tmp_path, preexec_fn=limited)
+    assert stopped.returncode == 2, stopped.stderr
+    assert "goes on from what is" in stopped.stdout
+    assert stopped.stdout.count("\n") == 1
+    assert attempt(folder, tmp_path).returncode == 0
+    assert renders(tmp_path) == renders(folder / "unbroken")
+
+
+def test_a_read_only_directory_is_one_sentence_and_status_still_reads_it(
+    folder: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "mounted"
+    run.mkdir()
+    again = " ".join(command("overnight", folder / "tiny.toml", "--out", run, "--mutations", 8))
+    status = " ".join(command("status", run))
+    done = in_namespace(
+        f"""
+        mount -t tmpfs -o size=20m tmpfs {run}
+        cp -r {folder / "unbroken"}/. {run}
+        mount -o remount,ro {run}
+        {status}
+        {again} 2>&1 && exit 9 || echo code $?
+        """
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert "was stopped" in lines[0]
+    assert lines[-1] == "code 2"
+    assert "cannot be written (Read-only file system): choose another place" in lines[-2]
+
+
+@pytest.mark.parametrize("damage", ["truncated", "flipped"])
+def test_a_damaged_render_is_named_and_only_that_one_is_made_again(
+    folder: Path, tmp_path: Path, damage: str
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(folder / "unbroken", run)
+    path = sorted((run / RENDERS).iterdir())[3]
+    whole = path.read_bytes()
+    broken = whole[:-100] if damage == "truncated" else flipped(whole, 500)
+    path.write_bytes(broken)
+    done = attempt(folder, run)
+    assert done.returncode == 0
+    assert path.name in done.stderr
+    assert done.stderr.count("rendered again") == 1
+    assert renders(run) == renders(folder / "unbroken")
+    db = sqlite3.connect(run / RECORD)
+    logged = db.execute("SELECT key FROM evaluations").fetchall()
+    db.close()
+    assert len(logged) == len(renders(run)) + 1
