@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,18 +128,17 @@ def test_the_job_of_a_worker_that_hangs_is_given_to_another(
 
 
 def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
-    workers: DaskWorkers, scene: Scene
+    workers: DaskWorkers, jobs: list[PadJob]
 ) -> None:
-    more = tiny_jobs(scene, 8)
     guest = DaskWorkers(address=workers.cluster.scheduler_address)
     joined = threading.Thread(target=workers.cluster.scale, args=(3,))
     try:
-        _, names = rendered(guest, more, lambda arrived: joined.start() if arrived == 1 else None)
+        _, names = rendered(guest, jobs, lambda arrived: joined.start() if arrived == 1 else None)
         joined.join()
         deadline = time.monotonic() + 60
         while guest.count < 3 and time.monotonic() < deadline:
             time.sleep(0.2)
-        _, later = rendered(guest, more)
+        _, later = rendered(guest, jobs)
     finally:
         guest.close()
     assert len(set(later) | set(names)) >= 3
@@ -147,8 +147,6 @@ def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
 def test_a_worker_of_another_version_is_refused_instead_of_mixing_results(
     workers: DaskWorkers, jobs: list[PadJob]
 ) -> None:
-    from dataclasses import replace
-
     foreign = replace(jobs[0], seed=77)
     # As if the worker had another Mitsuba: its key of the same job is another.
     foreign.__dict__["key"] = "0" * 64

@@ -69,9 +69,12 @@ def test_a_full_disk_is_one_sentence_and_with_space_the_run_ends_bit_equal(
     run.mkdir()
     done = in_namespace(
         f"""
-        mount -t tmpfs -o size=192k tmpfs {run}
-        {ATTEMPT} {run} {folder} && exit 9 || echo code $?
-        mount -o remount,size=20m {run}
+        mount -t tmpfs -o size=4m tmpfs {run}
+        {ATTEMPT} {run} {folder} &
+        until [ "$(ls {run}/{RENDERS} 2>/dev/null | wc -l)" -ge 2 ]; do sleep 0.02; done
+        cat /dev/zero > {run}/ballast 2>/dev/null || true
+        wait $! && exit 9 || echo code $?
+        rm {run}/ballast
         cp -r {run} {kept}
         {ATTEMPT} {run} {folder}
         cp -r {run} {kept}-after

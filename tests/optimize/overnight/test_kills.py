@@ -36,7 +36,7 @@ def test_fifty_kills_at_random_instants_change_nothing(tmp_path: Path) -> None:
 
     unbroken = tmp_path / "unbroken"
     wanted = {path.name: path.read_bytes() for path in (unbroken / RENDERS).iterdir()}
-    assert len(wanted) == 8
+    assert len(wanted) == 6
     logged = rows(unbroken, "SELECT key, sha256 FROM evaluations ORDER BY key")
     for name in found["broken"]:
         run = tmp_path / name
