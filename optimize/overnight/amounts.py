@@ -28,6 +28,9 @@ SEEDS_FIXED = 4
 FIT_STEPS = (200, 10_000)
 """Fewest and most steps of the networks."""
 LEAST_MUTATIONS = 4
+LEAST_SHARE = 0.02
+"""Part of the time that a round, or a batch of the final verification, gets at least, even where
+the stages before have used it up: with fewer paths its answer would be noise."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from optimize.design import Array, Design
 from optimize.measure import measure
-from optimize.overnight.amounts import REPORT_SECONDS, SEEDS_FIXED, Pace
+from optimize.overnight.amounts import LEAST_SHARE, REPORT_SECONDS, SEEDS_FIXED, Pace
 from optimize.overnight.loop_stage import Outcome
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
@@ -23,8 +23,6 @@ from optimize.verdict import Verdict
 from render.reference import pad_jobs
 
 FINAL_PURPOSE = 3
-BATCH_SHARE = 0.02
-"""Part of the shift that one batch of seeds takes: how well the end of the time is met."""
 LEAST_BATCHES = 3
 MANY_SEEDS = 16
 """From so many seeds on, the mean of each is one replicate."""
@@ -169,11 +167,9 @@ def _amount(shift: Shift, designs: Sequence[Design], pace: Pace | None) -> dict[
         jobs = 2 * len(shift.bends)
         seeds = -(-2 * pace.workers // jobs) if pace.workers > jobs else 1
         unit = pad_jobs(shift.scene, phi, shift.bends, mutations=64, seeds=list(range(seeds)))
-        free = max(shift.left - REPORT_SECONDS, 1.0)
-        seconds = min(
-            max(BATCH_SHARE * (shift.until - shift.began), 2 * pace.fixed * jobs),
-            free / LEAST_BATCHES,
-        )
+        free = (shift.left - REPORT_SECONDS) / LEAST_BATCHES
+        least = LEAST_SHARE * (shift.until - shift.began)
+        seconds = max(least, min(2 * pace.fixed * jobs, free))
         return {"mutations": pace.mutations(unit, 64, seconds), "seeds": seeds}
 
     found: dict[str, int] = shift.decide("final", choose)

@@ -29,7 +29,7 @@ from optimize.overnight.scaling import write_scaling
 from optimize.overnight.search_stage import searched, thesis_design
 from optimize.overnight.shift import Shift
 from optimize.overnight.store import RECORD, Request, Store
-from optimize.overnight.table_stage import measured_pace, render_table, whole_table
+from optimize.overnight.table_stage import measured_pace, render_table, seen_pace, whole_table
 from optimize.overnight.watch import LOG, Signals, Stopped, Watch
 from optimize.overnight.workers import Workers
 from optimize.score_scale import Scale
@@ -204,8 +204,8 @@ def _shift(
 
 def _shifted(shift: Shift, config: NightConfig) -> Night:
     """Return the night after all stages of the shift."""
-    pace = None if shift.fixed is not None else measured_pace(shift)
-    render_table(shift, pace)
+    render_table(shift, None if shift.fixed is not None else measured_pace(shift))
+    pace = seen_pace(shift)
 
     @cache
     def table() -> TransportTable:

@@ -18,6 +18,7 @@ from optimize.jackknife import JackknifeEstimate
 from optimize.limits import limits_of
 from optimize.overnight.amounts import (
     LEAST_MUTATIONS,
+    LEAST_SHARE,
     LOOP_UNTIL,
     OVERDUE,
     ROUNDS_FIXED,
@@ -133,7 +134,8 @@ def _config(shift: Shift, start: Design, pace: Pace | None) -> LoopConfig:
         phi, _ = distinct_directions([baseline_of(shift), start])
         seeds = min(ROUND_SEEDS, -(-pace.workers // (2 * len(shift.bends))))
         unit = pad_jobs(shift.scene, phi, shift.bends, mutations=64, seeds=list(range(seeds)))
-        seconds = ROUND_SHARE * max(shift.left_until(LOOP_UNTIL), 1.0)
+        least = LEAST_SHARE * (shift.until - shift.began)
+        seconds = max(ROUND_SHARE * shift.left_until(LOOP_UNTIL), least)
         mutations = max(LEAST_MUTATIONS, pace.mutations(unit, 64, seconds))
         return {"mutations": mutations, "rounds": ROUNDS_MAX, "seeds": seeds}
 

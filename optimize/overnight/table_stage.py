@@ -22,7 +22,12 @@ from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.reference_run import training_bends
 
-PHI_NODES, BEND_NODES = 11, 3
+PHI_NODES = 11
+BEND_NODES = 3, 5
+"""Bends of the table besides the scene's own, of a short run and of a long one: the latter's model
+knows the bends between as well."""
+LONG = 1.0, 2000
+"""Hours, or mutations, of a long run."""
 PILOT = (8, 200)
 """Mutations of the trial renders: next to none, and enough paths at once for full speed."""
 PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
@@ -57,7 +62,7 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
     passes = _passes(shift, pace)
     shift.stage("Transport table", "table")
     seeds: list[int] = []
-    group = max(1, 2 * shift.renders.workers.count // (2 * len(table_bends(shift.scene))))
+    group = max(1, 2 * shift.renders.workers.count // (2 * len(table_bends(shift))))
     while len(seeds) < passes["passes"]:
         first = len(seeds)
 
@@ -67,7 +72,7 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
 
         def affordable(first: int = first, pace: Pace | None = pace) -> list[int]:
             if first and pace is not None:
-                jobs = _jobs(shift.scene, passes["mutations"], another(first))
+                jobs = _jobs(shift, passes["mutations"], another(first))
                 # Half a pass too many is as good as half a pass too few.
                 if pace.seconds(jobs) / 2 > shift.left_until(TABLE_UNTIL):
                     return []
@@ -77,7 +82,7 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
         if not chosen:
             break
         began = shift.store.spent()
-        jobs = _jobs(shift.scene, passes["mutations"], chosen)
+        jobs = _jobs(shift, passes["mutations"], chosen)
         clock = Clock(sum(job.mutations for job in jobs), shift.progress)
         late = shift.at(TABLE_UNTIL + OVERDUE) if first else None
         try:
@@ -92,7 +97,20 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
             # From here on what was seen counts, not what the trial promised.
             pace = _corrected(pace, jobs, shift.store.spent() - began)
         seeds += chosen
-    shift.decide("table", lambda: {"mutations": passes["mutations"], "seeds": seeds})
+    shift.decide(
+        "table",
+        lambda: {
+            "mutations": passes["mutations"],
+            "seeds": seeds,
+            "pace": None if pace is None else {"fixed": pace.fixed, "each": pace.each},
+        },
+    )
+
+
+def seen_pace(shift: Shift) -> Pace | None:
+    """Return the pace that the table's renders had; None for a fixed amount of work."""
+    found = shift.decided("table")["pace"]
+    return None if found is None else Pace(**found, workers=shift.renders.workers.count)
 
 
 def whole_table(shift: Shift) -> TransportTable:
@@ -101,16 +119,26 @@ def whole_table(shift: Shift) -> TransportTable:
     for number in range(1, shift.number + 1):
         found = shift.store.decided(f"{number}/table")
         for seed in found["seeds"]:
-            jobs = _jobs(shift.scene, found["mutations"], [seed])
+            jobs = _jobs(shift, found["mutations"], [seed])
             results = shift.renders(jobs, Clock(sum(job.mutations for job in jobs), None))
             parts.append((found["mutations"], _table(shift.scene, jobs, results)))
     return _mean(parts)
 
 
-def table_bends(scene: Scene) -> Array:
-    """Return the bends of the table in rad, in order of value: the scene's own ones first."""
-    own = np.array(scene.bending.angles)
-    between = [b for b in training_bends(scene, BEND_NODES) if np.abs(own - b).min() > 1e-6]
+def table_bends(shift: Shift) -> Array:
+    """Return the bends of the table in rad, in order of value: the scene's own ones first.
+
+    The first shift chooses, because all passes must have the same.
+    """
+
+    def choose() -> int:
+        if shift.fixed is not None:
+            return BEND_NODES[shift.fixed.mutations >= LONG[1]]
+        return BEND_NODES[shift.until - shift.began >= 3600 * LONG[0]]
+
+    nodes = shift.store.decide("bend nodes", choose)
+    own = shift.bends
+    between = [b for b in training_bends(shift.scene, nodes) if np.abs(own - b).min() > 1e-6]
     return np.concatenate([own, between])
 
 
@@ -121,9 +149,10 @@ def _passes(shift: Shift, pace: Pace | None) -> dict[str, int]:
         if shift.fixed is not None:
             return {"passes": shift.fixed.passes, "mutations": shift.fixed.per_pass}
         assert pace is not None  # with hours it is measured
-        unit = _jobs(shift.scene, 64, [0])
+        unit = _jobs(shift, 64, [0])
         work = max(shift.left_until(TABLE_UNTIL), 1.0) * pace.workers
-        passes = max(PASSES_MIN, round(work / (JOB_SECONDS * len(unit))))
+        shared = -(-PASSES_MIN * pace.workers // len(unit)) if pace.workers > 1 else 0
+        passes = max(PASSES_MIN, shared, round(work / (JOB_SECONDS * len(unit))))
         mutations = pace.mutations(unit, 64, work / passes / min(pace.workers, len(unit)))
         return {"passes": passes, "mutations": mutations}
 
@@ -131,11 +160,10 @@ def _passes(shift: Shift, pace: Pace | None) -> dict[str, int]:
     return found
 
 
-def _jobs(scene: Scene, mutations: int, seeds: list[int]) -> list[PadJob]:
-    phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
-    jobs = pad_jobs(scene, phi, table_bends(scene), mutations=mutations, seeds=seeds)
-    own = len(scene.bending.angles)
-    ranks = {bend: int(i >= own) for i, bend in enumerate(table_bends(scene).tolist())}
+def _jobs(shift: Shift, mutations: int, seeds: list[int]) -> list[PadJob]:
+    phi, bends = chebyshev_nodes(PHI_NODES, 0.0, np.pi), table_bends(shift)
+    jobs = pad_jobs(shift.scene, phi, bends, mutations=mutations, seeds=seeds)
+    ranks = {bend: int(i >= len(shift.bends)) for i, bend in enumerate(bends.tolist())}
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
 
 
