@@ -213,6 +213,8 @@ class Store:
         if hashlib.sha256(content).hexdigest() != digest:
             self.note(f"{path} is damaged (its SHA-256 is not the logged one): rendered again")
             return None
+        # A process that was killed right after logging has left it.
+        self.state(job).unlink(missing_ok=True)
         with np.load(BytesIO(content), allow_pickle=False) as arrays:
             return PadResult(arrays["estimate"], float(seconds))
 
@@ -227,6 +229,7 @@ class Store:
         # Nobody noted how long it took.
         result = PadResult(arrays["estimate"], 0.0)
         self._log(job, kind, result, content, "")
+        self.state(job).unlink(missing_ok=True)
         return result
 
     def keep(self, job: PadJob, result: PadResult, kind: str, worker: str) -> None:

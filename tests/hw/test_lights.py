@@ -59,11 +59,13 @@ def test_all_leds_are_off_when_the_program_is_told_to_end(
 ) -> None:
     rig = plug()
     code = (
-        "import sys, numpy as np\n"
+        "import signal, sys, numpy as np\n"
         "from functools import partial\n"
         "from hw.boards.ports import ProtocolName, open_board\n"
         "from hw.channels import ChannelMap\n"
         "from hw.lights import Lights, interruptible\n"
+        # Started in the background, tests would hand on that SIGINT is ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "connect = partial(open_board, sys.argv[1], ProtocolName.LINES, leds=20)\n"
         "with interruptible(), Lights(connect, ChannelMap.straight(20)) as lights:\n"
         "    lights.set(np.eye(3)[np.arange(20) % 3])\n"
