@@ -10,6 +10,9 @@ from pathlib import Path
 
 from render.errors import TactiluxError
 
+RECORD = "run.sqlite"
+"""The record of a run directory, see ``optimize.overnight.store``; without it there is no run."""
+
 
 class RunError(TactiluxError):
     """A run directory that cannot be used as it was asked for."""
@@ -28,7 +31,7 @@ def writing(run: Path) -> Iterator[None]:
     """Turn what the operating system and SQLite say about ``run`` into one sentence.
 
     Raises:
-        RunError: the disk is full, the directory read-only, or the record damaged.
+        RunError: the disk is full, the directory read-only or gone, or the record damaged.
     """
     try:
         yield
@@ -46,9 +49,20 @@ def writing(run: Path) -> Iterator[None]:
                 field="out",
                 value=str(run),
             ) from error
+        if error.errno == errno.ENOENT and not (run / RECORD).exists():
+            raise _gone(run) from error
         raise
     except sqlite3.DatabaseError as error:
-        raise _of_sqlite(run, error) from error
+        raise (_of_sqlite(run, error) if (run / RECORD).exists() else _gone(run)) from error
+
+
+def _gone(run: Path) -> RunError:
+    return RunError(
+        f"{run} was taken away while a night worked in it: put it back and give the same command "
+        "again, or start anew in another place with --out",
+        field="out",
+        value=str(run),
+    )
 
 
 def _of_sqlite(run: Path, error: sqlite3.DatabaseError) -> RunError:
@@ -61,7 +75,7 @@ def _of_sqlite(run: Path, error: sqlite3.DatabaseError) -> RunError:
             f"{run} cannot be written ({said}): choose another place with --out", field="out"
         )
     return RunError(
-        f"{run / 'run.sqlite'} is damaged ({said}): restore it from a copy, or start anew in "
+        f"{run / RECORD} is damaged ({said}): restore it from a copy, or start anew in "
         "another place with --out; nothing was changed",
         field="run",
         value=str(run),

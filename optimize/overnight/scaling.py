@@ -31,6 +31,7 @@ from optimize.design import Array
 from optimize.overnight.amounts import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TABLE_UNTIL
 from optimize.overnight.loop_stage import ROUND_SHARE
 from optimize.overnight.night import NightError
+from optimize.overnight.store import RECORD
 from optimize.overnight.transfer import Transfer, measure_transfer
 
 SCALING = "scaling.json"
@@ -264,7 +265,7 @@ def _read(run: Path) -> tuple[list[StageRenders], float, int]:
     Raises:
         NightError: nothing was rendered, or the record cannot be read.
     """
-    path = run / "run.sqlite"
+    path = run / RECORD
     try:
         db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
         try:

@@ -33,6 +33,7 @@ from typing import Any
 
 import numpy as np
 
+from optimize.overnight.errors import RECORD as RECORD
 from optimize.overnight.errors import RunError
 from optimize.provenance import program_version
 from render.errors import TableError
@@ -41,7 +42,7 @@ from render.pad_job import PadJob, PadResult
 from render.scene_content import scene_of
 
 SCHEMA = 1
-RECORD, RENDERS, STATES, TABLE = "run.sqlite", "renders", "states", "table"
+RENDERS, STATES, TABLE = "renders", "states", "table"
 _UNFINISHED = re.compile(r"\..+\.[0-9a-f]{32}")
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""

@@ -126,6 +126,30 @@ def test_a_read_only_directory_is_one_sentence_and_status_still_reads_it(
     assert "cannot be written (Read-only file system): choose another place" in lines[-2]
 
 
+def test_a_directory_that_is_taken_away_meanwhile_is_one_sentence(
+    folder: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    script = f"""
+        {ATTEMPT} {run} {folder} &
+        until [ "$(ls {run}/{RENDERS} 2>/dev/null | wc -l)" -ge 1 ]; do sleep 0.02; done
+        mv {run} {run}-elsewhere
+        wait $! && exit 9 || echo code $?
+        """
+    done = subprocess.run(
+        ["sh", "-ec", script], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True
+    )
+    sentence, code = done.stdout.splitlines()
+    assert "was taken away" in sentence
+    assert code == "code 2"
+    # Nothing was lost: put back, it ends as if nothing had happened.
+    shutil.rmtree(run, ignore_errors=True)
+    (tmp_path / "run-elsewhere").rename(run)
+    assert attempt(folder, run).returncode == 0
+    assert renders(run) == renders(folder / "unbroken")
+
+
 @pytest.mark.parametrize("damage", ["truncated", "flipped"])
 def test_a_damaged_render_is_named_and_only_that_one_is_made_again(
     folder: Path, tmp_path: Path, damage: str
