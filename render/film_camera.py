@@ -110,6 +110,8 @@ def camera_part(
         numbers = stream.event(event)
         going = arrived & ~v.terminal & (edges < most)
         head, alive = bounce(head, v, mi.TransportMode.Radiance, numbers, going)
+        # Only a smooth face leaves no light subpath that could have been joined here.
+        closed &= head.vcm > 0
         weight = survive(head.beta, edges, roulette, roulette_numbers[0])
         head.beta = dr.select(alive, head.beta * weight, head.beta)
         alive = alive & (weight > 0)

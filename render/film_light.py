@@ -110,7 +110,6 @@ def light_part(
         head, found, arrived, escaped = advance(scene, head, active)
         v = cast(OpenVertex, found)
         v.vcm = counted(mirrors, v, trail, arrived, from_camera=False)
-        v.vc_open = dr.select(v.diffuse, v.vc, v.vc_open)
         trail = trail.then(v, arrived)
         smooth = arrived & ~v.delta
         spare = stream.event(event + SPARE)
@@ -151,13 +150,10 @@ def light_part(
 
 
 def _seen_from(y: OpenVertex, closed: Any) -> Vertex:
-    """Return ``y`` with its sums for camera subpaths that have, or have not, met a diffuse surface.
-
-    Behind one they end at volume vertices, before it they pass them.
-    """
+    """Return ``y`` with its sums for camera subpaths that arrive ``closed`` or open."""
     seen = replace(y)
     seen.terminal = y.terminal & closed
-    seen.vc = dr.select(closed, y.vc, y.vc_open)
+    seen.vc = dr.select(closed | y.diffuse, y.vc, y.vc_open)
     return seen
 
 

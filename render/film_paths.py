@@ -6,9 +6,10 @@ recursive sums (Georgiev 2012): emitters that a camera subpath meets (s = 0), di
 (``render.film_bridge``), and light vertices projected onto the film (t = 1). No path is ever
 stored: of each subpath a few vertices are kept, drawn by reservoirs.
 
-Camera subpaths pass volumes that the lens sees through glossy faces alone; behind a diffuse
-surface they are absorbed at their first vertex in a volume, so there long scattering belongs to
-the light subpath.
+Camera subpaths pass volumes that the lens sees through glossy faces alone. A diffuse surface closes
+them: they are absorbed at their next vertex in a volume, so there long scattering belongs to the
+light subpath. A smooth face, at which nothing can be joined, opens them again: of light that is
+scattered once between two such faces only camera subpaths know.
 """
 
 from __future__ import annotations

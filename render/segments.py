@@ -201,9 +201,12 @@ def bounce(
     origin, medium = leave(v, wo)
     after = start(origin, wo, medium, beta, vcm, vc, free)
     if isinstance(v, OpenVertex):
-        opened = cosine / pdf * (v.vc_open * back_pdf + v.vcm)
-        opened = dr.select(delta, cosine * v.vc_open, opened)
+        # A camera subpath that goes on from here has been closed by a diffuse surface, and opened
+        # by a smooth face.
+        onward = dr.select(v.diffuse, v.vc, v.vc_open)
+        opened = dr.select(delta, cosine * v.vc_open, cosine / pdf * (onward * back_pdf + v.vcm))
         opened = dr.minimum(dr.select(v.vcm + v.vc_open > 0, opened, 0.0), RATIO_MAX)
+        after.vc = dr.select(delta, opened, after.vc)
         after = OpenHead(**vars(after), vc_open=opened)
     after.sigma_from, after.from_volume = head.sigma_from, head.from_volume
     return pick(alive, after, head), alive

@@ -48,9 +48,9 @@ class Vertex:
 
 @dataclass
 class OpenVertex(Vertex):
-    """A light vertex whose sums also come as if no vertex were terminal (``vc_open``).
+    """A light vertex whose sums also come for camera subpaths that pass volumes (``vc_open``).
 
-    For samplers whose camera subpaths pass some volumes and end in others.
+    For samplers whose camera subpaths are closed by diffuse surfaces and opened by smooth faces.
     """
 
     vc_open: Any
