@@ -25,7 +25,7 @@ from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
 from render.layout import facets, fiber_poses
 from render.light_picks import LightPicks, light_picks
-from render.optics import pad_scene
+from render.optics import joinable, pad_scene
 from render.resampling import Promise
 from render.scene import Scene
 
@@ -87,6 +87,7 @@ class CellProblem:
 
         ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`); their cells stay 0.
         """
+        scene = joinable(scene)
         self.scene = scene
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi, bend)

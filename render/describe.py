@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from render.constraints import Constraints
 from render.free import Free
 from render.quantity import Quantity
+from render.rough_face import SMOOTHEST
 from render.scene import EDGES, Scene
 from render.tolerances import Tolerances
 
@@ -147,7 +148,10 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.diffuser is None:
         yield "scattering medium", "no diffuser is declared, light enters the clear pad directly"
     if scene.pad.roughness == 0.0:
-        yield "rough refraction", "pad.roughness is 0, the outer faces are smooth"
+        yield (
+            "rough refraction",
+            (f"pad.roughness is 0, the outer faces are smooth; renders take {SMOOTHEST:g} for it"),
+        )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     yield "lens distortion", "images are dewarped, the camera is a pinhole"

@@ -14,7 +14,18 @@ import mitsuba as mi
 import trimesh
 
 from render.meshes import pad_meshes
+from render.rough_face import SMOOTHEST
 from render.scene import Scene
+
+
+def joinable(scene: Scene) -> Scene:
+    """Return ``scene`` with outer faces that the cell sampler can join light over.
+
+    More than half of a smooth pad's light comes mirrored in its lower face, and no join finds a
+    mirror image that is exact. Slopes of 0.4 deg (``SMOOTHEST``) stand for such a face.
+    """
+    rough = max(scene.pad.roughness, SMOOTHEST)
+    return scene.model_copy(update={"pad": scene.pad.model_copy(update={"roughness": rough})})
 
 
 def outer_face(scene: Scene) -> dict[str, Any]:

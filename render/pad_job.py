@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from render.metropolis import Chains
     from render.monte_carlo import Independent
 
-VERSION = 3
+VERSION = 4
 CHUNK = 8
 """Mutations between updates of the scale and chances to save."""
 SAVE_SECONDS = 20.0

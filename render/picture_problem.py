@@ -17,7 +17,7 @@ from render.chains import Deposit
 from render.fiber_light import FiberLight
 from render.guide import FacetAim, Guide
 from render.light_picks import light_picks
-from render.optics import pad_scene
+from render.optics import joinable, pad_scene
 from render.resampling import Promise
 from render.scene import Scene
 
@@ -41,6 +41,7 @@ class PictureProblem:
         height: int,
     ) -> None:
         """Load the pad; ``phi`` ``(fiber,)`` rad, ``power`` ``(fiber, 3)``, ``bend`` rad."""
+        scene = joinable(scene)
         self.scene, self.width, self.height = scene, width, height
         self.bins = width * height
         self.pad = pad_scene(scene, bend, indented)

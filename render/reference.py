@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from render.bending import Array
+from render.error_bars import standard_error
 from render.errors import RenderError
 from render.llvm import VARIANT
 from render.npz import write_npz
@@ -36,8 +37,9 @@ class Estimate:
     """Rendered transport; axes ``(fiber, phi_node, bend, site, facet)``, float64.
 
     ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
-    standard error of that mean. The same for the untouched pad (``background``). A facet that
-    the camera cannot see is NaN in all of them. Unit: 1/(mm^2 sr) per unit fiber power.
+    standard error of that mean, an upper bound by the rule of three where it is 0
+    (``render.error_bars``). The same for the untouched pad (``background``). A facet that the
+    camera cannot see is NaN in all of them. Unit: 1/(mm^2 sr) per unit fiber power.
     """
 
     T: Array
@@ -195,12 +197,11 @@ def gather(
     if mirrors(scene, phi):
         pressed = 0.5 * (pressed + mirrored(scene, pressed, facets=True))
         untouched = 0.5 * (untouched + mirrored(scene, untouched, facets=False))
-    count = len(pressed)
     return Estimate(
         T=pressed.mean(axis=0),
-        se=pressed.std(axis=0, ddof=1) / np.sqrt(count),
+        se=standard_error(pressed),
         background=untouched.mean(axis=0),
-        background_se=untouched.std(axis=0, ddof=1) / np.sqrt(count),
+        background_se=standard_error(untouched),
         replicates=pressed,
         background_replicates=untouched,
         seconds=sum(result.seconds for result in results),

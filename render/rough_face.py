@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.floating[Any]]
 """float32 for photons, float64 for geometry."""
+SMOOTHEST = 0.01
+"""Beckmann roughness that stands for a smooth face where light is joined over it."""
 
 
 class Meeting(NamedTuple):

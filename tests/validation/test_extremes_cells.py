@@ -83,25 +83,42 @@ def test_at_its_ends_a_value_gives_finite_cells_with_error_bars(
     T, se = estimate.T[seen], estimate.se[seen]
     print(
         f"{end}: {time.process_time() - began:.1f} s; median cell {np.median(T):.3g}, error "
-        f"{np.median(se / np.maximum(T, 1e-30)):.0%}, exactly 0: {(T == 0).mean():.0%}"
+        f"{np.median(se) / T.mean():.0%} of the mean, exactly 0: {(T == 0).mean():.0%}"
     )
     assert seen.all()
     assert np.isfinite(se).all()
     assert (T >= 0).all()
-    # An error bar of 0 is honest only where every replicate found nothing.
-    assert (se[T > 0] > 0).all()
+    assert (se > 0).all()
     assert np.isfinite(estimate.background).all()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="replicates that all found nothing have no spread: 4.8 % of these cells are 0 +- 0, and "
-    "all of them are lit at 1024 mutations",
-)
 def test_a_cell_that_no_path_has_lit_yet_does_not_claim_to_be_dark(tmp_path: Path) -> None:
-    estimate = render(edited(tmp_path, **{"pad.index": 1.0}), mutations=4)
-    assert (estimate.se > 0).all()
+    scene = edited(tmp_path, **{"pad.index": 1.0})
+    truth = render(scene, mutations=1024)
+    assert (truth.T > 0).all()
+    covered = []
+    for seed in range(3):
+        estimate = render(scene, mutations=4, seeds=(seed,))
+        assert (estimate.se > 0).all()
+        covered += list((2 * estimate.se >= truth.T)[estimate.T == 0])
+    print(f"{len(covered)} unlit cells of {3 * truth.T.size}: covered {np.mean(covered):.1%}")
+    assert len(covered) > 50
+    assert np.mean(covered) >= 0.95
+
+
+def test_a_smooth_pad_is_the_limit_of_rough_ones(tmp_path: Path) -> None:
+    levels = []
+    for roughness in (0.0, 0.03):
+        replicates = render(
+            edited(tmp_path, **{"pad.roughness": roughness}), mutations=400, replicates=16
+        ).replicates
+        level = replicates.mean(axis=(1, 2, 3, 4, 5))
+        levels.append((level.mean(), stats.sem(level)))
+        print(f"roughness {roughness}: {levels[-1][0]:.3e} +- {levels[-1][1]:.1e}")
+    (smooth, smooth_bar), (rough, rough_bar) = levels
+    assert np.hypot(smooth_bar, rough_bar) < 0.1 * rough
+    # Their light differs by a few percent in truth.
+    assert abs(smooth - rough) < 3 * np.hypot(smooth_bar, rough_bar) + 0.05 * rough
 
 
 @pytest.mark.parametrize("bend", [0.0, 180.0])
