@@ -1,11 +1,14 @@
-"""Standard errors of transport cells, also of cells that no path has lit yet.
+"""Standard errors of transport cells from replicates, also of cells that no path has lit yet.
 
-Replicates that all found nothing have no spread, but 0 +- 0 is not what they say. What a run adds
-up are rare contributions, a compound Poisson process: variance over mean of a sum is the size of
-one contribution (weighted by size), however many there were. Where paths found nothing, fewer than
-three contributions are to be expected (the rule of three: e^-3 is 5 %), each taken to be as large
-as in cells that are lit by the same fiber from the same direction at other sites. Facets of the
-same site would be closer, but share their light subpaths, and so their bad luck.
+What a run adds up are rare contributions, a compound Poisson process: the variance of a mean over
+the mean is the size of one contribution (weighted by size), however many there were. That size is
+nearly the same for the facets of one site, which share their light subpaths, and is taken from all
+of them. A cell's own spread would be an error bar that is short where the cell came out dark:
+intervals from 8 replicates missed too much light that was still to be found.
+
+Replicates that all found nothing say that fewer than three contributions are to be expected (the
+rule of three: e^-3 is 5 %), each taken to be as large as in cells that are lit by the same fiber
+from the same direction at other sites: those of the same site share its bad luck.
 """
 
 from __future__ import annotations
@@ -14,10 +17,11 @@ import numpy as np
 
 from render.bending import Array
 
+FACETS = (4,)
+# Axes of the cells whose contributions an unlit one borrows: more where those are unlit too.
+PEERS = ((3, 4), (1, 3, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4))
 UNLIT = 1.5
 """Contributions in the standard error of an unlit cell: two standard errors are three of them."""
-# Axes of the cells whose contributions are looked at: more of them where those are all unlit.
-PEERS = ((3, 4), (1, 3, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4))
 
 
 def standard_error(replicates: Array) -> Array:
@@ -28,14 +32,20 @@ def standard_error(replicates: Array) -> Array:
             at least 0; NaN where the camera sees nothing, as is the result then.
     """
     mean = replicates.mean(axis=0)
-    error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
-    squared, unlit = error**2, mean == 0
+    variance = replicates.var(axis=0, ddof=1) / len(replicates)
+    error = np.sqrt(mean * _contribution(mean, variance, FACETS))
+    unlit = mean == 0
     for axes in PEERS:
         if not unlit.any():
             break
-        peers = tuple(axis for axis in axes if axis < mean.ndim)
-        variance, light = (np.nansum(a, axis=peers, keepdims=True) for a in (squared, mean))
-        size = np.divide(variance, light, out=np.zeros_like(light), where=light > 0)
+        size = _contribution(mean, variance, axes)
         error = np.where(unlit, UNLIT * size, error)
         unlit = unlit & (size == 0)
     return np.asarray(error)
+
+
+def _contribution(mean: Array, variance: Array, axes: tuple[int, ...]) -> Array:
+    """Return the size of one contribution over ``axes`` of the cells; 0 where all are unlit."""
+    present = tuple(axis for axis in axes if axis < mean.ndim)
+    light, spread = (np.nansum(a, axis=present, keepdims=True) for a in (mean, variance))
+    return np.asarray(np.divide(spread, light, out=np.zeros_like(light), where=light > 0))

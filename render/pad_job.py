@@ -263,7 +263,7 @@ def flattening_weights(pilot: Array, scene: Scene) -> Array:
 
 def _no_light() -> RenderError:
     return RenderError(
-        "no light reaches any facet: check that fibers point at the pad and that the diffuser "
-        "lets light through",
+        "no light from any facet: check that fibers point at the pad, that the diffuser lets light "
+        "through and that coating.albedo is above 0",
         field="fibers",
     )

@@ -17,11 +17,35 @@ def rare(seed: int, expected: np.ndarray, size: float, replicates: int = 8) -> n
     return replicates * size * rng.gamma(np.maximum(found, 1e-9), 1.0) * (found > 0)
 
 
-def test_a_lit_cells_error_is_the_spread_of_its_replicates() -> None:
-    replicates = rare(1, np.full(SHAPE, 3.0), 0.1)
+def test_without_facets_a_lit_cells_error_is_the_spread_of_its_replicates() -> None:
+    replicates = rare(1, np.full(SHAPE[:4], 3.0), 0.1)
     lit = replicates.mean(axis=0) > 0
     plain = replicates.std(axis=0, ddof=1) / np.sqrt(8)
-    np.testing.assert_array_equal(standard_error(replicates)[lit], plain[lit])
+    np.testing.assert_allclose(standard_error(replicates)[lit], plain[lit], rtol=1e-12)
+
+
+def test_facets_of_a_site_share_their_variance_by_brightness() -> None:
+    replicates = rare(1, np.full(SHAPE, 9.0), 0.1)
+    error, mean = standard_error(replicates), replicates.mean(axis=0)
+    variance = replicates.var(axis=0, ddof=1) / 8
+    np.testing.assert_allclose((error**2).sum(axis=-1), variance.sum(axis=-1), rtol=1e-12)
+    size = error**2 / mean
+    np.testing.assert_allclose(size, np.broadcast_to(size[..., :1], SHAPE), rtol=1e-12)
+
+
+def test_intervals_of_few_rare_contributions_cover_where_own_spreads_do_not() -> None:
+    expected = np.random.default_rng(7).uniform(3.0, 12.0, SHAPE)
+    shares = []
+    for own in (False, True):
+        covered = []
+        for seed in range(6):
+            replicates = rare(seed, expected, 0.1)
+            spread = replicates.std(axis=0, ddof=1) / np.sqrt(8)
+            reach = 2.365 * (spread if own else standard_error(replicates))
+            covered.append(np.abs(replicates.mean(axis=0) - 0.1 * expected) <= reach)
+        shares.append(np.mean(covered))
+    assert 0.90 < shares[0] < 0.99
+    assert shares[1] < 0.88
 
 
 def test_two_standard_errors_of_an_unlit_cell_reach_the_rule_of_three() -> None:

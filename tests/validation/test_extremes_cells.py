@@ -63,7 +63,6 @@ ENDS: list[dict[str, Any]] = [
     {"pad.index": 1.0}, {"pad.index": 1.7}, {"fibers.sigma_v": 0.1}, {"fibers.sigma_v": 89.0},
     {"diffuser.sigma_s": 50.0, "diffuser.sigma_a": 0.0, "diffuser.g": 0.0, "pad.index": 1.7},
     {"diffuser.sigma_s": 0.0, "fibers.sigma_v": 0.1, "pad.roughness": 0.0},
-    {"coating.albedo": 0.0},
 ]  # fmt: skip
 FAST = [3, 11, 13]
 
@@ -159,6 +158,11 @@ def test_a_camera_that_sees_no_site_is_told_what_to_change(tmp_path: Path) -> No
     assert caught.value.field == "camera"
 
 
+def test_a_black_coating_is_named_as_a_reason_for_darkness(tmp_path: Path) -> None:
+    with pytest.raises(RenderError, match=r"coating\.albedo"):
+        render(edited(tmp_path, **{"coating.albedo": 0.0}))
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [
@@ -187,7 +191,7 @@ def test_the_bound_on_events_costs_a_known_share_of_the_light_at_the_thickest_la
         for module in (light_picks, cell_paths, chains):
             monkeypatch.setattr(module, "LIGHT_EVENTS", 2 * bound)
         began = time.process_time()
-        replicates = render(scene, mutations=400, replicates=32).background_replicates
+        replicates = render(scene, mutations=1600, replicates=32).background_replicates
         level = replicates.mean(axis=(1, 2, 3, 4))
         levels.append(level.mean())
         bars.append(stats.sem(level) / level.mean())
@@ -196,5 +200,5 @@ def test_the_bound_on_events_costs_a_known_share_of_the_light_at_the_thickest_la
             f"+- {bars[-1]:.1%}, {time.process_time() - began:.1f} s"
         )
     ratio = levels[0] / levels[1]
-    # With 2048 events it was 0.87 +- 0.06.
+    # With 2048 events it was 0.80 +- 0.02.
     assert abs(ratio - 1.0) < 3 * np.hypot(*bars)
