@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from render.error_bars import standard_error
+from render.error_bars import shared_weight, standard_error
 
 SHAPE = (3, 4, 2, 5, 10)  # fiber, phi node, bend, site, facet
 
@@ -17,35 +17,52 @@ def rare(seed: int, expected: np.ndarray, size: float, replicates: int = 8) -> n
     return replicates * size * rng.gamma(np.maximum(found, 1e-9), 1.0) * (found > 0)
 
 
-def test_without_facets_a_lit_cells_error_is_the_spread_of_its_replicates() -> None:
+def plain(replicates: np.ndarray) -> np.ndarray:
+    return np.asarray(replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates)))
+
+
+def test_on_the_untouched_pad_a_lit_cells_error_is_the_spread_of_its_replicates() -> None:
     replicates = rare(1, np.full(SHAPE[:4], 3.0), 0.1)
     lit = replicates.mean(axis=0) > 0
-    plain = replicates.std(axis=0, ddof=1) / np.sqrt(8)
-    np.testing.assert_allclose(standard_error(replicates)[lit], plain[lit], rtol=1e-12)
+    np.testing.assert_allclose(standard_error(replicates)[lit], plain(replicates)[lit], rtol=1e-12)
 
 
-def test_facets_of_a_site_share_their_variance_by_brightness() -> None:
+def test_facets_of_equal_contributions_share_nearly_all_of_their_variance() -> None:
     replicates = rare(1, np.full(SHAPE, 9.0), 0.1)
-    error, mean = standard_error(replicates), replicates.mean(axis=0)
-    variance = replicates.var(axis=0, ddof=1) / 8
-    np.testing.assert_allclose((error**2).sum(axis=-1), variance.sum(axis=-1), rtol=1e-12)
-    size = error**2 / mean
-    np.testing.assert_allclose(size, np.broadcast_to(size[..., :1], SHAPE), rtol=1e-12)
+    assert shared_weight(replicates) > 0.9
+    # Nine contributions of 0.1 whose mean square is twice their squared mean.
+    truth = 0.1 * np.sqrt(2 * 9)
+    spread = [
+        np.std(np.log(error / truth)) for error in (standard_error(replicates), plain(replicates))
+    ]
+    assert spread[0] < 0.7 * spread[1]
+
+
+def test_facets_whose_contributions_differ_widely_keep_their_own_variance() -> None:
+    size = 10.0 ** np.random.default_rng(9).uniform(-4, 0, SHAPE[-1])
+    replicates = size * rare(1, np.full(SHAPE, 9.0), 0.1)
+    assert shared_weight(replicates) < 0.1
+    typical = np.median(standard_error(replicates), axis=(0, 1, 2, 3))
+    np.testing.assert_allclose(typical, size * 0.1 * np.sqrt(2 * 9), rtol=0.25)
 
 
 def test_intervals_of_few_rare_contributions_cover_where_own_spreads_do_not() -> None:
     expected = np.random.default_rng(7).uniform(3.0, 12.0, SHAPE)
     shares = []
-    for own in (False, True):
+    for error_of in (standard_error, plain):
         covered = []
         for seed in range(6):
             replicates = rare(seed, expected, 0.1)
-            spread = replicates.std(axis=0, ddof=1) / np.sqrt(8)
-            reach = 2.365 * (spread if own else standard_error(replicates))
-            covered.append(np.abs(replicates.mean(axis=0) - 0.1 * expected) <= reach)
+            off = np.abs(replicates.mean(axis=0) - 0.1 * expected)
+            covered.append(off <= 2.365 * error_of(replicates))
         shares.append(np.mean(covered))
     assert 0.90 < shares[0] < 0.99
     assert shares[1] < 0.88
+
+
+def test_fewer_than_four_replicates_cannot_tell_and_keep_their_own_spread() -> None:
+    replicates = rare(8, np.full(SHAPE, 30.0), 0.1, replicates=3)
+    np.testing.assert_allclose(standard_error(replicates), plain(replicates), rtol=1e-12)
 
 
 def test_two_standard_errors_of_an_unlit_cell_reach_the_rule_of_three() -> None:
