@@ -89,7 +89,9 @@ def test_intervals_of_pixels_cover_a_longer_run(
     assert 0.90 <= found <= 0.99
 
 
-@pytest.mark.parametrize(("mutations", "count"), [(100 if LONG else 50, 48), (800, 48 if LONG else 12)])
+@pytest.mark.parametrize(
+    ("mutations", "count"), [(100 if LONG else 50, 48), (800, 48 if LONG else 12)]
+)
 def test_intervals_of_transport_cells_cover_a_longer_run(
     tmp_path: Path, mutations: int, count: int
 ) -> None:
