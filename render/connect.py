@@ -19,6 +19,7 @@ from render.vertex import (
     extinction,
     is_null,
     leave,
+    passing,
     scatter,
 )
 
@@ -99,25 +100,42 @@ def join(
     aim: Aim | None = None,
     extra: Any = 0.0,
     bridged: Any = 0.0,
+    passed: float = 1.0,
 ) -> Any:
     """Return the MIS-weighted contribution of joining light vertex ``y`` to camera vertex ``z``.
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
     ``extra`` is the density ratio of a further strategy to this one; ``bridged`` that of a
-    further strategy to the camera subpath that ends before ``z``.
+    further strategy to the camera subpath that ends before ``z``. Camera subpaths go on at volume
+    vertices with probability ``passed``.
     """
+    active = active & (y.weight > 0) & (z.weight > 0)
+    depth, clear = optical_depth(scene, y, z, active)
+    joined = joined_through(y, z, dr.exp(-depth), active & clear, aim, extra, bridged, passed)
+    return joined * y.weight * z.weight
+
+
+def joined_through(
+    y: Vertex,
+    z: Vertex,
+    transmittance: Any,
+    active: Any,
+    aim: Aim | None = None,
+    extra: Any = 0.0,
+    bridged: Any = 0.0,
+    passed: float = 1.0,
+) -> Any:
+    """Return what ``join`` does for a known transmittance between the vertices."""
     span = z.p - y.p
     distance_squared = dr.squared_norm(span)
     w = span * dr.rsqrt(distance_squared)
-    active = active & (y.weight > 0) & (z.weight > 0) & (distance_squared > 0)
+    active = active & (distance_squared > 0)
     f_y, p_y, r_y = scatter(y, w, mi.TransportMode.Importance, active)
     f_z, p_z, r_z = scatter(z, -w, mi.TransportMode.Radiance, active)
     if aim is not None:
         p_z = dr.select(aim.guided(z), aim.mixed(z, -w, p_z), p_z)
+    p_z, r_y = p_z * passing(z, passed), r_y * passing(y, passed)
     value = y.beta * f_y * f_z * z.beta / distance_squared
-    active = active & (dr.max(value) > 0)
-    depth, clear = optical_depth(scene, y, z, active)
-    transmittance = dr.exp(-depth)
     _, sigma_y = extinction(y.medium, active & y.volume)
     _, sigma_z = extinction(z.medium, active & z.volume)
     mean_t = dr.mean(transmittance)
@@ -130,4 +148,4 @@ def join(
     camera_ratio = light_density * (z.vcm + z.vc * r_z)
     further = extra + light_density * z.vcm * bridged
     mis = 1.0 / (1.0 + light_ratio + camera_ratio + further)
-    return dr.select(clear & active, value * transmittance * mis * y.weight * z.weight, 0.0)
+    return dr.select(active, value * transmittance * mis, 0.0)

@@ -23,8 +23,8 @@ import numpy as np
 
 from render.aim_lobe import AimLobe
 from render.connect import cast, optical_depth
-from render.mirrors import CLOSE, Mirror, mirrors
-from render.vertex import RATIO_MAX, Vertex, area_factor, extinction, scatter
+from render.mirrors import BINS, CLOSE, Mirror, mirrors
+from render.vertex import PASSED, RATIO_MAX, Vertex, area_factor, extinction, passing, scatter
 
 # A mirror whose faces the straight reflection misses by this share of its way is half as likely.
 MISS = 0.1
@@ -44,7 +44,9 @@ class Mirrors:
         ]
         self.columns = [mi.Float(column.astype(np.float32)) for column in np.array(rows).T]
         self.close = mi.Float(CLOSE * size)
-        dr.make_opaque(self.columns, self.close)
+        table = np.concatenate([m.reflectance.ravel() for m in found])
+        self.reflectance = mi.Float(table.astype(np.float32))
+        dr.make_opaque(self.columns, self.close, self.reflectance)
 
     @staticmethod
     def of(scene: Any) -> Mirrors | None:
@@ -72,7 +74,11 @@ class Mirrors:
         # A vertex in the mirror's own plane has no reflection there.
         apart = dr.minimum(dr.abs(height_a), dr.abs(height_y)) > self.close
         fits = apart & (height_a * height_y > 0)
-        return dr.select(fits, 1.0 / (squared * (1.0 + missed)), 0.0)
+        cosine = (dr.abs(height_a) + dr.abs(height_y)) * dr.rsqrt(squared)
+        step = dr.minimum(mi.UInt32(cosine * BINS), BINS - 1)
+        row = 2 * k + dr.select(height_a > 0, mi.UInt32(1), 0)
+        reflected = dr.gather(mi.Float, self.reflectance, row * BINS + step)
+        return dr.select(fits, reflected / (squared * (1.0 + missed)), 0.0)
 
     def _likings(self, a: Any, y: Any) -> tuple[list[Any], Any]:
         each = [self._liking(mi.UInt32(k), a, y) for k in range(self.count)]
@@ -85,8 +91,8 @@ class Mirrors:
         image = y - 2.0 * height_y * normal
         return AimLobe.towards(a, image, normal, dr.abs(height_a), dr.abs(height_y), slope)
 
-    def likeliest(self, y: Any, a: Any) -> tuple[Any, Any]:
-        """Return the image of ``a`` in the mirror that suits it and ``y`` best, and its liking."""
+    def likeliest(self, y: Any, a: Any) -> tuple[Any, Any, Any]:
+        """Return the mirror that suits ``y`` and ``a`` best: normal, image of ``a``, liking."""
         each, _ = self._likings(a, y)
         k: Any = mi.UInt32(0)
         best = each[0]
@@ -94,7 +100,7 @@ class Mirrors:
             k = dr.select(each[i] > best, mi.UInt32(i), k)
             best = dr.maximum(each[i], best)
         normal = mi.Vector3f(*self._numbers(k, 0, 3))
-        return a - 2.0 * self._height(k, a) * normal, best
+        return normal, a - 2.0 * self._height(k, a) * normal, best
 
     def plane(self, p: Any, normal: Any) -> Any:
         """Return the number of the mirror that a surface point lies in; ``count`` for none."""
@@ -241,6 +247,7 @@ def bridge(
     k, direction, density = mirrors.sample(a.p, y.p, pick, u, v)
     active = active & (density > 0)
     f_a, p_a, r_a = scatter(a, direction, mi.TransportMode.Radiance, active)
+    p_a *= passing(a, PASSED)
     active = active & (dr.max(f_a) > 0)
     b, depth_ab, hit = cast(scene, a, direction, active)
     active = hit & ~b.diffuse & ~b.delta & (mirrors.plane(b.p, b.n) == k)
@@ -248,6 +255,7 @@ def bridge(
     squared = dr.squared_norm(span)
     w = span * dr.rsqrt(squared)
     f_y, p_y, r_y = scatter(y, w, mi.TransportMode.Importance, active)
+    r_y *= passing(y, PASSED)
     f_b, p_b, r_b = scatter(b, -w, mi.TransportMode.Radiance, active)
     value = y.beta * f_y * f_b * f_a * a.beta / (squared * density)
     active = active & (dr.max(value) > 0) & (squared > 0)

@@ -13,7 +13,7 @@ from render.film_bridge import Mirrors, Trail, counted, is_smooth
 from render.film_paths import EVENTS, SPARE, Limits, survive
 from render.primary import Stream
 from render.segments import advance, bounce, start
-from render.vertex import Vertex, choose, empty_vertex
+from render.vertex import PASSED, Vertex, choose, empty_vertex, passing
 
 # How much less often bridges start from a smooth vertex behind another one.
 LATER = 0.25
@@ -54,13 +54,14 @@ class Kept:
 class CameraPart:
     """What a camera subpath found by itself, and the vertices that it keeps for joins.
 
-    ``main`` is the first smooth vertex, ``other`` one of all the rest, ``anchor`` the smooth vertex
-    that bridges start from.
+    ``main`` is the first smooth vertex, ``later`` one of the other smooth ones, ``glossy`` one of
+    the glossy ones, ``anchor`` the smooth vertex that bridges start from.
     """
 
     radiance: Any
     main: Kept
-    other: Kept
+    later: Kept
+    glossy: Kept
     anchor: Kept
 
 
@@ -70,9 +71,10 @@ def camera_part(
     stream: Stream, limits: Limits, mirrors: Mirrors | None,
 ) -> CameraPart:  # fmt: skip
     """Trace camera subpaths along ``ray``, which was drawn with ``density`` per solid angle."""
-    main, other, anchor = Kept.empty(), Kept.empty(), Kept.empty()
+    main, later, glossy, anchor = (Kept.empty() for _ in range(4))
     trail = Trail.empty()
-    others, starts, of_anchor = mi.Float(0.0), mi.Float(0.0), mi.Float(1.0)
+    laters, glossies = mi.Float(0.0), mi.Float(0.0)
+    starts, of_anchor = mi.Float(0.0), mi.Float(1.0)
     radiance = mi.Spectrum(0.0)
     most, roulette = limits.edges(), limits.roulette()
     free = stream.event(mi.UInt32(1))[0]
@@ -93,14 +95,15 @@ def camera_part(
         spare = stream.event(event + SPARE)
         allowed = smooth & (edges < most)
         radiance += emission.direct(scene, v, spare[0], mi.Point2f(spare[1], spare[2]), allowed)
-        # Reservoirs of size 1: one of the other vertices, and one where bridges start.
+        # Reservoirs of size 1: one later smooth vertex, a glossy one, one where bridges start.
         wide = smooth & is_smooth(v)
         begins = wide & (main.vertex.weight == 0)
         main = main.replaced(begins, v, edges, trail, closed)
-        rest = smooth & ~begins
-        others += dr.select(rest, 1.0, 0.0)
-        taken = rest & (spare[3] * others < 1.0)
-        other = other.replaced(taken, v, edges, trail, closed)
+        follows, shines = wide & ~begins, smooth & ~wide
+        laters += dr.select(follows, 1.0, 0.0)
+        glossies += dr.select(shines, 1.0, 0.0)
+        later = later.replaced(follows & (spare[3] * laters < 1.0), v, edges, trail, closed)
+        glossy = glossy.replaced(shines & (spare[3] * glossies < 1.0), v, edges, trail, closed)
         roulette_numbers = stream.event(event + 2 * SPARE)
         likely = dr.select(begins, 1.0, LATER)
         starts += dr.select(wide, likely, 0.0)
@@ -113,11 +116,16 @@ def camera_part(
         # Only a smooth face leaves no light subpath that could have been joined here.
         closed &= head.vcm > 0
         weight = survive(head.beta, edges, roulette, roulette_numbers[0])
+        # Volumes absorb some: unlike that of the roulette, this probability is known to MIS.
+        stays = (roulette_numbers[2] < PASSED) | ~v.volume
+        weight = dr.select(stays, weight / passing(v, PASSED), 0.0)
         head.beta = dr.select(alive, head.beta * weight, head.beta)
+        head.vcm = dr.select(alive, head.vcm / passing(v, PASSED), head.vcm)
+        head.vc = dr.select(alive, head.vc / passing(v, PASSED), head.vc)
         alive = alive & (weight > 0)
         active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    other.vertex.weight = others
+    later.vertex.weight, glossy.vertex.weight = laters, glossies
     anchor.vertex.weight = starts / of_anchor
-    return CameraPart(radiance, main, other, anchor)
+    return CameraPart(radiance, main, later, glossy, anchor)

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from render.bending import Array
 from render.chains import Deposit
 from render.emission import Emission
 from render.errors import RenderError
 from render.film_bridge import Mirrors
 from render.film_camera import camera_part
-from render.film_light import light_part
+from render.film_ensemble import Ensemble
+from render.film_joins import joins
+from render.film_light import light_part, project, seen_from
 from render.film_paths import Limits
 
 CAMERA_STORED = 16
 LIGHT_STORED = 24
+# Vertices that every light subpath keeps for joins, where others help out and where none do.
+TOGETHER, ALONE = 2, 6
 
 
 class FilmProblem:
@@ -38,6 +44,7 @@ class FilmProblem:
             )
         _refuse_heterogeneous(scene, sensor)
         self.scene, self.sensor, self.limits = scene, sensor, limits
+        self.ensemble: Ensemble | None = None
         self.emission = Emission(scene)
         self.mirrors = Mirrors.of(scene)
         self.width, self.height = (int(n) for n in sensor.film().crop_size())
@@ -47,12 +54,16 @@ class FilmProblem:
 
     def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
         """Return two deposits per lane: at the chosen pixel, and where light met the film."""
-        x, y, _, _ = camera.event(mi.UInt32(0))
-        position: Any = mi.Point2f(x, y)
+        numbers = camera.event(mi.UInt32(0))
+        lanes = dr.width(numbers[0])
+        position: Any = mi.Point2f(numbers[0], numbers[1])
+        weight = mi.Float(1.0)
+        if self.ensemble is not None:
+            position, weight = self.ensemble.placed(numbers, self.height)
         ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, mi.Point2f(0.5))
         # Mitsuba's rays begin at the near plane; densities count from the pinhole.
         ray.o = mi.Point3f(self.sensor.world_transform().translation())
-        ray.o += dr.zeros(mi.Point3f, dr.width(x))
+        ray.o += dr.zeros(mi.Point3f, lanes)
         ahead = dr.zeros(mi.Interaction3f)
         ahead.p = ray.o + ray.d
         # At unit distance the importance is the density of the ray per solid angle.
@@ -60,16 +71,32 @@ class FilmProblem:
         medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
         part = camera_part(
             self.scene, self.emission, ray, medium, dr.mean(importance),
-            beta + dr.zeros(mi.Spectrum, dr.width(x)), camera, self.limits, self.mirrors,
+            beta + dr.zeros(mi.Spectrum, lanes), camera, self.limits, self.mirrors,
         )  # fmt: skip
-        joined, splat, where = light_part(
-            self.scene, self.sensor, self.emission, part, light, self.limits, self.mirrors
-        )
+        found = light_part(
+            self.scene, self.sensor, self.emission, light, self.limits, self.mirrors,
+            ALONE if self.ensemble is None else TOGETHER,
+        )  # fmt: skip
+        # From memory, each camera subpath can look at light subpaths of other lanes.
+        dr.eval(part, found, position, weight)
+        ensemble = self.ensemble or Ensemble(lanes, lanes, 1)
+        joined = joins(self.scene, part, found, ensemble, light, self.limits, self.mirrors)
+        v, share = seen_from(found.shown.vertex, mi.Bool(False)), found.shown_share
+        where, splat = project(self.scene, self.sensor, v, share > 0)
+        splat *= share
         # A film position has density 1, a pixel the share 1 / bins.
-        here = [value * self.bins for value in part.radiance + joined]
-        there = [value * self.bins for value in splat]
+        here = [value * weight * self.bins for value in part.radiance + joined]
+        there = [value * weight * self.bins for value in splat]
         size: Any = mi.Vector2f(self.width, self.height)
         return [Deposit(self._pixel(position * size), here), Deposit(self._pixel(where), there)]
+
+    def together(
+        self, lanes: int, groups: int, paths: int, density: Array | None = None
+    ) -> FilmProblem:
+        """Return this problem for plain Monte Carlo, with lanes as in ``Ensemble``."""
+        other = copy(self)
+        other.ensemble = Ensemble(lanes, groups, paths, density)
+        return other
 
     def _pixel(self, position: Any) -> Any:
         """Return the pixel of film positions in pixels."""

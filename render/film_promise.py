@@ -1,29 +1,28 @@
-"""Which vertex of a light subpath is joined to a camera subpath of the film sampler.
+"""What a light vertex would send to a camera vertex: by which one of many is drawn for a join.
 
-A light subpath scatters many times and every join costs several ray casts, so one vertex per
-subpath is drawn in proportion to a *promise* and stands for all: resampled importance sampling
-(Talbot et al. 2005) with a reservoir, as in ``render.resampling``, for scenes of which nothing is
-known. The promise is what the vertex scatters towards one camera vertex, through the medium up to
-the first surface on the way there: one ray cast. It is positive wherever a join can be, so its
-errors cost time, not truth.
+A *promise* is the contribution of a join as if only the medium up to the first surface were in the
+way: one ray cast, where a join follows the light through null boundaries and a bridge casts two
+rays. It is positive wherever the contribution can be, so its errors cost time, not truth:
+resampled importance sampling (Talbot et al. 2005), as in ``render.resampling``, for scenes of which
+nothing is known.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from render.connect import joined_through
 from render.film_bridge import Mirrors
-from render.vertex import RATIO_MAX, Vertex, area_factor, extinction, leave, value
+from render.vertex import PASSED, Vertex, extinction, leave, value
 
 # Optical depths are cut here: the promise is never 0.
 DEPTH_MAX = 4.0
-# Added to the cosine at the camera vertex: other vertices face elsewhere.
-TILT = 0.3
-# Least that a vertex is taken to scatter, per solid angle and relative to what arrives there.
-GLIMPSE = 0.08
+# Added to what either end of a bridge scatters: its direction varies about the mirror image's.
+FAINT = 0.02
 
 
 def through(scene: Any, y: Vertex, a: Vertex, active: Any) -> Any:
@@ -39,39 +38,31 @@ def through(scene: Any, y: Vertex, a: Vertex, active: Any) -> Any:
     return dr.exp(-dr.minimum(dr.select(inside, depth, 0.0), DEPTH_MAX))
 
 
-def promise(y: Vertex, z: Vertex, active: Any) -> Any:
-    """Return what ``y`` sends to camera vertex ``z`` in a vacuum; never 0 where active."""
-    span = z.p - y.p
-    distance = dr.norm(span)
-    w = span / dr.maximum(distance, 1e-20)
+def promise(scene: Any, y: Vertex, z: Vertex, active: Any) -> Any:
+    """Return the MIS-weighted light that camera vertex ``z`` gets from ``y``, not hidden."""
     active = active & (z.weight > 0)
-    scattered = value(y, w, mi.TransportMode.Importance, active)
-    light = dr.mean(y.beta * scattered) + GLIMPSE * dr.mean(y.beta)
-    facing = dr.select(z.volume, 1.0, dr.abs(dr.dot(z.n, w)) + TILT)
-    # Poles and peaks of the join are where one subpath finds the other's vertex by itself: there
-    # MIS takes them away.
-    by_light = dr.mean(scattered) * _per_length(z, w) * z.vcm
-    by_camera = facing * _per_length(y, w) * y.vcm
-    near = dr.maximum(_apart(dr.square(distance), z), dr.square(distance) + by_light + by_camera)
-    return dr.select(active, light * facing / dr.minimum(near, RATIO_MAX), 0.0)
+    clear = through(scene, y, z, active)
+    return dr.mean(joined_through(y, z, mi.Spectrum(clear), active, passed=PASSED)) * z.weight
 
 
-def _per_length(v: Vertex, direction: Any) -> Any:
-    """Return the cosine at ``v``, or the extinction (1/mm) in a volume."""
-    sigma = dr.mean(extinction(v.medium, v.volume)[1])
-    return dr.select(v.volume, sigma, area_factor(v, direction))
+def mirrored(scene: Any, mirrors: Mirrors, y: Vertex, a: Vertex, active: Any) -> Any:
+    """Return the light that ``a`` gets from ``y`` over the likeliest mirror.
 
-
-def mirrored(mirrors: Mirrors, y: Vertex, a: Vertex, active: Any) -> Any:
-    """Return the light that ``y`` sends to ``a`` over the likeliest mirror, as ``promise`` does."""
+    By a perfect mirror of the same reflectance, through the medium at ``y``.
+    """
     active = active & (a.weight > 0)
-    image, liking = mirrors.likeliest(y.p, a.p)
+    normal, image, liking = mirrors.likeliest(y.p, a.p)
+    active = active & (liking > 0)
     w = image - y.p
     squared = dr.squared_norm(w)
     w *= dr.rsqrt(dr.maximum(squared, 1e-20))
-    light = dr.mean(y.beta * value(y, w, mi.TransportMode.Importance, active))
-    light += GLIMPSE * dr.mean(y.beta)
-    return dr.select(active & (liking > 0), light / _apart(squared, a), 0.0)
+    back = 2.0 * dr.dot(w, normal) * normal - w
+    sent = value(y, w, mi.TransportMode.Importance, active) + FAINT
+    received = value(a, back, mi.TransportMode.Radiance, active) + FAINT
+    light = dr.mean(y.beta * sent * received) * liking * squared / _apart(squared, a)
+    end = replace(a)
+    end.p = image
+    return dr.select(active, light * through(scene, y, end, active), 0.0)
 
 
 def _apart(squared: Any, z: Vertex) -> Any:

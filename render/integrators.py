@@ -32,11 +32,17 @@ from render.bending import Array
 from render.errors import RenderError
 from render.film_paths import Limits
 from render.film_problem import FilmProblem
+from render.film_scale import FilmScale
 from render.metropolis import Chains, Settings
 from render.monte_carlo import plain_replicates
 
 CHUNK = 8
-LANES = 1 << 16
+# Lanes of one pass; every pass is traced anew.
+LANES = 1 << 18
+# What a sample of ``FilmScale`` is worth in plain ones, or less: 10 to 20 on the slab.
+GAIN = 8.0
+# Light subpaths that each camera subpath of plain Monte Carlo is joined to.
+SHARED = 8
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
 # Samples under the kernel that smooths the pilot, and the least level relative to the mean.
 ENOUGH, DARK = 256.0, 0.02
@@ -134,9 +140,12 @@ class PSSMLT(Bidirectional):
                 field="emitter",
             )
         chains = Chains(problem, settings)
+        scale = FilmScale(problem, self.luminance_samples, self.chains, self.replicates, seed)
         weights = np.array([1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722])
-        pilot = (chains.pilot() @ weights).reshape(problem.height, problem.width)
-        chains.bootstrap(weights / _level(pilot, self.luminance_samples / 2).reshape(-1, 1))
+        pilot = (scale.pilot() @ weights).reshape(problem.height, problem.width)
+        flat = weights / _level(pilot, scale.for_pilot).reshape(-1, 1)
+        chains.bootstrap(flat, scale.starts)
+        chains.inform(scale.means(flat), GAIN * scale.for_scale / self.replicates)
         chains.mutate(CHUNK * max(1, round(spp * problem.bins / settings.chains / CHUNK)))
         return chains.estimate()
 
@@ -149,11 +158,14 @@ class BDPT(Bidirectional):
     """The same paths by plain Monte Carlo."""
 
     def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
-        """Average independent paths."""
-        passes = max(1, round(spp * problem.bins / LANES))
+        """Average paths; those of one replicate share their light subpaths."""
+        paths = spp * problem.bins
+        passes = -(-paths // LANES)
+        lanes = max(-(-paths // passes), self.replicates)
         return plain_replicates(
-            problem, lanes=LANES, passes=passes, replicates=self.replicates, seed=seed
-        )
+            problem.together(lanes, self.replicates, SHARED),
+            lanes=lanes, passes=passes, replicates=self.replicates, seed=seed,
+        )  # fmt: skip
 
     def to_string(self) -> str:
         """Describe the integrator."""

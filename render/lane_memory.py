@@ -32,7 +32,7 @@ class LaneMemory:
 
     def read(self, slot: Any, lane: Any) -> Any:
         """Return the records of ``lane`` in ``slot``."""
-        return _taken(self.records, self.index(slot, lane))
+        return taken(self.records, self.index(slot, lane))
 
 
 def _room(tree: Any, size: int) -> Any:
@@ -42,8 +42,9 @@ def _room(tree: Any, size: int) -> Any:
     return dr.empty(kind, size)
 
 
-def _taken(tree: Any, index: Any) -> Any:
+def taken(tree: Any, index: Any, active: Any = True) -> Any:
+    """Return the entries ``index`` of every array of a dataclass tree."""
     kind: Any = type(tree)
     if is_dataclass(tree):
-        return kind(**{name: _taken(value, index) for name, value in vars(tree).items()})
-    return dr.gather(kind, tree, index)
+        return kind(**{name: taken(value, index, active) for name, value in vars(tree).items()})
+    return dr.gather(kind, tree, index, active)

@@ -84,8 +84,10 @@ class Chains:
                 self._pay(total, deposit, np.ones(self.settings.chains))
         return np.asarray(total.sum(axis=0) / (self._batches() * self.settings.chains))
 
-    def bootstrap(self, weights: Array) -> None:
+    def bootstrap(self, weights: Array, samples: int | None = None) -> None:
         """Fix the target's weights ``(bin, channel)``, estimate ``b`` and start the chains.
+
+        From so many ``samples``; half of ``luminance_samples`` where they are not given.
 
         Raises:
             RenderError: when no bootstrap path carries light, or one is not finite.
@@ -93,12 +95,13 @@ class Chains:
         replicates = self.settings.replicates
         self.weights = np.asarray(weights, dtype=np.float64)
         target, seeds = [], []
-        for batch in range(self._batches()):
+        batches = self._batches() if samples is None else max(1, samples // self.settings.chains)
+        for batch in range(batches):
             deposits, seed = self._independent(2 * batch)
             target.append(np.array(self._target(deposits), dtype=np.float64))
             seeds.append(np.array(seed))
         values, starts = np.concatenate(target), np.concatenate(seeds)
-        group = np.tile(self.group, self._batches())
+        group = np.tile(self.group, batches)
         chosen = np.zeros(self.settings.chains, dtype=np.int64)
         rng = np.random.Generator(np.random.PCG64([self.settings.seed, 7]))
         for r in range(replicates):
@@ -120,6 +123,11 @@ class Chains:
             at = (np.arange(len(lanes)) + rng.random()) / len(lanes)
             chosen[lanes] = members[np.minimum(np.searchsorted(edges, at), len(f) - 1)]
         self._start_from(mi.UInt32(starts[chosen]))
+
+    def inform(self, means: Array, worth: float) -> None:
+        """Add estimates ``(replicate,)`` of the mean of F, each worth so many plain samples."""
+        self.plain[:, 0] += worth
+        self.plain[:, 1] += worth * means
 
     def scale(self) -> tuple[float, float]:
         """Return the mean of F, from all plain samples so far, and its standard error."""

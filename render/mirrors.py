@@ -21,15 +21,20 @@ MOST = 8
 SMALL = 0.02
 # Normals and offsets (relative to the size of all of them) closer than this belong to one plane.
 CLOSE = 1e-4
+BINS = 16
+"""Equal steps of the cosine in which the reflectance of a face is known."""
+# Least reflectance that is told, so that no side of a face is taken to be black.
+DIM = 0.01
 # Directions and random numbers with which the roughness of a face is measured.
 PROBES = 2048
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """A plane ``normal . p = offset``, the box around its faces (mm), and its roughness.
+    """A plane ``normal . p = offset``, the box around its faces (mm), and how it reflects.
 
     ``slope`` is the standard deviation of the microfacets' slopes per axis; ``area`` in mm^2.
+    ``reflectance`` ``(2, BINS)`` by cosine, behind the plane and on the side of its normal.
     """
 
     normal: Array
@@ -38,11 +43,12 @@ class Mirror:
     high: Array
     area: float
     slope: float
+    reflectance: Array
 
 
 def mirrors(scene: Any) -> list[Mirror]:
     """Return the flat glossy faces of a Mitsuba scene, the largest first."""
-    parts, slopes = [], []
+    parts, slopes, reflectances = [], [], []
     for shape in scene.shapes():
         if shape.bsdf() is None or not _is_glossy(shape.bsdf()):
             continue
@@ -50,9 +56,11 @@ def mirrors(scene: Any) -> list[Mirror]:
         if len(triangles):
             parts.append(triangles)
             slopes.append(np.full(len(triangles), measured_slope(shape.bsdf())))
+            table = measured_reflectance(shape.bsdf())
+            reflectances.append(np.repeat(table[None], len(triangles), axis=0))
     if not parts:
         return []
-    return _planes(np.concatenate(parts), np.concatenate(slopes))
+    return _planes(np.concatenate(parts), np.concatenate(slopes), np.concatenate(reflectances))
 
 
 def _is_glossy(bsdf: Any) -> bool:
@@ -78,16 +86,19 @@ def _triangles(shape: Any) -> Array:
     return np.zeros((0, 3, 3))
 
 
-def _planes(triangles: Array, slopes: Array) -> list[Mirror]:
+def _planes(triangles: Array, slopes: Array, reflectances: Array) -> list[Mirror]:
     size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     double = np.linalg.norm(cross, axis=1)
     solid = double > 0
     triangles, slopes, area = triangles[solid], slopes[solid], 0.5 * double[solid]
+    reflectances = reflectances[solid]
     normal = cross[solid] / double[solid, None]
     # Both sides of a face are the same mirror: the first component that is not 0 is positive.
     leading = np.argmax(np.abs(normal) > CLOSE, axis=1)
-    normal = normal * np.sign(np.take_along_axis(normal, leading[:, None], axis=1))
+    sign = np.sign(np.take_along_axis(normal, leading[:, None], axis=1))
+    normal = normal * sign
+    reflectances = np.where(sign[:, None] > 0, reflectances, reflectances[:, ::-1])
     offset = np.einsum("ij,ij->i", normal, triangles[:, 0])
     left = np.ones(len(area), dtype=bool)
     found: list[Mirror] = []
@@ -108,6 +119,7 @@ def _planes(triangles: Array, slopes: Array) -> list[Mirror]:
                 corners.max(axis=0),
                 float(area[same].sum()),
                 float(np.average(slopes[same], weights=area[same])),
+                np.average(reflectances[same], axis=0, weights=area[same]),
             )
         )
     found.sort(key=lambda mirror: -mirror.area)
@@ -119,19 +131,40 @@ def measured_slope(bsdf: Any) -> float:
 
     From the median of what it reflects at 45 degrees, either side; 0.1 where it reflects nothing.
     """
-    rng = np.random.default_rng(1)
-    numbers = rng.random((3, PROBES)).astype(np.float32)
-    side = np.where(np.arange(PROBES) % 2 == 0, 1.0, -1.0).astype(np.float32)
-    si = dr.zeros(mi.SurfaceInteraction3f, PROBES)
-    si.wi = mi.Vector3f(0.5**0.5, 0, mi.Float(side) * 0.5**0.5)
-    si.n, si.sh_frame = mi.Normal3f(0, 0, 1), mi.Frame3f(mi.Vector3f(0, 0, 1))
-    sample, weight = bsdf.sample(
-        mi.BSDFContext(), si, mi.Float(numbers[0]), mi.Point2f(numbers[1:]), True
-    )
-    half = np.array(dr.normalize(sample.wo + si.wi), dtype=np.float64)
-    alive = np.array(dr.max(weight) > 0) & (np.array(sample.wo.z) * side > 0)
+    side = np.where(np.arange(PROBES) % 2 == 0, 1.0, -1.0)
+    wi, wo, weight = _probed(bsdf, 0.5**0.5 * side)
+    half = wo + wi
+    half /= np.linalg.norm(half, axis=0)
+    alive = (weight > 0) & (wo[2] * side > 0)
     if alive.sum() < 16:
         return 0.1
     squared = (half[0, alive] ** 2 + half[1, alive] ** 2) / half[2, alive] ** 2
     # Gaussian slopes: the squared length is exponential with mean 2 slope^2.
     return float(np.clip(np.sqrt(np.median(squared) / (2 * np.log(2))), 1e-3, 1.0))
+
+
+def measured_reflectance(bsdf: Any) -> Array:
+    """Return what share of the light a face reflects, ``(2, BINS)``, from its own samples.
+
+    From behind and from the side of its normal, by the cosine; at least ``DIM``.
+    """
+    cosine = np.repeat((np.arange(BINS) + 0.5) / BINS, PROBES // BINS)
+    table = np.empty((2, BINS))
+    for side, sign in enumerate((-1.0, 1.0)):
+        _, wo, weight = _probed(bsdf, sign * cosine)
+        reflected = np.where(wo[2] * sign > 0, weight, 0.0)
+        table[side] = reflected.reshape(BINS, -1).mean(axis=1)
+    return np.clip(table, DIM, 1.0)
+
+
+def _probed(bsdf: Any, cosine: Array) -> tuple[Array, Array, Array]:
+    """Return incident and sampled directions ``(xyz, probe)`` and weights at these cosines."""
+    numbers = np.random.default_rng(1).random((3, PROBES)).astype(np.float32)
+    wi = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(PROBES), cosine])
+    si = dr.zeros(mi.SurfaceInteraction3f, PROBES)
+    si.wi = mi.Vector3f(wi.astype(np.float32))
+    si.n, si.sh_frame = mi.Normal3f(0, 0, 1), mi.Frame3f(mi.Vector3f(0, 0, 1))
+    sample, weight = bsdf.sample(
+        mi.BSDFContext(), si, mi.Float(numbers[0]), mi.Point2f(numbers[1:]), True
+    )
+    return wi, np.array(sample.wo, dtype=np.float64), np.array(dr.mean(weight), dtype=np.float64)

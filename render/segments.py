@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.vertex import (
+    PASSED,
     RATIO_MAX,
     OpenVertex,
     Vertex,
@@ -23,6 +24,7 @@ from render.vertex import (
     is_null,
     leave,
     medium_interaction,
+    passing,
     scatter,
     surface_interaction,
 )
@@ -203,7 +205,7 @@ def bounce(
     if isinstance(v, OpenVertex):
         # A camera subpath that goes on from here has been closed by a diffuse surface, and opened
         # by a smooth face.
-        onward = dr.select(v.diffuse, v.vc, v.vc_open)
+        onward = dr.select(v.diffuse, v.vc, v.vc_open) * passing(v, PASSED)
         opened = dr.select(delta, cosine * v.vc_open, cosine / pdf * (onward * back_pdf + v.vcm))
         opened = dr.minimum(dr.select(v.vcm + v.vc_open > 0, opened, 0.0), RATIO_MAX)
         after.vc = dr.select(delta, opened, after.vc)

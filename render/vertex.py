@@ -79,6 +79,15 @@ def empty_vertex() -> Vertex:
     )
 
 
+PASSED = 0.5
+"""How often camera subpaths that look into a volume go on at a vertex there (``passing``)."""
+
+
+def passing(v: Vertex, passed: Any) -> Any:
+    """Return ``passed`` in a volume, 1 on a surface."""
+    return dr.select(v.volume, passed, 1.0)
+
+
 _V = TypeVar("_V", bound="Vertex")
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -19,6 +20,7 @@ import pytest
 from render.chebyshev import chebyshev_nodes
 from render.pad_job import pad_problem
 from render.scene import Scene, load_scene
+from tests.validation.test_slab_reference import COATED, blocks, lamp, slab
 
 REPLICATES = 16
 CORES = 2
@@ -111,3 +113,32 @@ def test_the_training_table(
         print(f"\nthe training table at a median error of 3 %: {sum(minutes):.1f} minutes, "
               f"{sum(minutes) / 30:.2f} of the allowed 30")  # fmt: skip
     assert np.isfinite(minutes).all()
+
+
+def test_the_cost_of_blocks_of_a_slab(
+    mono: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``slab_disk_beckmann`` by ``bdpt``: squared relative error of 8x8 blocks times seconds.
+
+    Mitsuba 0.6's ``pssmlt`` costs 0.31 there.
+    """
+    from render.film_problem import FilmProblem
+
+    scene = slab(mono, tmp_path, lamp(mono))
+    integrator: Any = mono.load_dict({"type": "bdpt", "replicates": 2 * REPLICATES})
+    problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
+
+    def draw(seed: int) -> np.ndarray:
+        return blocks(integrator.replicate_images(problem, seed, 64).reshape(-1, 64, 96))
+
+    draw(1)
+    began = time.process_time()
+    replicates = draw(2)
+    seconds = (time.process_time() - began) / CORES
+    mean = replicates.mean(axis=0)
+    each = replicates.var(axis=0, ddof=1) / len(replicates) / mean**2 * seconds
+    with capsys.disabled():
+        print("\nblocks of the slab            median cost (s)   mean")
+        for name, part in {"all": each, "where the coating is seen": each[COATED]}.items():
+            print(f"{name:28} {np.median(part):17.4f} {part.mean():8.4f}")
+    assert np.isfinite(each).all()

@@ -122,21 +122,23 @@ def lit(mono: ModuleType, medium: dict[str, Any] | None) -> Any:
     [None, {"sigma_t": 1.0, "albedo": 0.9, "phase": {"type": "hg", "g": 0.5}}],
     ids=["clear", "fog"],
 )
-def test_pictures_with_bridges_equal_those_without(
+def test_pictures_with_bridges_and_shared_light_subpaths_equal_those_without(
     mono: ModuleType, medium: dict[str, Any] | None
 ) -> None:
     from render.film_paths import Limits
     from render.film_problem import FilmProblem
     from render.monte_carlo import plain_replicates
 
-    scene = lit(mono, medium)
+    scene, lanes = lit(mono, medium), 1 << 15
     runs = []
     for seed, bridged in enumerate((True, False)):
         problem = FilmProblem(scene, scene.sensors()[0], Limits(max_depth=12))
         assert problem.mirrors is not None
         problem.mirrors = problem.mirrors if bridged else None
+        # Those with bridges share light subpaths as well; the others have each lane to itself.
+        problem = problem.together(lanes, 16, 8) if bridged else problem
         runs.append(
-            plain_replicates(problem, lanes=1 << 15, passes=8, replicates=16, seed=seed)[..., 0]
+            plain_replicates(problem, lanes=lanes, passes=8, replicates=16, seed=seed)[..., 0]
         )
     means = [run.mean(axis=0) for run in runs]
     error = np.sqrt(sum(run.var(axis=0, ddof=1) / 16 for run in runs))

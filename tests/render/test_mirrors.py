@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from render.mirrors import MOST, measured_slope, mirrors
+from render.mirrors import BINS, DIM, MOST, measured_reflectance, measured_slope, mirrors
 
 ROUGH = {"type": "roughdielectric", "distribution": "beckmann", "alpha": 0.2, "int_ior": 1.4}
 
@@ -82,3 +82,31 @@ def test_the_slope_of_a_beckmann_face_is_its_alpha_over_root_two(
 ) -> None:
     bsdf = mono.load_dict({"type": kind, "distribution": "beckmann", "alpha": alpha})
     assert measured_slope(bsdf) == pytest.approx(alpha / np.sqrt(2), rel=0.15)
+
+
+def test_glass_reflects_little_from_outside_and_everything_beyond_the_critical_angle(
+    mono: ModuleType,
+) -> None:
+    bsdf = mono.load_dict(ROUGH | {"alpha": 0.05})
+    behind, before = measured_reflectance(bsdf)
+    # Fresnel at normal incidence: ((n - 1) / (n + 1))^2 = 0.028.
+    assert before[-1] == pytest.approx(0.028, abs=0.02)
+    assert behind[-1] == pytest.approx(0.028, abs=0.02)
+    # The critical cosine is sqrt(1 - 1 / n^2) = 0.70.
+    total = (np.arange(BINS) + 1) / BINS < 0.6
+    assert (behind[total] > 0.9).all()
+    assert (before >= DIM).all()
+
+
+def test_a_face_turned_over_has_its_sides_exchanged(mono: ModuleType) -> None:
+    move = mono.ScalarTransform4f()
+    tables = [
+        mirrors(
+            scene(
+                mono,
+                a={"type": "rectangle", "bsdf": ROUGH, "to_world": move.rotate([1, 0, 0], angle)},
+            )
+        )[0].reflectance
+        for angle in (0, 180)
+    ]
+    np.testing.assert_allclose(tables[0], tables[1][::-1])

@@ -52,21 +52,11 @@ def ours(
 ) -> np.ndarray:
     """Return independent images ``(replicate, row, column, channel)`` of ``bdpt`` or ``pssmlt``."""
     from render.film_problem import FilmProblem
-    from render.integrators import LANES
-    from render.monte_carlo import plain_replicates
 
     metropolis = METROPOLIS if kind == "pssmlt" else {}
     integrator = mi.load_dict({"type": kind, "replicates": replicates, **metropolis, **parameters})
     problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
-    if kind == "bdpt":
-        # The integrator itself always fills 65536 lanes, which is more than most tests need.
-        lanes = min(LANES, spp * problem.bins)
-        passes = max(1, round(spp * problem.bins / lanes))
-        images = plain_replicates(
-            problem, lanes=lanes, passes=passes, replicates=replicates, seed=seed
-        )
-    else:
-        images = integrator.replicate_images(problem, seed, spp)
+    images = integrator.replicate_images(problem, seed, spp)
     return np.asarray(images.reshape(replicates, problem.height, problem.width, -1))
 
 

@@ -15,10 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from scipy import stats
 
 BLOCKS = Path(__file__).with_name("slab_disk_beckmann_blocks.npz")
 COATED = np.s_[:, 2:]
 SPP = 192
+RUNS = {"analog": 12, "bdpt06": 8, "pssmlt06": 3}
+"""Independent runs behind the standard errors of each renderer."""
 Corner = tuple[float, float, float]
 
 
@@ -123,5 +126,9 @@ def test_the_coated_part_looks_as_in_other_renderers(ours: np.ndarray, renderer:
         theirs, their_error = stored[renderer], stored[f"{renderer}_se"]
     mean, error = ours.mean(axis=0), ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
     score = ((mean - theirs) / np.hypot(error, their_error))[COATED]
-    assert (np.abs(score) < 3).mean() > 0.9
+    # Student's t with their degrees of freedom, fewer than ours: 95 % of the blocks lie within.
+    # From three runs of Metropolis an error bar says little: pssmlt06 and analog differ as much.
+    within = stats.t.ppf(0.975, RUNS[renderer] - 1)
+    print(f"{renderer}: {(np.abs(score) < within).mean():.1%} of the blocks within {within:.2f}")
+    assert (np.abs(score) < within).mean() > 0.875
     assert mean[COATED].mean() == pytest.approx(theirs[COATED].mean(), rel=0.02)
