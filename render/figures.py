@@ -31,6 +31,8 @@ WIDTH, HEIGHT = 96, 160
 BLOCK = 8
 COATED = np.s_[48:, 16:80]
 SEEDS = 8
+# Whose starts are paid for by luminance samples too.
+CHAINS = 4096
 INTEGRATORS = ("volpath", "bdpt", "pssmlt")
 SAMPLES = (10_000, 100_000, 1_000_000, 10_000_000)
 
@@ -101,18 +103,20 @@ def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dic
     """Return the relative standard deviation of the mean intensity per luminance samples."""
     from render.film_paths import Limits
     from render.film_problem import FilmProblem
-    from render.monte_carlo import Independent
+    from render.film_scale import FilmScale
 
     problem = FilmProblem(lit, lit.sensors()[0], Limits())
+    weights = np.full((problem.bins, problem.channels), 1.0 / (problem.bins * problem.channels))
     rows = []
     for wanted in SAMPLES:
-        per_pass = min(wanted, 16384)
-        run = Independent(problem, SEEDS * per_pass, SEEDS, seed=4)
-        while run.done * per_pass < min(wanted, most):
-            run.mutate(1)
-        means = run.estimate().mean(axis=(1, 2))
+        samples = min(wanted, most)
+        found = []
+        for seed in range(SEEDS):
+            scale = FilmScale(problem, samples, CHAINS, 2, seed)
+            scale.pilot()
+            found.append(scale.means(weights).mean())
+        means = np.array(found)
         spread = float(means.std(ddof=1) / means.mean())
-        samples = run.done * per_pass
         # The last one is the standard error of a standard deviation from so few seeds.
         rows.append(
             {

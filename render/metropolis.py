@@ -124,7 +124,7 @@ class Chains:
             chosen[lanes] = members[np.minimum(np.searchsorted(edges, at), len(f) - 1)]
         self._start_from(mi.UInt32(starts[chosen]))
 
-    def inform(self, means: Array, worth: float) -> None:
+    def inform(self, means: Array, worth: Array | float) -> None:
         """Add estimates ``(replicate,)`` of the mean of F, each worth so many plain samples."""
         self.plain[:, 0] += worth
         self.plain[:, 1] += worth * means

@@ -124,6 +124,19 @@ def test_the_scale_comes_with_an_error_bar_that_shrinks_as_large_steps_are_made(
     assert after[1] < before[1]
 
 
+def test_estimates_of_the_scale_from_elsewhere_count_by_their_worth(
+    run: Callable[..., Chains],
+) -> None:
+    chains = run()
+    before = chains.scale()[0]
+    samples = chains.plain[:, 0].copy()
+    means = np.full(16, 3 * before)
+    for worth, share in ((samples, 1 / 2), (2 * samples, 1 / 2)):
+        expected = (1 - share) * chains.scale()[0] + share * 3 * before
+        chains.inform(means, worth)
+        assert chains.scale()[0] == pytest.approx(expected)
+
+
 def test_the_stated_interval_covers_the_truth_about_as_often_as_it_says(
     run: Callable[..., Chains],
 ) -> None:
