@@ -23,46 +23,40 @@ from render.film_ensemble import Ensemble
 from render.film_light import LightVertex, LightVertices, seen_from
 from render.film_paths import SPARE, Limits
 from render.film_promise import mirrored, promise
-from render.lane_memory import taken
+from render.lane_memory import stacked, taken
 from render.primary import Stream
 from render.vertex import PASSED
 
 
 @dataclass
 class Drawn:
-    """The light vertex drawn for one camera vertex: its lane and slot there, and its promise.
+    """The light vertex drawn for one camera vertex: its place, its promise, and that of all.
 
-    ``total`` is the promise of all that were offered (a Dr.Jit PyTree).
+    A Dr.Jit PyTree.
     """
 
-    lane: Any
-    slot: Any
+    place: Any
     hope: Any
     total: Any
 
     @staticmethod
     def none() -> Drawn:
         """Return none yet."""
-        return Drawn(mi.UInt32(0), mi.UInt32(0), mi.Float(0.0), mi.Float(0.0))
+        return Drawn(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0))
 
-    def offered(self, lane: Any, slot: int, hope: Any, number: Any) -> Drawn:
-        """Return this, or the vertex in ``slot`` of ``lane`` with probability by its ``hope``."""
+    def offered(self, place: Any, hope: Any, number: Any) -> Drawn:
+        """Return this, or the vertex at ``place`` with probability by its ``hope``."""
         total = self.total + hope
         chosen = (hope > 0) & (number * total < hope)
         return Drawn(
-            dr.select(chosen, lane, self.lane), dr.select(chosen, mi.UInt32(slot), self.slot),
-            dr.select(chosen, hope, self.hope), total,
-        )  # fmt: skip
+            dr.select(chosen, place, self.place), dr.select(chosen, hope, self.hope), total
+        )
 
-    def read(self, light: LightVertices) -> tuple[LightVertex, Any]:
+    def read(self, vertices: LightVertex, shares: Any) -> tuple[LightVertex, Any]:
         """Return the vertex and how many it stands for; 0 where there is none."""
         there = self.hope > 0
-        found, share = LightVertex.empty(), mi.Float(0.0)
-        for slot, (pick, pick_share) in enumerate(zip(light.picks, light.shares, strict=True)):
-            here = there & (self.slot == slot)
-            found = taken(pick, self.lane, here).where(here, found)
-            share = dr.select(here, dr.gather(mi.Float, pick_share, self.lane, here), share)
-        return found, dr.select(there, share * self.total / self.hope, 0.0)
+        share = dr.gather(mi.Float, shares, self.place, there) * self.total / self.hope
+        return taken(vertices, self.place, there), dr.select(there, share, 0.0)
 
 
 @dr.syntax
@@ -75,33 +69,34 @@ def joins(
     anchor = camera.anchor
     ends = [camera.main, camera.later, camera.glossy]
     drawn, over = [Drawn.none() for _ in ends], Drawn.none()
-    picks, shares, partner_of = light.picks, light.shares, ensemble.partner
-    slots, lane, last = len(picks), ensemble.lane, ensemble.paths
-    k = dr.zeros(mi.UInt32, dr.width(lane))
-    while k < last:
-        partner = partner_of(lane, k)
-        for slot in range(slots):
-            share = dr.gather(mi.Float, shares[slot], partner)
-            y = taken(picks[slot], partner, share > 0)
-            numbers = stream.event(3 * SPARE + k * slots + slot)
-            for i in range(len(ends)):
-                hope = share * _hope(scene, y, ends[i], (share > 0), most)
-                drawn[i] = drawn[i].offered(partner, slot, hope, numbers[i])
-            if mirrors is not None:
-                fits = (share > 0) & is_smooth(y.vertex) & (y.edges + anchor.edges + 1 < most)
-                hope = share * mirrored(scene, mirrors, y.vertex, anchor.vertex, fits)
-                over = over.offered(partner, slot, hope, numbers[3])
-        k += 1
+    lane, paths, partner_of = ensemble.lane, ensemble.paths, ensemble.partner
+    lanes, slots = dr.width(lane), len(light.picks)
+    vertices, shares = stacked(light.picks, lanes), stacked(light.shares, lanes)
+    last, number = paths * slots, dr.zeros(mi.UInt32, lanes)
+    while number < last:
+        k = number // slots
+        place = (number - k * slots) * ensemble.lanes + partner_of(lane, k)
+        share = dr.gather(mi.Float, shares, place)
+        y = taken(vertices, place, share > 0)
+        numbers = stream.event(3 * SPARE + number)
+        for i in range(len(ends)):
+            hope = share * _hope(scene, y, ends[i], share > 0, most)
+            drawn[i] = drawn[i].offered(place, hope, numbers[i])
+        if mirrors is not None:
+            fits = (share > 0) & is_smooth(y.vertex) & (y.edges + anchor.edges + 1 < most)
+            hope = share * mirrored(scene, mirrors, y.vertex, anchor.vertex, fits)
+            over = over.offered(place, hope, numbers[3])
+        number += 1
     joined: Any = mi.Spectrum(0.0)
     for end, choice in zip(ends, drawn, strict=True):
-        y, share = choice.read(light)
+        y, share = choice.read(vertices, shares)
         joined += _join(scene, mirrors, y, end, share > 0) * share
     if mirrors is not None:
-        y, share = over.read(light)
+        y, share = over.read(vertices, shares)
         seen = seen_from(y.vertex, anchor.closed)
         numbers = stream.event(mi.UInt32(SPARE))
         joined += bridge(scene, mirrors, seen, anchor.vertex, numbers[:3], share > 0) * share
-    return joined / mi.Float(last)
+    return joined / mi.Float(paths)
 
 
 def _hope(scene: Any, y: LightVertex, end: Kept, active: Any, most: Any) -> Any:

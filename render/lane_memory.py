@@ -48,3 +48,19 @@ def taken(tree: Any, index: Any, active: Any = True) -> Any:
     if is_dataclass(tree):
         return kind(**{name: taken(value, index, active) for name, value in vars(tree).items()})
     return dr.gather(kind, tree, index, active)
+
+
+def stacked(trees: list[Any], lanes: int) -> Any:
+    """Return evaluated dataclass trees of ``lanes`` entries each, one after the other."""
+    kind: Any = type(trees[0])
+    if is_dataclass(kind):
+        return kind(**{k: stacked([getattr(t, k) for t in trees], lanes) for k in vars(trees[0])})
+    if hasattr(kind, "DRJIT_STRUCT"):
+        whole = kind()
+        for name in kind.DRJIT_STRUCT:
+            setattr(whole, name, stacked([getattr(t, name) for t in trees], lanes))
+        return whole
+    if dr.depth_v(kind) > 1:
+        return kind(*(stacked(list(parts), lanes) for parts in zip(*trees, strict=True)))
+    # What is the same in all lanes may be there only once.
+    return dr.concat([t if dr.width(t) == lanes else dr.repeat(t, lanes) for t in trees])

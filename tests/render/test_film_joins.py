@@ -75,12 +75,12 @@ def test_a_vertex_is_drawn_as_often_as_its_promise_says_and_stands_for_all(
     rng = np.random.default_rng(4)
     hopes = [0.0, 3.0, 1.0, 0.0, 4.0]
     drawn = Drawn.none()
-    for lane, hope in enumerate(hopes):
+    for place, hope in enumerate(hopes):
         number = mono.Float(rng.random(count).astype(np.float32))
-        drawn = drawn.offered(mono.UInt32(lane), 1, dr.full(mono.Float, hope, count), number)
-    share = np.bincount(np.array(drawn.lane), minlength=len(hopes)) / count
+        drawn = drawn.offered(mono.UInt32(place), dr.full(mono.Float, hope, count), number)
+    share = np.bincount(np.array(drawn.place), minlength=len(hopes)) / count
     expected = np.array(hopes) / sum(hopes)
     error = np.sqrt(expected * (1 - expected) / count)
     assert (np.abs(share - expected) <= 4 * error).all()
     np.testing.assert_allclose(np.array(drawn.total), sum(hopes))
-    np.testing.assert_allclose(np.array(drawn.hope), np.array(hopes)[np.array(drawn.lane)])
+    np.testing.assert_allclose(np.array(drawn.hope), np.array(hopes)[np.array(drawn.place)])
