@@ -53,7 +53,7 @@ def taken(tree: Any, index: Any, active: Any = True) -> Any:
 def stacked(trees: list[Any], lanes: int) -> Any:
     """Return evaluated dataclass trees of ``lanes`` entries each, one after the other."""
     kind: Any = type(trees[0])
-    if is_dataclass(kind):
+    if is_dataclass(trees[0]):
         return kind(**{k: stacked([getattr(t, k) for t in trees], lanes) for k in vars(trees[0])})
     if hasattr(kind, "DRJIT_STRUCT"):
         whole = kind()
