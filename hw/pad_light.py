@@ -81,6 +81,15 @@ class PadLight:
         place = np.nan_to_num(self._place(position)).round() // self.blocks
         return np.asarray(place[..., 0] * (self.radiance.shape[3] // self.blocks) + place[..., 1])
 
+    def part_of(self, position: Array) -> Array:
+        """Return the number of the part, half a cell wide, that flat positions ``(..., 2)`` lie in.
+
+        Their errors are nearly independent, though they share light subpaths.
+        """
+        size = max(1, self.blocks // 2)
+        place = np.nan_to_num(self._place(position)).round() // size
+        return np.asarray(place[..., 0] * (self.radiance.shape[3] // size) + place[..., 1])
+
     def _place(self, position: Array) -> Array:
         """Return row and column ``(..., 2)`` in blocks, whole numbers in their middles."""
         size = np.array(self.radiance.shape[:1:-1])

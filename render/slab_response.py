@@ -6,6 +6,7 @@ few point lights per fiber, each with a low-order directional distribution, as a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +63,13 @@ class SlabResponse:
 
 
 def compute_response(
-    slab: Slab, beam: Beam, *, rays: int = RAYS, seed: int = 0, phi: Array | None = None
+    slab: Slab,
+    beam: Beam,
+    *,
+    rays: int = RAYS,
+    seed: int = 0,
+    phi: Array | None = None,
+    levels: Sequence[float] = LEVELS,
 ) -> SlabResponse:
     """Return the response from a random walk of ``rays`` photons over all phi nodes.
 
@@ -73,6 +80,7 @@ def compute_response(
         seed: of the walk.
         phi: ``(node,)`` rad, ascending and symmetric about pi/2; Chebyshev points on [0, pi] by
             default. Fewer nodes give less noise for the same photons, at these nodes alone.
+        levels: parts of the light within each offset along the edge, ascending from 0.
     """
     rng = np.random.default_rng(seed)
     phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi) if phi is None else phi
@@ -100,7 +108,7 @@ def compute_response(
             value=passed,
             allowed=f"at least {LEAST_POWER:g}",
         )
-    offsets = _offsets(leaving)
+    offsets = _offsets(leaving, levels)
     if slab.optical_thickness < OPAQUE:
         leaving = [(left[~left.straight], power[~left.straight]) for left, power in leaving]
     deposits = [_deposit(left, power, offsets, heights) for left, power in leaving]
@@ -114,12 +122,12 @@ def compute_response(
     )
 
 
-def _offsets(leaving: list[tuple[Photons, Array]]) -> Array:
-    """Return points along the edge that share the light of all nodes by `LEVELS`."""
+def _offsets(leaving: list[tuple[Photons, Array]], levels: Sequence[float]) -> Array:
+    """Return points along the edge that share the light of all nodes by ``levels``."""
     away = np.concatenate([np.abs(left.position[:, 0]) for left, _ in leaving])
     power = np.concatenate([power.sum(axis=1) for _, power in leaving])
     order = np.argsort(away)
-    half = np.interp(LEVELS, np.cumsum(power[order]) / power.sum(), away[order])
+    half = np.interp(levels, np.cumsum(power[order]) / power.sum(), away[order])
     # Points must stay apart even when a clear layer keeps all light in one spot.
     half = np.maximum.accumulate(half + LEAST_STEP * np.arange(len(half))) - half[0]
     return np.concatenate([-half[:0:-1], half])

@@ -12,6 +12,7 @@ Only the reduced scattering is fitted: g and sigma_s alone leave the same photog
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,9 +20,13 @@ from hw.calibration.intervals import Intervals, intervals
 from hw.calibration.material import HIGH, LOW, NAMES, UNITS, Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
+from hw.calibration.model_error import Modes
 from hw.calibration.problem import MATERIAL, TILT, VIGNETTING, Problem
 from hw.errors import CalibrationError
 from render.bending import Array
+
+ROUNDS = 2
+"""Fits, each weighed by what the one before predicts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,48 +56,60 @@ class Calibration:
 def calibrate(
     table: MaterialTable,
     log_correction: Array,
-    discrepancy: Array,
+    modes: Modes,
     measurements: list[Measurement],
     start: Material,
-    draws: Array | None = None,
 ) -> Calibration:
     """Return the best material, powers and gains, with intervals.
 
     Arguments:
         table: of the scene at the bends of the measurements.
         log_correction: ``(bend, fiber, point)`` added to the table's log light.
-        discrepancy: ``(bend,)`` relative error of the model itself, smooth over the pad.
+        modes: independent log errors that the model may have, fitted with everything else.
         measurements: at least one photograph at each bend.
         start: where the fit starts.
-        draws: ``(draw, bend, fiber, point)`` log errors left after a correction by renders.
 
     Raises:
         CalibrationError: too few photographs, or the fit does not converge.
     """
     from scipy.optimize import least_squares
 
-    problem = Problem(table, log_correction, discrepancy, measurements, draws)
-    begin = problem.start(start)
+    problem = Problem(table, log_correction, modes, measurements)
+    x = problem.start(start)
     low, high = problem.bounds()
-    found = least_squares(
-        problem.residuals,
-        np.clip(begin, low + 1e-6, high - 1e-6),
-        jac=problem.jacobian,
-        bounds=(low, high),
-        x_scale=problem.scale(),
-        loss="soft_l1",
-        tr_solver="lsmr",
-        ftol=1e-7,
-        xtol=1e-6,
-        max_nfev=200,
-    )
-    if not found.success or not np.isfinite(found.x).all():
-        raise CalibrationError(
-            "the fit of the material did not converge: capture again with more light and see that "
-            "the scene's lengths are those of the rig",
-            field="calibration",
+    for _ in range(ROUNDS):
+        found = least_squares(
+            problem.residuals,
+            np.clip(x, low + 1e-6, high - 1e-6),
+            jac=problem.jacobian,
+            bounds=(low, high),
+            x_scale=problem.scale(),
+            loss=partial(_robust, problem.rows),
+            ftol=1e-8,
+            xtol=1e-7,
+            max_nfev=200,
         )
-    return _result(problem, found.x)
+        if not found.success or not np.isfinite(found.x).all():
+            raise CalibrationError(
+                "the fit of the material did not converge: capture again with more light and see "
+                "that the scene's lengths are those of the rig",
+                field="calibration",
+            )
+        x = found.x
+        problem.expect(x)
+    return _result(problem, x)
+
+
+def _robust(rows: int, squares: Array) -> Array:
+    """Return the loss of squared residuals and its two derivatives, ``(3, residual)``.
+
+    Soft l1 for the ``rows`` of the photographs, so that dust counts for little; the amplitudes of
+    the model's errors after them are what they are.
+    """
+    root = np.sqrt(1 + squares)
+    loss = np.stack([2 * (root - 1), 1 / root, -0.5 / root**3])
+    loss[0, rows:], loss[1, rows:], loss[2, rows:] = squares[rows:], 1.0, 0.0
+    return loss
 
 
 def require_known(found: Calibration) -> None:
@@ -126,7 +143,7 @@ def _result(problem: Problem, x: Array) -> Calibration:
     everywhere[problem.fibers] = power
     whole = np.full(3, np.nan)
     whole[problem.channels] = gain
-    residuals = problem.residuals(x)
+    residuals = problem.residuals(x)[: problem.rows]
     return Calibration(
         material=Material.from_array(x[MATERIAL]),
         power=everywhere,

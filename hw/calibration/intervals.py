@@ -1,32 +1,25 @@
-"""How sure the fit is: noise and differences between photographs, the table, and the model itself.
+"""How sure the fit is: noise of the photographs, and errors of the model.
 
 They are carried to the parameters by the fit's own linearisation:
 
-- photographs: the sandwich estimate with one cluster per photograph, which holds however the
-  residuals within one photograph hang together;
-- table: the errors of the drawn materials, each left out in turn;
-- model: smooth random fields of the size of the preview's error, half of it common to all fibers;
-- renders, in place of the model once they have corrected it: what they leave open.
+- photographs: noise, enlarged where more is left than noise and model explain (Birge 1932);
+- model: its error modes (``hw.calibration.model_error``): smooth fields, or what renders leave open
+  once they have corrected it.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hw.calibration.material import NAMES
-from hw.calibration.reference_lines import frame_positions
 from render.bending import Array
 
 if TYPE_CHECKING:
     from hw.calibration.problem import Problem
 
-FIELDS = 200
-REACH = 4.0
-"""Distance (mm) over which the model's error changes."""
 Z95 = 1.96
 RELATED = 0.9
 """Correlation from which two values are called hard to tell apart."""
@@ -68,27 +61,20 @@ class Intervals:
 
 def intervals(problem: Problem, x: Array) -> Intervals:
     """Return the standard errors at the fit's end ``x``."""
-    jacobian = problem.jacobian(x)
+    raw = problem.data_jacobian(x)
     scale = problem.scale()
     # Scaled normal equations: the parameters' sizes differ by orders, their derivatives do not.
-    scaled = jacobian * scale
-    solve = scale[:, None] * np.linalg.pinv(scaled.T @ scaled, hermitian=True) @ scaled.T
-    residuals = problem.residuals(x)
-    pieces = [
-        solve[:, a:b] @ residuals[a:b]
-        for a, b in itertools.pairwise(problem.edges * len(problem.channels))
-    ]
-    count = len(pieces)
+    scaled = problem.reduced(raw) * scale
+    inverse = scale[:, None] * np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scale
+    moves = inverse @ problem.reduced(raw).T
+    # What is left of the photographs, in units of what noise and model explain; never below 1.
+    left = problem.residuals(x)
+    excess = max(1.0, float(left @ left) / (problem.used - len(x)))
+    moved = moves @ problem.reduced(problem.mode_residuals())
     parts = {
-        # Each photograph has had a power of its own fitted away.
-        "photographs": np.sum([np.outer(p, p) for p in pieces], axis=0) * count / max(count - 8, 1),
+        "photographs": excess * np.asarray(moves[:, : len(raw)] @ moves[:, : len(raw)].T),
+        "model": moved @ moved.T,
     }
-    drawn = problem.as_residuals(x, problem.table.errors(x[:4])) @ solve.T
-    parts["table"] = drawn.T @ drawn
-    if problem.draws is None:
-        parts["model"] = _spread(problem.as_residuals(x, _fields(problem)) @ solve.T)
-    else:
-        parts["renders"] = _spread(problem.as_residuals(x, problem.draws) @ solve.T)
     covariance = np.sum(list(parts.values()), axis=0)
     se = np.sqrt(np.diag(covariance))
     fibers, gains = len(problem.fibers), len(problem.channels)
@@ -106,20 +92,3 @@ def intervals(problem: Problem, x: Array) -> Intervals:
         gain=se[len(x) - gains :],
         correlation=material / np.where(outer > 0, outer, 1.0),
     )
-
-
-def _spread(errors: Array) -> Array:
-    """Return the mean outer product of ``(n, parameter)`` errors."""
-    return np.asarray(errors.T @ errors / len(errors))
-
-
-def _fields(problem: Problem) -> Array:
-    """Return random log errors ``(field, bend, fiber, point)``, smooth in the fiber's frame."""
-    rng = np.random.default_rng(3)
-    place = frame_positions()
-    distance = np.linalg.norm(place[:, None] - place[None], axis=-1)
-    root = np.linalg.cholesky(np.exp(-0.5 * (distance / REACH) ** 2) + 1e-8 * np.eye(len(place)))
-    bends, fibers = problem.table.coefficients.shape[1:3]
-    common = rng.standard_normal((FIELDS, bends, 1, len(place))) @ root.T
-    own = rng.standard_normal((FIELDS, bends, fibers, len(place))) @ root.T
-    return np.asarray(problem.discrepancy[:, None, None] * np.sqrt(0.5) * (common + own))

@@ -28,7 +28,7 @@ from render.errors import TableError
 from render.npz import read_npz, write_npz
 from render.scene import Scene
 
-VERSION = 2
+VERSION = 3
 MATERIALS, RAYS = 32, 100_000
 COLUMNS, ROWS = 120, 200
 DEGREE = 2
@@ -60,14 +60,14 @@ class MaterialTable:
         """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
         return np.asarray(np.tensordot(terms(material[None])[0], self.coefficients, axes=1))
 
-    def errors(self, material: Array) -> Array:
-        """Return independent parts ``(material, bend, fiber, point)`` of the error of log light.
+    def scatter(self) -> Array:
+        """Return the rms error ``(bend,)`` of the shape of log light at a material left out."""
+        shape = self.left_out - np.nanmean(self.left_out, axis=-1, keepdims=True)
+        return np.asarray(np.sqrt(np.nanmean(shape**2, axis=(0, 2, 3))))
 
-        The polynomial at a material is a weighted sum of what was drawn; each drawing adds its own
-        error, known from leaving it out (the HC3 estimate of MacKinnon and White 1985).
-        """
-        weight = terms(material[None])[0] @ np.linalg.pinv(terms(self.materials))
-        return np.asarray(weight[:, None, None, None] * self.left_out)
+    def distance(self, a: Array, b: Array) -> float:
+        """Return how far two materials ``(4,)`` are apart, in half ranges; 1 at most."""
+        return min(float(np.linalg.norm(np.subtract(*_to_unit(np.stack([a, b]))))), 1.0)
 
 
 def material_table(

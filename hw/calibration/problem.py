@@ -3,6 +3,10 @@
 Parameters: material (4), tilt (3, rad), vignetting, the logs of all powers but the first (then
 scaled to mean 1), the logs of the gains. The data are one row per used point of a photograph and
 one column per channel.
+
+The amplitudes z ~ N(0, 1) of the model's error modes A are fitted too, but need no parameters: the
+best z for residuals r minimises |r - A z|^2 + |z|^2, so r - A z and z are what is left to minimise
+(variable projection; Golub and Pereyra 2003). Its square is that of r whitened by 1 + A A^T.
 """
 
 from __future__ import annotations
@@ -12,10 +16,13 @@ import numpy as np
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import MaterialTable, terms, terms_slope
 from hw.calibration.measurement import Measurement
+from hw.calibration.model_error import Modes
 from hw.errors import CalibrationError
 from render.bending import Array
 
 MATERIAL, TILT, VIGNETTING, FIXED = slice(0, 4), slice(4, 7), 7, 8
+LEAST = 0.003
+"""Relative error of every point that is always reckoned with."""
 
 
 class Problem:
@@ -24,23 +31,19 @@ class Problem:
     Arguments:
         table: light at the reference lines for any material.
         log_correction: ``(bend, fiber, point)`` added to its logarithm.
-        discrepancy: ``(bend,)`` relative error of the model.
+        modes: independent log errors that the model may have.
         measurements: the photographs.
-        draws: ``(draw, bend, fiber, point)`` log errors that the model may have after a correction
-            by renders; None where there was none.
     """
 
     def __init__(
         self,
         table: MaterialTable,
         log_correction: Array,
-        discrepancy: Array,
+        modes: Modes,
         measurements: list[Measurement],
-        draws: Array | None = None,
     ) -> None:
         """Gather the used points of all photographs."""
-        self.table, self.correction, self.draws = table, log_correction, draws
-        self.discrepancy, self.measurements = discrepancy, measurements
+        self.table, self.correction, self.measurements = table, log_correction, measurements
         self.fibers = sorted({one.fiber for one in measurements})
         self.channels = sorted({c for one in measurements for c in one.channels})
         if len(self.fibers) < 4:
@@ -65,7 +68,25 @@ class Problem:
         self._slope = np.concatenate(
             [one.tilt_slope[:, points][:, :, self.channels] for one, points in pairs], axis=1
         )
-        self._weight = np.concatenate([self._weights(one)[points] for one, points in pairs])
+        carries = [np.isin(self.channels, one.channels) for one in measurements]
+        self._carries = np.repeat(carries, np.diff(self.edges), axis=0)
+        self._noise = np.repeat([one.noise for one in measurements], np.diff(self.edges))
+        self._log_modes = self._gathered_modes(modes)
+        self.size = FIXED + len(self.fibers) - 1 + len(self.channels)
+        self.rows, self.used = self._counts.size, int(self._carries.sum())
+
+    def expect(self, x: Array) -> None:
+        """Take the counts that ``x`` predicts for those by which errors are weighed.
+
+        Not those that were seen: their noise would weigh for itself, and dim light seem brighter.
+        """
+        counts = self.wanted(x)
+        error = np.hypot(self._noise[:, None], LEAST * counts)
+        self._weight = np.where(self._carries, 1 / error, 0.0)
+        # (mode, residual)
+        weighted = self._log_modes[:, :, None] * (counts * self._weight)
+        self._modes = weighted.reshape(len(weighted), -1)
+        self._inverse = np.linalg.inv(self._modes @ self._modes.T + np.eye(len(weighted)))
 
     def gathered(self, values: Array) -> Array:
         """Return ``(n, bend, fiber, point)`` at the rows, ``(n, row)``."""
@@ -73,24 +94,36 @@ class Problem:
             [values[:, one.bend, one.fiber, one.used] for one in self.measurements], axis=1
         )
 
+    def _gathered_modes(self, modes: Modes) -> Array:
+        """Return ``(mode, row)`` of all bends; those that no photograph shows are left out."""
+        first = np.cumsum([0, *(len(own) for own in modes)])
+        found = np.zeros((first[-1], self.edges[-1]))
+        for one, begin, end in zip(self.measurements, self.edges, self.edges[1:], strict=False):
+            own = slice(first[one.bend], first[one.bend + 1])
+            found[own, begin:end] = modes[one.bend][:, one.fiber, one.used]
+        return found[found.any(axis=1)]
+
     def start(self, material: Material) -> Array:
-        """Return parameters from ``material`` and the overall brightness of each photograph."""
-        x = np.zeros(FIXED + len(self.fibers) - 1 + len(self.channels))
+        """Return parameters from ``material`` and the overall brightness of each photograph.
+
+        Errors are weighed by what they predict from then on.
+        """
+        x = np.zeros(self.size)
         x[MATERIAL] = material.array()
         log_light = terms(x[None, MATERIAL])[0] @ self._coefficients + self._base
         ratio = np.log(np.maximum(self._counts, 1e-3)) - log_light[:, None]
-        ratio = np.where(self._weight > 0, ratio, np.nan)
+        ratio = np.where(self._carries, ratio, np.nan)
         gain = np.nanmedian(ratio, axis=0)
         over = np.nanmean(ratio - gain, axis=1)
         power = np.array([np.median(over[self._own == own]) for own in range(len(self.fibers))])
         x[FIXED : FIXED + len(power) - 1] = power[1:] - power[0]
         x[FIXED + len(power) - 1 :] = gain + np.log(np.mean(np.exp(power)))
+        self.expect(x)
         return x
 
     def bounds(self) -> tuple[Array, Array]:
         """Return lowest and highest parameters."""
-        size = FIXED + len(self.fibers) - 1 + len(self.channels)
-        low, high = np.full(size, -np.inf), np.full(size, np.inf)
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         low[MATERIAL], high[MATERIAL] = LOW, HIGH
         low[TILT], high[TILT] = -0.1, 0.1
         low[VIGNETTING], high[VIGNETTING] = -0.5, 0.9
@@ -98,7 +131,7 @@ class Problem:
 
     def scale(self) -> Array:
         """Return typical sizes of changes of the parameters."""
-        scale = np.full(FIXED + len(self.fibers) - 1 + len(self.channels), 0.1)
+        scale = np.full(self.size, 0.1)
         scale[MATERIAL] = 0.1 * (HIGH - LOW)
         scale[TILT] = 0.005
         return scale
@@ -117,12 +150,25 @@ class Problem:
         return np.asarray(shaded[:, None] * gain)
 
     def residuals(self, x: Array) -> Array:
-        """Return weighted residuals, flat; 0 where a channel carries no light."""
+        """Return what the modes leave of the weighted residuals, and the modes' amplitudes."""
+        return self.reduced(self.data_residuals(x))
+
+    def reduced(self, residuals: Array) -> Array:
+        """Return what the modes leave of residuals ``(residual, ...)``, then their amplitudes."""
+        amplitude = self._inverse @ (self._modes @ residuals)
+        return np.concatenate([residuals - self._modes.T @ amplitude, amplitude])
+
+    def data_residuals(self, x: Array) -> Array:
+        """Return weighted residuals of the data, flat; 0 where a channel carries no light."""
         seen = self._counts + np.einsum("trc,t->rc", self._slope, x[TILT])
         return np.asarray(((seen - self.wanted(x)) * self._weight).ravel())
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives ``(residual, parameter)``."""
+        """Return the derivatives ``(residual, parameter)`` of ``residuals``."""
+        return self.reduced(self.data_jacobian(x))
+
+    def data_jacobian(self, x: Array) -> Array:
+        """Return the derivatives ``(residual, parameter)`` of ``data_residuals``."""
         power, _ = self.unpack(x)
         weighted = self.wanted(x) * self._weight
         slope = terms_slope(x[MATERIAL]) @ self._coefficients
@@ -139,11 +185,9 @@ class Problem:
             columns.append(only)
         return np.stack([column.ravel() for column in columns], axis=1)
 
-    def as_residuals(self, x: Array, log_error: Array) -> Array:
-        """Return relative errors ``(n, bend, fiber, point)`` of light as residuals ``(n, ...)``."""
-        weighted = self.wanted(x) * self._weight
-        found = self.gathered(log_error)[:, :, None] * weighted
-        return np.asarray(found.reshape(len(log_error), -1))
+    def mode_residuals(self) -> Array:
+        """Return the model's error modes as data residuals ``(residual, mode)``."""
+        return np.asarray(self._modes.T)
 
     def predictions(self, x: Array) -> list[Array]:
         """Return counts ``(point, 3)`` at all points of every photograph."""
@@ -158,10 +202,3 @@ class Problem:
             * whole
             for one in self.measurements
         ]
-
-    def _weights(self, one: Measurement) -> Array:
-        """Return 1 over the expected error ``(point, channel)``: noise, and the model's own."""
-        counts = one.counts[:, self.channels]
-        carries = np.isin(self.channels, one.channels)
-        error = np.hypot(one.noise, self.discrepancy[one.bend] * np.abs(counts))
-        return np.asarray(np.where(carries, 1 / error, 0.0))

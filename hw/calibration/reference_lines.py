@@ -38,7 +38,7 @@ class ReferenceLines:
 
 
 _SIDEWAYS = np.arange(-ACROSS_REACH, ACROSS_REACH + STEP / 2, STEP)
-_ONWARDS = np.arange(1.0, ALONG_REACH + STEP / 2, STEP)
+_ONWARDS = np.arange(2.0, ALONG_REACH + STEP / 2, STEP)
 _LINE = np.concatenate([np.repeat([0, 1, 2], len(_SIDEWAYS)), np.full(len(_ONWARDS), 3)])
 
 

@@ -18,6 +18,7 @@ from hw.calibration.confirm import Confirmation, against_light, against_model
 from hw.calibration.fit import Calibration
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.measurement import Measurement
+from hw.calibration.model_error import field_modes, joined
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.rendered_correction import Render, rendered_correction
 from hw.calibration.rig_fit import Model, fit_rig
@@ -26,14 +27,17 @@ from render.bending import Array
 from render.progress import Progress
 from render.scene import Scene
 
+NEAR = 0.1
+"""Distance, in half ranges, within which a fit is expected to move."""
+LEFT = 0.02
+"""Relative error of the shape of light that even the best correction leaves: so much do corrected
+models differ from emulated photographs of the same material."""
 ROUNDS = 4
 """Renders at most."""
 SETTLED = 1.0
 """Standard errors within which a repeated fit counts as unmoved."""
 ALIKE = 2.0
 """Standard errors within which renders of two materials correct the model alike."""
-LEAST = 0.003
-"""Relative error of the model that is always reckoned with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +95,16 @@ def refine(
         if moved <= SETTLED or number == ROUNDS:
             break
         # The model is always corrected from where it began: corrections do not add up.
-        correction = rendered_correction(_near(renders, found), lines)
+        near = _near(renders, found)
+        correction = rendered_correction([one for _, one in near], lines)
+        # Corrected there, the table is the less known the farther away the new fit goes.
+        middle = np.mean([one for one, _ in near], axis=0)
+        far = max(NEAR, original.table.distance(middle, found.material.array()))
+        error = np.hypot(far * original.table.scatter(), LEFT)
         model = replace(
             original,
             log_correction=original.log_correction + correction.log_ratio,
-            discrepancy=np.hypot(LEAST, correction.noise),
-            draws=correction.draws,
+            modes=joined(correction.modes, field_modes(error, len(phi))),
         )
         again = fit_rig(scene, model, measurements, material)
         step = (again.material.array() - found.material.array()) / again.intervals.material
@@ -110,11 +118,11 @@ def refine(
     )
 
 
-def _near(renders: list[tuple[Array, Render]], found: Calibration) -> list[Render]:
+def _near(renders: list[tuple[Array, Render]], found: Calibration) -> list[tuple[Array, Render]]:
     """Return the last render, and those before it of nearly the same material."""
     last = renders[-1][0]
     return [
-        one
+        (material, one)
         for material, one in renders
         if np.all(np.abs(material - last) <= ALIKE * found.intervals.material)
     ]

@@ -11,6 +11,7 @@ from hw.calibration.fit import Calibration, calibrate
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.measurement import LineReader, Measurement
+from hw.calibration.model_error import Modes, field_modes
 from hw.calibration.reference_lines import reference_lines
 from hw.correction import Correction, surrogate_correction
 from hw.errors import CalibrationError
@@ -33,15 +34,13 @@ class Model:
         table: light at the reference lines for any material.
         correction: what the surrogate adds to it.
         log_correction: the same at the lines, ``(bend, fiber, point)``.
-        discrepancy: ``(bend,)`` relative error that is left.
-        draws: ``(draw, bend, fiber, point)`` log errors that renders leave open; None before any.
+        modes: log errors that it may still have.
     """
 
     table: MaterialTable
     correction: Correction
     log_correction: Array
-    discrepancy: Array
-    draws: Array | None = None
+    modes: Modes
 
     def log_light(self, material: Material) -> Array:
         """Return log radiance per unit power at the reference lines, ``(bend, fiber, point)``."""
@@ -75,7 +74,9 @@ def line_model(
             for bend in range(len(bends))
         ]
     )
-    return Model(table, correction, log_correction, np.hypot(DISCREPANCY, correction.left))
+    error = np.hypot(np.hypot(DISCREPANCY, correction.left), table.scatter())
+    modes = field_modes(error, len(phi))
+    return Model(table, correction, log_correction, modes)
 
 
 def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
@@ -124,8 +125,7 @@ def fit_rig(
     return calibrate(
         model.table,
         model.log_correction,
-        model.discrepancy,
+        model.modes,
         measurements,
         start or Material.of(scene),
-        model.draws,
     )

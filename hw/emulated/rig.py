@@ -156,10 +156,8 @@ def rendered_images(
     images = true_images(scene, secret, phi, bends)
     for bend, angle in enumerate(bends):
         images[bend, np.setdiff1d(np.arange(len(phi)), lit[bend])] = 0.0
-        # The fibers share one process; of all at once, its matrices would be large.
-        for group in (lit[bend][0::2], lit[bend][1::2]):
-            if len(group):
-                _bring_to_reference(scene, images[bend], light, group, bend, float(angle))
+        if len(lit[bend]):
+            _bring_to_reference(scene, images[bend], light, lit[bend], bend, float(angle))
     return images
 
 
@@ -175,14 +173,14 @@ def _bring_to_reference(
     blocks = light.positions()
     flat = blocks.reshape(-1, 2)
     pixels = pixels_of(scene, angle, flat, ROWS, COLUMNS)
-    cell = light.cell_of(flat)
+    part = light.part_of(flat)
     places = {fiber: in_frame(scene, fiber, flat) for fiber in fibers}
     with np.errstate(divide="ignore", invalid="ignore"):
         smooth = SmoothRatio(
             [
                 ratios(
                     places[fiber],
-                    cell,
+                    part,
                     light.radiance[bend, fiber].ravel(),
                     light.error[bend, fiber].ravel(),
                     np.log(sample(images[fiber], pixels)),
@@ -190,11 +188,10 @@ def _bring_to_reference(
                 for fiber in fibers
             ]
         )
-    # The ratio changes over millimetres: every other block is enough.
-    coarse = [places[fiber].reshape(*blocks.shape)[::2, ::2].reshape(-1, 2) for fiber in fibers]
-    found = smooth.mean(coarse).reshape(len(fibers), *blocks[::2, ::2].shape[:2])
+    found = smooth.mean([places[fiber] for fiber in fibers])
+    found = found.reshape(len(fibers), *blocks.shape[:2])
     seen = np.nan_to_num(pad_positions(scene, angle, ROWS, COLUMNS))
-    row, column = np.moveaxis((seen - blocks[0, 0])[..., ::-1] / (2 * light.block), -1, 0)
+    row, column = np.moveaxis((seen - blocks[0, 0])[..., ::-1] / light.block, -1, 0)
     for fiber, ratio in zip(fibers, found, strict=True):
         images[fiber] *= np.exp(map_coordinates(ratio, [row, column], order=3, mode="nearest"))
 

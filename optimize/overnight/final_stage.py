@@ -16,7 +16,7 @@ from optimize.overnight.amounts import LEAST_SHARE, REPORT_SECONDS, SEEDS_FIXED,
 from optimize.overnight.loop_stage import Outcome
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
-from optimize.overnight.shift import Shift, design_json, design_of
+from optimize.overnight.shift import Shift, design_json, design_of, extended
 from optimize.renders import DesignRenders, distinct_directions, reference_renders
 from optimize.score_scale import Scale
 from optimize.verdict import Verdict
@@ -56,6 +56,8 @@ def verify_finalists(
 ) -> tuple[Verdict, list[tuple[int, Verdict]]]:
     """Return the verdict of all seeds, and those of the first 1, 2, 4, ... seeds.
 
+    The finalists were chosen before the first of these seeds, so those of extensions are pooled.
+
     Arguments:
         shift: the shift.
         finalists: designs by key, the baseline first.
@@ -69,9 +71,10 @@ def verify_finalists(
     )
     pooled = _Pool(finalists, scale)
     checks: list[tuple[int, Verdict]] = []
-    longest, number = 0.0, 0
+    longest, number, extension = 0.0, 0, 0
     while True:
         began = shift.store.spent()
+        name = extended(f"final batch {number + 1}", extension)
 
         def another(number: int = number, longest: float = longest) -> list[int]:
             if shift.fixed is not None and number == SEEDS_FIXED:
@@ -82,20 +85,21 @@ def verify_finalists(
             first = number * amount["seeds"]
             return [shift.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
 
-        seeds = shift.decide(f"final batch {number + 1}", another)
-        if not seeds:
-            break
+        seeds = shift.decide(name, another)
+        if not seeds or shift.decided(f"{name} given up") is not None:
+            if extension == shift.extension:
+                break
+            extension += 1
+            continue
         shift.stage("Final verification", "final")
         late = None if shift.fixed is not None or not number else shift.until - REPORT_SECONDS / 2
         try:
-            if shift.decided(f"final batch {number + 1} given up") is not None:
-                break
             with shift.renders.until(late):
                 found = render(
                     designs, mutations=amount["mutations"], seeds=seeds, title="the finalists"
                 )
         except OutOfTime:
-            shift.decide(f"final batch {number + 1} given up", lambda: True)
+            shift.decide(f"{name} given up", lambda: True)
             break
         pooled.add(found, len(seeds))
         number += 1

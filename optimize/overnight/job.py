@@ -1,8 +1,10 @@
 """The overnight job: from a scene to a verified design, its report and a refitted model.
 
 Every stage asks the record first, so the job may be ended at any instant and asked for again. With
-more hours than a finished run has worked, another shift refines: more passes of the table, the
-model fitted to all of them, rounds from the contenders so far, and fresh seeds for the verdict.
+some more hours than a finished run has worked, its finalists get more seeds, which are pooled with
+those that they had. With so many more that all stages gain, another shift refines: more passes of
+the table, the model fitted to all of them, rounds from the contenders so far, and fresh seeds for
+the verdict.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from optimize.overnight.report import REPORT, write_report
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import write_scaling
 from optimize.overnight.search_stage import searched, thesis_design
-from optimize.overnight.shift import Shift
+from optimize.overnight.shift import Shift, extended
 from optimize.overnight.store import RECORD, Request, Store
 from optimize.overnight.table_stage import measured_pace, render_table, seen_pace, whole_table
 from optimize.overnight.watch import LOG, Signals, Stopped, Watch
@@ -38,7 +40,9 @@ from render.scene import Scene, load_scene
 from render.transport import TransportTable
 
 WORTH = 1.05
-"""Hours beyond what was worked by less than this factor start no other shift."""
+"""Hours beyond what was worked by less than this factor change nothing."""
+REFINES = 1.8
+"""From this factor on another shift refines; a shorter one would know less than the first did."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ def _work(
     workers: Workers | None = None
     try:
         _keep_scene(run, scene_name, scene)
-        number, finished = _shift_number(store, config)
+        number, extension, finished = _place(store, config)
         if finished:
             ended = "finished"
             try:
@@ -139,7 +143,7 @@ def _work(
                     write_report(night, run)
                 return night
         workers = hire()
-        shift = _shift(scene, store, workers, signals, watch, config, number)
+        shift = _shift(scene, store, workers, signals, watch, config, number, extension)
         night = _shifted(shift, config)
         ended = "finished"
         return night
@@ -163,15 +167,26 @@ def _keep_scene(run: Path, scene_name: str, scene: Scene) -> None:
     keep_scene(run, scene_name)
 
 
-def _shift_number(store: Store, config: NightConfig) -> tuple[int, bool]:
-    """Return the shift to work in, and whether it has nothing left to do."""
+def _place(store: Store, config: NightConfig) -> tuple[int, int, bool]:
+    """Return the shift to work in, how often it was extended, and whether nothing is left to do."""
     number = 1
-    while store.decided(f"{number}/finished") is not None:
+    while store.decided(f"{number + 1}/hours") is not None:
         number += 1
-    more = config.hours is not None and 3600 * config.hours > WORTH * store.spent()
-    if number == 1 or more or store.decided(f"{number}/hours") is not None:
-        return number, False
-    return number - 1, True
+    ends = _ends(store, number)
+    if not ends or store.decided(extended(f"{number}/hours", ends)) is not None:
+        return number, ends, False
+    factor = 0.0 if config.hours is None else 3600 * config.hours / store.spent()
+    if factor >= REFINES:
+        return number + 1, 0, False
+    return (number, ends, False) if factor > WORTH else (number, ends - 1, True)
+
+
+def _ends(store: Store, number: int) -> int:
+    """Return how often a shift has come to its end, extensions included."""
+    ends = 0
+    while store.decided(extended(f"{number}/finished", ends)) is not None:
+        ends += 1
+    return ends
 
 
 def _shift(
@@ -182,9 +197,13 @@ def _shift(
     watch: Watch,
     config: NightConfig,
     number: int,
+    extension: int,
 ) -> Shift:
-    began = 0.0 if number == 1 else store.decided(f"{number - 1}/finished")["spent"]
-    store.decide(f"{number}/hours", lambda: {"hours": config.hours})
+    began = 0.0
+    if number > 1:
+        last = _ends(store, number - 1) - 1
+        began = store.decided(extended(f"{number - 1}/finished", last))["spent"]
+    store.decide(extended(f"{number}/hours", extension), lambda: {"hours": config.hours})
     shift = Shift(
         scene=scene,
         store=store,
@@ -192,6 +211,7 @@ def _shift(
         watch=watch,
         seed=config.seed,
         number=number,
+        extension=extension,
         fixed=None if config.mutations is None else Fixed(config.mutations),
         until=math.inf if config.hours is None else 3600 * config.hours,
         began=began,
@@ -224,7 +244,7 @@ def _shifted(shift: Shift, config: NightConfig) -> Night:
     write_scaling(shift.store.run)
     write_report(night, shift.store.run)
     spent = shift.store.spent()
-    shift.store.decide(f"{shift.number}/finished", lambda: {"spent": spent})
+    shift.decide(extended("finished", shift.extension), lambda: {"spent": spent})
     shift.watch.record("Finished", 1, 1, 0.0)
     for sentence in night.verdict:
         shift.watch.note(sentence)

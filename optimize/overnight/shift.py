@@ -19,13 +19,14 @@ from render.scene import Scene
 
 @dataclass
 class Shift:
-    """One working shift: a night is one, and asked for more hours, it has another after it.
+    """One working shift: a night is one, and asked for more hours, it is extended or has another.
 
     Arguments:
         scene: the sensor.
         store, renders, watch: record, runner and display.
         seed: of the run.
         number: from 1; part of the names of decisions and of all seeds.
+        extension: how often it was at its end and went on verifying.
         fixed: amounts of work; None where hours decide.
         until: seconds of work (``Store.spent``) by which the shift ends, infinite with ``fixed``.
         began: seconds of work before the shift.
@@ -37,6 +38,7 @@ class Shift:
     watch: Watch
     seed: int
     number: int
+    extension: int
     fixed: Fixed | None
     until: float
     began: float
@@ -93,6 +95,11 @@ class Shift:
         """Keep the best design so far for ``tactilux status``."""
         self.best = {"score": score, "interval": [score - reach, score + reach],
                      "level": level, "design": what}  # fmt: skip
+
+
+def extended(name: str, extension: int) -> str:
+    """Return the name that a decision has in a shift's extension."""
+    return f"{name}, extension {extension}" if extension else name
 
 
 def design_json(design: Design) -> dict[str, Any]:

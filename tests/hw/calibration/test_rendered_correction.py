@@ -45,9 +45,10 @@ def misses(scene: Scene, ratio: float, noise: float, seed: int) -> tuple[Array, 
             on = np.isfinite(flat[bend, fiber])
             true = ratio * np.sin(lines.position[fiber, on, 1] / 6.0)
             error = found.log_ratio[bend, fiber, on] - true
-            draws = found.draws[:, bend, fiber, on]
+            modes = found.modes[bend][:, fiber, on]
             errors.append(error - error.mean())
-            spreads.append((draws - draws.mean(axis=1, keepdims=True)).std(axis=0))
+            shapes = modes - modes.mean(axis=1, keepdims=True)
+            spreads.append(np.sqrt((shapes**2).sum(axis=0)))
     return np.concatenate(errors), np.concatenate(spreads)
 
 
@@ -72,4 +73,4 @@ def test_what_was_not_rendered_is_not_corrected(scene: Scene) -> None:
     light, flat = rendered(scene, 0.1, 0.05, 2)
     found = rendered_correction([Render(light, flat)], reference_lines(scene))
     assert not found.log_ratio[0, 1::2].any()
-    assert not found.draws[:, 1, ::2].any()
+    assert not found.modes[1][:, ::2].any()

@@ -13,6 +13,7 @@ from hw.calibration.fit import Calibration
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
+from hw.calibration.model_error import field_modes
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.report import ReportContent, render_report
 from hw.calibration.rig_fit import Model, fit_rig, measure, require_linearity
@@ -65,7 +66,8 @@ def taken(scene: Scene, flaws: Flaws, seed: int = 0) -> tuple[list[PhotoSet], Ph
 def model_of(table: MaterialTable) -> Model:
     """Return the toy's model, which needs no correction."""
     none = Correction(np.zeros((2, 20, 6)), np.array([[-3.0, -3.0], [3.0, 9.0]]), np.zeros(2))
-    return Model(table, none, np.zeros(table.coefficients.shape[1:]), np.full(2, 0.005))
+    modes = field_modes(np.full(2, 0.005), 20)
+    return Model(table, none, np.zeros(table.coefficients.shape[1:]), modes)
 
 
 @pytest.fixture(scope="module")

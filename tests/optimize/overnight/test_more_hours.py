@@ -1,0 +1,47 @@
+"""A finished night that is asked for more hours goes on from what it knows."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+
+from optimize.overnight.job import REFINES, NightConfig, overnight
+from optimize.overnight.night import Night
+from optimize.overnight.status import status_of
+from optimize.overnight.store import RECORD
+from optimize.overnight.workers import Here
+from tests.optimize.overnight.tiny import write_tiny
+
+SECONDS = 12.0
+
+
+def batches(run: Path) -> list[str]:
+    db = sqlite3.connect(run / RECORD)
+    try:
+        named = "SELECT name FROM decisions WHERE name LIKE '%/final batch%' AND value != '[]'"
+        return [name for (name,) in db.execute(named)]
+    finally:
+        db.close()
+
+
+def test_some_more_hours_verify_the_same_finalists_with_more_seeds(tmp_path: Path) -> None:
+    scene, run = write_tiny(tmp_path), tmp_path / "run"
+
+    def night(seconds: float) -> Night:
+        return overnight(str(scene), run, NightConfig(hours=seconds / 3600), hire=Here)
+
+    first = night(SECONDS)
+    kept = batches(run)
+    # Nothing to do: the same answer, at once.
+    assert night(SECONDS).finalists[0].score == first.finalists[0].score
+    assert batches(run) == kept
+
+    more = night(0.5 * (1 + REFINES) * status_of(run).seconds)
+    for before, after in zip(first.finalists, more.finalists, strict=True):
+        np.testing.assert_allclose(after.design.phi, before.design.phi)
+    added = batches(run)[len(kept) :]
+    assert added
+    assert all("extension 1" in name for name in added)
+    assert more.replicates > first.replicates
