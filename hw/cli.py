@@ -276,7 +276,7 @@ def recovery(
     seed: Annotated[int, typer.Option(min=0, help="Of the first rig; the others follow.")] = 0,
     rig_mutations: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of the photographs.")
-    ] = 2000,
+    ] = 8000,
     mutations: Mutations = 2000,
     json: Json = False,
 ) -> None:
