@@ -70,6 +70,8 @@ def frontier(
 ) -> Run:
     monkeypatch.chdir(sensor)
     monkeypatch.setattr("optimize.frontier.frontier.TrainConfig", lambda: QUICK)
+    # Trials of the usual size take longer than everything else here.
+    monkeypatch.setattr("render.pace.TRIALS", (2, 6))
 
     def run(*words: str) -> tuple[int, str, str]:
         arguments = ["tactilux", "frontier", "small3.toml", *words]
