@@ -78,17 +78,19 @@ class PadLight:
 
     def cell_of(self, position: Array) -> Array:
         """Return the number of the cell ``(...)`` that flat positions ``(..., 2)`` mm lie in."""
-        place = np.nan_to_num(self._place(position)).round() // self.blocks
-        return np.asarray(place[..., 0] * (self.radiance.shape[3] // self.blocks) + place[..., 1])
+        return self._number(position, self.blocks)
 
     def part_of(self, position: Array) -> Array:
         """Return the number of the part, half a cell wide, that flat positions ``(..., 2)`` lie in.
 
         Their errors are nearly independent, though they share light subpaths.
         """
-        size = max(1, self.blocks // 2)
-        place = np.nan_to_num(self._place(position)).round() // size
-        return np.asarray(place[..., 0] * (self.radiance.shape[3] // size) + place[..., 1])
+        return self._number(position, max(1, self.blocks // 2))
+
+    def _number(self, position: Array, side: int) -> Array:
+        """Return the number of the square, ``side`` blocks wide, that positions lie in."""
+        place = np.nan_to_num(self._place(position)).round() // side
+        return np.asarray(place[..., 0] * (self.radiance.shape[3] // side) + place[..., 1])
 
     def _place(self, position: Array) -> Array:
         """Return row and column ``(..., 2)`` in blocks, whole numbers in their middles."""

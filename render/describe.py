@@ -150,7 +150,7 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.pad.roughness == 0.0:
         yield (
             "rough refraction",
-            (f"pad.roughness is 0, the outer faces are smooth; renders take {SMOOTHEST:g} for it"),
+            f"pad.roughness is 0, the outer faces are smooth; renders take {SMOOTHEST:g} for it",
         )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"

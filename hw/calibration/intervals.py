@@ -61,18 +61,17 @@ class Intervals:
 
 def intervals(problem: Problem, x: Array) -> Intervals:
     """Return the standard errors at the fit's end ``x``."""
-    raw = problem.data_jacobian(x)
-    scale = problem.scale()
+    slopes, scale = problem.jacobian(x), problem.scale()
     # Scaled normal equations: the parameters' sizes differ by orders, their derivatives do not.
-    scaled = problem.reduced(raw) * scale
+    scaled = slopes * scale
     inverse = scale[:, None] * np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scale
-    moves = inverse @ problem.reduced(raw).T
+    moves = inverse @ slopes.T
     # What is left of the photographs, in units of what noise and model explain; never below 1.
     left = problem.residuals(x)
     excess = max(1.0, float(left @ left) / (problem.used - len(x)))
     moved = moves @ problem.reduced(problem.mode_residuals())
     parts = {
-        "photographs": excess * np.asarray(moves[:, : len(raw)] @ moves[:, : len(raw)].T),
+        "photographs": excess * np.asarray(moves[:, : problem.rows] @ moves[:, : problem.rows].T),
         "model": moved @ moved.T,
     }
     covariance = np.sum(list(parts.values()), axis=0)

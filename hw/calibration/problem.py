@@ -150,25 +150,20 @@ class Problem:
         return np.asarray(shaded[:, None] * gain)
 
     def residuals(self, x: Array) -> Array:
-        """Return what the modes leave of the weighted residuals, and the modes' amplitudes."""
-        return self.reduced(self.data_residuals(x))
+        """Return what the modes leave of the weighted residuals, and the modes' amplitudes.
+
+        The residuals are flat, and 0 where a channel carries no light.
+        """
+        seen = self._counts + np.einsum("trc,t->rc", self._slope, x[TILT])
+        return self.reduced(((seen - self.wanted(x)) * self._weight).ravel())
 
     def reduced(self, residuals: Array) -> Array:
         """Return what the modes leave of residuals ``(residual, ...)``, then their amplitudes."""
         amplitude = self._inverse @ (self._modes @ residuals)
         return np.concatenate([residuals - self._modes.T @ amplitude, amplitude])
 
-    def data_residuals(self, x: Array) -> Array:
-        """Return weighted residuals of the data, flat; 0 where a channel carries no light."""
-        seen = self._counts + np.einsum("trc,t->rc", self._slope, x[TILT])
-        return np.asarray(((seen - self.wanted(x)) * self._weight).ravel())
-
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives ``(residual, parameter)`` of ``residuals``."""
-        return self.reduced(self.data_jacobian(x))
-
-    def data_jacobian(self, x: Array) -> Array:
-        """Return the derivatives ``(residual, parameter)`` of ``data_residuals``."""
         power, _ = self.unpack(x)
         weighted = self.wanted(x) * self._weight
         slope = terms_slope(x[MATERIAL]) @ self._coefficients
@@ -183,7 +178,7 @@ class Problem:
             only = np.zeros_like(weighted)
             only[:, channel] = -weighted[:, channel]
             columns.append(only)
-        return np.stack([column.ravel() for column in columns], axis=1)
+        return self.reduced(np.stack([column.ravel() for column in columns], axis=1))
 
     def mode_residuals(self) -> Array:
         """Return the model's error modes as data residuals ``(residual, mode)``."""

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
-import sqlite3
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +20,7 @@ from render.pad_job import PadJob
 from render.progress import Clock
 from render.reference import pad_jobs
 from render.scene import load_scene
-from tests.optimize.overnight.tiny import command, start
+from tests.optimize.overnight.tiny import rows, start
 
 MUTATIONS = 40
 """Per cell: renders of one to three seconds on two cores, as short as those of a short night."""
@@ -70,12 +66,12 @@ def test_what_logging_and_scheduling_add_to_renders(
     phi, bends = chebyshev_nodes(11, 0.0, np.pi), np.array(scene.bending.angles)
     jobs = pad_jobs(scene, phi, bends, mutations=MUTATIONS, seeds=[1, 2])
     store = Store(tmp_path, Request(scene.hash, "", 0, MUTATIONS), lambda text: None)
-    with closing(store._db):
-        workers = Timed()
-        runner = StoredRenders(store, workers, Signals())
-        began = time.perf_counter()
-        results = runner(jobs, Clock(sum(job.mutations for job in jobs), None))
-        added = time.perf_counter() - began - workers.seconds
+    workers = Timed()
+    runner = StoredRenders(store, workers, Signals())
+    began = time.perf_counter()
+    results = runner(jobs, Clock(sum(job.mutations for job in jobs), None))
+    added = time.perf_counter() - began - workers.seconds
+    store.close("finished")
     assert len(results) == len(jobs)
     with capsys.disabled():
         print(
@@ -86,10 +82,7 @@ def test_what_logging_and_scheduling_add_to_renders(
 
 
 def logged(run: Path) -> int:
-    if not (run / RECORD).exists():
-        return 0
-    with closing(sqlite3.connect(run / RECORD)) as db:
-        return int(db.execute("SELECT COUNT(*) FROM evaluations").fetchone()[0])
+    return len(rows(run, "SELECT key FROM evaluations")) if (run / RECORD).exists() else 0
 
 
 def test_a_killed_night_renders_again_soon(
@@ -106,10 +99,7 @@ def test_a_killed_night_renders_again_soon(
     for state in (tmp_path / STATES).iterdir():
         state.unlink()
     began = time.perf_counter()
-    again = subprocess.Popen(
-        command(*words, "--json-lines"), cwd=Path(__file__).parents[2], stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, text=True, env=os.environ,
-    )  # fmt: skip
+    again = start(*words, "--json-lines")
     # What is told first are the renders that are there; more than them are new paths.
     assert again.stdout is not None
     done = []

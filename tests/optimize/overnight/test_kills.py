@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
 
-from optimize.overnight.store import RECORD, RENDERS
-from tests.optimize.overnight.tiny import ROOT
+from optimize.overnight.store import RENDERS
+from tests.optimize.overnight.tiny import ROOT, rows
 
 KILLS = 50
-
-
-def rows(run: Path, query: str) -> list[tuple[object, ...]]:
-    db = sqlite3.connect(run / RECORD)
-    try:
-        return db.execute(query).fetchall()
-    finally:
-        db.close()
 
 
 def test_fifty_kills_at_random_instants_change_nothing(tmp_path: Path) -> None:

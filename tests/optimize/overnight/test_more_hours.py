@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -10,20 +9,15 @@ import numpy as np
 from optimize.overnight.job import REFINES, NightConfig, overnight
 from optimize.overnight.night import Night
 from optimize.overnight.status import status_of
-from optimize.overnight.store import RECORD
 from optimize.overnight.workers import Here
-from tests.optimize.overnight.tiny import write_tiny
+from tests.optimize.overnight.tiny import rows, write_tiny
 
 SECONDS = 12.0
 
 
 def batches(run: Path) -> list[str]:
-    db = sqlite3.connect(run / RECORD)
-    try:
-        named = "SELECT name FROM decisions WHERE name LIKE '%/final batch%' AND value != '[]'"
-        return [name for (name,) in db.execute(named)]
-    finally:
-        db.close()
+    named = "SELECT name FROM decisions WHERE name LIKE '%/final batch%' AND value != '[]'"
+    return [str(name) for (name,) in rows(run, named)]
 
 
 def test_some_more_hours_verify_the_same_finalists_with_more_seeds(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import random
 import re
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -21,8 +20,8 @@ import pytest
 
 from optimize.overnight.night import ARRAYS, DESIGNS, NIGHT, Night
 from optimize.overnight.status import status_of
-from optimize.overnight.store import RECORD, RENDERS
-from tests.optimize.overnight.tiny import ROOT, command, start, write_tiny
+from optimize.overnight.store import RENDERS
+from tests.optimize.overnight.tiny import ROOT, command, rows, start, write_tiny
 
 MUTATIONS = 8
 KILLED_IN = ("Transport table", "Surrogate", "Round 2", "Final verification")
@@ -57,14 +56,6 @@ def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Unbroken:
     return Unbroken(
         scene, run, [json.loads(line) for line in out.splitlines()], time.monotonic() - began
     )
-
-
-def rows(run: Path, query: str) -> list[tuple[object, ...]]:
-    db = sqlite3.connect(run / RECORD)
-    try:
-        return db.execute(query).fetchall()
-    finally:
-        db.close()
 
 
 def outcome(run: Path) -> dict[str, object]:

@@ -6,6 +6,7 @@ Used by tests and by the processes that tests start and kill.
 from __future__ import annotations
 
 import os
+import sqlite3
 import subprocess
 import sys
 from importlib import resources
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.overnight.store import Request
+from optimize.overnight.store import RECORD, Request
 from render.pad_job import PadJob
 from render.reference import pad_jobs
 from render.scene import Scene, load_scene
@@ -77,3 +78,12 @@ def start(*words: object, **options: object) -> subprocess.Popen[str]:
 def tiny_scene(folder: Path) -> Scene:
     """Return the scene of ``write_tiny``."""
     return load_scene(write_tiny(folder))
+
+
+def rows(run: Path, query: str) -> list[tuple[object, ...]]:
+    """Return what the record of ``run`` answers."""
+    db = sqlite3.connect(run / RECORD)
+    try:
+        return db.execute(query).fetchall()
+    finally:
+        db.close()
