@@ -91,17 +91,6 @@ class Mirrors:
         image = y - 2.0 * height_y * normal
         return AimLobe.towards(a, image, normal, dr.abs(height_a), dr.abs(height_y), slope)
 
-    def likeliest(self, y: Any, a: Any) -> tuple[Any, Any, Any]:
-        """Return the mirror that suits ``y`` and ``a`` best: normal, image of ``a``, liking."""
-        each, _ = self._likings(a, y)
-        k: Any = mi.UInt32(0)
-        best = each[0]
-        for i in range(1, self.count):
-            k = dr.select(each[i] > best, mi.UInt32(i), k)
-            best = dr.maximum(each[i], best)
-        normal = mi.Vector3f(*self._numbers(k, 0, 3))
-        return normal, a - 2.0 * self._height(k, a) * normal, best
-
     def plane(self, p: Any, normal: Any) -> Any:
         """Return the number of the mirror that a surface point lies in; ``count`` for none."""
         found: Any = mi.UInt32(self.count)
@@ -112,11 +101,8 @@ class Mirrors:
             found = dr.select(inside, k, found)
         return found
 
-    def sample(self, a: Any, y: Any, pick: Any, u: Any, v: Any) -> tuple[Any, Any, Any]:
-        """Return mirror, direction from ``a`` and its density (per solid angle, with the mirror's).
-
-        The density is 0 where no mirror fits.
-        """
+    def drawn(self, a: Any, y: Any, pick: Any) -> tuple[Any, Any]:
+        """Return a mirror, drawn by ``pick``, and the probability of that; 0 where none fits."""
         each, total = self._likings(a, y)
         k: Any = mi.UInt32(0)
         chosen, below = each[0], each[0]
@@ -125,10 +111,18 @@ class Mirrors:
             k = dr.select(beyond, mi.UInt32(i), k)
             chosen = dr.select(beyond, each[i], chosen)
             below = below + each[i]
+        return k, dr.select(total > 0, chosen / dr.maximum(total, 1e-30), 0.0)
+
+    def image(self, k: Any, a: Any, y: Any) -> tuple[Any, Any, Any]:
+        """Return the normal of mirror ``k``, the image of ``a`` in it, and its liking for both."""
+        normal = mi.Vector3f(*self._numbers(k, 0, 3))
+        return normal, a - 2.0 * self._height(k, a) * normal, self._liking(k, a, y)
+
+    def aimed(self, k: Any, a: Any, y: Any, u: Any, v: Any) -> tuple[Any, Any]:
+        """Return a direction from ``a`` to mirror ``k``, and its density per solid angle."""
         lobe = self._lobe(k, a, y)
         direction = lobe.sample(u, v)
-        density = lobe.density(direction) * chosen / dr.maximum(total, 1e-30)
-        return k, direction, dr.select((total > 0) & (chosen > 0), density, 0.0)
+        return direction, lobe.density(direction)
 
     def area_density(self, a: Any, b: Any, normal: Any, y: Any) -> Any:
         """Return the density per area with which a bridge from ``a`` to ``y`` finds ``b``.
@@ -236,15 +230,17 @@ def competing(
 
 @dr.syntax
 def bridge(
-    scene: Any, mirrors: Mirrors, y: Vertex, a: Vertex, numbers: tuple[Any, Any, Any], active: Any
-) -> Any:
-    """Return the MIS-weighted light that camera vertex ``a`` gets from ``y`` over a mirror.
+    scene: Any, mirrors: Mirrors, y: Vertex, a: Vertex, k: Any, chance: Any,
+    numbers: tuple[Any, Any], active: Any,
+) -> Any:  # fmt: skip
+    """Return the MIS-weighted light that camera vertex ``a`` gets from ``y`` over mirror ``k``.
 
-    Both are in volumes or diffuse. Strategies that find ``b`` from either side compete.
+    Both are in volumes or diffuse; the mirror was drawn with probability ``chance``, and that is
+    divided by. Strategies that find ``b`` from either side compete.
     """
-    pick, u, v = numbers
-    active = active & (y.weight > 0) & (a.weight > 0)
-    k, direction, density = mirrors.sample(a.p, y.p, pick, u, v)
+    active = active & (y.weight > 0) & (a.weight > 0) & (chance > 0)
+    direction, density = mirrors.aimed(k, a.p, y.p, *numbers)
+    density *= chance
     active = active & (density > 0)
     f_a, p_a, r_a = scatter(a, direction, mi.TransportMode.Radiance, active)
     p_a *= passing(a, PASSED)

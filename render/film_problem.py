@@ -80,7 +80,10 @@ class FilmProblem:
         # From memory, each camera subpath can look at light subpaths of other lanes.
         dr.eval(part, found, position, weight)
         ensemble = self.ensemble or Ensemble(lanes, lanes, 1)
-        joined = joins(self.scene, part, found, ensemble, light, self.limits, self.mirrors)
+        joined = joins(
+            self.scene, part, found, ensemble, light, self.limits, self.mirrors,
+            self.ensemble is not None,
+        )  # fmt: skip
         v, share = seen_from(found.shown.vertex, mi.Bool(False)), found.shown_share
         where, splat = project(self.scene, self.sensor, v, share > 0)
         splat *= share

@@ -45,14 +45,15 @@ def promise(scene: Any, y: Vertex, z: Vertex, active: Any) -> Any:
     return dr.mean(joined_through(y, z, mi.Spectrum(clear), active, passed=PASSED)) * z.weight
 
 
-def mirrored(scene: Any, mirrors: Mirrors, y: Vertex, a: Vertex, active: Any) -> Any:
-    """Return the light that ``a`` gets from ``y`` over the likeliest mirror.
+def mirrored(
+    scene: Any, mirrors: Mirrors, y: Vertex, a: Vertex, k: Any, chance: Any, active: Any
+) -> Any:
+    """Return the light that ``a`` gets from ``y`` over mirror ``k``, drawn with ``chance``.
 
     By a perfect mirror of the same reflectance, through the medium at ``y``.
     """
-    active = active & (a.weight > 0)
-    normal, image, liking = mirrors.likeliest(y.p, a.p)
-    active = active & (liking > 0)
+    active = active & (a.weight > 0) & (chance > 0)
+    normal, image, liking = mirrors.image(k, a.p, y.p)
     w = image - y.p
     squared = dr.squared_norm(w)
     w *= dr.rsqrt(dr.maximum(squared, 1e-20))
@@ -62,7 +63,7 @@ def mirrored(scene: Any, mirrors: Mirrors, y: Vertex, a: Vertex, active: Any) ->
     light = dr.mean(y.beta * sent * received) * liking * squared / _apart(squared, a)
     end = replace(a)
     end.p = image
-    return dr.select(active, light * through(scene, y, end, active), 0.0)
+    return dr.select(active, light * through(scene, y, end, active) / chance, 0.0)
 
 
 def _apart(squared: Any, z: Vertex) -> Any:

@@ -22,7 +22,7 @@ from render.film_problem import FilmProblem
 from render.primary import ROUNDS, Hashed, key
 
 # Light subpaths that each camera subpath is joined to.
-SHARED = 24
+SHARED = 48
 # Paths of one pass.
 LANES = 1 << 17
 # Samples under the kernel that smooths the pilot's second moments, and the share of samples that

@@ -60,3 +60,20 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         raise TableError(
             f"{path} is not a readable .npz file: {error}", field="table", value=str(path)
         ) from None
+
+
+def read_or_drop(path: Path, *names: str) -> dict[str, np.ndarray] | None:
+    """Return the arrays of a file that an earlier call kept, None without one.
+
+    A file that is damaged, or lacks one of ``names``, is taken away, so that it is made again.
+    """
+    if not path.exists():
+        return None
+    try:
+        arrays = read_npz(path)
+    except TableError:
+        arrays = {}
+    if arrays and arrays.keys() >= set(names):
+        return arrays
+    path.unlink()
+    return None

@@ -22,9 +22,9 @@ import numpy as np
 
 from render.bending import Array
 from render.camera import facet_masks
-from render.errors import RenderError, TableError
+from render.errors import RenderError
 from render.llvm import VARIANT, mitsuba
-from render.npz import read_npz, write_npz
+from render.npz import read_or_drop, write_npz
 from render.scene import Scene
 from render.scene_content import scene_content, scene_of
 
@@ -175,17 +175,6 @@ def render_pad(
         raise _no_light()
     estimate[..., np.diff(problem.targets.offset) == 0] = np.nan
     return PadResult(estimate, time.monotonic() - began)
-
-
-def read_or_drop(path: Path) -> dict[str, np.ndarray] | None:
-    """Return the arrays of a checkpoint, None without one; a damaged one is taken away."""
-    if not path.exists():
-        return None
-    try:
-        return read_npz(path)
-    except TableError:
-        path.unlink()
-        return None
 
 
 @lru_cache(maxsize=64)

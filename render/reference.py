@@ -20,8 +20,8 @@ from render.bending import Array
 from render.error_bars import standard_error
 from render.errors import RenderError
 from render.llvm import VARIANT
-from render.npz import write_npz
-from render.pad_job import CHUNK, VERSION, PadJob, PadResult, read_or_drop, render_pad
+from render.npz import read_or_drop, write_npz
+from render.pad_job import CHUNK, VERSION, PadJob, PadResult, render_pad
 from render.progress import Clock, Progress
 from render.scene import Scene
 from render.symmetry import mirrored, mirrors

@@ -92,7 +92,9 @@ def by_light_tracing(
     group = np.arange(LANES) % replicates
     lane: Any = dr.arange(mi.UInt32, LANES)
     for number in range(passes):
-        streams, _ = mi.sample_tea_32(lane, mi.UInt32(seed * 1000 + number), 6)
+        # A literal would be compiled into the kernel, again for every pass.
+        salt: Any = dr.opaque(mi.UInt32, seed * 1000 + number)
+        streams, _ = mi.sample_tea_32(lane, salt, 6)
         total, where = _light_tracer(lit, lit.sensors()[0], emission, Hashed(streams))
         uv = np.array(where).T
         column = np.minimum((uv[:, 0]).astype(int), columns - 1)

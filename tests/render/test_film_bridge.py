@@ -39,7 +39,10 @@ def test_bridges_find_each_point_of_the_faces_with_the_stated_density(mono: Modu
     rng = np.random.default_rng(1)
     numbers = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(3))
     a, y = repeated(mono, A, COUNT), repeated(mono, Y, COUNT)
-    k, direction, density = mirrors.sample(a, y, *numbers)
+    pick, u, v = numbers
+    k, chance = mirrors.drawn(a, y, pick)
+    direction, density = mirrors.aimed(k, a, y, u, v)
+    density = density * chance
     assert (np.array(density) > 0).all()
     d = np.array(direction, dtype=np.float64).T
     # Where the ray leaves the cube; only the face that was aimed at counts.
@@ -81,7 +84,9 @@ def test_points_in_a_face_or_outside_or_the_same_give_finite_densities(
     mirrors = found_mirrors(cube(mono, 0.1))
     a, y = repeated(mono, A, 4), repeated(mono, np.array(other), 4)
     half = mono.Float([0.0, 0.3, 0.6, 0.99])
-    _, direction, density = mirrors.sample(a, y, half, half, half)
+    k, chance = mirrors.drawn(a, y, half)
+    direction, density = mirrors.aimed(k, a, y, half, half)
+    density = density * chance
     dr.eval(direction, density)
     assert np.isfinite(np.array(direction)).all()
     assert np.isfinite(np.array(density)).all()

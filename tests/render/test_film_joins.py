@@ -77,10 +77,15 @@ def test_a_vertex_is_drawn_as_often_as_its_promise_says_and_stands_for_all(
     drawn = Drawn.none()
     for place, hope in enumerate(hopes):
         number = mono.Float(rng.random(count).astype(np.float32))
-        drawn = drawn.offered(mono.UInt32(place), dr.full(mono.Float, hope, count), number)
+        drawn = drawn.offered(
+            mono.UInt32(place), mono.Float(2.0),
+            dr.full(mono.Float, hope, count), number,
+        )  # fmt: skip
     share = np.bincount(np.array(drawn.place), minlength=len(hopes)) / count
     expected = np.array(hopes) / sum(hopes)
     error = np.sqrt(expected * (1 - expected) / count)
     assert (np.abs(share - expected) <= 4 * error).all()
     np.testing.assert_allclose(np.array(drawn.total), sum(hopes))
     np.testing.assert_allclose(np.array(drawn.hope), np.array(hopes)[np.array(drawn.place)])
+    # Each of them stands for two by itself.
+    np.testing.assert_allclose(np.array(drawn.all() * drawn.hope), 2 * sum(hopes), rtol=1e-5)

@@ -6,14 +6,14 @@ takes more samples and adds cases. Its results are kept in RESULTS.md.
 
 from __future__ import annotations
 
-import os
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-LONG = os.environ.get("TACTILUX_LONG", "") not in ("", "0")
+from tests.long import LONG
+
 METROPOLIS = {"chains": 4096, "luminance_samples": 1 << 20 if LONG else 1 << 15}
 
 
