@@ -1,6 +1,7 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-.PHONY: help explore verify train test unit validation validation-long benchmark lint format check-format types clean
+VALIDATIONS := $(wildcard tests/validation/test_*.py)
+.PHONY: help explore verify train test unit validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
 
 SCENE ?= finger20
 DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20-explore/design.json)
@@ -23,20 +24,32 @@ verify: $(FULL) ## Prove DESIGN against the baseline by physically based renderi
 train: $(FULL) ## Render the training cells of SCENE and fit its surrogate (about an hour)
 	$(BIN)/tactilux train $(SCENE)
 
-test: lint check-format types unit validation benchmark ## Everything that CI runs
+# Types and validation leave a core idle each: two at a time. Benchmarks run alone.
+test: lint check-format unit ## Everything that CI runs
+	$(MAKE) --jobs 2 --output-sync types $(VALIDATIONS)
+	$(MAKE) benchmark
 
+# Two workers on two cores: more threads of BLAS than cores wait for each other, five times as long.
+unit: export OMP_NUM_THREADS = 1
 unit: $(FULL) ## The tests alone
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
 		--ignore tests/validation
 
-# A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
-# have come and gone in one.
 validation: $(FULL) ## Against other renderers, closed forms and slow exact code
-	set -e; for file in tests/validation/test_*.py; do $(BIN)/python -m pytest $(VALIDATION_FLAGS) $$file; done
+	$(MAKE) --jobs 2 --output-sync $(VALIDATIONS)
 
 validation-long: export TACTILUX_LONG = 1
-validation-long: VALIDATION_FLAGS = --capture no
-validation-long: validation ## The same with more samples and more cases (hours); see RESULTS.md
+validation-long: export VALIDATION_FLAGS = --capture no
+validation-long: $(FULL) ## The same with more samples and more cases (hours); see RESULTS.md
+	$(MAKE) $(VALIDATIONS)
+	$(BIN)/python -m pytest tests/optimize/overnight/test_kills.py \
+		tests/optimize/overnight/test_whole_night.py
+
+# A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
+# have come and gone in one.
+$(VALIDATIONS): export OMP_NUM_THREADS = 1
+$(VALIDATIONS): $(FULL)
+	$(BIN)/python -m pytest $(VALIDATION_FLAGS) $@
 
 benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
 	$(BIN)/python -m pytest --capture no tests/benchmarks

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -22,6 +23,64 @@ def mono() -> ModuleType:
     from render.llvm import mitsuba
 
     return mitsuba("llvm_ad_mono")
+
+
+# Fixtures of a session that take many seconds, and the files that need them: on one worker.
+TOGETHER = {
+    "trained": tuple(
+        f"tests/surrogate/test_{name}.py"
+        for name in ("checker", "export", "materials", "package", "train")
+    ),
+    "small_model": tuple(
+        f"tests/optimize/commands/test_{name}.py"
+        for name in ("bad_input", "explore", "optimize", "verify")
+    ),
+    "night_report": (
+        "tests/optimize/overnight/test_report.py",
+        "tests/optimize/test_reports_in_a_browser.py",
+    ),
+}
+# What takes longest of all begins first, so that no worker is left alone with it at the end.
+LONGEST = (
+    "tests/optimize/overnight/test_whole_night.py",
+    "trained",
+    "small_model",
+    "tests/optimize/overnight/test_more_hours.py",
+    "tests/optimize/overnight/test_dask_workers.py",
+    "tests/optimize/overnight/test_disk.py",
+)
+
+
+def share(nodeid: str) -> str:
+    """Return the part of the tests that one worker runs: a file, or the files of a fixture."""
+    file = nodeid.split("::", 1)[0]
+    return next((name for name, files in TOGETHER.items() if file in files), file)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Let ``--dist loadfile`` know what goes together, and keep the order of the collection."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Shares(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return share(nodeid)
+
+    config.option.loadscopereorder = False
+    return Shares(config, log)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Put what takes longest first on workers; refuse a costly fixture where nobody knows of it."""
+    for item in items:
+        for name in set(TOGETHER) & set(getattr(item, "fixturenames", ())):
+            if share(item.nodeid) != name:
+                raise pytest.UsageError(f"{item.nodeid} needs {name}: add its file to TOGETHER")
+    if hasattr(config, "workerinput"):
+        places = {name: place for place, name in enumerate(LONGEST)}
+        items.sort(key=lambda item: places.get(share(item.nodeid), len(LONGEST)))
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,13 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pytest
+from scipy import stats
 
-from tests.validation.film import LONG
+from tests.long import LONG
 from tests.validation.test_slab_reference import lamp, slab
 
-SEEDS = 8
+SEEDS, GROUPS = 8, 32
 SAMPLES = [65_536, 100_000, 1_000_000, 10_000_000] if LONG else [65_536]
 """Of these some start the chains and an eighth is the pilot; the rest fixes the scale."""
 CHAINS = 4096
@@ -22,8 +24,9 @@ DEMANDED = 0.002 * np.sqrt(1e7)
 """Relative standard deviation times the root of ``luminance_samples``."""
 
 
+@pytest.mark.parametrize("samples", SAMPLES)
 def test_the_mean_intensity_scatters_less_than_0_2_percent_at_ten_million_samples(
-    mono: ModuleType, tmp_path: Path
+    mono: ModuleType, tmp_path: Path, samples: int
 ) -> None:
     from render.film_paths import Limits
     from render.film_problem import FilmProblem
@@ -32,21 +35,25 @@ def test_the_mean_intensity_scatters_less_than_0_2_percent_at_ten_million_sample
     scene = slab(mono, tmp_path, lamp(mono))
     problem = FilmProblem(scene, scene.sensors()[0], Limits())
     weights = np.ones((problem.bins, problem.channels)) / problem.bins
-    spread = {}
-    for samples in SAMPLES:
-        scales = []
-        for seed in range(1, SEEDS + 1):
-            run = FilmScale(problem, samples, CHAINS, 8, seed)
-            run.pilot()
-            scales.append(run.means(weights).mean())
-        spread[samples] = float(np.std(scales, ddof=1) / np.mean(scales))
-        # A standard deviation from few seeds is itself known to 1 / sqrt(2 (seeds - 1)).
-        print(
-            f"luminance_samples {samples}: mean {np.mean(scales):.4f}, standard deviation over "
-            f"{SEEDS} seeds {spread[samples]:.2%} +- {spread[samples] / np.sqrt(2 * SEEDS - 2):.2%}"
-        )
-    slack = 1 + 3 / np.sqrt(2 * SEEDS - 2)
-    for samples, found in spread.items():
-        assert found * np.sqrt(samples) < DEMANDED * slack
-    if LONG:
-        assert spread[10_000_000] < 0.002
+    groups = []
+    for seed in range(1, SEEDS + 1):
+        run = FilmScale(problem, samples, CHAINS, GROUPS, seed)
+        run.pilot()
+        groups.append(run.means(weights))
+    scales = np.mean(groups, axis=1)
+    # A standard deviation from n numbers is itself known to 1 / sqrt(2 (n - 1)): that over seeds
+    # to a quarter, that of a run from its own groups, pooled over the seeds, to a twentieth.
+    seeds = scales.std(ddof=1) / scales.mean()
+    pooled = np.sqrt(np.var(groups, axis=1, ddof=1).mean() / GROUPS) / scales.mean()
+    free = SEEDS * (GROUPS - 1)
+    print(
+        f"luminance_samples {samples}: mean {scales.mean():.4f}, standard deviation over {SEEDS} "
+        f"seeds {seeds:.3%} +- {seeds / np.sqrt(2 * SEEDS - 2):.3%}, from the {GROUPS} groups of "
+        f"each {pooled:.3%} +- {pooled / np.sqrt(2 * free):.3%}"
+    )
+    # The groups speak for the run only if runs scatter as they say: Fisher's F, both tails.
+    ratio = stats.f(SEEDS - 1, free)
+    assert 1e-3 < ratio.cdf((seeds / pooled) ** 2) < 1 - 1e-3
+    assert seeds * np.sqrt(samples) < DEMANDED * (1 + 3 / np.sqrt(2 * SEEDS - 2))
+    if samples == 10_000_000:
+        assert pooled < 0.002

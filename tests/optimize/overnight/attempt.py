@@ -1,4 +1,4 @@
-"""One attempt at a run of six small renders: what tests kill, starve and interrupt.
+"""One attempt at a run of four small renders: what tests kill, starve and interrupt.
 
 Usage: attempt.py RUN FOLDER, with the tiny scene in FOLDER.
 """
@@ -19,7 +19,7 @@ from render.progress import Clock
 from render.scene import Scene, load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs
 
-SEEDS = 3
+SEEDS = 2
 
 
 def attempt(run: Path, scene: Scene) -> None:

@@ -35,7 +35,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 @pytest.fixture(scope="module")
 def jobs(scene: Scene) -> list[PadJob]:
-    return tiny_jobs(scene, 4)
+    return tiny_jobs(scene, 3)
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,11 @@ from pathlib import Path
 
 import pytest
 
+import render.pad_job
 from optimize.overnight.store import RECORD, RENDERS
-from tests.optimize.overnight.tiny import ROOT, command, write_tiny
+from render.scene import Scene, load_scene
+from tests.optimize.overnight.attempt import attempt
+from tests.optimize.overnight.tiny import ROOT, command, tiny_scene
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 ATTEMPT = f"{sys.executable} -m tests.optimize.overnight.attempt"
@@ -23,18 +26,16 @@ ATTEMPT = f"{sys.executable} -m tests.optimize.overnight.attempt"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the scene and a run that nothing disturbed."""
     folder = tmp_path_factory.mktemp("disk")
-    write_tiny(folder)
     (folder / "unbroken").mkdir()
-    done = attempt(folder, folder / "unbroken")
-    assert done.returncode == 0, done.stderr
+    finish(folder / "unbroken", tiny_scene(folder))
     return folder
 
 
-def attempt(folder: Path, run: Path, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*ATTEMPT.split(), str(run), str(folder)],
-        cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, **options,  # type: ignore[call-overload]
-    )  # fmt: skip
+def finish(run: Path, scene: Scene) -> None:
+    """Begin a run, or go on with it, in this process and to its end."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render.pad_job, "SAVE_SECONDS", 0.0)
+        attempt(run, scene)
 
 
 def renders(run: Path) -> dict[str, bytes]:
@@ -71,7 +72,7 @@ def test_a_full_disk_is_one_sentence_and_with_space_the_run_ends_bit_equal(
         f"""
         mount -t tmpfs -o size=4m tmpfs {run}
         {ATTEMPT} {run} {folder} &
-        until [ "$(ls {run}/{RENDERS} 2>/dev/null | wc -l)" -ge 2 ]; do sleep 0.02; done
+        until [ "$(ls {run}/{RENDERS} 2>/dev/null | wc -l)" -ge 2 ]; do sleep 0.1; done
         cat /dev/zero > {run}/ballast 2>/dev/null || true
         wait $! && exit 9 || echo code $?
         rm {run}/ballast
@@ -95,11 +96,14 @@ def test_files_that_may_not_grow_are_one_sentence_too(folder: Path, tmp_path: Pa
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (64_000, 64_000))
 
-    stopped = attempt(folder, tmp_path, preexec_fn=limited)
+    stopped = subprocess.run(
+        [*ATTEMPT.split(), str(tmp_path), str(folder)], preexec_fn=limited,
+        cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True,
+    )  # fmt: skip
     assert stopped.returncode == 2, stopped.stderr
     assert "goes on from what is" in stopped.stdout
     assert stopped.stdout.count("\n") == 1
-    assert attempt(folder, tmp_path).returncode == 0
+    finish(tmp_path, load_scene(folder / "tiny.toml"))
     assert renders(tmp_path) == renders(folder / "unbroken")
 
 
@@ -133,7 +137,7 @@ def test_a_directory_that_is_taken_away_meanwhile_is_one_sentence(
     run.mkdir()
     script = f"""
         {ATTEMPT} {run} {folder} &
-        until [ "$(ls {run}/{RENDERS} 2>/dev/null | wc -l)" -ge 1 ]; do sleep 0.02; done
+        until [ "$(ls {run}/{RENDERS} 2>/dev/null | wc -l)" -ge 1 ]; do sleep 0.1; done
         mv {run} {run}-elsewhere
         wait $! && exit 9 || echo code $?
         """
@@ -146,13 +150,13 @@ def test_a_directory_that_is_taken_away_meanwhile_is_one_sentence(
     # Nothing was lost: put back, it ends as if nothing had happened.
     shutil.rmtree(run, ignore_errors=True)
     (tmp_path / "run-elsewhere").rename(run)
-    assert attempt(folder, run).returncode == 0
+    finish(run, load_scene(folder / "tiny.toml"))
     assert renders(run) == renders(folder / "unbroken")
 
 
 @pytest.mark.parametrize("damage", ["truncated", "flipped"])
 def test_a_damaged_render_is_named_and_only_that_one_is_made_again(
-    folder: Path, tmp_path: Path, damage: str
+    folder: Path, tmp_path: Path, damage: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
     shutil.copytree(folder / "unbroken", run)
@@ -160,10 +164,10 @@ def test_a_damaged_render_is_named_and_only_that_one_is_made_again(
     whole = path.read_bytes()
     broken = whole[:-100] if damage == "truncated" else flipped(whole, 500)
     path.write_bytes(broken)
-    done = attempt(folder, run)
-    assert done.returncode == 0
-    assert path.name in done.stderr
-    assert done.stderr.count("rendered again") == 1
+    finish(run, load_scene(folder / "tiny.toml"))
+    said = capfd.readouterr().err
+    assert path.name in said
+    assert said.count("rendered again") == 1
     assert renders(run) == renders(folder / "unbroken")
     db = sqlite3.connect(run / RECORD)
     logged = db.execute("SELECT key FROM evaluations").fetchall()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from optimize.overnight.job import REFINES, NightConfig, overnight
 from optimize.overnight.night import Night
@@ -20,7 +21,11 @@ def batches(run: Path) -> list[str]:
     return [str(name) for (name,) in rows(run, named)]
 
 
-def test_some_more_hours_verify_the_same_finalists_with_more_seeds(tmp_path: Path) -> None:
+def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Drawing a report takes seconds, and nobody reads it here.
+    monkeypatch.setattr("optimize.overnight.job.write_report", lambda night, run: None)
     scene, run = write_tiny(tmp_path), tmp_path / "run"
 
     def night(seconds: float) -> Night:
