@@ -16,7 +16,15 @@ from hw.check.commission import commission
 from hw.check.image_check import check_image
 from hw.check.prediction import Prediction
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import POWER_DRIFT, SITE_DRIFT, STARTS, TURN_DRIFT, tolerances
+from hw.check.tolerances import (
+    MODEL,
+    MODEL_REACH,
+    POWER_DRIFT,
+    SITE_DRIFT,
+    STARTS,
+    TURN_DRIFT,
+    tolerances,
+)
 from hw.check.verdict import State, Verdict
 from render.bending import Array
 
@@ -47,8 +55,8 @@ class RigSpread:
     turn_drift: float = TURN_DRIFT
     gain: float = 0.05
     gain_drift: float = 0.02
-    model: float = 0.03
-    model_reach: float = float(np.radians(40.0))
+    model: float = MODEL
+    model_reach: float = MODEL_REACH
     site_reach: float = 5.0
     shift: float = SITE_DRIFT
     pixel_noise: float = 2.55

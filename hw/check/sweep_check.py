@@ -2,7 +2,8 @@
 
 Bayes' rule over explicit hypotheses. With T the predicted light of a fiber's sites, b its relative
 power, d its turn and P a permutation of its colours, a site's colour is
-``gain * P(power) * b * T(d)``, with Gaussian errors of noise and model. The evidence of a state is
+``gain * P(power) * b * T(d)``, with Gaussian errors of noise and model; a record of the healthy rig
+takes the model's error out at d = 0, from where it comes back with d. The evidence of a state is
 the mean likelihood over the b, d and P that it allows.
 """
 
@@ -25,6 +26,7 @@ SHARES = {State.DEAD: 0.25, State.DIM: 0.25, State.SWAPPED: 0.2, State.MOVED: 0.
 """How faults are shared among their kinds; what is left is `State.UNCLEAR`."""
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
+_STEPS = np.gradient(TURNS)
 
 
 def check_sweep(
@@ -116,28 +118,30 @@ class _Fiber:
     power: Array
     noise: Array
 
-    def fits(self, light: Array, power: Array, model: float) -> PowerFits:
+    def fits(self, light: Array, power: Array, model: Array) -> PowerFits:
         """Return how well ``light`` ``(n, site)`` of ``power`` ``(n, 3)`` explains what was seen.
 
-        The model's error goes with the light that is there.
+        The model's relative error, ``(n,)``, goes with the light that is there.
         """
         expected = light[:, :, None] * power[:, None, :]
-        variance = self.noise**2 + (model * np.maximum(self.seen, 0.0)) ** 2
-        square = np.einsum("sc,nsc->n", 1 / variance, expected**2)
-        best = np.einsum("sc,nsc->n", self.seen / variance, expected) / square
-        rest = float(np.sum(self.seen**2 / variance)) - best**2 * square
-        constant = -0.5 * float(np.sum(np.log(variance)))
+        variance = self.noise**2 + (model[:, None, None] * np.maximum(self.seen, 0.0)) ** 2
+        square = np.einsum("nsc,nsc->n", 1 / variance, expected**2)
+        best = np.einsum("nsc,nsc->n", self.seen / variance, expected) / square
+        rest = np.einsum("sc,nsc->n", self.seen**2, 1 / variance) - best**2 * square
+        constant = -0.5 * np.sum(np.log(variance), axis=(1, 2))
         return PowerFits(best, 1 / np.sqrt(square), constant - 0.5 * rest)
 
 
 def _judged(fiber: _Fiber, tolerances: Tolerances) -> FiberVerdict:
     power, middle = fiber.power[None], len(TURNS) // 2
     straight = fiber.light[middle : middle + 1]
-    turned = fiber.fits(fiber.light, np.repeat(power, len(TURNS), 0), tolerances.model)
+    turned = fiber.fits(
+        fiber.light, np.repeat(power, len(TURNS), 0), tolerances.model_when_turned(TURNS)
+    )
     permuted = fiber.power[np.array(PERMUTATIONS)]
     permuted = permuted[np.abs(permuted - fiber.power).max(axis=1) > 0.2 * fiber.power.max()]
-    unclear = fiber.fits(straight, power, UNCLEAR_SPREAD)
-    weight = np.gradient(TURNS) * fiber.reachable
+    unclear = fiber.fits(straight, power, np.array([UNCLEAR_SPREAD]))
+    weight = _STEPS * fiber.reachable
     small = weight * np.exp(-0.5 * (TURNS / tolerances.turn) ** 2)
     large = weight * (np.abs(TURNS) >= LEAST_TURN)
     usual, loose = around_one(tolerances.power), around_one(2 * tolerances.power)
@@ -149,7 +153,11 @@ def _judged(fiber: _Fiber, tolerances: Tolerances) -> FiberVerdict:
         State.UNCLEAR: float(unclear.evidence(between(0.0, BRIGHTEST))[0]),
     }
     if len(permuted):
-        swapped = fiber.fits(np.repeat(straight, len(permuted), 0), permuted, tolerances.model)
+        swapped = fiber.fits(
+            np.repeat(straight, len(permuted), 0),
+            permuted,
+            np.full(len(permuted), tolerances.model),
+        )
         evidence[State.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
     shares = {**SHARES, State.UNCLEAR: 1 - sum(SHARES.values())}
     log_posterior = {
@@ -175,15 +183,18 @@ def _named(
         confidence = posterior[state]
     if state in (State.SWAPPED, State.UNCLEAR, State.DEAD):
         return FiberVerdict(fiber.index, state, confidence)
-    turn = int(np.argmax(np.where(fiber.reachable, turned.likelihood, -np.inf)))
-    if state is not State.MOVED:
-        turn = len(TURNS) // 2
-    power, angle = float(turned.best[turn]), float(TURNS[turn])
+    turn = len(TURNS) // 2
+    if state is State.MOVED:
+        # Errors that grow with the turn would draw the best fit towards small ones.
+        power = np.repeat(fiber.power[None], len(TURNS), 0)
+        turned = fiber.fits(fiber.light, power, np.full(len(TURNS), tolerances.model))
+        turn = int(np.argmax(np.where(fiber.reachable, turned.likelihood, -np.inf)))
+    left, angle = float(turned.best[turn]), float(TURNS[turn])
     detail = {
-        State.DIM: f"about {100 * power:.0f} % of its power",
+        State.DIM: f"about {100 * left:.0f} % of its power",
         State.MOVED: f"about {np.degrees(angle):+.0f} deg",
     }.get(state, "")
-    return FiberVerdict(fiber.index, state, confidence, power, angle, detail)
+    return FiberVerdict(fiber.index, state, confidence, left, angle, detail)
 
 
 def _mean(evidence: Array, weights: Array) -> float:

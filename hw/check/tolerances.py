@@ -18,6 +18,9 @@ DEAD_BELOW, DIM_BELOW = 0.05, 0.85
 LEAST_TURN = np.radians(5.0)
 """Smaller turns are not called a fault."""
 
+MODEL, MODEL_REACH = 0.03, float(np.radians(40.0))
+"""The model's error of one site's light, relative, and the angle over which it changes (rad)."""
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -26,7 +29,9 @@ class Tolerances:
     Arguments:
         power: of a fiber's power, relative.
         turn: of a fiber's direction, rad.
-        model: of the prediction of one site's light, relative.
+        model: of one site's light where the fiber points as designed, relative.
+        model_turned: of the model's error over all directions, as far as ``model`` leaves it out: a
+            record of the healthy rig holds that error at the rig's own directions alone.
         gain: of the camera's gain per channel, relative; only one image of all fibers needs it.
         noise: of a site's colour, in counts; it may be ``(site,)``.
         fault: probability that a given fiber has a fault, before any image is seen.
@@ -35,11 +40,22 @@ class Tolerances:
 
     power: float = 0.08
     turn: float = float(np.radians(1.5))
-    model: float = 0.03
+    model: float = MODEL
+    model_turned: float = 0.0
     gain: float = 0.05
     noise: Array = field(default_factory=lambda: np.array(0.25))
     fault: float = 0.0005
     alarm: float = 0.5
+
+    def model_when_turned(self, turn: Array) -> Array:
+        """Return the relative error of one site's light after a turn, ``(n,)`` for ``(n,)`` rad.
+
+        The model's error is taken for a Gaussian process in direction with a squared-exponential
+        covariance (Rasmussen and Williams 2006, eq. 4.9): between two directions it differs with
+        the variance ``2 model_turned^2 (1 - exp(-(turn / MODEL_REACH)^2 / 2))``.
+        """
+        changed = 2 * self.model_turned**2 * -np.expm1(-0.5 * (turn / MODEL_REACH) ** 2)
+        return np.asarray(np.sqrt(self.model**2 + changed))
 
 
 STARTS = 4
@@ -64,6 +80,7 @@ def tolerances(*, sweep: bool, starts: int, noise: Array) -> Tolerances:
         power=more * POWER_DRIFT,
         turn=more * TURN_DRIFT,
         model=more * SITE_DRIFT if sweep else 0.005,
+        model_turned=MODEL if sweep else 0.0,
         gain=0.03,
         noise=more * noise,
         fault=0.1 if sweep else 0.0005,

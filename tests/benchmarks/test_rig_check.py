@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hw.check.prediction import predict
-from hw.check.study import study
+from hw.check.study import LEAST_RECALL, study
 from hw.check.sweep_check import check_sweep
 from hw.check.tolerances import STARTS, tolerances
 from hw.site_colours import SiteSpots
@@ -51,7 +51,4 @@ def test_a_check_and_its_recall() -> None:
     for one in found:
         parts = ", ".join(f"{fault} {100 * part:.0f} %" for fault, part in one.found.items())
         print(f"{one.way}: {parts}; false alarms {100 * one.false_alarms:.1f} % of {RIGS} rigs")
-    # Twice the bound is what a busy machine may cost.
-    assert best < 2 * BOUND
-    best_way = found[0]
-    assert min(best_way.found[fault] for fault in ("dead", "half power", "swapped")) >= 0.95
+    assert min(found[0].found.values()) >= LEAST_RECALL

@@ -69,6 +69,23 @@ def test_a_turned_fiber_is_named_with_its_angle(
     assert np.degrees(turned) == pytest.approx(degrees, abs=1.5)
 
 
+@pytest.mark.parametrize(("fiber", "degrees"), [(7, -10.0), (11, -10.0), (12, 10.0), (19, -10.0)])
+def test_a_turn_is_named_though_the_model_errs_in_what_it_does_to_the_light(
+    prediction: Prediction, fiber: int, degrees: float
+) -> None:
+    """These change least; an error of their change must not make them look healthy."""
+    turn = np.zeros(20)
+    turn[fiber] = np.radians(degrees)
+    exact = seen(prediction, turn=turn)
+    error = FINE.model_when_turned(turn)[fiber]
+    assert error > 0.007
+    for draw in range(6):
+        colours = exact.copy()
+        colours[fiber] *= 1 + error * np.random.default_rng(draw).choice([-1, 1], (15, 1))
+        verdict = check_sweep(prediction, colours, FINE)
+        assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.MOVED)]
+
+
 def test_dirt_before_some_sites_is_not_called_a_fault_of_a_fiber(prediction: Prediction) -> None:
     colours = seen(prediction)
     colours[6, ::2] *= 0.4
