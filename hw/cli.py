@@ -55,7 +55,11 @@ Noise = Annotated[
 ]
 Mutations = Annotated[
     int,
-    typer.Option(min=0, help="Light paths per fiber and cell of the confirming renders (0: none)."),
+    typer.Option(min=0, help="Light paths per fiber and cell of all renders (0: no renders)."),
+]
+Materials = Annotated[
+    int,
+    typer.Option(min=1, max=64, help="Materials rendered once for all rigs of a design, and kept."),
 ]
 
 
@@ -179,7 +183,8 @@ def calibrate(
     ] = None,
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
-    mutations: Mutations = 2000,
+    materials: Materials = 32,
+    mutations: Mutations = 1000,
     json: Json = False,
 ) -> None:
     """Fit the scene's material, powers and gains to photographs of single fibers."""
@@ -196,6 +201,7 @@ def calibrate(
         out=out,
         gamma=gamma,
         noise=noise,
+        materials=materials,
         mutations=mutations,
         as_json=json,
     )
@@ -226,12 +232,13 @@ def demo(
     rig_mutations: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
     ] = 2000,
-    mutations: Mutations = 2000,
+    materials: Materials = 32,
+    mutations: Mutations = 1000,
     rays: Annotated[
         int, typer.Option(min=2000, help="Light paths of photographs that are not rendered.")
     ] = 360_000,
     calibrate: Annotated[
-        bool, typer.Option(help="Also calibrate, on rendered photographs: some minutes.")
+        bool, typer.Option(help="Also calibrate, on rendered photographs: the long part.")
     ] = True,
     json: Json = False,
 ) -> None:
@@ -244,6 +251,7 @@ def demo(
         model=model,
         seed=seed,
         rig_mutations=rig_mutations,
+        materials=materials,
         mutations=mutations,
         rays=rays,
         calibrate=calibrate,
@@ -277,7 +285,8 @@ def recovery(
     rig_mutations: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of the photographs.")
     ] = 8000,
-    mutations: Mutations = 2000,
+    materials: Materials = 32,
+    mutations: Mutations = 1000,
     json: Json = False,
 ) -> None:
     """Measure how well calibration recovers random rigs from rendered photographs."""
@@ -289,6 +298,7 @@ def recovery(
         rigs=rigs,
         seed=seed,
         rig_mutations=rig_mutations,
+        materials=materials,
         mutations=mutations,
         as_json=json,
     )

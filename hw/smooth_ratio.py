@@ -92,15 +92,6 @@ def _steady(place: Array, variance: Array) -> Array:
     return np.asarray(np.exp(terms @ np.linalg.lstsq(terms, level, rcond=None)[0] + LOG_BIAS))
 
 
-def pooled(several: Sequence[Ratios]) -> Ratios:
-    """Return what several renders say about one fiber together."""
-    return Ratios(
-        np.concatenate([one.place for one in several]),
-        np.concatenate([one.log_ratio for one in several]),
-        np.concatenate([one.variance for one in several]),
-    )
-
-
 class SmoothRatio:
     """The process, told what renders say; ``data`` has one entry per fiber.
 
@@ -130,12 +121,6 @@ class SmoothRatio:
         """Return the log ratio at places ``(n, 2)`` of every fiber, one after the other."""
         across = self._covariance(wanted, self._seen)
         return np.asarray(across @ cho_solve((self._root, True), self._values))
-
-    def spread(self, wanted: Sequence[Array]) -> Array:
-        """Return the covariance of what the mean leaves open."""
-        across = self._covariance(wanted, self._seen)
-        left = self._covariance(wanted, wanted) - across @ cho_solve((self._root, True), across.T)
-        return np.asarray(0.5 * (left + left.T))
 
     def _covariance(self, a: Sequence[Array], b: Sequence[Array]) -> Array:
         near, same = _kernels(a, b)

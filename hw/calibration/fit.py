@@ -59,6 +59,7 @@ def calibrate(
     modes: Modes,
     measurements: list[Measurement],
     start: Material,
+    roughness: float,
 ) -> Calibration:
     """Return the best material, powers and gains, with intervals.
 
@@ -68,13 +69,14 @@ def calibrate(
         modes: independent log errors that the model may have, fitted with everything else.
         measurements: at least one photograph at each bend.
         start: where the fit starts.
+        roughness: what is known of it.
 
     Raises:
         CalibrationError: too few photographs, or the fit does not converge.
     """
     from scipy.optimize import least_squares
 
-    problem = Problem(table, log_correction, modes, measurements)
+    problem = Problem(table, log_correction, modes, measurements, roughness)
     x = problem.start(start)
     low, high = problem.bounds()
     for _ in range(ROUNDS):

@@ -25,7 +25,7 @@ from hw.fiber_images import fiber_images
 from hw.projection import pixels_of
 from render.bending import Array
 from render.errors import TableError
-from render.npz import read_npz, write_npz
+from render.npz import read_npz, read_or_drop, write_npz
 from render.scene import Scene
 
 VERSION = 3
@@ -64,10 +64,6 @@ class MaterialTable:
         """Return the rms error ``(bend,)`` of the shape of log light at a material left out."""
         shape = self.left_out - np.nanmean(self.left_out, axis=-1, keepdims=True)
         return np.asarray(np.sqrt(np.nanmean(shape**2, axis=(0, 2, 3))))
-
-    def distance(self, a: Array, b: Array) -> float:
-        """Return how far two materials ``(4,)`` are apart, in half ranges; 1 at most."""
-        return min(float(np.linalg.norm(np.subtract(*_to_unit(np.stack([a, b]))))), 1.0)
 
 
 def material_table(
@@ -111,13 +107,13 @@ def material_table(
     for number, material in enumerate(chosen):
         own = Material.from_array(material).put_into(scene)
         path = parts / f"{number:03d}.npz"
-        kept = _kept(path)
+        kept = read_or_drop(path, "log_light")
         if kept is None:
             light = line_light(own, phi, bends, pixels=pixels, rays=rays, seed=1000 + number)
             with np.errstate(divide="ignore"):
-                kept = np.where(light > 0, np.log(light), np.nan)
-            write_npz(path, {"log_light": kept})
-        drawn.append(kept)
+                kept = {"log_light": np.where(light > 0, np.log(light), np.nan)}
+            write_npz(path, kept)
+        drawn.append(kept["log_light"])
         if progress:
             progress(number + 1, materials)
     table = _fitted(key, phi, bends, chosen, np.stack(drawn))
@@ -151,9 +147,14 @@ def table_key(
     scene: Scene, phi: Array, bends: Array, materials: int = MATERIALS, rays: int = RAYS
 ) -> str:
     """Return a hash of everything the table depends on: not of the scene's own material."""
+    return design_key(VERSION, scene, phi, bends, materials, rays)
+
+
+def design_key(version: int, scene: Scene, phi: Array, bends: Array, *details: object) -> str:
+    """Return a hash of what all rigs of a design share, at any material, and of ``details``."""
     neutral = Material.from_array(np.sqrt(LOW * HIGH) + 0.01).put_into(scene)
-    content = [VERSION, neutral.hash, np.round(phi, 9).tolist(), np.round(bends, 9).tolist(),
-               materials, rays]  # fmt: skip
+    content = [version, neutral.hash, np.round(phi, 9).tolist(), np.round(bends, 9).tolist(),
+               *details]  # fmt: skip
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
 
 
@@ -170,7 +171,7 @@ def sobol_materials(count: int) -> Array:
 def line_pixels(scene: Scene, bends: Array, rows: int, columns: int) -> Array:
     """Return where the reference lines are in an image, ``(bend, fiber, point, 2)``, else NaN."""
     lines = reference_lines(scene)
-    points = np.where(lines.inside[..., None], lines.position, np.nan)
+    points = lines.on_pad
     found = [pixels_of(scene, float(bend), points.reshape(-1, 2), rows, columns) for bend in bends]
     return np.stack(found).reshape(len(bends), *points.shape)
 
@@ -210,17 +211,6 @@ def sample(image: Array, pixels: Array) -> Array:
     )
     found = np.where(seen[:, None], found, np.nan)
     return np.asarray(found[:, 0] if image.ndim == 2 else found)
-
-
-def _kept(path: Path) -> Array | None:
-    """Return log light that an interrupted call has drawn, None without it."""
-    if not path.exists():
-        return None
-    try:
-        return read_npz(path)["log_light"]
-    except (TableError, KeyError):
-        path.unlink()
-        return None
 
 
 def _fitted(key: str, phi: Array, bends: Array, materials: Array, drawn: Array) -> MaterialTable:

@@ -15,8 +15,16 @@ from render.scene import Scene
 
 BOX = 5
 """Side (pixels) of the square that is averaged around every point."""
+CLEAR = 12
+"""Pixels around a point that must show the pad: beyond its outline there is no light, and as far
+reach the averages, their slopes, and a camera that is tilted by half a degree."""
+OUTLINE = 4
+"""Pixels from the pad's outline that the averages leave out."""
 LEAST, MOST = 3.0, 225.0
 """Counts between which a point is used."""
+WIDE = 6.0
+"""Standard deviation (pixels) of the average from which slopes are taken. Their noise must stay far
+below them: the fit would take it for light that does not move with the tilt."""
 STEP = 2e-3
 """Turn (rad) over which the slope with the camera's tilt is taken."""
 
@@ -45,14 +53,23 @@ class Measurement:
     tilt_slope: Array
 
 
-def _well_inside(positions: Array) -> NDArray[np.bool_]:
-    """Return the pixels ``(row, column)`` around which everything that is averaged is pad."""
+def _well_inside(positions: Array, reach: int) -> NDArray[np.bool_]:
+    """Return the pixels ``(row, column)`` around which ``reach`` pixels show the pad."""
     import cv2
 
     pad = np.isfinite(positions[..., 0]).astype(np.uint8)
-    reach = np.ones((BOX + 6, BOX + 6), dtype=np.uint8)
-    inside = cv2.erode(pad, reach, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    square = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+    inside = cv2.erode(pad, square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(inside, dtype=np.bool_)
+
+
+def _averaged(photo: Array, inside: NDArray[np.bool_]) -> Array:
+    """Return the Gaussian average of those pixels of ``photo`` that are ``inside``."""
+    import cv2
+
+    share = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), WIDE)
+    found = cv2.GaussianBlur(photo * inside[..., None], (0, 0), WIDE)
+    return np.asarray(found / np.maximum(share, 1e-6)[..., None])
 
 
 class LineReader:
@@ -69,8 +86,11 @@ class LineReader:
         self._scene, self._noise = scene, noise
         rows, columns = scene.camera.rows, scene.camera.columns
         pixels = line_pixels(scene, bends, rows, columns)
+        self._clear = []
         for index, bend in enumerate(bends):
-            whole = _well_inside(pad_positions(scene, float(bend), rows, columns))
+            shown = pad_positions(scene, float(bend), rows, columns)
+            whole = _well_inside(shown, CLEAR)
+            self._clear.append(_well_inside(shown, OUTLINE))
             place = np.nan_to_num(pixels[index]).astype(int)
             seen = whole[
                 np.clip(place[..., 1], 0, rows - 1), np.clip(place[..., 0], 0, columns - 1)
@@ -87,7 +107,7 @@ class LineReader:
         )
         pixels = self._pixels[bend, fiber]
         counts = sample(smooth, pixels)
-        wide: Array = np.asarray(cv2.GaussianBlur(smooth, (0, 0), 2.0), dtype=np.float64)
+        wide = _averaged(photo, self._clear[bend])
         slopes = np.stack(
             [
                 (sample(wide, self._turned(pixels, axis)) - sample(wide, pixels)) / STEP

@@ -36,6 +36,11 @@ class ReferenceLines:
     line: NDArray[np.int64]
     place: Array
 
+    @property
+    def on_pad(self) -> Array:
+        """Positions ``(fiber, point, 2)``, NaN beside the pad."""
+        return np.where(self.inside[..., None], self.position, np.nan)
+
 
 _SIDEWAYS = np.arange(-ACROSS_REACH, ACROSS_REACH + STEP / 2, STEP)
 _ONWARDS = np.arange(2.0, ALONG_REACH + STEP / 2, STEP)

@@ -128,4 +128,5 @@ def fit_rig(
         model.modes,
         measurements,
         start or Material.of(scene),
+        scene.pad.roughness,
     )

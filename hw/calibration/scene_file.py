@@ -40,6 +40,7 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
         entry = raw[part][key]
         entry["value"] = float(f"{value * factor:.6g}")
         entry["source"] = f"calibrated {date}, 95 % interval {interval}"
+    raw["pad"]["roughness"]["source"] += "; held near the value before"
     g = raw["diffuser"]["g"]
     g["source"] = (
         f"{str(g['source']).split(';')[0]}; photographs cannot separate g and sigma_s, only "

@@ -18,6 +18,7 @@ from hw.errors import CalibrationError
 from optimize.design import Design
 from render.progress import Progress
 from render.scene import Scene
+from render.slab import cache_folder
 
 BOUND = 0.10
 """Relative error that a value may have where its interval does not hold the truth."""
@@ -93,6 +94,7 @@ def recover(
     seed: int,
     *,
     rig_samples: int,
+    materials: int,
     samples: int,
     progress: Callable[[str, Progress], None] | None = None,
 ) -> RigOutcome:
@@ -104,7 +106,8 @@ def recover(
         model: of the reference lines at `BENDS`.
         seed: of the rig and of all its noise.
         rig_samples: light paths per fiber and cell of the photographs.
-        samples: the same of the renders that correct and confirm.
+        materials: how many are rendered for all rigs.
+        samples: light paths of the renders that correct and confirm.
         progress: called with what is rendered and how far it is.
     """
 
@@ -123,10 +126,8 @@ def recover(
     measurements = measure(scene, sets, BENDS, secret.flaws.noise)
     first = fit_rig(scene, model, measurements)
     refined = refine(
-        scene, model, first, measurements, design.phi, BENDS, samples=samples,
-        progress=lambda number, at: progress(f"material {number} of rig {seed}", at)
-        if progress
-        else None,
+        scene, model, first, measurements, design.phi, BENDS, materials=materials,
+        samples=samples, folder=cache_folder(), progress=progress,
     )  # fmt: skip
     try:
         require_known(refined.found)

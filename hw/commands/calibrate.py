@@ -31,6 +31,7 @@ from optimize.output import check_target, fresh_directory, write_manifest
 from render.errors import RenderError
 from render.progress import Progress
 from render.scene import Scene, load_scene
+from render.slab import cache_folder
 
 
 def run(
@@ -45,6 +46,7 @@ def run(
     out: Path | None,
     gamma: float,
     noise: float,
+    materials: int,
     mutations: int,
     as_json: bool,
 ) -> None:
@@ -66,6 +68,7 @@ def run(
             model=model,
             target=target,
             noise=noise,
+            materials=materials,
             mutations=mutations,
         )
         if as_json:
@@ -84,6 +87,7 @@ def calibrate_sets(
     model: Path | None,
     target: Path,
     noise: float,
+    materials: int,
     mutations: int,
 ) -> dict[str, object]:
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
@@ -97,6 +101,7 @@ def calibrate_sets(
         model: folder of the surrogate; None looks for it.
         target: result directory.
         noise: of one pixel, counts.
+        materials: how many are rendered to correct the fit, for all rigs of the same design.
         mutations: light paths per fiber and cell of the renders that correct and confirm the fit;
             0 leaves them out.
     """
@@ -112,11 +117,14 @@ def calibrate_sets(
     today = date.today().isoformat()
     confirmation = None
     if mutations:
-        note("Rendering the material that was found, to correct and to confirm the fit")
-        with Meter("Render 1") as meter:
+        note(
+            f"Correcting the fit by renders: of {materials} materials, kept for all rigs of this "
+            "design, then of what is found"
+        )
+        with Meter("Rendering") as meter:
 
-            def said(number: int, at: Progress) -> None:
-                meter.title = f"Render {number}"
+            def said(name: str, at: Progress) -> None:
+                meter.title = f"Rendering {name}"
                 meter(at.done, at.total, at.eta_seconds)
 
             try:
@@ -127,7 +135,9 @@ def calibrate_sets(
                     measurements,
                     lighting.phi,
                     bends,
+                    materials=materials,
                     samples=mutations,
+                    folder=cache_folder(),
                     progress=said,
                 )
             except RenderError as error:
@@ -187,7 +197,11 @@ def _result(
         "table": value_rows(scene, found),
         "power": [float(p) if np.isfinite(p) else None for p in found.power],
         "gain": [float(g) if np.isfinite(g) else None for g in found.gain],
-        "not_separable": ["g and sigma_s", "the powers' mean and the gains"],
+        "not_separable": [
+            "g and sigma_s",
+            "the powers' mean and the gains",
+            "the roughness and errors of the model",
+        ],
         "hardly_separable": [list(pair) for pair in found.intervals.related()],
         "residual": found.chi,
         "linearity": asdict(additivity),
@@ -206,6 +220,7 @@ def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
         )
     stream.write(
         "g and sigma_s cannot be separated by photographs: sigma_s (1 - g) is calibrated, g kept.\n"
+        "The roughness is held near the scene's: photographs hardly tell it.\n"
     )
     confirmation = result["confirmation"]
     if isinstance(confirmation, dict):
@@ -216,5 +231,5 @@ def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
             f"{100 * confirmation['before']:.1f} %).\n"
         )
     else:
-        stream.write("Neither corrected nor confirmed by renders: --mutations 2000 does both.\n")
+        stream.write("Neither corrected nor confirmed by renders: --mutations 1000 does both.\n")
     stream.write(f"Scene: {result['scene']}\nReport: {result['report']}\n")

@@ -48,7 +48,7 @@ FRAMES = 4
 """Photographs that are averaged for each fiber of the checks."""
 DRIFT = 0.03
 """Relative change of powers between two starts."""
-DURATION = "about six minutes on two cores the first time, and three from then on"
+DURATION = "about 40 minutes on two cores the first time, and eight from then on"
 
 
 def run(
@@ -58,6 +58,7 @@ def run(
     model: Path | None,
     seed: int,
     rig_mutations: int,
+    materials: int,
     mutations: int,
     rays: int = RAYS,
     calibrate: bool = True,
@@ -104,6 +105,7 @@ def run(
                 model=model,
                 target=target,
                 noise=secret.flaws.noise,
+                materials=materials,
                 mutations=mutations,
             )
             result["truth"] = _compared(result, secret)

@@ -23,6 +23,7 @@ def run(
     rigs: int,
     seed: int,
     rig_mutations: int,
+    materials: int,
     mutations: int,
     as_json: bool,
 ) -> None:
@@ -48,6 +49,7 @@ def run(
                         lines,
                         number,
                         rig_samples=rig_mutations,
+                        materials=materials,
                         samples=mutations,
                         progress=said,
                     )

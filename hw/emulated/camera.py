@@ -129,6 +129,8 @@ def seen_by(scene: Scene, images: NDArray[np.float32], flaws: Flaws) -> Array:
                 homography,
                 (columns, rows),
                 flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                # What a tilted camera sees beyond the straight image goes on as it ends.
+                borderMode=cv2.BORDER_REPLICATE,
             )
             * shade
             for image in images

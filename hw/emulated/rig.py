@@ -148,10 +148,9 @@ def rendered_images(
     own = secret.material.put_into(scene)
     turned = np.clip(phi + secret.turn, 0.0, np.pi)
     seed = 900_000 + secret.seed
-    lines = reference_lines(scene)
     light = render_pad_light(
         own, turned, bends, lit, samples=samples, seed=seed, progress=progress,
-        around=np.where(lines.inside[..., None], lines.position, np.nan),
+        around=reference_lines(scene).on_pad,
     )  # fmt: skip
     images = true_images(scene, secret, phi, bends)
     for bend, angle in enumerate(bends):

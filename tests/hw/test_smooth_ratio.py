@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.reference_lines import frame_positions, reference_lines
-from hw.smooth_ratio import Ratios, SmoothRatio, in_frame, pooled, ratios
+from hw.smooth_ratio import Ratios, SmoothRatio, in_frame, ratios
 from render.bending import Array
 from render.scene import load_scene
 
@@ -33,26 +33,6 @@ def test_the_field_is_found_between_the_samples() -> None:
     for fiber, values in enumerate(found):
         error = values - field(wanted) - 0.3 * fiber
         assert np.abs(error).max() < 0.03
-
-
-def test_the_spread_holds_the_error() -> None:
-    wanted = np.array([[0.0, 5.0], [3.0, 9.0], [-4.0, 4.0]])
-    scores = []
-    for seed in range(12):
-        smooth = SmoothRatio(measured(0.05, fibers=2, seed=seed))
-        left = smooth.spread([wanted, wanted])
-        error = smooth.mean([wanted, wanted]) - np.concatenate([field(wanted), field(wanted) + 0.3])
-        # Shapes only: a fiber's constant is its power's.
-        shape = np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
-        scores.append(float(shape @ error) / float(np.sqrt(shape @ left @ shape)))
-    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.7
-
-
-def test_several_renders_are_one_set_of_samples() -> None:
-    first, second = measured(0.02, fibers=2)
-    both = pooled([first, second])
-    assert len(both.log_ratio) == 80
-    np.testing.assert_array_equal(both.place[:40], first.place)
 
 
 def test_blocks_of_a_cell_count_once() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.fit import Calibration, calibrate, require_known
-from hw.calibration.material import Material
+from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes
@@ -16,7 +16,7 @@ from render.bending import Array
 from render.scene import Scene
 from tests.hw.calibration.conftest import toy_log_light
 
-TRUE = Material(1.2, 0.02, np.radians(17.0), 0.12)
+TRUE = Material(1.2, 0.02, np.radians(17.0), 0.1)
 GAIN = np.array([2.0, 1.7, 1.4]) * 1e5
 
 
@@ -48,12 +48,18 @@ def fitted(
     none = np.zeros(table.coefficients.shape[1:])
     start = Material(1.0, 0.005, np.radians(15.0), 0.1)
     modes = field_modes(np.hypot(discrepancy, table.scatter()), 20)
-    return calibrate(table, none, modes, measurements, start)
+    return calibrate(table, none, modes, measurements, start, TRUE.roughness)
 
 
-def test_material_powers_and_camera_are_found(scene: Scene, table: MaterialTable) -> None:
+@pytest.fixture(scope="module")
+def usual(scene: Scene, table: MaterialTable) -> tuple[Calibration, Array]:
+    """Return the fit to the photographs of seed 0 with the usual noise; true powers."""
     measurements, power = photographs(scene)
-    found = fitted(table, measurements)
+    return fitted(table, measurements), power
+
+
+def test_material_powers_and_camera_are_found(usual: tuple[Calibration, Array]) -> None:
+    found, power = usual
     truth, values, se = TRUE.array(), found.material.array(), found.intervals.material
     assert (np.abs(values - truth) < 3 * se).all()
     assert found.material.reduced_scattering == pytest.approx(1.2, rel=0.05)
@@ -65,33 +71,54 @@ def test_material_powers_and_camera_are_found(scene: Scene, table: MaterialTable
 
 
 def test_intervals_hold_the_truth_about_as_often_as_they_say(
-    scene: Scene, table: MaterialTable
+    scene: Scene, table: MaterialTable, usual: tuple[Calibration, Array]
 ) -> None:
     held = []
-    for seed in range(12):
-        found = fitted(table, photographs(scene, seed)[0])
+    for found in (usual[0], *(fitted(table, photographs(scene, s)[0]) for s in range(1, 12))):
         z = (found.material.array() - TRUE.array()) / found.intervals.material
         held.append(np.abs(z) < 1.96)
     # 48 intervals of 95 %: fewer than 40 would come about once in 10^4 times.
     assert np.sum(held) >= 40
 
 
-def test_more_noise_gives_wider_intervals(scene: Scene, table: MaterialTable) -> None:
-    quiet = fitted(table, photographs(scene, noise=0.2)[0]).intervals
+def test_more_noise_gives_wider_intervals(
+    scene: Scene, table: MaterialTable, usual: tuple[Calibration, Array]
+) -> None:
     loud = fitted(table, photographs(scene, noise=5.0)[0]).intervals
-    assert (loud.material > quiet.material).all()
+    # The roughness is considered, not fitted.
+    assert (loud.material > usual[0].intervals.material)[:3].all()
 
 
 def test_a_model_that_is_less_sure_gives_wider_intervals(
+    scene: Scene, table: MaterialTable, usual: tuple[Calibration, Array]
+) -> None:
+    unsure = fitted(table, photographs(scene)[0], discrepancy=0.05).intervals
+    assert (unsure.material > usual[0].intervals.material)[:3].all()
+
+
+def test_a_roughness_other_than_the_scenes_is_within_the_intervals(
     scene: Scene, table: MaterialTable
 ) -> None:
-    measurements = photographs(scene)[0]
-    sure, unsure = (fitted(table, measurements, d).intervals for d in (0.003, 0.05))
-    assert (unsure.material > sure.material).all()
+    rougher = Material(TRUE.reduced_scattering, TRUE.absorption, TRUE.sigma_v, 0.12)
+    found = fitted(table, photographs(scene, true=rougher)[0])
+    z = (found.material.array() - rougher.array()) / found.intervals.material
+    assert np.abs(z).max() < 3
+    assert found.intervals.parts["known"][:3].min() > 0
 
 
-def test_powers_have_mean_1(scene: Scene, table: MaterialTable) -> None:
-    assert np.mean(fitted(table, photographs(scene)[0]).power) == pytest.approx(1.0)
+@pytest.mark.parametrize(("declared", "held"), [(0.0, LOW[3]), (0.1, 0.1), (0.5, HIGH[3])])
+def test_the_roughness_is_held_within_the_range_that_is_known(
+    scene: Scene, table: MaterialTable, declared: float, held: float
+) -> None:
+    none = np.zeros(table.coefficients.shape[1:])
+    modes = field_modes(table.scatter(), 20)
+    problem = Problem(table, none, modes, photographs(scene)[0], declared)
+    x = problem.start(Material(1.0, 0.005, np.radians(15.0), held))
+    assert problem.residuals(x)[-1] == pytest.approx(0.0)
+
+
+def test_powers_have_mean_1(usual: tuple[Calibration, Array]) -> None:
+    assert np.mean(usual[0].power) == pytest.approx(1.0)
 
 
 def test_too_few_photographs_are_refused(scene: Scene, table: MaterialTable) -> None:
@@ -100,7 +127,7 @@ def test_too_few_photographs_are_refused(scene: Scene, table: MaterialTable) -> 
 
 
 def test_a_material_beyond_the_range_is_told(scene: Scene, table: MaterialTable) -> None:
-    outside = Material(5.0, 0.02, np.radians(17.0), 0.12)
+    outside = Material(5.0, 0.02, np.radians(17.0), 0.1)
     with pytest.raises(CalibrationError, match="beyond the range"):
         require_known(fitted(table, photographs(scene, true=outside)[0]))
 
@@ -108,7 +135,7 @@ def test_a_material_beyond_the_range_is_told(scene: Scene, table: MaterialTable)
 def test_derivatives_are_those_of_the_residuals(scene: Scene, table: MaterialTable) -> None:
     none = np.zeros(table.coefficients.shape[1:])
     modes = field_modes(np.full(2, 0.01), 20)
-    problem = Problem(table, none, modes, photographs(scene)[0])
+    problem = Problem(table, none, modes, photographs(scene)[0], TRUE.roughness)
     x = problem.start(TRUE)
     x[4:8] = [0.002, -0.001, 0.003, 0.1]
     exact = problem.jacobian(x)

@@ -26,7 +26,7 @@ from render.bending import Array
 from render.scene import Scene
 from tests.hw.calibration.conftest import BENDS, toy_images
 
-TRUE = Material(1.3, 0.03, np.radians(13.0), 0.15)
+TRUE = Material(1.3, 0.03, np.radians(13.0), 0.1)
 FLAWS = Flaws(vignetting=0.15, tilt=(0.006, -0.004, 0.008), gain=(1.0, 0.9, 0.8))
 
 
