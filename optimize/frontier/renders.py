@@ -13,9 +13,8 @@ from optimize.frontier.grade import Row, grade
 from optimize.frontier.reference import SHORT_SEED, Reference, judge, render_designs
 from optimize.frontier.volpath import PathTracer
 from render.bending import Array
-from render.errors import TableError
 from render.metric import clip_counts
-from render.npz import read_npz, write_npz
+from render.npz import read_or_drop, write_npz
 from render.progress import Progress
 from render.reference import render_transport
 from render.scene import Scene
@@ -100,12 +99,13 @@ def path_tracer_rows(
             phi, power = designs.phi[design], designs.power[design]
             seed = TRACER_SEED + 1000 * (number + 2 * design)
             path = folder / f"{_key(scene, phi, power, count, seed)}.npz"
-            kept = _kept(path)
+            kept = read_or_drop(path, "radiance", "seconds")
             if kept is None:
-                kept = tracer.radiance(phi, power, count, seed)
-                write_npz(path, {"radiance": kept[0], "seconds": np.array(kept[1])})
-            radiance.append(kept[0])
-            seconds.append(kept[1])
+                found, spent = tracer.radiance(phi, power, count, seed)
+                kept = {"radiance": found, "seconds": np.array(spent)}
+                write_npz(path, kept)
+            radiance.append(kept["radiance"])
+            seconds.append(float(kept["seconds"]))
         progress(name, len(designs), len(designs))
         counts = np.asarray(clip_counts(reference.exposure * np.stack(radiance)))
         rows.append(
@@ -125,15 +125,3 @@ def _key(scene: Scene, phi: Array, power: Array, samples: int, seed: int) -> str
     for values in (phi, power):
         digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
     return digest.hexdigest()[:16]
-
-
-def _kept(path: Path) -> tuple[Array, float] | None:
-    """Return what an earlier call rendered; a damaged file is rendered again."""
-    if not path.exists():
-        return None
-    try:
-        arrays = read_npz(path)
-        return arrays["radiance"], float(arrays["seconds"])
-    except (TableError, KeyError):
-        path.unlink()
-        return None
