@@ -17,6 +17,10 @@ FEW = 4
 LEVELS = (0.0, 0.18, 0.36, 0.52, 0.66, 0.78, 0.88, 0.94, 0.98)
 """Twice as many points of light along the edge as the preview has: 2 mm from the edge, nearer than
 any site, those of the preview show as a ripple of 3 % that moves with the material."""
+WALKED, HEIGHTS = 5, 16
+"""Points of light one above the other that the random walk knows, and that draw. With the preview's
+three, total reflection by the lower face sets in in steps: a ripple of 4 % on the flat pad, 8 % on
+the bent one, 5 to 7 mm from the edge."""
 
 
 def fiber_images(
@@ -44,8 +48,14 @@ def fiber_images(
         seed: of these paths.
     """
     response = compute_response(
-        slab_of(scene), beam_of(scene), rays=rays, seed=seed, phi=_few_nodes(phi), levels=LEVELS
-    )
+        slab_of(scene),
+        beam_of(scene),
+        rays=rays,
+        seed=seed,
+        phi=_few_nodes(phi),
+        levels=LEVELS,
+        heights=WALKED,
+    ).spread_upwards(HEIGHTS)
     fibers = scene.fibers.count
     images = np.empty((len(bends), fibers, rows, columns), dtype=np.float32)
     with Preview(scene, lights=Glow(scene, response)) as preview:

@@ -7,7 +7,7 @@ few point lights per fiber, each with a low-order directional distribution, as a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,6 +57,22 @@ class SlabResponse:
         weights = interpolation_weights(self.phi, phi)
         return np.asarray(np.einsum("...j,jozt->...ozt", weights, self.radiance))
 
+    def spread_upwards(self, heights: int) -> SlabResponse:
+        """Return the same glow as ``heights`` points of light one above the other.
+
+        The radiance per height is the polynomial through what the Gauss points stand for, so that
+        light paths see a glow without gaps where they change suddenly with the height.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(len(self.heights))
+        finer, finer_weights = np.polynomial.legendre.leggauss(heights)
+        share = interpolation_weights(nodes, finer) * finer_weights[:, None] / weights
+        middle = 0.5 * (self.heights[0] + self.heights[-1])
+        return replace(
+            self,
+            heights=middle * (finer + 1),
+            radiance=positive(np.einsum("hz,jozt->joht", share, self.radiance)),
+        )
+
     def power(self, phi: Array) -> Array:
         """Return the power ``(...)`` that leaves through the inner face."""
         return np.asarray(self.at(phi).sum(axis=(-3, -2)) @ moments()[0])
@@ -70,6 +86,7 @@ def compute_response(
     seed: int = 0,
     phi: Array | None = None,
     levels: Sequence[float] = LEVELS,
+    heights: int = HEIGHTS,
 ) -> SlabResponse:
     """Return the response from a random walk of ``rays`` photons over all phi nodes.
 
@@ -81,6 +98,7 @@ def compute_response(
         phi: ``(node,)`` rad, ascending and symmetric about pi/2; Chebyshev points on [0, pi] by
             default. Fewer nodes give less noise for the same photons, at these nodes alone.
         levels: parts of the light within each offset along the edge, ascending from 0.
+        heights: points of light one above the other.
     """
     rng = np.random.default_rng(seed)
     phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi) if phi is None else phi
@@ -90,7 +108,7 @@ def compute_response(
             field="phi",
             value=phi,
         )
-    heights = slab.height * 0.5 * (np.polynomial.legendre.leggauss(HEIGHTS)[0] + 1)
+    levels_up = slab.height * 0.5 * (np.polynomial.legendre.leggauss(heights)[0] + 1)
     leaving: list[tuple[Photons, Array]] = []
     launched = events = 0
     batch = min(BATCH, rays)
@@ -111,12 +129,12 @@ def compute_response(
     offsets = _offsets(leaving, levels)
     if slab.optical_thickness < OPAQUE:
         leaving = [(left[~left.straight], power[~left.straight]) for left, power in leaving]
-    deposits = [_deposit(left, power, offsets, heights) for left, power in leaving]
+    deposits = [_deposit(left, power, offsets, levels_up) for left, power in leaving]
     back, _ = walk(slab, launch_diffuse(slab, min(DIFFUSE_RAYS, rays), rng), rng)
     return SlabResponse(
         phi,
         offsets,
-        heights,
+        levels_up,
         positive(_symmetric(np.mean(deposits, axis=0))),
         float(back.weight.sum()),
     )

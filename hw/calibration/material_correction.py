@@ -90,13 +90,15 @@ class BendCorrection:
     def __init__(self, data: Sequence[Sequence[Ratios]], materials: Array) -> None:
         """Choose sizes by marginal likelihood (eq. 2.30) and solve for the amplitudes."""
         self._fields, self._basis = _Fields(), terms(materials)
-        self._fit(data)
-        self._fit([self._without_spikes(*pair) for pair in zip(self._basis, data, strict=True)])
+        self._gather(data)
+        sizes = max(itertools.product(SHARED, OWN, DECAY), key=lambda size: self._solve(*size))
+        self._solve(*sizes)
+        # A few spikes do not change the sizes.
+        self._gather([self._without_spikes(*pair) for pair in zip(self._basis, data, strict=True)])
+        self._solve(*sizes)
 
-    def _fit(self, data: Sequence[Sequence[Ratios]]) -> None:
+    def _gather(self, data: Sequence[Sequence[Ratios]]) -> None:
         self._sums = [self._normal([one[fiber] for one in data]) for fiber in range(len(data[0]))]
-        sizes = itertools.product(SHARED, OWN, DECAY)
-        self._solve(*max(sizes, key=lambda size: self._solve(*size)))
 
     def _without_spikes(self, row: Array, data: Sequence[Ratios]) -> list[Ratios]:
         """Return one render's data without what lies far from the fit.

@@ -28,7 +28,7 @@ from render.errors import TableError
 from render.npz import read_npz, read_or_drop, write_npz
 from render.scene import Scene
 
-VERSION = 3
+VERSION = 4
 MATERIALS, RAYS = 32, 100_000
 COLUMNS, ROWS = 120, 200
 DEGREE = 2

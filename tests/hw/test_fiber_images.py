@@ -1,14 +1,16 @@
-"""Fiber images of one direction spend all light paths on it."""
+"""Fiber images spend all light paths on few directions, and have enough points of light."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from hw.calibration.material_table import line_light, line_pixels
 from hw.fiber_images import FEW, _few_nodes
 from render.errors import RenderError
 from render.scene import load_scene
 from render.slab import beam_of, slab_of
+from render.slab_basis import moments
 from render.slab_response import compute_response
 
 
@@ -43,7 +45,36 @@ def test_few_nodes_agree_with_all() -> None:
     assert np.std(several) < np.std(spread)
 
 
+def test_light_that_is_spread_upwards_keeps_its_power_and_direction() -> None:
+    scene = load_scene("finger20")
+    response = compute_response(slab_of(scene), beam_of(scene), rays=30_000, seed=1, heights=5)
+    spread = response.spread_upwards(12)
+    assert spread.radiance.shape[2] == len(spread.heights) == 12
+    assert spread.heights[0] < response.heights[0]
+    phi = np.array([0.7, np.pi / 2])
+    np.testing.assert_allclose(spread.power(phi), response.power(phi), rtol=1e-5)
+    # A polynomial over the height keeps the middle of the light.
+    power = [one.at(phi).sum(axis=1) @ moments()[0] for one in (response, spread)]
+    np.testing.assert_allclose(power[1] @ spread.heights, power[0] @ response.heights, rtol=1e-3)
+
+
 def test_nodes_that_are_not_symmetric_are_refused() -> None:
     scene = load_scene("finger20")
     with pytest.raises(RenderError, match="symmetric"):
         compute_response(slab_of(scene), beam_of(scene), rays=100, phi=np.array([1.0]))
+
+
+@pytest.mark.parametrize("bend", [0.0, np.pi / 2])
+def test_more_points_of_light_change_nothing(bend: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, bends = load_scene("finger20"), np.array([bend])
+    pixels = line_pixels(scene, bends, 200, 120)
+
+    def drawn() -> np.ndarray:
+        phi = np.full(20, np.pi / 2)
+        return np.log(line_light(scene, phi, bends, pixels=pixels, rays=30_000, seed=3)[0])
+
+    usual = drawn()
+    monkeypatch.setattr("hw.fiber_images.HEIGHTS", 32)
+    difference = drawn() - usual
+    assert np.nanmax(np.abs(difference)) < 0.015
+    assert np.sqrt(np.nanmean(difference**2)) < 0.002
