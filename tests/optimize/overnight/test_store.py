@@ -267,6 +267,15 @@ def test_a_directory_that_holds_something_else_is_left_alone(tmp_path: Path) -> 
         status_of(tmp_path)
 
 
+def test_status_of_a_run_that_is_only_just_being_begun_says_so(tmp_path: Path) -> None:
+    # The record's file is there before its tables.
+    (tmp_path / RECORD).touch()
+    with locked(tmp_path), pytest.raises(RunError, match="only just being begun"):
+        status_of(tmp_path)
+    with pytest.raises(RunError, match="is not the record of a run"):
+        status_of(tmp_path)
+
+
 HOLD = """
 import sys, pathlib
 from optimize.overnight.lock import locked
