@@ -10,6 +10,9 @@ import numpy as np
 
 from render.bending import Array
 
+# Light subpaths that each camera subpath of plain Monte Carlo is joined to.
+SHARED = 48
+
 
 class Ensemble:
     """Groups of lanes, those of equal number modulo ``groups``, which stay independent.

@@ -18,11 +18,10 @@ from scipy.ndimage import gaussian_filter
 from render.bending import Array
 from render.chains import LIGHT_SALT
 from render.errors import RenderError
+from render.film_ensemble import SHARED
 from render.film_problem import FilmProblem
 from render.primary import ROUNDS, Hashed, key
 
-# Light subpaths that each camera subpath is joined to.
-SHARED = 48
 # Paths of one pass.
 LANES = 1 << 17
 # Samples under the kernel that smooths the pilot's second moments, and the share of samples that

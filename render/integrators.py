@@ -32,6 +32,7 @@ from scipy.ndimage import gaussian_filter
 
 from render.bending import Array
 from render.errors import RenderError
+from render.film_ensemble import SHARED
 from render.film_paths import Limits
 from render.film_problem import FilmProblem
 from render.film_scale import FilmScale
@@ -43,8 +44,6 @@ CHUNK = 8
 LANES = 1 << 18
 # What a sample of ``FilmScale`` is worth in plain ones, or less: 10 to 20 on the slab.
 GAIN = 8.0
-# Light subpaths that each camera subpath of plain Monte Carlo is joined to.
-SHARED = 48
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
 # Samples under the kernel that smooths the pilot, and the least level relative to the mean.
 ENOUGH, DARK = 256.0, 0.02
