@@ -27,8 +27,6 @@ LANES = 1 << 17
 # Samples under the kernel that smooths the pilot's second moments, and the share of samples that
 # all pixels get alike.
 ENOUGH, EVEN = 64.0, 0.2
-# Samples of the pilot, at most: more would not tell better where the picture varies.
-PILOT = 1 << 19
 # Rows and columns of cells that tell film positions apart, at most.
 CELLS = 128
 
@@ -41,8 +39,8 @@ class FilmScale:
     ) -> None:
         """Divide the samples; ``chains`` of them should each find their own start."""
         self.problem, self.replicates, self.seed = problem, replicates, seed
-        self.for_pilot = max(min(samples // 8, PILOT), replicates)
-        self.starts = min(max(min(samples // 8, 64 * chains), 4 * chains), samples // 2)
+        self.for_pilot = max(samples // 8, replicates)
+        self.starts = min(max(samples // 8, 4 * chains), samples // 2)
         self.for_scale = max(samples - self.for_pilot - self.starts, replicates)
         rows, columns = min(problem.height, CELLS), min(problem.width, CELLS)
         row, column = np.divmod(np.arange(problem.bins), problem.width)

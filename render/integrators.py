@@ -17,8 +17,8 @@ Metropolis flattens its target by a smoothed pilot image. It still costs more th
 paths are well sampled: on the slab scene of tests/validation (64 samples per pixel, 8x8 blocks,
 squared relative error x seconds) it was 0.27, 0.14 and 0.16 at ``p_large`` 0.3, 0.6 and 0.9,
 against 0.02 for a ``bdpt`` whose lanes shared nothing, and 0.013 now. Raise ``luminance_samples``
-with the samples: an eighth, half a million at most, is a pilot, some start the chains, the rest
-fixes the scale (``render.film_scale``).
+with the samples: an eighth is a pilot, some start the chains, the rest fixes the scale
+(``render.film_scale``).
 """
 
 from __future__ import annotations
