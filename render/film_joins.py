@@ -117,7 +117,9 @@ def joins(
         for i in range(len(ends)):
             share = near[i].all() * dr.gather(mi.Float, shares, near[i].place)
             y = taken(vertices, near[i].place, share > 0)
-            hope = share * _hope(scene, y, ends[i], share > 0)
+            hope = share * promise(
+                scene, seen_from(y.vertex, ends[i].closed), ends[i].vertex, share > 0
+            )
             drawn[i] = drawn[i].offered(near[i].place, share, hope, numbers[i])
         if mirrors is not None:
             share = far.all() * dr.gather(mi.Float, shares, far.place)
@@ -140,10 +142,6 @@ def joins(
             over.chance, (u, v), share > 0,
         ) * share  # fmt: skip
     return joined / mi.Float(paths)
-
-
-def _hope(scene: Any, y: LightVertex, end: Kept, active: Any) -> Any:
-    return promise(scene, seen_from(y.vertex, end.closed), end.vertex, active)
 
 
 def _join(scene: Any, mirrors: Mirrors | None, y: LightVertex, end: Kept, active: Any) -> Any:

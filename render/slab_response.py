@@ -108,7 +108,7 @@ def compute_response(
             field="phi",
             value=phi,
         )
-    levels_up = slab.height * 0.5 * (np.polynomial.legendre.leggauss(heights)[0] + 1)
+    height = slab.height * 0.5 * (np.polynomial.legendre.leggauss(heights)[0] + 1)
     leaving: list[tuple[Photons, Array]] = []
     launched = events = 0
     batch = min(BATCH, rays)
@@ -129,12 +129,12 @@ def compute_response(
     offsets = _offsets(leaving, levels)
     if slab.optical_thickness < OPAQUE:
         leaving = [(left[~left.straight], power[~left.straight]) for left, power in leaving]
-    deposits = [_deposit(left, power, offsets, levels_up) for left, power in leaving]
+    deposits = [_deposit(left, power, offsets, height) for left, power in leaving]
     back, _ = walk(slab, launch_diffuse(slab, min(DIFFUSE_RAYS, rays), rng), rng)
     return SlabResponse(
         phi,
         offsets,
-        levels_up,
+        height,
         positive(_symmetric(np.mean(deposits, axis=0))),
         float(back.weight.sum()),
     )
