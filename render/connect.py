@@ -19,7 +19,6 @@ from render.vertex import (
     extinction,
     is_null,
     leave,
-    passing,
     scatter,
 )
 
@@ -100,18 +99,17 @@ def join(
     aim: Aim | None = None,
     extra: Any = 0.0,
     bridged: Any = 0.0,
-    passed: float = 1.0,
+    glossy: float = 1.0,
 ) -> Any:
     """Return the MIS-weighted contribution of joining light vertex ``y`` to camera vertex ``z``.
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
     ``extra`` is the density ratio of a further strategy to this one; ``bridged`` that of a
-    further strategy to the camera subpath that ends before ``z``. Camera subpaths go on at volume
-    vertices with probability ``passed``.
+    further strategy to the camera subpath that ends before ``z``.
     """
     active = active & (y.weight > 0) & (z.weight > 0)
     depth, clear = optical_depth(scene, y, z, active)
-    joined = joined_through(y, z, dr.exp(-depth), active & clear, aim, extra, bridged, passed)
+    joined = joined_through(y, z, dr.exp(-depth), active & clear, aim, extra, bridged, glossy)
     return joined * y.weight * z.weight
 
 
@@ -123,7 +121,7 @@ def joined_through(
     aim: Aim | None = None,
     extra: Any = 0.0,
     bridged: Any = 0.0,
-    passed: float = 1.0,
+    glossy: float = 1.0,
 ) -> Any:
     """Return what ``join`` does for a known transmittance between the vertices."""
     span = z.p - y.p
@@ -134,7 +132,6 @@ def joined_through(
     f_z, p_z, r_z = scatter(z, -w, mi.TransportMode.Radiance, active)
     if aim is not None:
         p_z = dr.select(aim.guided(z), aim.mixed(z, -w, p_z), p_z)
-    p_z, r_y = p_z * passing(z, passed), r_y * passing(y, passed)
     value = y.beta * f_y * f_z * z.beta / distance_squared
     _, sigma_y = extinction(y.medium, active & y.volume)
     _, sigma_z = extinction(z.medium, active & z.volume)
@@ -147,5 +144,7 @@ def joined_through(
     light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.vcm + y.vc * r_y))
     camera_ratio = light_density * (z.vcm + z.vc * r_z)
     further = extra + light_density * z.vcm * bridged
-    mis = 1.0 / (1.0 + light_ratio + camera_ratio + further)
+    narrow = (y.volume | y.diffuse) & ~(z.volume | z.diffuse)
+    fair = dr.select(narrow, glossy, 1.0)
+    mis = fair / (fair + light_ratio + camera_ratio + further)
     return dr.select(active, value * transmittance * mis, 0.0)

@@ -18,12 +18,10 @@ from render.errors import RenderError
 from render.fiber_profile import angle, cut, density, sample_direction
 from render.primary import Hashed
 from render.vertex import (
-    PASSED,
     Vertex,
     area_factor,
     empty_vertex,
     extinction,
-    passing,
     scatter,
     surface_interaction,
 )
@@ -199,7 +197,7 @@ class Emission:
         hit = dr.select(
             point | v.terminal,
             0.0,
-            pdf * passing(v, PASSED) * cosine * dr.mean(transmittance) / (squared * position_pdf),
+            pdf * cosine * dr.mean(transmittance) / (squared * position_pdf),
         )
         local = mi.Frame3f(normal).to_local(-d)
         arrival = self._profile(index, local) * area_factor(v, d) * reach / squared

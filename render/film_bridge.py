@@ -23,11 +23,15 @@ import numpy as np
 
 from render.aim_lobe import AimLobe
 from render.connect import cast, optical_depth
+from render.film_paths import GLOSSY
 from render.mirrors import BINS, CLOSE, Mirror, mirrors
-from render.vertex import PASSED, RATIO_MAX, Vertex, area_factor, extinction, passing, scatter
+from render.vertex import RATIO_MAX, Vertex, area_factor, extinction, scatter
 
 # A mirror whose faces the straight reflection misses by this share of its way is half as likely.
 MISS = 0.1
+# Distance, relative to the mirrors' extent, up to which a first look does not tell ways over them
+# apart by their length.
+BLUR = 0.05
 
 
 class Mirrors:
@@ -44,9 +48,10 @@ class Mirrors:
         ]
         self.columns = [mi.Float(column.astype(np.float32)) for column in np.array(rows).T]
         self.close = mi.Float(CLOSE * size)
+        self.blur = mi.Float((BLUR * size) ** 2)
         table = np.concatenate([m.reflectance.ravel() for m in found])
         self.reflectance = mi.Float(table.astype(np.float32))
-        dr.make_opaque(self.columns, self.close, self.reflectance)
+        dr.make_opaque(self.columns, self.close, self.blur, self.reflectance)
 
     @staticmethod
     def of(scene: Any) -> Mirrors | None:
@@ -196,15 +201,20 @@ def ratio(mirrors: Mirrors, a: Any, b: Any, n: Any, vcm: Any, y: Any, active: An
 
 
 def counted(
-    mirrors: Mirrors | None, v: Vertex, trail: Trail, active: Any, from_camera: bool
+    mirrors: Mirrors | None, v: Vertex, trail: Trail, active: Any, from_camera: bool, first: Any
 ) -> Any:
-    """Return ``vcm`` of ``v`` with the bridges that compete for the triple that ``v`` ends."""
+    """Return ``vcm`` of ``v`` with what joins of its edge count, and the bridges over its triple.
+
+    ``trail`` ends before ``v``, which is the ``first`` vertex of the subpath or not.
+    """
+    lobe, light = (~trail.smooth, is_smooth(v)) if from_camera else (~is_smooth(v), trail.smooth)
+    fair = dr.select(lobe & light & ~first, GLOSSY, 1.0)
     if mirrors is None:
-        return v.vcm
+        return v.vcm * fair
     ends = active & trail.waiting & is_smooth(v)
     a, y = (trail.before, v.p) if from_camera else (v.p, trail.before)
     further = ratio(mirrors, a, trail.p, trail.n, trail.vcm, y, ends)
-    return dr.minimum(v.vcm * (1.0 + further), RATIO_MAX)
+    return dr.minimum(v.vcm * (fair + further), RATIO_MAX)
 
 
 def competing(
@@ -223,7 +233,7 @@ def competing(
     a = dr.select(by_light, z.p, before)
     b = dr.select(by_light, y.p, z.p)
     n = dr.select(by_light, y.n, z.n)
-    vcm = dr.select(by_light, y.vcm, z.vcm)
+    vcm = dr.select(by_light, y.vcm / GLOSSY, z.vcm)
     end = dr.select(by_light, trail.before, y.p)
     return ratio(mirrors, a, b, n, vcm, end, by_light | by_camera)
 
@@ -243,7 +253,6 @@ def bridge(
     density *= chance
     active = active & (density > 0)
     f_a, p_a, r_a = scatter(a, direction, mi.TransportMode.Radiance, active)
-    p_a *= passing(a, PASSED)
     active = active & (dr.max(f_a) > 0)
     b, depth_ab, hit = cast(scene, a, direction, active)
     active = hit & ~b.diffuse & ~b.delta & (mirrors.plane(b.p, b.n) == k)
@@ -251,7 +260,6 @@ def bridge(
     squared = dr.squared_norm(span)
     w = span * dr.rsqrt(squared)
     f_y, p_y, r_y = scatter(y, w, mi.TransportMode.Importance, active)
-    r_y *= passing(y, PASSED)
     f_b, p_b, r_b = scatter(b, -w, mi.TransportMode.Radiance, active)
     value = y.beta * f_y * f_b * f_a * a.beta / (squared * density)
     active = active & (dr.max(value) > 0) & (squared > 0)
@@ -271,5 +279,5 @@ def bridge(
     here = density * area_factor(b, direction) / apart
     light_b = p_y * area_factor(b, w) * mean_by / squared / here
     light_a = r_b * area_factor(a, direction) * reach_a / apart * (a.vcm + a.vc * r_a)
-    mis = 1.0 / (1.0 + camera_b * (1.0 + camera_y) + light_b * (1.0 + light_a))
+    mis = 1.0 / (1.0 + camera_b * (GLOSSY + camera_y) + light_b * (1.0 + light_a))
     return dr.select(clear & active, value * t_ab * t_by * mis * y.weight * a.weight, 0.0)

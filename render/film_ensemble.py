@@ -29,6 +29,7 @@ class Ensemble:
         """
         self.lanes, self.groups, self.paths = (mi.UInt32(n) for n in (lanes, groups, paths))
         dr.make_opaque(self.lanes, self.groups, self.paths)
+        self.count = groups
         self.lane: Any = dr.arange(mi.UInt32, lanes)
         self.edges: Any = None
         self.cells = (0, 0) if density is None else density.shape
@@ -43,7 +44,7 @@ class Ensemble:
         ``height`` is the number of pixel rows, along which strata of a uniform density run.
         """
         x, y, z = numbers[:3]
-        place, members = self.lane // self.groups, self._members(self.lane)
+        place, members = self.lane // self.groups, self.members(self.lane)
         if self.edges is None:
             # (place + x) / members of all rows; whole rows are counted in integers, which keeps
             # all bits of x.
@@ -69,10 +70,11 @@ class Ensemble:
 
         Partners are as far apart as can be, so that errors of pixels close by differ.
         """
-        members = self._members(lane)
+        members = self.members(lane)
         step = dr.maximum(members // self.paths, 1)
         place = (lane // self.groups + k * step) % members
         return place * self.groups + lane % self.groups
 
-    def _members(self, lane: Any) -> Any:
+    def members(self, lane: Any) -> Any:
+        """Return how many lanes the group of ``lane`` has."""
         return (self.lanes - lane % self.groups + self.groups - 1) // self.groups

@@ -41,6 +41,7 @@ class Seen:
     edges: Any
     vcm: Any
     vc: Any
+    vc_open: Any
 
     @staticmethod
     def of(kept: LightVertex, shares: Any) -> Seen:
@@ -51,7 +52,7 @@ class Seen:
         per = dr.select(v.volume, sigma / (4.0 * dr.pi), 0.0)
         seen = Seen(
             v.p, v.wi, dr.mean(v.beta) * shares, v.volume, v.volume | v.diffuse, kept.edges,
-            per * v.vcm, per * v.vc_open / (4.0 * dr.pi),
+            per * v.vcm, per * v.vc / (4.0 * dr.pi), per * v.vc_open[0] / (4.0 * dr.pi),
         )  # fmt: skip
         dr.eval(seen)
         return seen
@@ -64,7 +65,8 @@ class Look:
     p: Any
     there: Any
     edges: Any
-    closed: Any
+    left: Any
+    terminal: Any
     volume: Any
     diffuse: Any
     n: Any
@@ -83,7 +85,7 @@ class Look:
         sigma = dr.mean(extinction(z.medium, z.volume)[1])
         per = dr.select(z.volume, sigma / (4.0 * dr.pi), 0.0)
         return Look(
-            z.p, z.weight > 0, end.edges, end.closed, z.volume, z.diffuse, n, -z.wi,
+            z.p, z.weight > 0, end.edges, end.left, z.terminal, z.volume, z.diffuse, n, -z.wi,
             2.0 * dr.dot(n, z.wi) * n - z.wi, sigma, per * z.vcm, per * z.vc / (4.0 * dr.pi),
         )  # fmt: skip
 
@@ -115,7 +117,9 @@ def glimpse(y: Seen, look: Look) -> Any:
     # Where other strategies find the same light more easily, balance takes 1 / distance^2 away:
     # the lobes are those of a volume, relative to all directions alike.
     to_y, to_z = AVERAGE * from_z, AVERAGE * from_y
-    near = to_y * (y.vcm + dr.select(look.closed, 0.0, y.vc) * to_z)
+    # A camera subpath that goes on to ``y`` may pass it, if that is one of those left.
+    beyond = dr.select(look.left > 1, y.vc_open, dr.select(look.left == 1, y.vc, 0.0))
+    near = dr.select(look.terminal, 0.0, to_y * (y.vcm + beyond * to_z))
     near += to_z * (look.vcm + look.vc * to_y)
     sent = y.power * clear * from_y * from_z
     return sent / dr.clip(squared + clear * near, 1e-12, 1e20)

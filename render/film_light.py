@@ -20,16 +20,16 @@ from render.film_paths import EVENTS, SPARE, Limits, survive
 from render.primary import Stream
 from render.segments import OpenHead, advance, bounce, start
 from render.vertex import (
-    PASSED,
     OpenVertex,
     Vertex,
     area_factor,
     choose,
     empty_vertex,
     extinction,
-    passing,
+    left_after,
     scatter,
     value,
+    vc_of,
 )
 
 
@@ -52,7 +52,7 @@ class LightVertex:
     @staticmethod
     def empty() -> LightVertex:
         """Return one of weight 0."""
-        none: OpenVertex = OpenVertex(**vars(empty_vertex()), vc_open=mi.Float(0.0))
+        none: OpenVertex = OpenVertex(**vars(empty_vertex()), vc_open=mi.Vector2f(0.0))
         return LightVertex(none, mi.UInt32(0), Trail.empty())
 
 
@@ -70,8 +70,11 @@ class LightVertices:
     shown_share: Any
 
 
-def project(scene: Any, sensor: Any, v: Vertex, active: Any) -> tuple[Any, Any]:
-    """Return the film position of light vertex ``v`` and its MIS-weighted value there (t = 1)."""
+def project(scene: Any, sensor: Any, v: Vertex, projected: float, active: Any) -> tuple[Any, Any]:
+    """Return the film position of light vertex ``v`` and its MIS-weighted value there (t = 1).
+
+    This strategy counts ``projected`` times as much as others.
+    """
     it = dr.zeros(mi.Interaction3f)
     it.p = v.p
     ds, importance = sensor.sample_direction(it, mi.Point2f(0.5), active)
@@ -85,8 +88,8 @@ def project(scene: Any, sensor: Any, v: Vertex, active: Any) -> tuple[Any, Any]:
     transmittance = dr.exp(-depth)
     _, sigma_v = extinction(v.medium, active & v.volume)
     reach = dr.select(v.volume, dr.mean(sigma_v * transmittance), dr.mean(transmittance))
-    density = dr.mean(importance) * area_factor(v, ds.d) * reach
-    reverse = dr.select(v.terminal, 0.0, reverse * passing(v, PASSED))
+    density = dr.mean(importance) * area_factor(v, ds.d) * reach / projected
+    reverse = dr.select(v.terminal, 0.0, reverse)
     mis = 1.0 / (1.0 + density * (v.vcm + v.vc * reverse))
     return ds.uv, dr.select(active & clear, value * transmittance * mis, 0.0)
 
@@ -115,7 +118,7 @@ def light_part(
     u, w, _, _ = stream.event(mi.UInt32(1))
     begin = emission.start(pick, mi.Point2f(x, y), u, w)
     head = start(begin.o, begin.d, begin.medium, begin.beta, begin.vcm, begin.vc, free)
-    head = OpenHead(**vars(head), vc_open=mi.Float(begin.vc))
+    head = OpenHead(**vars(head), vc_open=mi.Vector2f(begin.vc))
     event, edges = mi.UInt32(2), mi.UInt32(1)
     trail = Trail.empty()
     hopes = [mi.Float(0.0) for _ in range(picks + 1)]
@@ -125,8 +128,9 @@ def light_part(
     while active:
         head, found, arrived, escaped = advance(scene, head, active)
         v = cast(OpenVertex, found)
-        v.vcm = counted(mirrors, v, trail, arrived, from_camera=False)
+        vcm = counted(mirrors, v, trail, arrived, from_camera=False, first=edges == 1)
         trail = trail.then(v, arrived)
+        v.vcm = vcm
         smooth = arrived & ~v.delta
         record = LightVertex(v, edges, trail)
         spare = stream.event(event + SPARE)
@@ -158,9 +162,9 @@ def light_part(
     return LightVertices(kept[:picks], shares, kept[picks], shown_share)
 
 
-def seen_from(y: OpenVertex, closed: Any) -> Vertex:
-    """Return ``y`` with its sums for camera subpaths that arrive ``closed`` or open."""
+def seen_from(y: OpenVertex, left: Any) -> Vertex:
+    """Return ``y`` with its sums for camera subpaths that may still pass ``left`` volumes."""
     seen = replace(y)
-    seen.terminal = y.terminal & closed
-    seen.vc = dr.select(closed | y.diffuse, y.vc, y.vc_open)
+    seen.terminal = y.terminal & (left == 0)
+    seen.vc = vc_of(y, left_after(y, left))
     return seen

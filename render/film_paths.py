@@ -6,10 +6,14 @@ recursive sums (Georgiev 2012): emitters that a camera subpath meets (s = 0), di
 (``render.film_bridge``), and light vertices projected onto the film (t = 1). No path is ever
 stored: of each subpath a few vertices are kept, drawn by reservoirs.
 
-Camera subpaths pass volumes that the lens sees through glossy faces alone. A diffuse surface closes
-them: they are absorbed at their next vertex in a volume, so there long scattering belongs to the
-light subpath. A smooth face, at which nothing can be joined, opens them again: of light that is
-scattered once between two such faces only camera subpaths know.
+Long scattering belongs to light subpaths. Camera subpaths pass two vertices in volumes, so that two
+vertices that happen to be close make a join bright only if the camera's own last ones were close
+as well. They are absorbed at the third one, and behind a diffuse surface at the first. A smooth
+face, at which nothing can be joined, lets them pass two again: of light that is scattered once
+between two such faces only camera subpaths know.
+
+Strategies need not count alike in the balance heuristic: noisy ones whose light others find as well
+count less (``GLOSSY``, ``render.film_problem.PROJECTED``).
 """
 
 from __future__ import annotations
@@ -26,6 +30,11 @@ from render.errors import RenderError
 SPARE = 2048
 EVENTS = 2000
 """Events that one subpath may take, null boundaries included."""
+GLOSSY = 0.1
+"""What joins of a glossy camera vertex to a light vertex in a volume or on a diffuse surface count.
+
+Narrow lobes make them noisy, while camera subpaths that go on from there meet the same light.
+"""
 
 
 @dataclass(frozen=True)

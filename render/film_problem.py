@@ -18,11 +18,15 @@ from render.film_ensemble import Ensemble
 from render.film_joins import joins
 from render.film_light import light_part, project, seen_from
 from render.film_paths import Limits
+from render.vertex import PASSES
 
 CAMERA_STORED = 16
 LIGHT_STORED = 24
 # Vertices that every light subpath keeps for joins, where others help out and where none do.
 TOGETHER, ALONE = 2, 6
+# What projecting a light vertex onto the film counts for, relative to joins that help each other
+# out: many light subpaths are looked at for one that is projected.
+PROJECTED = 0.25
 
 
 class FilmProblem:
@@ -58,6 +62,7 @@ class FilmProblem:
         lanes = dr.width(numbers[0])
         position: Any = mi.Point2f(numbers[0], numbers[1])
         weight = mi.Float(1.0)
+        projected = 1.0 if self.ensemble is None else PROJECTED
         if self.ensemble is not None:
             position, weight = self.ensemble.placed(numbers, self.height)
         ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, mi.Point2f(0.5))
@@ -71,7 +76,7 @@ class FilmProblem:
         medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
         part = camera_part(
             self.scene, self.emission, ray, medium, dr.mean(importance),
-            beta + dr.zeros(mi.Spectrum, lanes), camera, self.limits, self.mirrors,
+            beta + dr.zeros(mi.Spectrum, lanes), camera, self.limits, self.mirrors, projected,
         )  # fmt: skip
         found = light_part(
             self.scene, self.sensor, self.emission, light, self.limits, self.mirrors,
@@ -84,12 +89,12 @@ class FilmProblem:
             self.scene, part, found, ensemble, light, self.limits, self.mirrors,
             self.ensemble is not None,
         )  # fmt: skip
-        v, share = seen_from(found.shown.vertex, mi.Bool(False)), found.shown_share
-        where, splat = project(self.scene, self.sensor, v, share > 0)
+        v, share = seen_from(found.shown.vertex, mi.UInt32(PASSES)), found.shown_share
+        where, splat = project(self.scene, self.sensor, v, projected, share > 0)
         splat *= share
         # A film position has density 1, a pixel the share 1 / bins.
         here = [value * weight * self.bins for value in part.radiance + joined]
-        there = [value * weight * self.bins for value in splat]
+        there = [value * self.bins for value in splat]
         size: Any = mi.Vector2f(self.width, self.height)
         return [Deposit(self._pixel(position * size), here), Deposit(self._pixel(where), there)]
 

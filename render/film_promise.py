@@ -17,7 +17,8 @@ import mitsuba as mi
 
 from render.connect import joined_through
 from render.film_bridge import Mirrors
-from render.vertex import PASSED, Vertex, extinction, leave, value
+from render.film_paths import GLOSSY
+from render.vertex import Vertex, extinction, leave, value
 
 # Optical depths are cut here: the promise is never 0.
 DEPTH_MAX = 4.0
@@ -42,7 +43,7 @@ def promise(scene: Any, y: Vertex, z: Vertex, active: Any) -> Any:
     """Return the MIS-weighted light that camera vertex ``z`` gets from ``y``, not hidden."""
     active = active & (z.weight > 0)
     clear = through(scene, y, z, active)
-    return dr.mean(joined_through(y, z, mi.Spectrum(clear), active, passed=PASSED)) * z.weight
+    return dr.mean(joined_through(y, z, mi.Spectrum(clear), active, glossy=GLOSSY)) * z.weight
 
 
 def mirrored(

@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.vertex import (
-    PASSED,
+    PASSES,
     RATIO_MAX,
     OpenVertex,
     Vertex,
@@ -23,10 +23,11 @@ from render.vertex import (
     extinction,
     is_null,
     leave,
+    left_after,
     medium_interaction,
-    passing,
     scatter,
     surface_interaction,
+    vc_of,
 )
 
 
@@ -203,13 +204,16 @@ def bounce(
     origin, medium = leave(v, wo)
     after = start(origin, wo, medium, beta, vcm, vc, free)
     if isinstance(v, OpenVertex):
-        # A camera subpath that goes on from here has been closed by a diffuse surface, and opened
-        # by a smooth face.
-        onward = dr.select(v.diffuse, v.vc, v.vc_open) * passing(v, PASSED)
-        opened = dr.select(delta, cosine * v.vc_open, cosine / pdf * (onward * back_pdf + v.vcm))
-        opened = dr.minimum(dr.select(v.vcm + v.vc_open > 0, opened, 0.0), RATIO_MAX)
-        after.vc = dr.select(delta, opened, after.vc)
-        after = OpenHead(**vars(after), vc_open=opened)
+        sums: Any = mi.Vector2f(0.0)
+        for i in range(PASSES):
+            onward = vc_of(v, left_after(v, mi.UInt32(i + 1)))
+            opened = cosine / pdf * (onward * back_pdf + v.vcm)
+            sums[i] = dr.select(v.vcm + onward > 0, opened, 0.0)
+        # A smooth face opens camera subpaths again.
+        opened = cosine * v.vc_open[PASSES - 1]
+        sums = dr.minimum(dr.select(delta, opened, sums), RATIO_MAX)
+        after.vc = dr.select(delta, sums[PASSES - 1], after.vc)
+        after = OpenHead(**vars(after), vc_open=sums)
     after.sigma_from, after.from_volume = head.sigma_from, head.from_volume
     return pick(alive, after, head), alive
 

@@ -48,9 +48,10 @@ class Vertex:
 
 @dataclass
 class OpenVertex(Vertex):
-    """A light vertex whose sums also come for camera subpaths that pass volumes (``vc_open``).
+    """A light vertex whose sums also come for camera subpaths that pass volumes.
 
-    For samplers whose camera subpaths are closed by diffuse surfaces and opened by smooth faces.
+    ``vc`` is for those that pass none, ``vc_open[i]`` for those that pass up to ``i + 1`` vertices
+    in volumes, the vertices on this side of it (see ``left_after``).
     """
 
     vc_open: Any
@@ -79,13 +80,28 @@ def empty_vertex() -> Vertex:
     )
 
 
-PASSED = 0.5
-"""How often camera subpaths that look into a volume go on at a vertex there (``passing``)."""
+PASSES = 2
+"""Volume vertices that camera subpaths pass, at most, before they are absorbed at the next one.
+
+``OpenVertex.vc_open``, a ``Vector2f``, has a sum for each.
+"""
 
 
-def passing(v: Vertex, passed: Any) -> Any:
-    """Return ``passed`` in a volume, 1 on a surface."""
-    return dr.select(v.volume, passed, 1.0)
+def left_after(v: Vertex, left: Any) -> Any:
+    """Return how many volume vertices a camera subpath may still pass behind ``v``.
+
+    ``left`` is their number before it. Behind a diffuse surface it is none.
+    """
+    fewer = dr.maximum(left, 1) - 1
+    return dr.select(v.diffuse, 0, dr.select(v.volume, fewer, left))
+
+
+def vc_of(v: OpenVertex, left: Any) -> Any:
+    """Return the sum of ``v`` for camera subpaths that pass ``left`` volume vertices behind it."""
+    vc = v.vc
+    for i in range(PASSES):
+        vc = dr.select(left == i + 1, v.vc_open[i], vc)
+    return vc
 
 
 _V = TypeVar("_V", bound="Vertex")

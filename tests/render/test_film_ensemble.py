@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from types import ModuleType
 
-import drjit as dr
 import numpy as np
 import pytest
 
 from render.film_ensemble import Ensemble
-from render.film_joins import Drawn
 
 PATHS = 8
 
@@ -66,26 +64,3 @@ def test_film_positions_follow_a_density_and_are_weighted_by_its_inverse(
     # Four groups of 4096 strata: the counts can be off by one stratum at either end.
     np.testing.assert_allclose(share, expected, atol=8 / lanes)
     np.testing.assert_allclose(np.array(weight), 1 / (96 * expected[pixel.astype(int)]), rtol=1e-3)
-
-
-def test_a_vertex_is_drawn_as_often_as_its_promise_says_and_stands_for_all(
-    mono: ModuleType,
-) -> None:
-    count = 1 << 16
-    rng = np.random.default_rng(4)
-    hopes = [0.0, 3.0, 1.0, 0.0, 4.0]
-    drawn = Drawn.none()
-    for place, hope in enumerate(hopes):
-        number = mono.Float(rng.random(count).astype(np.float32))
-        drawn = drawn.offered(
-            mono.UInt32(place), mono.Float(2.0),
-            dr.full(mono.Float, hope, count), number,
-        )  # fmt: skip
-    share = np.bincount(np.array(drawn.place), minlength=len(hopes)) / count
-    expected = np.array(hopes) / sum(hopes)
-    error = np.sqrt(expected * (1 - expected) / count)
-    assert (np.abs(share - expected) <= 4 * error).all()
-    np.testing.assert_allclose(np.array(drawn.total), sum(hopes))
-    np.testing.assert_allclose(np.array(drawn.hope), np.array(hopes)[np.array(drawn.place)])
-    # Each of them stands for two by itself.
-    np.testing.assert_allclose(np.array(drawn.all() * drawn.hope), 2 * sum(hopes), rtol=1e-5)
