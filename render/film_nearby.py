@@ -31,13 +31,14 @@ class Nearby:
     def __init__(self, seen: Seen, ensemble: Ensemble, p: Any) -> None:
         """Order the vertices ``seen`` and find the places of the points ``p``."""
         lanes = dr.width(ensemble.lane)
-        there = np.array(seen.power) > 0
+        lit = seen.power > 0
+        there = np.array(lit)
         number = np.arange(len(there), dtype=np.uint64)
         group = number % np.uint64(lanes) % np.uint64(ensemble.count)
-        points = np.array(seen.p).T[there]
-        low = points.min(axis=0, initial=np.inf)
-        size = (points.max(axis=0, initial=-np.inf) - low).max()
-        self.low = mi.Point3f(low if len(points) else 0.0)
+        low = np.array([dr.min(dr.select(lit, c, dr.inf))[0] for c in seen.p])
+        high = np.array([dr.max(dr.select(lit, c, -dr.inf))[0] for c in seen.p])
+        size = (high - low).max()
+        self.low = mi.Point3f(low if there.any() else 0.0)
         self.scale = mi.Float((1 << BITS) / size if size > 0 else 1.0)
         dr.make_opaque(self.low, self.scale)
         keys = np.array(self._keys(seen.p, mi.UInt64(group)))

@@ -64,7 +64,7 @@ def _light_tracer(scene: Any, sensor: Any, emission: Emission, stream: Any) -> t
         head, v, arrived, escaped = advance(scene, head, active)
         v.vcm, v.vc = mi.Float(0.0), mi.Float(0.0)
         # Facet colours are light that comes from the coating: through the face after it.
-        uv, value = project(scene, sensor, v, arrived & ~v.delta & coated & ~v.volume)
+        uv, value = project(scene, sensor, v, 1.0, arrived & ~v.delta & coated & ~v.volume)
         amount = dr.mean(value)
         total += amount
         taken = (amount > 0) & (stream.event(event + LIGHT_EVENTS)[0] * total < amount)
