@@ -64,7 +64,7 @@ def test_what_logging_and_scheduling_add_to_renders(
 ) -> None:
     scene = load_scene("finger20")
     phi, bends = chebyshev_nodes(11, 0.0, np.pi), np.array(scene.bending.angles)
-    jobs = pad_jobs(scene, phi, bends, mutations=MUTATIONS, seeds=[1, 2])
+    jobs = pad_jobs(scene, phi, bends, mutations=MUTATIONS, seeds=[1])
     store = Store(tmp_path, Request(scene.hash, "", 0, MUTATIONS), lambda text: None)
     workers = Timed()
     runner = StoredRenders(store, workers, Signals())
