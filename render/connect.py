@@ -105,7 +105,8 @@ def join(
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
     ``extra`` is the density ratio of a further strategy to this one; ``bridged`` that of a
-    further strategy to the camera subpath that ends before ``z``.
+    further strategy to the camera subpath that ends before ``z``. ``glossy`` is what a join counts
+    between a glossy ``z`` and a ``y`` in a volume or on a diffuse surface.
     """
     active = active & (y.weight > 0) & (z.weight > 0)
     depth, clear = optical_depth(scene, y, z, active)
