@@ -19,7 +19,7 @@ from render.chains import LIGHT_EVENTS
 from render.connect import join
 from render.light_picks import LightPicks, Picked
 from render.segments import Aim
-from render.vertex import choose
+from render.vertex import choose, is_smooth
 
 
 @dr.syntax
@@ -53,7 +53,7 @@ def _joined(
 ) -> Any:  # fmt: skip
     """Return the light of the picked vertex over all joins."""
     y = picked.vertex
-    smooth = active & (y.volume | y.diffuse)
+    smooth = active & is_smooth(y)
     # A bridge could have found this glossy vertex from the smooth one before it.
     by_bridge = mi.Float(0.0)
     if active & ~smooth & picked.before_smooth:

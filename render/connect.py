@@ -18,6 +18,7 @@ from render.vertex import (
     empty_vertex,
     extinction,
     is_null,
+    is_smooth,
     leave,
     scatter,
 )
@@ -145,7 +146,6 @@ def joined_through(
     light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.vcm + y.vc * r_y))
     camera_ratio = light_density * (z.vcm + z.vc * r_z)
     further = extra + light_density * z.vcm * bridged
-    narrow = (y.volume | y.diffuse) & ~(z.volume | z.diffuse)
-    fair = dr.select(narrow, glossy, 1.0)
+    fair = dr.select(is_smooth(y) & ~is_smooth(z), glossy, 1.0)
     mis = fair / (fair + light_ratio + camera_ratio + further)
     return dr.select(active, value * transmittance * mis, 0.0)

@@ -25,7 +25,7 @@ from render.aim_lobe import AimLobe
 from render.connect import cast, optical_depth
 from render.film_paths import GLOSSY
 from render.mirrors import BINS, CLOSE, Mirror, mirrors
-from render.vertex import RATIO_MAX, Vertex, area_factor, extinction, scatter
+from render.vertex import RATIO_MAX, Vertex, area_factor, extinction, is_smooth, scatter
 
 # A mirror whose faces the straight reflection misses by this share of its way is half as likely.
 MISS = 0.1
@@ -181,11 +181,6 @@ class Trail:
         return Trail(
             **{k: dr.select(condition, getattr(self, k), getattr(other, k)) for k in vars(self)}
         )
-
-
-def is_smooth(v: Vertex) -> Any:
-    """Return whether ``v`` scatters widely: in a volume, or at a diffuse surface."""
-    return v.volume | v.diffuse
 
 
 @dr.syntax

@@ -9,11 +9,11 @@ import drjit as dr
 import mitsuba as mi
 
 from render.emission import Emission
-from render.film_bridge import Mirrors, Trail, counted, is_smooth
+from render.film_bridge import Mirrors, Trail, counted
 from render.film_paths import EVENTS, SPARE, Limits, survive
 from render.primary import Stream
 from render.segments import advance, bounce, start
-from render.vertex import PASSES, Vertex, choose, empty_vertex, left_after
+from render.vertex import PASSES, Vertex, choose, empty_vertex, is_smooth, left_after
 
 # How much less often bridges start from a smooth vertex behind another one.
 LATER = 0.5

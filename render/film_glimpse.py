@@ -17,7 +17,7 @@ import mitsuba as mi
 
 from render.film_camera import Kept
 from render.film_light import LightVertex
-from render.vertex import extinction
+from render.vertex import extinction, is_smooth
 
 # Least that a vertex seems to scatter, relative to all directions alike.
 LEAST = 0.05
@@ -51,7 +51,7 @@ class Seen:
         # Sums of balance heuristics per density per solid angle, for isotropic scattering.
         per = dr.select(v.volume, sigma / (4.0 * dr.pi), 0.0)
         seen = Seen(
-            v.p, v.wi, dr.mean(v.beta) * shares, v.volume, v.volume | v.diffuse, kept.edges,
+            v.p, v.wi, dr.mean(v.beta) * shares, v.volume, is_smooth(v), kept.edges,
             per * v.vcm, per * v.vc / (4.0 * dr.pi), per * v.vc_open[0] / (4.0 * dr.pi),
         )  # fmt: skip
         dr.eval(seen)

@@ -17,7 +17,7 @@ from render.fiber_light import FiberLight
 from render.lane_memory import LaneMemory
 from render.resampling import Promise
 from render.segments import advance, bounce, start
-from render.vertex import Vertex, choose, empty_vertex
+from render.vertex import Vertex, choose, empty_vertex, is_smooth
 
 # Events that one light subpath may take; the numbers that pick a vertex come after them.
 PICK_EVENT = LIGHT_EVENTS // 2
@@ -93,7 +93,7 @@ def _trace(
         # Camera subpaths never sample a volume vertex: no strategy competes for it.
         v.vcm = dr.select(v.volume, 0.0, v.vcm)
         v.vc = dr.select(v.volume, 0.0, v.vc)
-        smooth = arrived & (v.volume | v.diffuse)
+        smooth = arrived & is_smooth(v)
         hope = promise.of(v, before_smooth, point, normal, arrived & ~v.delta)
         total += hope
         taken = (hope > 0) & (stream.event(event + PICK_EVENT)[0] * total < hope)

@@ -20,7 +20,7 @@ import numpy as np
 from render.bridge import Bridge
 from render.layout import fiber_poses
 from render.scene import Scene
-from render.vertex import Vertex, extinction, value
+from render.vertex import Vertex, extinction, is_smooth, value
 
 # Optical depths are cut here: where the medium is not as thick as it seems, the promise is at
 # most this far off (e^-6), and never 0.
@@ -69,12 +69,12 @@ class Promise:
         facing = dr.maximum(-dr.dot(normal, w), 0.0) + TILT
         # Other vertices of the camera subpaths may see what the facets do not.
         seen = self._scattered(y, w, active)
-        bridged = after_smooth & ~(y.volume | y.diffuse)
+        bridged = after_smooth & ~is_smooth(y)
         seen = dr.select(bridged, dr.minimum(seen, GLARE), seen) + GLIMPSE * dr.mean(y.beta)
         return seen * facing / squared * self._transmittance(y, w, dr.sqrt(squared), active)
 
     def _bridged(self, y: Vertex, point: Any, normal: Any, active: Any) -> Any:
-        active = active & (y.volume | y.diffuse)
+        active = active & is_smooth(y)
         image, face = self.bridge.mirror(y.p, point)
         span = image - y.p
         squared = dr.maximum(dr.squared_norm(span), 1e-6)

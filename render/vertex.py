@@ -113,6 +113,11 @@ def choose(condition: Any, a: _V, b: _V) -> _V:
     return type(b)(**chosen)
 
 
+def is_smooth(v: Vertex) -> Any:
+    """Return whether ``v`` scatters widely: in a volume, or at a diffuse surface."""
+    return v.volume | v.diffuse
+
+
 def surface_interaction(v: Vertex) -> Any:
     """Return the Mitsuba surface interaction that ``v`` stands for."""
     si = dr.zeros(mi.SurfaceInteraction3f)
