@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from render.bending import Array
+from render.arrays import Array
 
 
 def chebyshev_nodes(count: int, low: float, high: float) -> Array:

@@ -9,12 +9,12 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from render.constraints import Constraints
-from render.free import Free
-from render.quantity import Quantity
-from render.rough_face import SMOOTHEST
-from render.scene import EDGES, Scene
-from render.tolerances import Tolerances
+from render.geometry.microfacets import SMOOTHEST
+from render.scene.constraints import Constraints
+from render.scene.free_ranges import Free
+from render.scene.quantities import Quantity
+from render.scene.schema import EDGES, Scene
+from render.scene.tolerances import Tolerances
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
 
     Arguments:
         scene: the validated scene.
-        origins: the source of every value, from `render.scene.sources` of the same file.
+        origins: the source of every value, from `render.scene.schema.sources` of the same file.
     """
     axes = {
         "fiber": scene.fibers.count,

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from render.bending import Array
-from render.llvm import VARIANT, mitsuba
-from render.scene import load_scene
+from render.arrays import Array
+from render.reference.llvm import VARIANT, mitsuba
+from render.scene.schema import load_scene
 
 WIDTH, HEIGHT = 96, 160
 # Errors are taken over square blocks of so many pixels, where the coating fills the picture.
@@ -61,7 +61,7 @@ def blocks(picture: Array) -> Array:
 
 def sensor() -> Any:
     """Return finger20 with all fibers lit, flat, as a Mitsuba scene."""
-    from render.lit_scene import lit_scene
+    from render.reference.lit_scene import lit_scene
 
     scene = load_scene("finger20")
     count = scene.fibers.count
@@ -101,9 +101,9 @@ def pictures(
 
 def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
     """Return the relative standard deviation of the mean intensity per luminance samples."""
-    from render.film_paths import Limits
-    from render.film_problem import FilmProblem
-    from render.film_scale import FilmScale
+    from render.integrators.film_sampler import FilmProblem
+    from render.integrators.normalization import FilmScale
+    from render.integrators.path_limits import Limits
 
     problem = FilmProblem(lit, lit.sensors()[0], Limits())
     weights = np.full((problem.bins, problem.channels), 1.0 / (problem.bins * problem.channels))

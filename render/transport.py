@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from render.bending import Array
+from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
-from render.npz import read_npz, write_npz
+from render.files import read_npz, write_npz
 
 LEVELS = ("preview", "surrogate", "reference")
 

@@ -20,7 +20,7 @@ settings.load_profile("tactilux")
 @pytest.fixture(scope="session")
 def mono() -> ModuleType:
     """Return Mitsuba in the mono variant that the reference renderer uses."""
-    from render.llvm import mitsuba
+    from render.reference.llvm import mitsuba
 
     return mitsuba("llvm_ad_mono")
 
@@ -28,11 +28,17 @@ def mono() -> ModuleType:
 # Fixtures of a session that take many seconds, and the files that need them: on one worker.
 TOGETHER = {
     "trained": tuple(
-        f"tests/surrogate/test_{name}.py"
-        for name in ("checker", "export", "materials", "package", "train")
+        f"tests/surrogate/{name}.py"
+        for name in (
+            "runtime/test_checker",
+            "export/test_onnx",
+            "model/test_materials",
+            "export/test_package",
+            "training/test_train",
+        )
     ),
     "small_model": tuple(
-        f"tests/optimize/commands/test_{name}.py"
+        f"tests/optimize/cli/test_{name}.py"
         for name in ("bad_input", "explore", "optimize", "verify")
     ),
     "night_report": (
@@ -100,7 +106,7 @@ def tactilux(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Run:
     """Run the program in an empty directory and return exit code, stdout and stderr."""
-    from hw.cli import main
+    from hw.cli.cli import main
 
     monkeypatch.chdir(tmp_path)
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from hw.calibration.fit import Calibration
 from hw.calibration.measurement import Measurement
+from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_lines import ReferenceLines
-from hw.pad_light import PadLight
-from render.bending import Array
+from render.arrays import Array
 
 CLOSE = 0.02
 """Relative difference below which the weights of noisy cells do not matter."""

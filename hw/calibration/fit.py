@@ -23,7 +23,7 @@ from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import Modes
 from hw.calibration.problem import MATERIAL, TILT, VIGNETTING, Problem
 from hw.errors import CalibrationError
-from render.bending import Array
+from render.arrays import Array
 
 ROUNDS = 2
 """Fits, each weighed by what the one before predicts."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from hw.calibration.material import NAMES
 from hw.calibration.problem import ROUGHNESS_HELD, ROUGHNESS_KNOWN, Problem
-from render.bending import Array
+from render.arrays import Array
 
 Z95 = 1.96
 UNDERSTATED = 1.8

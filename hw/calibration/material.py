@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.errors import CalibrationError
-from render.bending import Array
-from render.scene import Scene
+from render.arrays import Array
+from render.scene.schema import Scene
 
 NAMES = ("reduced_scattering", "absorption", "sigma_v", "roughness")
 UNITS = ("1/mm", "1/mm", "deg", "")

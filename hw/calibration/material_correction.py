@@ -20,11 +20,11 @@ from scipy.linalg import lapack
 
 from hw.calibration.material_table import EXPONENTS, MaterialTable, terms
 from hw.calibration.model_error import Modes, modes_of
+from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_lines import ReferenceLines, frame_positions
+from hw.calibration.smooth_ratio import Ratios, closeness, ratios
 from hw.errors import CalibrationError
-from hw.pad_light import PadLight
-from hw.smooth_ratio import Ratios, closeness, ratios
-from render.bending import Array
+from render.arrays import Array
 
 DEGREES = EXPONENTS.sum(axis=1)
 SHARED = (0.04, 0.08, 0.16)

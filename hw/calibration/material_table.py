@@ -18,15 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
+from hw.calibration.fiber_images import fiber_images
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.reference_lines import reference_lines
+from hw.camera.projection import pixels_of
 from hw.errors import CalibrationError
-from hw.fiber_images import fiber_images
-from hw.projection import pixels_of
-from render.bending import Array
+from render.arrays import Array
 from render.errors import TableError
-from render.npz import read_npz, read_or_drop, write_npz
-from render.scene import Scene
+from render.files import read_npz, read_or_drop, write_npz
+from render.scene.schema import Scene
 
 VERSION = 4
 MATERIALS, RAYS = 32, 100_000

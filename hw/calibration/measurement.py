@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.material_table import line_pixels, sample
-from hw.pinhole import intrinsics, rotation
-from hw.projection import pad_positions
-from render.bending import Array
-from render.scene import Scene
+from hw.camera.pinhole import intrinsics, rotation
+from hw.camera.projection import pad_positions
+from render.arrays import Array
+from render.scene.schema import Scene
 
 BOX = 5
 """Side (pixels) of the square that is averaged around every point."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from hw.calibration.reference_lines import frame_positions
-from hw.smooth_ratio import closeness
-from render.bending import Array
+from hw.calibration.smooth_ratio import closeness
+from render.arrays import Array
 
 Modes = tuple[Array, ...]
 """For each bend ``(mode, fiber, point)`` log light, 0 at fibers that it is not about."""

@@ -20,7 +20,7 @@ from hw.calibration.material_table import MaterialTable, terms, terms_slope
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import Modes
 from hw.errors import CalibrationError
-from render.bending import Array
+from render.arrays import Array
 
 MATERIAL, ROUGHNESS, TILT, VIGNETTING, FIXED = slice(0, 4), 3, slice(4, 7), 7, 8
 ROUGHNESS_KNOWN, ROUGHNESS_HELD = 0.3, 0.05

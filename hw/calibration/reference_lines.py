@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.bending import Array
-from render.layout import flat_fiber_poses
-from render.scene import Scene
+from render.arrays import Array
+from render.geometry.layout import flat_fiber_poses
+from render.scene.schema import Scene
 
 ACROSS_AT = (2.0, 5.0, 8.0)
 """Distances (mm) from the lit edge at which the lines across the light lie."""

@@ -16,12 +16,12 @@ import numpy as np
 from hw.calibration.material import Material
 from hw.calibration.material_correction import Render
 from hw.calibration.material_table import design_key, sobol_materials
+from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import reference_lines
-from hw.pad_light import PadLight, render_pad_light
-from render.bending import Array
-from render.npz import read_or_drop, write_npz
+from render.arrays import Array
+from render.files import read_or_drop, write_npz
 from render.progress import Progress
-from render.scene import Scene
+from render.scene.schema import Scene
 
 VERSION = 1
 FIRST_SEED = 5000

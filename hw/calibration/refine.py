@@ -22,13 +22,13 @@ from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_correction import Render, material_correction
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes, joined
+from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.reference_renders import named, reference_renders
 from hw.calibration.rig_fit import Model, fit_rig
-from hw.pad_light import PadLight, render_pad_light
-from render.bending import Array
+from render.arrays import Array
 from render.progress import Progress
-from render.scene import Scene
+from render.scene.schema import Scene
 
 LEFT = 0.03
 """Relative error of the shape of light that even the best correction leaves: so much do corrected

@@ -16,9 +16,9 @@ from hw.calibration.material import NAMES, UNITS, Material
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import NAMES as LINES
 from hw.calibration.reference_lines import ReferenceLines
-from hw.linearity import Linearity
-from render.bending import Array
-from render.scene import Scene
+from hw.camera.linearity import Linearity
+from render.arrays import Array
+from render.scene.schema import Scene
 
 SHOWN = 6
 """Photographs whose curves are drawn, spread evenly over all."""

@@ -13,14 +13,14 @@ from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.measurement import LineReader, Measurement
 from hw.calibration.model_error import Modes, field_modes
 from hw.calibration.reference_lines import reference_lines
-from hw.correction import Correction, surrogate_correction
+from hw.calibration.site_correction import Correction, surrogate_correction
+from hw.camera.linearity import Linearity, linearity
+from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
-from hw.linearity import Linearity, linearity
-from hw.photo_set import PhotoSet
-from render.bending import Array
-from render.scene import Scene
-from render.slab import cache_folder
-from surrogate.checker import Checker
+from render.arrays import Array
+from render.preview.diffuser.cache import cache_folder
+from render.scene.schema import Scene
+from surrogate.runtime.checker import Checker
 
 DISCREPANCY = 0.015
 """Relative error of the corrected preview where the surrogate says nothing about it."""

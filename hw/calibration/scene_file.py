@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hw.calibration.fit import Calibration
-from optimize.atomic import write_text
-from render.scene import Scene, load_scene, scene_text
+from optimize.ui.atomic import write_text
+from render.scene.schema import Scene, load_scene, scene_text
 
 SUFFIX = "-calibrated"
 

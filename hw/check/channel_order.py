@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from hw.errors import CaptureError
-from render.bending import Array
+from render.arrays import Array
 
 CLEARLY = 2.0
 """How many times better another order must explain the colours than their own."""

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from hw.check.prediction import Prediction
 from hw.check.sweep_check import channel_gains
 from hw.errors import CaptureError
-from render.bending import Array
-from render.npz import read_npz, write_npz
+from render.arrays import Array
+from render.files import read_npz, write_npz
 
 SCHEMA = 2
 ALLOWED = (0.2, 5.0)

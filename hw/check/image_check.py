@@ -15,7 +15,7 @@ from hw.check.sweep_check import PERMUTATIONS, SHARES, UNCLEAR_SPREAD
 from hw.check.tolerances import LEAST_TURN, TURNS, Tolerances
 from hw.check.verdict import FiberVerdict, State, Verdict
 from hw.errors import CaptureError
-from render.bending import Array
+from render.arrays import Array
 
 FAULTY_POWERS = np.concatenate([[0.0], np.linspace(0.05, 0.85, 17)])
 """Relative powers of dead and dim fibers that are tried."""

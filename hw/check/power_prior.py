@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from render.bending import Array
+from render.arrays import Array
 
 Prior = Callable[[Array], Array]
 """Density of the relative power, ``(...)`` for ``(...)``."""

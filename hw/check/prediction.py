@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from render.bending import Array
+from render.arrays import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
-from surrogate.checker import Checker
+from surrogate.runtime.checker import Checker
 
 NODES = 13
 """Direction nodes at which the model is asked; between them light is a polynomial in phi."""

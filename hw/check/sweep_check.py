@@ -19,7 +19,7 @@ from hw.check.prediction import Prediction
 from hw.check.tolerances import BRIGHTEST, DEAD_BELOW, DIM_BELOW, LEAST_TURN, TURNS, Tolerances
 from hw.check.verdict import FiberVerdict, State, Verdict
 from hw.errors import CaptureError
-from render.bending import Array
+from render.arrays import Array
 
 PERMUTATIONS = [p for p in itertools.permutations(range(3)) if p != (0, 1, 2)]
 SHARES = {State.DEAD: 0.25, State.DIM: 0.25, State.SWAPPED: 0.2, State.MOVED: 0.28}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from render.bending import Array
+from render.arrays import Array
 
 _FINE, _COARSE = np.arange(-4.75, 5.0, 0.25), np.arange(5.0, 30.5, 1.0)
 TURNS = np.radians(np.concatenate([-_COARSE[::-1], _FINE, _COARSE]))

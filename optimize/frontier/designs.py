@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from render.bending import Array
-from render.layout import fiber_edges, mirrored_fibers
-from render.scene import Scene
-from surrogate.heldout import random_colours
+from render.arrays import Array
+from render.geometry.layout import fiber_edges, mirrored_fibers
+from render.scene.schema import Scene
+from surrogate.training.evaluation import random_colours
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,18 @@ import torch
 from torch import nn
 
 from optimize.frontier.levels import Level
-from render.bending import Array
-from render.npz import read_npz, write_npz
-from render.scene import Scene
+from render.arrays import Array
+from render.files import read_npz, write_npz
+from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.cells import cells_from_table
-from surrogate.fit import FitConfig, fit_ensembles
-from surrogate.graph import Checker as Graph
-from surrogate.heldout import scene_bends
-from surrogate.inputs import INPUT_NAMES
-from surrogate.networks import NetworkEnsemble, RidgeEnsemble
-from surrogate.preview_grid import PreviewGrid
-from surrogate.reference_data import data_hash
+from surrogate.model.checker_module import Checker as Graph
+from surrogate.model.features import INPUT_NAMES
+from surrogate.model.networks import NetworkEnsemble, RidgeEnsemble
+from surrogate.model.preview_grid import PreviewGrid
+from surrogate.training.dataset import cells_from_table
+from surrogate.training.evaluation import scene_bends
+from surrogate.training.fit import FitConfig, fit_ensembles
+from surrogate.training.reference_data import data_hash
 
 NAMES = {"ridge": "preview + ridge", "network": "preview + network"}
 

@@ -19,14 +19,14 @@ from optimize.frontier.reference import REFERENCE_SEED, Reference, judge, render
 from optimize.frontier.renders import path_tracer_rows, seconds_alone, short_rows
 from render.errors import TableError
 from render.progress import Progress
-from render.scene import Scene
+from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.checker import Checker
-from surrogate.preview_grid import draw_grid
-from surrogate.reference_data import data_hash
-from surrogate.reference_run import estimate_table, render_plan
-from surrogate.reference_run import make_plan as make_table_plan
-from surrogate.train import TrainConfig
+from surrogate.model.preview_grid import draw_grid
+from surrogate.runtime.checker import Checker
+from surrogate.training.reference_data import data_hash
+from surrogate.training.render_plan import estimate_table, render_plan
+from surrogate.training.render_plan import make_plan as make_table_plan
+from surrogate.training.train import TrainConfig
 
 Report = Callable[[str, float, float, float | None], None]
 """Called with stage, done, total and the seconds left where they are known."""

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from optimize.frontier.reference import Reference
-from render.bending import Array
+from render.arrays import Array
 from render.metric import design_score, site_metric
-from surrogate.heldout import kendall_tau
+from surrogate.training.evaluation import kendall_tau
 
 RESAMPLES = 1000
 

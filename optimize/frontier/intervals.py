@@ -8,8 +8,8 @@ import numpy as np
 
 from optimize.frontier.designs import HeldOut
 from optimize.frontier.reference import Reference
-from render.scene import Scene
-from surrogate.checker import Checker
+from render.scene.schema import Scene
+from surrogate.runtime.checker import Checker
 
 
 @dataclass(frozen=True)

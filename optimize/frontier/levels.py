@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.frontier.designs import HeldOut
-from render.bending import Array
+from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.metric import image_counts
-from render.preview import Preview
-from render.scene import Scene
+from render.preview.preview import Preview
+from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.checker import Checker
+from surrogate.runtime.checker import Checker
 
 BATCH = 64
 """Designs per call where many are judged at once."""

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.atomic import write_text
 from optimize.frontier.designs import HeldOut, Nodes
 from optimize.frontier.volpath import PathTracer
-from optimize.output import OutputError
-from render.pace import render_pace
-from render.scene import Scene
+from optimize.ui.atomic import write_text
+from optimize.ui.output import OutputError
+from render.reference.cost import render_pace
+from render.scene.schema import Scene
 
 PLAN = "plan.json"
 SHORTER = (32, 8)

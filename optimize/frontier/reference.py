@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from optimize.frontier.designs import HeldOut, Nodes
-from optimize.jackknife import jackknife
-from render.bending import Array
+from optimize.scoring.jackknife import jackknife
+from render.arrays import Array
 from render.errors import RenderError
 from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.progress import Progress
-from render.reference import Estimate, render_transport
-from render.scene import Scene
+from render.reference.transport import Estimate, render_transport
+from render.scene.schema import Scene
 
 REFERENCE_SEED, SHORT_SEED = 101, 201
 """Seeds of the long render and of the short ones; training renders count from 1."""

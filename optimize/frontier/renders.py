@@ -12,12 +12,12 @@ from optimize.frontier.designs import HeldOut, Nodes
 from optimize.frontier.grade import Row, grade
 from optimize.frontier.reference import SHORT_SEED, Reference, judge, render_designs
 from optimize.frontier.volpath import PathTracer
-from render.bending import Array
+from render.arrays import Array
+from render.files import read_or_drop, write_npz
 from render.metric import clip_counts
-from render.npz import read_or_drop, write_npz
 from render.progress import Progress
-from render.reference import render_transport
-from render.scene import Scene
+from render.reference.transport import render_transport
+from render.scene.schema import Scene
 
 TRACER_SEED = 301
 SMALL_STEPS = 0.5

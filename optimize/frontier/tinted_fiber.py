@@ -10,7 +10,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from render.fiber_emitter import FiberEmitter
+from render.integrators.fiber_emitter import FiberEmitter
 
 
 class TintedFiber(FiberEmitter):

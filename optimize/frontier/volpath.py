@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from render.bending import Array
-from render.camera import FacetMasks, facet_masks
-from render.llvm import mitsuba
-from render.scene import Scene
+from render.arrays import Array
+from render.geometry.facet_masks import FacetMasks, facet_masks
+from render.reference.llvm import mitsuba
+from render.scene.schema import Scene
 
 VARIANT = "llvm_ad_rgb"
 _registered: list[str] = []
@@ -60,8 +60,8 @@ class PathTracer:
         self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks
     ) -> tuple[Any, tuple[slice, slice]]:
         """Return the lit scene with its sensor, and the part of the film that it records."""
-        from render.lit_scene import fiber_disks, pinhole
-        from render.optics import pad_shapes
+        from render.reference.lit_scene import fiber_disks, pinhole
+        from render.reference.optics import pad_shapes
 
         used = masks.pixel
         row, column = used // masks.columns, used % masks.columns

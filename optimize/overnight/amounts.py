@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from render.pad_job import PadJob
+from render.reference.job import PadJob
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""

@@ -7,16 +7,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from optimize.design import Array, Design
+from optimize.design.design import Array, Design
 from optimize.overnight.final_stage import TITLES, handed_over
 from optimize.overnight.loop_stage import Outcome
 from optimize.overnight.night import Finalist, Night, Step
 from optimize.overnight.shift import Shift
-from optimize.provenance import package_versions
-from optimize.verdict import Verdict
+from optimize.ui.provenance import package_versions
+from optimize.verification.verdict import Verdict
 from render.metric import site_metric
-from surrogate.checker import Checker
-from surrogate.model_file import MODEL_FILE, sha256
+from surrogate.runtime.checker import Checker
+from surrogate.runtime.model_file import MODEL_FILE, sha256
 
 TIMED = 20
 """Designs whose median time is that of a level."""
@@ -190,7 +190,7 @@ def _trade(
 
 
 def _preview_seconds(shift: Shift) -> float:
-    from render.preview import Preview
+    from render.preview.preview import Preview
 
     with Preview(shift.scene) as preview:
 

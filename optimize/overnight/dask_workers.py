@@ -24,7 +24,7 @@ import numpy as np
 from optimize.overnight.errors import RunError
 from optimize.overnight.workers import Done
 from render.errors import RenderError, TactiluxError
-from render.pad_job import PadJob, PadResult, render_pad
+from render.reference.job import PadJob, PadResult, render_pad
 
 CONNECT_SECONDS = 10.0
 WORKER_TTL = 45

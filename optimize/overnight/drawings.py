@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optimize.design import Array
-from optimize.drawings import INK
+from optimize.design.design import Array
 from optimize.frontier.plot import draw_levels
-from optimize.heatmaps import drawing
 from optimize.overnight.night import Night, Step
+from optimize.report.drawings import INK
+from optimize.report.heatmaps import drawing
 
 WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
 SOFT = "#8a8f98"

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Array, Design
-from optimize.measure import measure
+from optimize.design.design import Array, Design
 from optimize.overnight.amounts import LEAST_SHARE, REPORT_SECONDS, SEEDS_FIXED, Pace
 from optimize.overnight.loop_stage import Outcome
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
 from optimize.overnight.shift import Shift, design_json, design_of, extended
-from optimize.renders import DesignRenders, distinct_directions, reference_renders
-from optimize.score_scale import Scale
-from optimize.verdict import Verdict
-from render.reference import pad_jobs
+from optimize.scoring.measure import measure
+from optimize.scoring.score_scale import Scale
+from optimize.verification.renders import DesignRenders, distinct_directions, reference_renders
+from optimize.verification.verdict import Verdict
+from render.reference.transport import pad_jobs
 
 FINAL_PURPOSE = 3
 LEAST_BATCHES = 3

@@ -34,9 +34,9 @@ from optimize.overnight.store import RECORD, Request, Store
 from optimize.overnight.table_stage import measured_pace, render_table, seen_pace, whole_table
 from optimize.overnight.watch import LOG, Signals, Stopped, Watch
 from optimize.overnight.workers import Workers
-from optimize.score_scale import Scale
+from optimize.scoring.score_scale import Scale
 from render.errors import SceneError
-from render.scene import Scene, load_scene
+from render.scene.schema import Scene, load_scene
 from render.transport import TransportTable
 
 WORTH = 1.05

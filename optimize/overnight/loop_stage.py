@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Design
-from optimize.explore import PHI_NODES
-from optimize.jackknife import JackknifeEstimate
-from optimize.limits import limits_of
+from optimize.design.design import Design
+from optimize.design.limits import limits_of
+from optimize.exploration.explore import PHI_NODES
 from optimize.overnight.amounts import (
     LEAST_MUTATIONS,
     LEAST_SHARE,
@@ -28,16 +27,17 @@ from optimize.overnight.amounts import (
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
 from optimize.overnight.shift import Shift, design_json, design_of
-from optimize.proposals import Proposal
-from optimize.renders import distinct_directions, reference_renders
-from optimize.verification_loop import CONVERGED, Contender, Loop, LoopConfig, Rendered
+from optimize.scoring.jackknife import JackknifeEstimate
+from optimize.verification.proposals import Proposal
+from optimize.verification.renders import distinct_directions, reference_renders
+from optimize.verification.verification_loop import CONVERGED, Contender, Loop, LoopConfig, Rendered
 from render.chebyshev import chebyshev_nodes
-from render.layout import fiber_edges
-from render.reference import pad_jobs
+from render.geometry.layout import fiber_edges
+from render.reference.transport import pad_jobs
 from render.transport import TransportTable
-from surrogate.checker import Checker
-from surrogate.preview_grid import draw_grid
-from surrogate.refit import Correction, Refitter
+from surrogate.model.preview_grid import draw_grid
+from surrogate.runtime.checker import Checker
+from surrogate.training.refit import Correction, Refitter
 
 ROUND_SHARE = 0.3
 """Part of the loop's time that the renders of one round take."""

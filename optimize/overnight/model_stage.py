@@ -16,8 +16,8 @@ from optimize.overnight.shift import Shift
 from optimize.overnight.store import TABLE
 from render.errors import ModelError
 from render.transport import TransportTable
-from surrogate.checker import Checker
-from surrogate.model_file import MODEL_FILE, sha256
+from surrogate.runtime.checker import Checker
+from surrogate.runtime.model_file import MODEL_FILE, sha256
 
 MODEL = "model"
 TRIAL_STEPS = 60
@@ -38,7 +38,7 @@ def fitted_model(shift: Shift, table: Callable[[], TransportTable]) -> Checker:
         shift.watch.note(f"{folder} is missing or damaged: the surrogate is fitted again")
         for item in folder.glob("*") if folder.is_dir() else ():
             item.unlink()
-    from surrogate.train import TrainConfig, TrainProgress, train
+    from surrogate.training.train import TrainConfig, TrainProgress, train
 
     shift.stage("Surrogate", "surrogate")
     steps = shift.decide("fit", lambda: {"steps": _steps(shift, table())})["steps"]
@@ -97,11 +97,11 @@ def _steps(shift: Shift, table: TransportTable) -> int:
 def _seconds_per_step(table: TransportTable) -> float:
     import torch
 
-    from surrogate.basis import SIZE
-    from surrogate.fit import FitConfig
-    from surrogate.inputs import INPUT_NAMES
-    from surrogate.mlp import fit_networks
-    from surrogate.rows import Rows
+    from surrogate.model.facet_basis import SIZE
+    from surrogate.model.features import INPUT_NAMES
+    from surrogate.training.fit import FitConfig
+    from surrogate.training.mlp import fit_networks
+    from surrogate.training.regression import Rows
 
     config = FitConfig()
     directions, count = len(table.phi), config.network.batch

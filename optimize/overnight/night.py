@@ -15,14 +15,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from optimize.atomic import write_text
-from optimize.design import Array, Design, Rating
-from optimize.design_file import load_design, load_saved, save_design
-from optimize.score_scale import Scale
+from optimize.design.design import Array, Design, Rating
+from optimize.design.design_file import load_design, load_saved, save_design
+from optimize.scoring.score_scale import Scale
+from optimize.ui.atomic import write_text
 from render.errors import TactiluxError
+from render.files import read_npz, write_npz
 from render.metric import clipped_fraction, design_score
-from render.npz import read_npz, write_npz
-from render.scene import Scene, load_scene, scene_text
+from render.scene.schema import Scene, load_scene, scene_text
 
 SCENE, ARRAYS, NIGHT, DESIGNS = "scene.toml", "night.npz", "night.json", "designs"
 CONFIDENCE = 0.95

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from optimize.design import Array
-from optimize.drawings import scheme
-from optimize.heatmaps import facet_strip, metric_strip, picture_png, png_bytes
+from optimize.design.design import Array
 from optimize.overnight.drawings import (
     colour_scatter,
     convergence,
@@ -17,8 +15,10 @@ from optimize.overnight.drawings import (
     timed_levels,
 )
 from optimize.overnight.night import Night
-from render.imprint import bolt
-from render.preview import Preview
+from optimize.report.drawings import scheme
+from optimize.report.heatmaps import facet_strip, metric_strip, picture_png, png_bytes
+from render.geometry.indenter import bolt
+from render.preview.preview import Preview
 
 BOLT_ROWS = 450  # pixels of the camera's view, before it is cut to the pad
 

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from optimize.atomic import write_text
 from optimize.overnight.drawings import timed_levels
 from optimize.overnight.night import Finalist, Night
 from optimize.overnight.pictures import bolt_pictures, night_pictures
 from optimize.overnight.scaling import Scaling, load_scaling, scaling_rows, scaling_words
-from optimize.page import (
+from optimize.report.page import (
     bend_titles,
     clipping_warning,
     data_uri,
@@ -25,8 +24,9 @@ from optimize.page import (
     stage_pictures,
     wiring_sheet,
 )
+from optimize.ui.atomic import write_text
 from render.errors import SceneError
-from render.imprint import BoltHead
+from render.geometry.indenter import BoltHead
 
 REPORT = "report.html"
 STAGES = ("baseline", "colours")

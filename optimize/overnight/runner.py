@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from optimize.overnight.store import Store
 from optimize.overnight.watch import Signals
 from optimize.overnight.workers import Workers
-from render.pad_job import PadJob, PadResult
 from render.progress import Clock
+from render.reference.job import PadJob, PadResult
 
 
 class OutOfTime(Exception):

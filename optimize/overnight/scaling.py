@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from optimize.atomic import write_text
-from optimize.console import clock
-from optimize.design import Array
+from optimize.design.design import Array
 from optimize.overnight.amounts import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TABLE_UNTIL
 from optimize.overnight.loop_stage import ROUND_SHARE
 from optimize.overnight.night import NightError
 from optimize.overnight.store import RECORD
 from optimize.overnight.transfer import Transfer, measure_transfer
+from optimize.ui.atomic import write_text
+from optimize.ui.console import clock
 
 SCALING = "scaling.json"
 WORKERS = (1, 2, 8, 64)

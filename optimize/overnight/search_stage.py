@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from optimize.colors.grouped import grouped_colours
-from optimize.colors.result import renamed_like
-from optimize.design import Design, baseline_design
-from optimize.directions import optimise_directions, population, tied_groups
-from optimize.evaluate import TableScorer
-from optimize.explore import PHI_NODES
-from optimize.joint import SearchStep, optimise_jointly
-from optimize.limits import limits_of
+from optimize.design.design import Design, baseline_design
+from optimize.design.limits import limits_of
+from optimize.exploration.explore import PHI_NODES
 from optimize.overnight.shift import Shift, design_json, design_of
-from optimize.thesis import GENERATIONS
+from optimize.scoring.evaluate import TableScorer
+from optimize.search.colors.grouped import grouped_colours
+from optimize.search.colors.result import renamed_like
+from optimize.search.directions import optimise_directions, population, tied_groups
+from optimize.search.joint import SearchStep, optimise_jointly
+from optimize.verification.thesis import GENERATIONS
 from render.chebyshev import chebyshev_nodes, interpolation_weights
-from render.layout import fiber_edges
+from render.geometry.layout import fiber_edges
 from render.transport import TransportTable
-from surrogate.checker import Checker
+from surrogate.runtime.checker import Checker
 
 
 def baseline_of(shift: Shift) -> Design:

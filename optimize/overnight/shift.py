@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Array, Design
+from optimize.design.design import Array, Design
 from optimize.overnight.amounts import Fixed
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.store import Store
 from optimize.overnight.watch import Watch
 from render.progress import Progress
-from render.scene import Scene
+from render.scene.schema import Scene
 
 
 @dataclass

@@ -35,11 +35,11 @@ import numpy as np
 
 from optimize.overnight.errors import RECORD as RECORD
 from optimize.overnight.errors import RunError
-from optimize.provenance import program_version
+from optimize.ui.provenance import program_version
 from render.errors import TableError
-from render.npz import read_npz
-from render.pad_job import PadJob, PadResult
-from render.scene_content import scene_of
+from render.files import read_npz
+from render.reference.job import PadJob, PadResult
+from render.scene.serialization import scene_of
 
 SCHEMA = 1
 RENDERS, STATES, TABLE = "renders", "states", "table"

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from optimize.design import Array
-from optimize.measure import check_seen
+from optimize.design.design import Array
 from optimize.overnight.amounts import JOB_SECONDS, OVERDUE, PASSES_MIN, TABLE_UNTIL, Pace
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.shift import Shift
+from optimize.scoring.measure import check_seen
 from render.chebyshev import chebyshev_nodes
-from render.pad_job import PadJob, PadResult
 from render.progress import Clock
-from render.reference import gather, pad_jobs
-from render.scene import Scene
+from render.reference.job import PadJob, PadResult
+from render.reference.transport import gather, pad_jobs
+from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.reference_run import training_bends
+from surrogate.training.render_plan import training_bends
 
 PHI_NODES = 11
 BEND_NODES = 3, 5

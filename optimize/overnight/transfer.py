@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Array
+from optimize.design.design import Array
 
 TRIES = 5
 NETWORK = 112e6

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, Any
 
-from optimize.console import Meter
+from optimize.ui.console import Meter
 
 LOG = "log.txt"
 LOG_SECONDS = 60.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from render.pad_job import PadJob, PadResult, render_pad
+from render.reference.job import PadJob, PadResult, render_pad
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,14 +11,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.camera_rays import pixel_rays
-from render.cell_problem import Targets
-from render.chains import LIGHT_EVENTS
-from render.emission import Emission
-from render.film_light import project
-from render.primary import Hashed
-from render.scene import Scene
-from render.segments import advance, bounce, start
+from render.cells.camera_rays import pixel_rays
+from render.cells.cell_sampler import Targets
+from render.integrators.emitters import Emission
+from render.integrators.light_subpaths import project
+from render.paths.walk import advance, bounce, start
+from render.sampling.proposals import LIGHT_EVENTS
+from render.sampling.streams import Hashed
+from render.scene.schema import Scene
 
 LANES = 1 << 16
 

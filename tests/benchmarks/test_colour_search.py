@@ -11,11 +11,11 @@ import time
 import numpy as np
 import pytest
 
-from optimize.colors.enumeration import Enumeration
-from optimize.colors.exact import colour_units, exact_colours
-from optimize.design import Design
-from optimize.evaluate import TableScorer
-from optimize.joint import optimise_jointly
+from optimize.design.design import Design
+from optimize.scoring.evaluate import TableScorer
+from optimize.search.colors.enumeration import Enumeration
+from optimize.search.colors.exact import colour_units, exact_colours
+from optimize.search.joint import optimise_jointly
 from render.chebyshev import chebyshev_nodes
 from render.transport import TransportTable
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.design import baseline_design
-from render.preview import Preview
-from render.scene import load_scene
-from surrogate.checker import Checker
+from optimize.design.design import baseline_design
+from render.preview.preview import Preview
+from render.scene.schema import load_scene
+from surrogate.runtime.checker import Checker
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -36,7 +36,7 @@ def report(capsys: pytest.CaptureFixture[str], what: str, seconds: float, allowe
 
 
 def tactilux(*words: str) -> str:
-    command = [sys.executable, "-m", "optimize.cli", *words]
+    command = [sys.executable, "-m", "optimize.cli.cli", *words]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 

@@ -16,10 +16,10 @@ from optimize.overnight.store import RECORD, STATES, Request, Store
 from optimize.overnight.watch import Signals
 from optimize.overnight.workers import Done, Here
 from render.chebyshev import chebyshev_nodes
-from render.pad_job import PadJob
 from render.progress import Clock
-from render.reference import pad_jobs
-from render.scene import load_scene
+from render.reference.job import PadJob
+from render.reference.transport import pad_jobs
+from render.scene.schema import load_scene
 from tests.optimize.overnight.tiny import rows, start
 
 MUTATIONS = 40

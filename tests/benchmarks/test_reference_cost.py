@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from render.chebyshev import chebyshev_nodes
-from render.pad_job import pad_problem
-from render.scene import Scene, load_scene
+from render.reference.job import pad_problem
+from render.scene.schema import Scene, load_scene
 from tests.validation.test_slab_reference import COATED, blocks, lamp, slab
 
 REPLICATES = 16
@@ -56,8 +56,8 @@ def cost(draw: Callable[[int, int], np.ndarray], passes: int) -> tuple[float, fl
 def test_the_cost_of_facet_colours(
     mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from render.lit_scene import lit_scene
-    from render.monte_carlo import plain_replicates
+    from render.reference.lit_scene import lit_scene
+    from render.sampling.monte_carlo import plain_replicates
     from tests.benchmarks.plain_renderers import by_light_tracing, by_volpath
 
     cells = problem(scene, np.array([np.pi / 2]))
@@ -94,7 +94,7 @@ def test_the_training_table(
     mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """20 fibers x 11 direction nodes x 3 bends x 150 facets, both mirror images averaged."""
-    from render.monte_carlo import plain_replicates
+    from render.sampling.monte_carlo import plain_replicates
 
     nodes = chebyshev_nodes(11, 0.0, np.pi)
     minutes = []
@@ -124,7 +124,7 @@ def test_the_cost_of_blocks_of_a_slab(
     The mean over blocks is comparable to 0.31, what Mitsuba 0.6's ``pssmlt`` costs there. Few
     bright samples make most of it, so variances come from the replicates of several runs.
     """
-    from render.film_problem import FilmProblem
+    from render.integrators.film_sampler import FilmProblem
 
     scene = slab(mono, tmp_path, lamp(mono))
     integrator: Any = mono.load_dict({"type": "bdpt", "replicates": 2 * REPLICATES})

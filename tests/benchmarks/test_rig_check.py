@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from hw.check.prediction import predict
-from hw.check.study import LEAST_RECALL, study
+from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
 from hw.check.tolerances import STARTS, tolerances
-from hw.site_colours import SiteSpots
-from render.layout import flat_sites
-from render.scene import load_scene
-from surrogate.checker import Checker
+from hw.studies.recall import LEAST_RECALL, study
+from render.geometry.layout import flat_sites
+from render.scene.schema import load_scene
+from surrogate.runtime.checker import Checker
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"
 BOUND = 0.050

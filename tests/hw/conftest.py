@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hw.boards.ports import ProtocolName
-from hw.emulated.board import EmulatedBoard
-from hw.emulated.faults import Faults
+from hw.emulator.board import EmulatedBoard
+from hw.emulator.faults import Faults
+from hw.leds.ports import ProtocolName
 
 Plug = Callable[..., EmulatedBoard]
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.boards.board import Levels
-from hw.boards.line_board import LineBoard
-from hw.boards.lines import framed
-from hw.boards.link import SerialLink
+from hw.leds.board import Levels
+from hw.leds.line_board import LineBoard
+from hw.leds.lines import framed
+from hw.leds.link import SerialLink
 
 ROOT = Path(__file__).parents[2]
 SKETCH = ROOT / "hw" / "firmware" / "tactilux_led"

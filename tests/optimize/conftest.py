@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from optimize.design import Array, Design, Rating, baseline_design
+from optimize.design.design import Array, Design, Rating, baseline_design
+from optimize.exploration.stages import Stage
 from optimize.overnight.night import Finalist, Night, Step, keep_scene
 from optimize.overnight.report import write_report
 from optimize.overnight.scaling import Scaling, StageRenders, keep_scaling, simulated
 from optimize.overnight.transfer import Transfer
-from optimize.score_scale import Scale
-from optimize.stages import Stage
+from optimize.scoring.score_scale import Scale
 from render.chebyshev import chebyshev_nodes
 from render.metric import (
     choose_exposure,
@@ -25,9 +25,9 @@ from render.metric import (
     image_counts,
     site_metric,
 )
-from render.scene import Scene, load_scene
+from render.scene.schema import Scene, load_scene
 from render.transport import TransportTable
-from surrogate.checker import Checker
+from surrogate.runtime.checker import Checker
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from optimize.design import Design, baseline_design
-from optimize.explore import Exploration, rate
-from optimize.explore_output import write_exploration
-from optimize.joint import JointResult, SearchStep
-from render.scene import Scene
-from surrogate.checker import Checker
+from optimize.design.design import Design, baseline_design
+from optimize.exploration.explore import Exploration, rate
+from optimize.exploration.explore_output import write_exploration
+from optimize.search.joint import JointResult, SearchStep
+from render.scene.schema import Scene
+from surrogate.runtime.checker import Checker
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-import render.lights
+import render.preview.lights
 from render.errors import RenderError
-from render.preview import Preview
-from render.quantity import Count, Quantity
-from render.scene import Scene
+from render.preview.preview import Preview
+from render.scene.quantities import Count, Quantity
+from render.scene.schema import Scene
 
 Range = Quantity | Count
 PHI, BENDS = np.array([0.0, math.pi / 2, math.pi]), np.array([0.0, math.pi])
@@ -86,7 +86,7 @@ def content(**changes: float) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render.lights, "RAYS", 600)
+        patch.setattr(render.preview.lights, "RAYS", 600)
         yield tmp_path_factory.mktemp("slab")
 
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from render.preview import Preview
-from render.scene import Scene
+from render.preview.preview import Preview
+from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.fit import FitConfig
-from surrogate.mlp import NetworkConfig
-from surrogate.preview_grid import PreviewGrid, draw_grid, grid_nodes
-from surrogate.train import TrainConfig, Trained, train
+from surrogate.model.preview_grid import PreviewGrid, draw_grid, grid_nodes
+from surrogate.training.fit import FitConfig
+from surrogate.training.mlp import NetworkConfig
+from surrogate.training.train import TrainConfig, Trained, train
 
 PHI_NODES, BEND_NODES = 7, 5
 

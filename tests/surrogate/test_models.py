@@ -9,8 +9,8 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from surrogate.checker import Checker
-from surrogate.model_file import OUTPUTS
+from surrogate.runtime.checker import Checker
+from surrogate.runtime.model_file import OUTPUTS
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 FOLDERS = sorted(path.parent for path in MODELS.glob("*/checker.onnx"))

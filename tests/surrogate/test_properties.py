@@ -10,14 +10,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from render.layout import fiber_edges, mirrored_fibers
+from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.metric import image_counts
-from render.scene import Scene
-from surrogate.basis import SIZE
-from surrogate.graph import Checker
-from surrogate.inputs import INPUT_NAMES
-from surrogate.networks import NetworkEnsemble, NoResidual
-from surrogate.preview_grid import PreviewGrid
+from render.scene.schema import Scene
+from surrogate.model.checker_module import Checker
+from surrogate.model.facet_basis import SIZE
+from surrogate.model.features import INPUT_NAMES
+from surrogate.model.networks import NetworkEnsemble, NoResidual
+from surrogate.model.preview_grid import PreviewGrid
 
 # Low enough that nothing clips: light adds up only below the camera's limit.
 EXPOSURE, LAM = 2e5, 40.0

@@ -51,7 +51,7 @@ def ours(
     **parameters: Any,
 ) -> np.ndarray:
     """Return independent images ``(replicate, row, column, channel)`` of ``bdpt`` or ``pssmlt``."""
-    from render.film_problem import FilmProblem
+    from render.integrators.film_sampler import FilmProblem
 
     metropolis = METROPOLIS if kind == "pssmlt" else {}
     integrator = mi.load_dict({"type": kind, "replicates": replicates, **metropolis, **parameters})

@@ -16,8 +16,8 @@ import pytest
 from scipy import stats
 
 from render.errors import RenderError, SceneError
-from render.reference import Estimate, render_transport
-from render.scene import Scene, load_scene
+from render.reference.transport import Estimate, render_transport
+from render.scene.schema import Scene, load_scene
 from tests.validation.film import LONG
 
 PHI = np.array([0.0, np.pi / 2, np.pi])
@@ -182,7 +182,9 @@ def test_beyond_its_ends_a_value_is_refused_by_name(tmp_path: Path, key: str, va
 def test_the_bound_on_events_costs_a_known_share_of_the_light_at_the_thickest_layer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from render import cell_paths, chains, light_picks
+    from render.cells import cell_connections as cell_paths
+    from render.cells import light_vertex_picks as light_picks
+    from render.sampling import proposals as chains
 
     scene = edited(tmp_path, **{"diffuser.sigma_s": 50.0})
     levels, bars = [], []

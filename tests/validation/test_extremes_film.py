@@ -125,7 +125,7 @@ def test_a_lit_thing_outside_of_the_picture_leaves_it_exactly_black(mono: Module
 def test_the_bound_on_events_costs_less_than_a_picture_can_show(
     mono: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from render import film_paths
+    from render.integrators.bidirectional import path_limits as film_paths
 
     # The worst of the allowed layers: much scattering, none of it lost, light kept inside.
     scene = slab(mono, sigma_s=50.0, sigma_a=0.0, g=0.0, index=1.7)

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.cli import main
+from optimize.cli.cli import main
 from render.chebyshev import chebyshev_nodes
-from render.preview import Preview
-from render.scene import load_scene
+from render.preview.preview import Preview
+from render.scene.schema import load_scene
 from render.transport import TransportTable
-from surrogate.fit import FitConfig
-from surrogate.mlp import NetworkConfig
-from surrogate.train import TrainConfig, train
+from surrogate.training.fit import FitConfig
+from surrogate.training.mlp import NetworkConfig
+from surrogate.training.train import TrainConfig, train
 
 SMALLER = {
     'name = "finger20"': 'name = "small3"',
@@ -71,7 +71,7 @@ def frontier(
     monkeypatch.chdir(sensor)
     monkeypatch.setattr("optimize.frontier.frontier.TrainConfig", lambda: QUICK)
     # Trials of the usual size take longer than everything else here.
-    monkeypatch.setattr("render.pace.TRIALS", (2, 6))
+    monkeypatch.setattr("render.reference.cost.TRIALS", (2, 6))
 
     def run(*words: str) -> tuple[int, str, str]:
         arguments = ["tactilux", "frontier", "small3.toml", *words]

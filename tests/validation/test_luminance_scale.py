@@ -28,9 +28,9 @@ DEMANDED = 0.002 * np.sqrt(1e7)
 def test_the_mean_intensity_scatters_less_than_0_2_percent_at_ten_million_samples(
     mono: ModuleType, tmp_path: Path, samples: int
 ) -> None:
-    from render.film_paths import Limits
-    from render.film_problem import FilmProblem
-    from render.film_scale import FilmScale
+    from render.integrators.film_sampler import FilmProblem
+    from render.integrators.normalization import FilmScale
+    from render.integrators.path_limits import Limits
 
     scene = slab(mono, tmp_path, lamp(mono))
     problem = FilmProblem(scene, scene.sensors()[0], Limits())

@@ -12,7 +12,7 @@ from optimize.overnight.store import Store
 from optimize.overnight.watch import Signals
 from optimize.overnight.workers import Here
 from render.progress import Clock
-from render.reference import pad_jobs
+from render.reference.transport import pad_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene
 from tests.validation.film import LONG
 

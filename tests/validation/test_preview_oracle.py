@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.bending import bend_frames, bend_points, curvature
-from render.light_paths import near_base
-from render.lights import Lights, make_lights
-from render.pad_points import PadPoints, pad_points
-from render.preview import Preview
-from render.rough_face import fresnel
-from render.scene import Scene, load_scene
-from render.slab_basis import directional_terms
+from render.geometry.bending import bend_frames, bend_points, curvature
+from render.geometry.microfacets import fresnel
+from render.preview.diffuser.basis import directional_terms
+from render.preview.light_paths import near_base
+from render.preview.lights import Lights, make_lights
+from render.preview.preview import Preview
+from render.preview.shading_points import PadPoints, pad_points
+from render.scene.schema import Scene, load_scene
 
 RELATIVE, ABSOLUTE, MEDIAN = 1e-3, 2e-6, 2e-5
 FEW = 0.04
@@ -205,7 +205,7 @@ def test_the_shader_draws_what_float64_numpy_computes(
     name: str, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The numbers do not matter here, only that both sides use the same ones.
-    monkeypatch.setattr("render.lights.RAYS", 3_000)
+    monkeypatch.setattr("render.preview.lights.RAYS", 3_000)
     scene = SCENES[name](load_scene("finger20"))
     phi = np.array([[0.0, 1.3], [0.7, 2.9], [np.pi / 2, np.pi]])
     with Preview(scene, cache=cache) as preview:

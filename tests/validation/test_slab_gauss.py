@@ -28,14 +28,14 @@ def gaussian_point(mono: ModuleType) -> dict[str, Any]:
     """Return a disk so small that it is a point, with the reference's intensity."""
     import drjit as dr
 
-    import render.fiber_emitter
-    from render.fiber_profile import angle
+    import render.integrators.fiber_emitter
+    from render.geometry.fiber_profile import angle
 
     # The sampler knows emitters that are written in Python by this name.
-    class FiberEmitter(render.fiber_emitter.FiberEmitter):
+    class FiberEmitter(render.integrators.fiber_emitter.FiberEmitter):
         def _radiance(self, local: Any) -> Any:
             inside = angle(local) < np.radians(60)
-            value = render.fiber_emitter.FiberEmitter._radiance(self, local)
+            value = render.integrators.fiber_emitter.FiberEmitter._radiance(self, local)
             return dr.select(inside, value / dr.maximum(local.z, 0.1), 0.0)
 
     mono.register_emitter("gaussian_point", FiberEmitter)

@@ -111,7 +111,7 @@ def blocks(picture: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def ours(mono: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     """Return the block means of independent replicates ``(replicate, 8, 12)``."""
-    from render.film_problem import FilmProblem
+    from render.integrators.film_sampler import FilmProblem
 
     scene = slab(mono, tmp_path_factory.mktemp("slab"), lamp(mono))
     integrator = mono.load_dict({"type": "bdpt", "replicates": 16})

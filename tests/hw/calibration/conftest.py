@@ -8,10 +8,10 @@ import pytest
 from hw.calibration.material import HIGH, LOW
 from hw.calibration.material_table import MaterialTable, _fitted, sobol_materials
 from hw.calibration.reference_lines import frame_positions, reference_lines
-from hw.projection import pad_positions
-from render.bending import Array
-from render.layout import flat_fiber_poses
-from render.scene import Scene, load_scene
+from hw.camera.projection import pad_positions
+from render.arrays import Array
+from render.geometry.layout import flat_fiber_poses
+from render.scene.schema import Scene, load_scene
 
 BENDS = np.array([0.0, np.pi / 2])
 

@@ -12,8 +12,8 @@ from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes
 from hw.calibration.problem import Problem
 from hw.errors import CalibrationError
-from render.bending import Array
-from render.scene import Scene
+from render.arrays import Array
+from render.scene.schema import Scene
 from tests.hw.calibration.conftest import toy_log_light
 
 TRUE = Material(1.2, 0.02, np.radians(17.0), 0.1)

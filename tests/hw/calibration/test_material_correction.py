@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from hw.calibration.material_correction import MaterialCorrection, Render, material_correction
 from hw.calibration.material_table import MaterialTable, sobol_materials, terms
+from hw.calibration.pad_light import BLOCKS, PadLight
 from hw.calibration.reference_lines import frame_positions, reference_lines
-from hw.pad_light import BLOCKS, PadLight
-from hw.smooth_ratio import in_frame
-from render.bending import Array
-from render.scene import Scene
+from hw.calibration.smooth_ratio import in_frame
+from render.arrays import Array
+from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy
 
 LIT = [[2, 9], [11]]

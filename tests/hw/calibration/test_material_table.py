@@ -17,8 +17,8 @@ from hw.calibration.material_table import (
     table_key,
 )
 from render.errors import TableError
-from render.npz import write_npz
-from render.scene import Scene
+from render.files import write_npz
+from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy_log_light
 
 PHI = np.full(20, np.pi / 2)

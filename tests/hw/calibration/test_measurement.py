@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hw.calibration.measurement import LineReader, Measurement
-from hw.emulated.camera import NOISE_40_DB, Flaws, seen_by
-from render.scene import Scene
+from hw.emulator.camera import NOISE_40_DB, Flaws, seen_by
+from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy_images
 
 MATERIAL = np.array([1.0, 0.01, 0.26, 0.1])

@@ -12,10 +12,10 @@ import pytest
 from hw.calibration.material import Material
 from hw.calibration.material_correction import Render
 from hw.calibration.material_table import sobol_materials
+from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_renders import reference_renders
-from hw.pad_light import PadLight
 from render.progress import Progress
-from render.scene import Scene
+from render.scene.schema import Scene
 
 PHI = np.full(20, np.pi / 2)
 BENDS = np.array([0.0])

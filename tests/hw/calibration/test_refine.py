@@ -9,13 +9,13 @@ import pytest
 
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable, sobol_materials
+from hw.calibration.pad_light import BLOCKS, PadLight
 from hw.calibration.refine import Refined, refine
 from hw.calibration.rig_fit import fit_rig
-from hw.pad_light import BLOCKS, PadLight
-from hw.smooth_ratio import in_frame
-from render.bending import Array
+from hw.calibration.smooth_ratio import in_frame
+from render.arrays import Array
 from render.progress import Progress
-from render.scene import Scene
+from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy
 from tests.hw.calibration.test_fit import TRUE, photographs
 from tests.hw.calibration.test_rig_fit import model_of

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.boards.board import Levels
 from hw.calibration.fit import Calibration
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable
@@ -17,13 +16,14 @@ from hw.calibration.model_error import field_modes
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.report import ReportContent, render_report
 from hw.calibration.rig_fit import Model, fit_rig, measure, require_linearity
-from hw.correction import Correction
-from hw.emulated.camera import EmulatedCamera, Flaws
+from hw.calibration.site_correction import Correction
+from hw.camera.linearity import Linearity
+from hw.camera.photo_set import PhotoSet
+from hw.emulator.camera import EmulatedCamera, Flaws
 from hw.errors import CalibrationError
-from hw.linearity import Linearity
-from hw.photo_set import PhotoSet
-from render.bending import Array
-from render.scene import Scene
+from hw.leds.board import Levels
+from render.arrays import Array
+from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy_images
 
 TRUE = Material(1.3, 0.03, np.radians(13.0), 0.1)

@@ -10,7 +10,7 @@ import pytest
 
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.scene_file import calibrated_toml, save_scene
-from render.scene import Scene, sources
+from render.scene.schema import Scene, sources
 from tests.hw.calibration.test_fit import fitted, photographs
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hw.check.prediction import Prediction, predict
-from surrogate.checker import Checker
+from surrogate.runtime.checker import Checker
 
 MODEL = Path(__file__).parents[3] / "models" / "finger20"
 

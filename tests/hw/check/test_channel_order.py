@@ -10,7 +10,7 @@ import pytest
 from hw.check.channel_order import check_order
 from hw.check.prediction import Prediction
 from hw.errors import CaptureError
-from render.bending import Array
+from render.arrays import Array
 
 GAINS = np.array([1.3, 0.7, 1.0])
 ORDERS = [order for order in itertools.permutations(range(3)) if order != (0, 1, 2)]

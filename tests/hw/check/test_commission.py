@@ -11,7 +11,7 @@ from hw.check.commission import commission, load_record
 from hw.check.prediction import Prediction
 from hw.errors import CaptureError
 from render.errors import TableError
-from render.npz import write_npz
+from render.files import write_npz
 
 
 def test_a_record_holds_the_measured_ratio(prediction: Prediction, tmp_path: Path) -> None:

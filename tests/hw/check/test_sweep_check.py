@@ -12,7 +12,7 @@ from hw.check.sweep_check import channel_gains, check_sweep
 from hw.check.tolerances import STARTS, tolerances
 from hw.check.verdict import State
 from hw.errors import CaptureError
-from render.bending import Array
+from render.arrays import Array
 
 GAIN = np.array([2.0, 3.0, 1.5])
 FINE = tolerances(sweep=True, starts=STARTS, noise=np.array(0.045))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hw.check.prediction import Prediction
-from hw.check.study import RandomRig, RigSpread
 from hw.check.tolerances import STARTS, Tolerances, tolerances
-from render.layout import flat_sites
-from render.scene import load_scene
+from hw.studies.recall import RandomRig, RigSpread
+from render.geometry.layout import flat_sites
+from render.scene.schema import load_scene
 
 SITES = flat_sites(load_scene("finger20"))[:, :2]
 

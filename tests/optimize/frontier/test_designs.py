@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from optimize.frontier.designs import held_out_designs, shared_nodes
-from render.scene import Scene
-from render.symmetry import mirrors
+from render.geometry.symmetry import mirrors
+from render.scene.schema import Scene
 
 
 def variant(scene: Scene, **counts: int) -> Scene:

@@ -11,8 +11,8 @@ import pytest
 from optimize.frontier.designs import held_out_designs
 from optimize.frontier.intervals import held_by_intervals
 from optimize.frontier.reference import Reference
-from render.scene import Scene
-from surrogate.checker import Checker
+from render.scene.schema import Scene
+from surrogate.runtime.checker import Checker
 
 MODEL = Path(__file__).resolve().parents[3] / "models" / "finger20"
 

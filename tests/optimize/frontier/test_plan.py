@@ -8,8 +8,8 @@ import pytest
 
 from optimize.frontier.designs import held_out_designs, shared_nodes
 from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_plan
-from optimize.output import OutputError
-from render.scene import Scene
+from optimize.ui.output import OutputError
+from render.scene.schema import Scene
 
 
 def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:

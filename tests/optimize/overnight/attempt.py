@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import render.pad_job
+import render.reference.job
 from optimize.overnight.errors import RunError, writing
 from optimize.overnight.lock import locked
 from optimize.overnight.runner import StoredRenders
@@ -16,7 +16,7 @@ from optimize.overnight.store import Store
 from optimize.overnight.watch import Signals
 from optimize.overnight.workers import Here
 from render.progress import Clock
-from render.scene import Scene, load_scene
+from render.scene.schema import Scene, load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs
 
 SEEDS = 2
@@ -24,7 +24,7 @@ SEEDS = 2
 
 def attempt(run: Path, scene: Scene) -> None:
     """Begin the run, or go on with it; its state is kept after every eight mutations."""
-    render.pad_job.SAVE_SECONDS = 0.0
+    render.reference.job.SAVE_SECONDS = 0.0
     with writing(run), locked(run):
         store = Store(run, request_of(scene), lambda text: print(text, file=sys.stderr))
         try:

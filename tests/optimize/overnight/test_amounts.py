@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from optimize.overnight.amounts import FIT_STEPS, LEAST_MUTATIONS, Fixed, Pace
-from render.pad_job import PadJob
-from render.reference import pad_jobs
-from render.scene import Scene
+from render.reference.job import PadJob
+from render.reference.transport import pad_jobs
+from render.scene.schema import Scene
 
 PHI, BENDS = np.array([np.pi / 2]), np.array([0.0, 0.5])
 

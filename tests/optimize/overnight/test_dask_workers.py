@@ -17,8 +17,8 @@ from optimize.overnight.dask_workers import DaskWorkers
 from optimize.overnight.errors import RunError
 from optimize.overnight.workers import Here
 from render.errors import RenderError
-from render.pad_job import PadJob
-from render.scene import Scene
+from render.reference.job import PadJob
+from render.scene.schema import Scene
 from tests.optimize.overnight.tiny import tiny_jobs, tiny_scene
 
 pytestmark = [

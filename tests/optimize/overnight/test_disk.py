@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-import render.pad_job
+import render.reference.job
 from optimize.overnight.store import RECORD, RENDERS
-from render.scene import Scene, load_scene
+from render.scene.schema import Scene, load_scene
 from tests.optimize.overnight.attempt import attempt
 from tests.optimize.overnight.tiny import ROOT, command, tiny_scene
 
@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def finish(run: Path, scene: Scene) -> None:
     """Begin a run, or go on with it, in this process and to its end."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render.pad_job, "SAVE_SECONDS", 0.0)
+        patch.setattr(render.reference.job, "SAVE_SECONDS", 0.0)
         attempt(run, scene)
 
 

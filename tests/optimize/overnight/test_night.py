@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design_file import load_saved
+from optimize.design.design_file import load_saved
 from optimize.overnight.night import Finalist, Night, NightError, keep_scene
-from render.scene import load_scene, scene_text
+from render.scene.schema import load_scene, scene_text
 
 
 def refusal(run: Path) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design import Design
+from optimize.design.design import Design
 from optimize.overnight.drawings import convergence, timed_levels
 from optimize.overnight.night import Night
 from optimize.overnight.pictures import bolt_pictures

@@ -32,7 +32,7 @@ from optimize.overnight.transfer import Transfer, measure_transfer
 from optimize.overnight.watch import Signals
 from optimize.overnight.workers import Here
 from render.progress import Clock
-from render.scene import load_scene
+from render.scene.schema import load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs, write_tiny
 
 Run = Callable[..., Any]

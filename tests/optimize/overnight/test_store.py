@@ -20,8 +20,8 @@ from optimize.overnight.job import check_directory
 from optimize.overnight.lock import LOCK, holder, locked
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RECORD, RENDERS, Store
-from render.pad_job import PadJob, PadResult
-from render.scene import Scene
+from render.reference.job import PadJob, PadResult
+from render.scene.schema import Scene
 from tests.optimize.overnight.tiny import ROOT, request_of, tiny_jobs, tiny_scene
 
 

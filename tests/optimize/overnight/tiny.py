@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from optimize.overnight.store import RECORD, Request
-from render.pad_job import PadJob
-from render.reference import pad_jobs
-from render.scene import Scene, load_scene
+from render.reference.job import PadJob
+from render.reference.transport import pad_jobs
+from render.scene.schema import Scene, load_scene
 
 ROOT = Path(__file__).parents[3]
 CHANGES = {
@@ -59,7 +59,7 @@ def request_of(scene: Scene) -> Request:
 
 def command(*words: object) -> list[str]:
     """Return the command line of the program."""
-    return [sys.executable, "-m", "hw.cli", *map(str, words)]
+    return [sys.executable, "-m", "hw.cli.cli", *map(str, words)]
 
 
 def start(*words: object, **options: object) -> subprocess.Popen[str]:

@@ -1,1 +1,0 @@
-"""LED boards over a serial line, one protocol per file."""

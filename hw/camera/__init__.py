@@ -1,0 +1,1 @@
+"""Photographs: taken, read, checked, dewarped."""

@@ -1,0 +1,152 @@
+"""A real camera through OpenCV: exposure, gain and white balance locked, and read back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from hw.errors import CameraError
+from render.arrays import Array
+
+PATIENCE = 5
+"""Frames in a row that may be missing before a capture fails."""
+STALE = 4
+"""Frames that drivers keep in store; they are thrown away before each capture."""
+
+
+class Camera(Protocol):
+    """Anything that takes photographs."""
+
+    def capture(self, frames: int = 1) -> Array:
+        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)`` in RGB."""
+
+    def close(self) -> None:
+        """Give the camera back."""
+
+
+@dataclass(frozen=True)
+class Locked:
+    """What must not change between photographs; exposure in the back end's own unit.
+
+    Arguments:
+        exposure: time, as the driver counts it; None leaves the driver's present value.
+        gain: as the driver counts it; None likewise.
+        white_balance: in kelvin; None likewise.
+    """
+
+    exposure: float | None = None
+    gain: float | None = None
+    white_balance: float | None = None
+
+
+class OpenCVCamera:
+    """A camera that OpenCV knows, everything automatic switched off.
+
+    Arguments:
+        source: number of the camera, or the path of a recording.
+        locked: what is set.
+        unchecked: accept a driver that cannot say what it has set (recordings, some cameras).
+    """
+
+    def __init__(
+        self, source: int | str, locked: Locked | None = None, *, unchecked: bool = False
+    ) -> None:
+        """Open and lock the camera.
+
+        Raises:
+            CameraError: no camera, or one that does not keep what it is set to.
+        """
+        import cv2
+
+        self.source = source
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        self._capture = cv2.VideoCapture(source)
+        if not self._capture.isOpened():
+            raise CameraError(
+                f"camera {source} cannot be opened: plug it in, end other programs that use it, or "
+                "choose another --camera",
+                field="camera",
+                value=source,
+            )
+        try:
+            if not unchecked:
+                self._lock(locked or Locked(), cv2)
+        except BaseException:
+            self.close()
+            raise
+
+    def _lock(self, locked: Locked, cv2: Any) -> None:
+        # V4L2 takes 1 for manual exposure, other back ends 0 or 0.25.
+        self._switch_off("automatic exposure", cv2.CAP_PROP_AUTO_EXPOSURE, (1.0, 0.25, 0.0))
+        self._switch_off("automatic white balance", cv2.CAP_PROP_AUTO_WB, (0.0,))
+        for name, prop, value in (
+            ("exposure", cv2.CAP_PROP_EXPOSURE, locked.exposure),
+            ("gain", cv2.CAP_PROP_GAIN, locked.gain),
+            ("white balance", cv2.CAP_PROP_WB_TEMPERATURE, locked.white_balance),
+        ):
+            if value is not None:
+                self._set(name, prop, value)
+
+    def _switch_off(self, name: str, prop: int, values: tuple[float, ...]) -> None:
+        for value in values:
+            if self._capture.set(prop, value) and self._capture.get(prop) == value:
+                return
+        raise CameraError(
+            f"camera {self.source} does not let its {name} be switched off: switch it off with the "
+            "maker's program (v4l2-ctl on Linux), or use another camera",
+            field=name,
+        )
+
+    def _set(self, name: str, prop: int, value: float) -> None:
+        taken = self._capture.set(prop, value)
+        found = float(self._capture.get(prop))
+        if not taken or abs(found - value) > 1e-3 * max(abs(value), 1.0):
+            raise CameraError(
+                f"camera {self.source} has {name} {found:g} after it was set to {value:g}: choose "
+                "a value that it can keep",
+                field=name,
+                value=found,
+                allowed=f"{value:g}",
+            )
+
+    def capture(self, frames: int = 1) -> Array:
+        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)`` in RGB.
+
+        Raises:
+            CameraError: the camera was unplugged, drops frames, or is grey.
+        """
+        for _ in range(STALE):
+            self._capture.grab()
+        total: Array | None = None
+        missing = taken = 0
+        while taken < frames:
+            good, frame = self._capture.read()
+            if not good or frame is None:
+                missing += 1
+                if missing > PATIENCE:
+                    raise CameraError(
+                        f"camera {self.source} gives no more frames: check its cable, use a free "
+                        "USB port, then try again",
+                        field="camera",
+                        value=self.source,
+                    )
+                continue
+            if frame.ndim != 3 or frame.shape[2] != 3:
+                raise CameraError(
+                    f"camera {self.source} gives frames of shape {frame.shape}, allowed: colour; "
+                    "use a colour camera",
+                    field="camera",
+                    value=frame.shape,
+                )
+            missing, taken = 0, taken + 1
+            # OpenCV's channels are blue, green, red.
+            counts = frame[..., ::-1].astype(np.float64)
+            total = counts if total is None else total + counts
+        assert total is not None
+        return total / frames
+
+    def close(self) -> None:
+        """Give the camera back."""
+        self._capture.release()

@@ -1,0 +1,235 @@
+"""``tactilux hw calibrate``: photographs in, calibrated scene and report out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from datetime import date
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from hw.calibration.confirm import Confirmation
+from hw.calibration.fit import Calibration, require_known
+from hw.calibration.material import NAMES, UNITS, Material
+from hw.calibration.reference_lines import reference_lines
+from hw.calibration.refine import refine
+from hw.calibration.report import ReportContent, render_report, value_rows
+from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
+from hw.calibration.scene_file import calibrated_toml, save_scene
+from hw.camera.linearity import Linearity
+from hw.camera.photo_set import PhotoSet, load_photo_set
+from hw.errors import CalibrationError
+from optimize.design.design import Array, baseline_design
+from optimize.design.design_file import load_design
+from optimize.design.models import open_model
+from optimize.ui.atomic import write_text
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.output import check_target, fresh_directory, write_manifest
+from render.errors import RenderError
+from render.preview.diffuser.cache import cache_folder
+from render.progress import Progress
+from render.scene.schema import Scene, load_scene
+
+
+def run(
+    scene_name: str,
+    *,
+    flat: Path,
+    bent: Path,
+    bend: float,
+    additive: Path | None,
+    design: Path | None,
+    model: Path | None,
+    out: Path | None,
+    gamma: float,
+    noise: float,
+    materials: int,
+    mutations: int,
+    as_json: bool,
+) -> None:
+    """Calibrate the scene to the sweeps in ``flat`` and ``bent`` (at ``bend`` degrees)."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        Material.of(scene)
+        target = out or Path("runs") / f"{scene.name}-calibrate"
+        check_target(target)
+        size = scene.camera.rows, scene.camera.columns
+        sets = [load_photo_set(folder, *size, gamma) for folder in (flat, bent)]
+        extra = [load_photo_set(additive, *size, gamma)] if additive else []
+        result = calibrate_sets(
+            scene_name,
+            sets,
+            np.array([0.0, math.radians(bend)]),
+            linearity_sets=[*extra, *sets],
+            design=design,
+            model=model,
+            target=target,
+            noise=noise,
+            materials=materials,
+            mutations=mutations,
+        )
+        if as_json:
+            print_json(stream, result)
+        else:
+            print_calibration(stream, result)
+
+
+def calibrate_sets(
+    scene_name: str,
+    sets: list[PhotoSet],
+    bends: Array,
+    *,
+    linearity_sets: list[PhotoSet],
+    design: Path | None,
+    model: Path | None,
+    target: Path,
+    noise: float,
+    materials: int,
+    mutations: int,
+) -> dict[str, object]:
+    """Test, fit, confirm, write; return what ``calibration.json`` holds.
+
+    Arguments:
+        scene_name: shipped name or TOML file.
+        sets: one sweep per bend.
+        bends: ``(bend,)`` rad.
+        linearity_sets: sweeps, one of which shows all fibers together.
+        design: whose directions the fibers have; None is the baseline.
+        model: folder of the surrogate; None looks for it.
+        target: result directory.
+        noise: of one pixel, counts.
+        materials: how many are rendered to correct the fit, for all rigs of the same design.
+        mutations: light paths per fiber and cell of the renders that correct and confirm the fit;
+            0 leaves them out.
+    """
+    scene = load_scene(scene_name)
+    lighting = baseline_design(scene) if design is None else load_design(design, scene)
+    additivity = require_linearity(linearity_sets, noise)
+    checker = open_model(scene, model)
+    with Meter("Drawing materials") as meter:
+        lines = line_model(scene, checker, lighting.phi, bends, meter)
+    measurements = measure(scene, sets, bends, noise)
+    note(f"Fitting {len(measurements)} photographs of {scene.name}")
+    found = fit_rig(scene, lines, measurements)
+    today = date.today().isoformat()
+    confirmation = None
+    if mutations:
+        note(
+            f"Correcting the fit by renders: of {materials} materials, kept for all rigs of this "
+            "design, then of what is found"
+        )
+        with Meter("Rendering") as meter:
+
+            def said(name: str, at: Progress) -> None:
+                meter.title = f"Rendering {name}"
+                meter(at.done, at.total, at.eta_seconds)
+
+            try:
+                refined = refine(
+                    scene,
+                    lines,
+                    found,
+                    measurements,
+                    lighting.phi,
+                    bends,
+                    materials=materials,
+                    samples=mutations,
+                    folder=cache_folder(),
+                    progress=said,
+                )
+            except RenderError as error:
+                raise CalibrationError(f"the renders that confirm it failed: {error}") from None
+        found, confirmation = refined.found, refined.confirmation
+    require_known(found)
+    with fresh_directory(target) as work:
+        text = calibrated_toml(scene_name, scene, found, today)
+        after = save_scene(work / "scene.toml", text)
+        report = render_report(
+            ReportContent(
+                scene,
+                found,
+                measurements,
+                reference_lines(scene),
+                bends,
+                additivity,
+                confirmation,
+                today,
+            )
+        )
+        write_text(work / "report.html", report)
+        result = _result(scene, after, found, additivity, confirmation, target, today)
+        write_text(work / "calibration.json", json.dumps(result, indent=2, allow_nan=False) + "\n")
+        write_manifest(work, {"scene": str(result["scene"])})
+    return result
+
+
+def _result(
+    scene: Scene,
+    after: Scene,
+    found: Calibration,
+    additivity: Linearity,
+    confirmation: Confirmation | None,
+    target: Path,
+    today: str,
+) -> dict[str, object]:
+    values = found.material.array()
+    ranges = found.intervals.of(values)
+    material = {}
+    for index, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
+        factor = 180 / math.pi if unit == "deg" else 1.0
+        material[name] = {
+            "value": float(values[index]) * factor,
+            "interval": [end * factor for end in ranges[index]],
+            "unit": unit,
+        }
+    return {
+        "scene": str(target / "scene.toml"),
+        "report": str(target / "report.html"),
+        "scene_hash": {"before": scene.hash, "after": after.hash},
+        "date": today,
+        "level": "preview corrected by the surrogate"
+        if confirmation is None
+        else "preview corrected by the reference",
+        "material": material,
+        "table": value_rows(scene, found),
+        "power": [float(p) if np.isfinite(p) else None for p in found.power],
+        "gain": [float(g) if np.isfinite(g) else None for g in found.gain],
+        "not_separable": [
+            "g and sigma_s",
+            "the powers' mean and the gains",
+            "the roughness and errors of the model",
+        ],
+        "hardly_separable": [list(pair) for pair in found.intervals.related()],
+        "residual": found.chi,
+        "linearity": asdict(additivity),
+        "confirmation": None if confirmation is None else asdict(confirmation),
+    }
+
+
+def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
+    """Write the fitted values and where everything is."""
+    rows = result["table"]
+    assert isinstance(rows, list)
+    for row in rows:
+        stream.write(
+            f"{row['title']:<20} {row['value']:>14}   95 % {row['interval']:<20} "
+            f"(before: {row['before']})\n"
+        )
+    stream.write(
+        "g and sigma_s cannot be separated by photographs: sigma_s (1 - g) is calibrated, g kept.\n"
+        "The roughness is held near the scene's: photographs hardly tell it.\n"
+    )
+    confirmation = result["confirmation"]
+    if isinstance(confirmation, dict):
+        stream.write(
+            f"Confirmed: along the reference lines, renders of the calibrated scene differ from "
+            f"the photographs by {100 * confirmation['rms']:.1f} % rms (noise explains "
+            f"{100 * confirmation['noise']:.1f} %; before calibration: "
+            f"{100 * confirmation['before']:.1f} %).\n"
+        )
+    else:
+        stream.write("Neither corrected nor confirmed by renders: --mutations 1000 does both.\n")
+    stream.write(f"Scene: {result['scene']}\nReport: {result['report']}\n")

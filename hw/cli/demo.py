@@ -1,0 +1,234 @@
+"""``tactilux hw demo``: set, sweep, check and calibrate on an emulated rig, end to end.
+
+Everything but the hardware is real: the serial driver talks to a pseudo-terminal, photographs go
+through the same readers, and the rig's true values are known to the emulated camera alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.calibration.material import NAMES, UNITS
+from hw.calibration.site_correction import surrogate_correction
+from hw.camera.photo_set import PhotoSet
+from hw.camera.self_test import self_test
+from hw.check.commission import commission
+from hw.check.prediction import predict
+from hw.check.site_colors import SiteSpots
+from hw.check.sweep_check import check_sweep
+from hw.check.tolerances import tolerances
+from hw.check.verdict import WORDS, Verdict
+from hw.cli.calibrate import calibrate_sets, print_calibration
+from hw.emulator.camera import EmulatedCamera
+from hw.emulator.rig import RAYS, Secret, random_secret, rendered_images, true_images
+from hw.emulator.session import (
+    ADDITIVE_SCALE,
+    BENDS,
+    CALIBRATION_FIBERS,
+    EmulatedRig,
+    single_exposure,
+    switched_on,
+)
+from hw.leds.lights import interruptible, sweep
+from optimize.design.design import Array, Design, baseline_design
+from optimize.design.models import open_model
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.output import check_target
+from render.scene.schema import Scene, load_scene
+from surrogate.runtime.checker import Checker
+
+FRAMES = 4
+"""Photographs that are averaged for each fiber of the checks."""
+DRIFT = 0.03
+"""Relative change of powers between two starts."""
+DURATION = "about 40 minutes on two cores the first time, and eight from then on"
+
+
+def run(
+    scene_name: str,
+    *,
+    out: Path | None,
+    model: Path | None,
+    seed: int,
+    rig_mutations: int,
+    materials: int,
+    mutations: int,
+    rays: int = RAYS,
+    calibrate: bool = True,
+    as_json: bool,
+) -> None:
+    """Play all steps on the rig of ``seed`` and tell what came out.
+
+    With ``calibrate`` the rig's photographs are rendered by the reference, else drawn by the
+    preview, which takes seconds.
+    """
+    with reserved_stdout() as stream, interruptible():
+        began = time.monotonic()
+        scene = load_scene(scene_name)
+        target = out or Path("runs") / f"{scene.name}-demo"
+        check_target(target)
+        checker = open_model(scene, model, threads=2)
+        design = baseline_design(scene)
+        secret = random_secret(scene, seed)
+        if calibrate:
+            note(f"The whole demonstration takes {DURATION}; --no-calibrate leaves the long parts")
+            images = _rendered(scene, secret, design, rig_mutations)
+        else:
+            note("Making a rig with secrets: material, powers, directions, camera")
+            correction = surrogate_correction(scene, checker, design.phi, BENDS[:1])
+            images = true_images(
+                scene, secret, design.phi, BENDS[:1], correction=correction, rays=rays
+            )
+        secret = replace(secret, gain=single_exposure(secret, images))
+        with switched_on(scene, design, secret, images) as rig:
+            _set_and_sweep(rig)
+            checks = _checks(rig, checker)
+            sets: list[PhotoSet] = []
+            if calibrate:
+                note("Photographing every fiber in white, half of them flat and half bent")
+                sets, additive = rig.calibration_sets(), rig.additive_set()
+        result: dict[str, object] = {}
+        if calibrate:
+            result = calibrate_sets(
+                scene_name,
+                sets,
+                BENDS,
+                linearity_sets=[additive],
+                design=None,
+                model=model,
+                target=target,
+                noise=secret.flaws.noise,
+                materials=materials,
+                mutations=mutations,
+            )
+            result["truth"] = _compared(result, secret)
+        result["checks"] = {name: verdict.to_json() for name, verdict in checks.items()}
+        result["seconds"] = time.monotonic() - began
+        if as_json:
+            print_json(stream, result)
+        else:
+            _write(stream, checks, result)
+
+
+def _rendered(
+    scene: Scene, secret: Secret, design: Design, rig_mutations: int
+) -> NDArray[np.float32]:
+    """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
+    note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
+    fibers = range(scene.fibers.count)
+    with Meter("Rendering the rig") as meter:
+        return rendered_images(
+            scene,
+            secret,
+            design.phi,
+            BENDS,
+            [fibers, fibers[CALIBRATION_FIBERS[1]]],
+            samples=rig_mutations,
+            progress=lambda at: meter(at.done, at.total, at.eta_seconds),
+        )
+
+
+def _set_and_sweep(rig: EmulatedRig) -> None:
+    note(f"Emulated LED board on {rig.board.port}; setting the design, then sweeping")
+    rig.lights.set(rig.design.power)
+    if not rig.board.wait_for((255 * rig.design.power).astype(np.uint8)):
+        raise AssertionError("the board does not show the design")
+    lit = list(sweep(rig.lights, rig.design.power))
+    self_test(rig.camera(), rig.lights, ADDITIVE_SCALE, 0.0)
+    note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
+
+
+def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Verdict]:
+    """Commission the rig, check it, then check it with one fault of each kind."""
+    spots = SiteSpots(rig.scene, 0.0)
+    prediction = predict(checker, rig.design.phi, rig.design.power, 0.0)
+    noise = rig.secret.flaws.noise / np.sqrt(spots.counts * FRAMES)
+    known = tolerances(sweep=True, starts=1, noise=noise)
+
+    def colours(camera: EmulatedCamera, power: Array) -> Array:
+        photos = rig.photos(camera, power, frames=FRAMES)
+        return photos.stacked(len(rig.design.phi), spots.colours)
+
+    healthy = colours(rig.camera(), rig.design.power)
+    record = commission(prediction, healthy, rig.scene.hash, 0.0)
+    found = {}
+    with Meter("Checking") as meter:
+        for number, (name, camera, power) in enumerate(_faulty(rig)):
+            found[name] = check_sweep(prediction, colours(camera, power), known, record.ratio)
+            meter(number + 1, 4)
+    return found
+
+
+def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
+    """Return the rig at later starts: name, camera with drift and noise of its own, powers."""
+    starts = itertools.count(1)
+
+    def weaker(fiber: int, factor: float) -> EmulatedCamera:
+        start = next(starts)
+        rng = np.random.default_rng([rig.secret.seed, start])
+        power = rig.secret.power * np.exp(DRIFT * rng.standard_normal(len(rig.secret.power)))
+        power[fiber] *= factor
+        return replace(
+            rig.camera(secret=replace(rig.secret, power=power)), seed=rig.secret.seed + start
+        )
+
+    swapped = rig.design.power.copy()
+    swapped[12] = np.roll(swapped[12], 1)
+    return [
+        ("healthy", weaker(0, 1.0), rig.design.power),
+        ("fiber 4 dead", weaker(4, 0.0), rig.design.power),
+        ("fiber 9 at half power", weaker(9, 0.5), rig.design.power),
+        ("fiber 12 with swapped colours", weaker(0, 1.0), swapped),
+    ]
+
+
+def _compared(result: dict[str, object], secret: Secret) -> list[dict[str, object]]:
+    """Return the secret beside what was found."""
+    material = result["material"]
+    assert isinstance(material, dict)
+    rows: list[dict[str, object]] = []
+    for name, unit, true in zip(NAMES, UNITS, secret.material.array(), strict=True):
+        value = float(true) * (180 / np.pi if unit == "deg" else 1.0)
+        found = material[name]
+        low, high = found["interval"]
+        rows.append(
+            {
+                "name": name,
+                "true": value,
+                "found": found["value"],
+                "error": found["value"] / value - 1,
+                "inside": bool(low <= value <= high),
+            }
+        )
+    return rows
+
+
+def _write(stream: IO[str], checks: dict[str, Verdict], result: dict[str, object]) -> None:
+    for name, verdict in checks.items():
+        said = [
+            f"fiber {fiber.index} {WORDS[fiber.state]} ({100 * fiber.confidence:.1f} %)"
+            for fiber in verdict.faults
+        ]
+        stream.write(f"Check, {name}: {'; '.join(said) or 'the rig looks as designed'}\n")
+    stream.write(
+        "A fiber turned by 10 deg is the hardest fault: `tactilux hw recall` measures it.\n"
+    )
+    if "truth" not in result:
+        return
+    print_calibration(stream, result)
+    rows = result["truth"]
+    assert isinstance(rows, list)
+    for row in rows:
+        stream.write(
+            f"  the rig's true {row['name']} is {row['true']:.4g}: off by "
+            f"{100 * row['error']:+.1f} %, "
+            f"{'inside' if row['inside'] else 'outside'} the interval\n"
+        )
+    stream.write(f"The demonstration took {result['seconds']:.0f} s.\n")

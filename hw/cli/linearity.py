@@ -1,0 +1,36 @@
+"""``tactilux hw linearity``: does light add up in a camera's photographs?"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from hw.camera.linearity import linearity
+from hw.camera.photo_set import load_photo_set
+from hw.errors import CaptureError
+from optimize.ui.console import print_json, reserved_stdout
+from render.scene.schema import load_scene
+
+
+def run(scene_name: str, folder: Path, *, gamma: float, noise: float, as_json: bool) -> None:
+    """Test the sweep in ``folder``; light that does not add up is an error with its cause."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        photos = load_photo_set(folder, scene.camera.rows, scene.camera.columns, gamma)
+        if photos.together is None:
+            raise CaptureError(
+                f"{folder} holds no photograph of all fibers together (all.png or all.npy): "
+                "capture the sweep again",
+                field="sweep",
+                value=str(folder),
+            )
+        found = linearity(np.stack(list(photos.alone.values())), photos.together, noise)
+        if as_json:
+            print_json(stream, asdict(found))
+        found.require()
+        if not as_json:
+            stream.write(
+                f"Light adds up within {100 * found.residual:.2f} % rms: the camera is linear.\n"
+            )

@@ -1,0 +1,103 @@
+"""``tactilux hw recall``: how many faults the check finds, on random rigs."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from hw.check.prediction import predict
+from hw.check.tolerances import STARTS
+from hw.studies.recall import LEAST_RECALL, MOST_ALARMS, RigSpread, study
+from optimize.design.design import Array, baseline_design
+from optimize.design.models import open_model
+from optimize.ui.console import Meter, print_json, reserved_stdout
+from render.chebyshev import interpolation_weights
+from render.errors import TableError
+from render.geometry.layout import flat_sites
+from render.scene.schema import load_scene
+from render.transport import load_table
+from surrogate.runtime.checker import Checker
+
+
+def run(
+    scene_name: str,
+    *,
+    model: Path | None,
+    rigs: int,
+    seed: int,
+    truth: Path | None,
+    as_json: bool,
+) -> None:
+    """Print recall and false alarms of every way of checking, with 95 % intervals."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        checker = open_model(scene, model, threads=2)
+        design = baseline_design(scene)
+        prediction = predict(checker, design.phi, design.power, 0.0)
+        light = None if truth is None else _true_light(truth, prediction.nodes, checker)
+        began = time.monotonic()
+        with Meter("Rigs") as meter:
+            found = study(
+                prediction,
+                flat_sites(scene)[:, :2],
+                rigs=rigs,
+                seed=seed,
+                truth=light,
+                progress=meter,
+            )
+        seconds = time.monotonic() - began
+        if as_json:
+            ways = [asdict(one) | {"keeps_bound": one.keeps_bound} for one in found]
+            conditions = asdict(RigSpread()) | {"starts": STARTS}
+            print_json(stream, {"ways": ways, "conditions": conditions, "seconds": seconds})
+            return
+        spread = RigSpread()
+        stream.write(
+            f"{rigs} random rigs of {scene.name}, one fault of each kind in each.\n"
+            f"As built: powers {100 * spread.power:g} %, directions "
+            f"{np.degrees(spread.turn):g} deg, smooth error of the model {100 * spread.model:g} %; "
+            f"between two starts: powers {100 * spread.power_drift:g} %, directions "
+            f"{np.degrees(spread.turn_drift):g} deg, single sites {100 * spread.shift:g} %.\n"
+            f"Noise {spread.pixel_noise:g} counts per pixel, {spread.frames} photographs per "
+            f"fiber; commissioned: against a record of {STARTS} healthy starts.\n"
+        )
+        for one in found:
+            stream.write(
+                f"{one.way}: {'keeps' if one.keeps_bound else 'misses'} the bound "
+                f"({100 * LEAST_RECALL:g} % found at {100 * MOST_ALARMS:g} % false alarms)\n"
+            )
+            for fault, part in one.found.items():
+                stream.write(
+                    f"  {fault:<12} found {_percent(part, rigs)}, named rightly "
+                    f"{_percent(one.named[fault], rigs)}\n"
+                )
+            stream.write(
+                f"  false alarms {_percent(one.false_alarms, rigs)} of healthy rigs; a healthy "
+                f"fiber blamed in {_percent(one.blamed, 4 * rigs)} of faulty ones\n"
+            )
+
+
+def _true_light(path: Path, nodes: Array, checker: Checker) -> Array:
+    """Return the background of a table at bend 0 in counts, ``(fiber, node, site)``."""
+    table = load_table(path)
+    flat = np.nonzero(np.abs(table.bends) < 1e-9)[0]
+    if table.background is None or not len(flat):
+        raise TableError(
+            f"{path} holds no background at bend 0: give a table that `tactilux train` rendered",
+            field="truth",
+            value=str(path),
+        )
+    weights = interpolation_weights(table.phi, nodes)
+    light = np.einsum("nj,fjs->fns", weights, table.background[:, :, flat[0]])
+    return np.asarray(np.maximum(light, 1e-4 * light.max()) * checker.exposure)
+
+
+def _percent(part: float, count: int) -> str:
+    """Return a percentage with its 95 % interval (Wilson 1927)."""
+    z = 1.96
+    middle = (part + z * z / (2 * count)) / (1 + z * z / count)
+    half = z / (1 + z * z / count) * np.sqrt(part * (1 - part) / count + (z / (2 * count)) ** 2)
+    return f"{100 * part:5.1f} % ({100 * (middle - half):.1f} to {100 * (middle + half):.1f})"

@@ -1,0 +1,114 @@
+"""``tactilux hw recovery``: how well calibration recovers rigs, on rendered photographs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO
+
+from hw.calibration.rig_fit import line_model
+from hw.emulator.session import BENDS
+from hw.studies.recovery import BOUND, BOUNDED, Recovered, RigOutcome, recover
+from optimize.design.design import baseline_design
+from optimize.design.models import open_model
+from optimize.ui.console import Meter, print_json, reserved_stdout
+from render.progress import Progress
+from render.scene.schema import load_scene
+
+
+def run(
+    scene_name: str,
+    *,
+    model: Path | None,
+    rigs: int,
+    seed: int,
+    rig_mutations: int,
+    materials: int,
+    mutations: int,
+    as_json: bool,
+) -> None:
+    """Print true and found values of every rig, and how many keep to the bound."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        checker = open_model(scene, model, threads=2)
+        design = baseline_design(scene)
+        with Meter("Drawing materials") as meter:
+            lines = line_model(scene, checker, design.phi, BENDS, meter)
+        outcomes = []
+        for number in range(seed, seed + rigs):
+            with Meter(f"Rig {number}") as meter:
+
+                def said(name: str, at: Progress, meter: Meter = meter) -> None:
+                    meter.title = f"Rendering {name}"
+                    meter(at.done, at.total, at.eta_seconds)
+
+                outcomes.append(
+                    recover(
+                        scene,
+                        design,
+                        lines,
+                        number,
+                        rig_samples=rig_mutations,
+                        materials=materials,
+                        samples=mutations,
+                        progress=said,
+                    )
+                )
+            if not as_json:
+                _write_rig(stream, outcomes[-1])
+        if as_json:
+            print_json(stream, {"rigs": [_as_json(one) for one in outcomes]})
+        else:
+            _write_sum(stream, outcomes)
+
+
+def _write_rig(stream: IO[str], outcome: RigOutcome) -> None:
+    stream.write(f"rig {outcome.seed}\n")
+    for first, last in zip(outcome.surrogate, outcome.rendered, strict=True):
+        low, high = last.interval
+        stream.write(
+            f"  {last.name:<20} true {last.true:8.4g}  found {last.found:8.4g} "
+            f"({100 * last.error:+6.1f} %, {low:.4g} to {high:.4g}: "
+            f"{'inside' if last.inside else 'outside'})  surrogate alone {100 * first.error:+6.1f} "
+            f"%, {'inside' if first.inside else 'outside'}\n"
+        )
+    told = outcome.confirmation
+    stream.write(
+        f"  photographs against the last render: {100 * told.rms:.1f} % rms, explained "
+        f"{100 * told.noise:.1f} %, before calibration {100 * told.before:.1f} %; "
+        f"{told.renders} renders, {told.seconds:.0f} s\n"
+    )
+    if outcome.refused:
+        stream.write("  refused: the fit ended beyond the known range of materials\n")
+    stream.flush()
+
+
+def _write_sum(stream: IO[str], outcomes: list[RigOutcome]) -> None:
+    for way in ("surrogate", "rendered"):
+        for name in BOUNDED:
+            rows = [_row(getattr(one, way), name) for one in outcomes]
+            stream.write(
+                f"{way:<10} {name:<20} within {100 * BOUND:.0f} % or inside its interval: "
+                f"{sum(row.good for row in rows)} of {len(rows)} "
+                f"(inside {sum(row.inside for row in rows)}, largest error "
+                f"{100 * max(abs(row.error) for row in rows):.1f} %)\n"
+            )
+
+
+def _row(rows: tuple[Recovered, ...], name: str) -> Recovered:
+    return next(row for row in rows if row.name == name)
+
+
+def _as_json(outcome: RigOutcome) -> dict[str, object]:
+    return {
+        "seed": outcome.seed,
+        **{
+            way: [
+                {**asdict(row), "error": row.error, "inside": row.inside, "good": row.good}
+                for row in getattr(outcome, way)
+            ]
+            for way in ("surrogate", "rendered")
+        },
+        "confirmation": asdict(outcome.confirmation),
+        "refused": outcome.refused,
+    }

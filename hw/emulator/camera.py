@@ -1,0 +1,146 @@
+"""A camera that renders: what a rig with unknown true parameters would photograph.
+
+The true scene's material, fiber directions and powers are the rig's secret; so are the camera's
+gains, vignetting, tilt and gamma. Images come from the preview with random numbers of their own,
+or from renders that are handed in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.camera.photo import FULL
+from hw.camera.pinhole import intrinsics, rotation
+from hw.emulator.board import EmulatedBoard
+from hw.errors import CameraError
+from render.arrays import Array
+from render.scene.schema import Scene
+
+NOISE_40_DB = FULL / 100
+"""Counts of noise 40 dB below full scale."""
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """What stands between the light and the photograph.
+
+    Arguments:
+        noise: standard deviation of one pixel in counts.
+        gamma: counts are light to the power 1 / gamma; 1 is linear.
+        black: counts of no light, which keep noise from being cut at 0.
+        vignetting: part of light lost at the image's corners, growing with the square of the
+            distance from its middle.
+        tilt: rad, rotations of the camera about its x, y and viewing axes.
+        gain: ``(3,)`` relative sensitivity of the channels.
+        automatic: the camera changes its exposure so that every photograph is equally bright.
+        order: which channel of the light arrives in which of the photograph: 2, 1, 0 is BGR.
+        drop: so many frames are dropped.
+        ambient: counts of room light.
+    """
+
+    noise: float = NOISE_40_DB
+    gamma: float = 1.0
+    black: float = 8.0
+    vignetting: float = 0.0
+    tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    automatic: bool = False
+    order: tuple[int, int, int] = (0, 1, 2)
+    drop: int = 0
+    ambient: float = 0.0
+
+
+@dataclass(eq=False)
+class EmulatedCamera:
+    """A camera that looks at the fibers that the board lights.
+
+    Arguments:
+        scene: whose camera this is; photographs have its columns and rows.
+        images: ``(fiber, row, column)`` true radiance per unit power, any size.
+        board: whose LED ``i`` feeds fiber ``i``.
+        exposure: counts per unit radiance.
+        power: ``(fiber,)`` true strength of each fiber, or ``(fiber, 3)``.
+        flaws: of the camera.
+        seed: of its noise.
+    """
+
+    scene: Scene
+    images: NDArray[np.float32]
+    board: EmulatedBoard
+    exposure: float
+    power: Array
+    flaws: Flaws = field(default_factory=Flaws)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Bring the images to the camera's size, as it is tilted."""
+        self._rng = np.random.default_rng(self.seed)
+        self._dropped = 0
+        self._seen = seen_by(self.scene, self.images, self.flaws)
+
+    def capture(self, frames: int = 1) -> Array:
+        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)``.
+
+        Raises:
+            CameraError: the camera drops frames.
+        """
+        power = np.atleast_2d(self.power.T).T
+        lit = self.board.levels[: len(self.images)] / 255.0 * power
+        on = np.nonzero(lit.any(axis=1))[0]
+        light = np.einsum("fyx,fc->yxc", self.exposure * self._seen[on], lit[on], optimize=True)
+        light = light * self.flaws.gain + self.flaws.ambient
+        if self.flaws.automatic and light.max() > 0:
+            light = light * 0.6 * FULL / np.percentile(light, 99.0)
+        total = np.zeros_like(light)
+        for _ in range(frames):
+            if self._dropped < self.flaws.drop:
+                self._dropped += 1
+                raise CameraError(
+                    "the camera dropped a frame: use a shorter cable or a free USB port, then try "
+                    "again",
+                    field="camera",
+                )
+            noisy = light + self.flaws.noise * self._rng.standard_normal(light.shape)
+            encoded = np.sign(noisy) * FULL * (np.abs(noisy) / FULL) ** (1 / self.flaws.gamma)
+            total += np.clip(np.rint(encoded + self.flaws.black), 0.0, FULL)
+        return np.asarray((total / frames)[..., list(self.flaws.order)])
+
+    def close(self) -> None:
+        """Do nothing: there is no camera to give back."""
+
+
+def seen_by(scene: Scene, images: NDArray[np.float32], flaws: Flaws) -> Array:
+    """Return ``images`` ``(fiber, row, column)`` at the camera's size, tilted and vignetted."""
+    import cv2
+
+    rows, columns = scene.camera.rows, scene.camera.columns
+    turn = rotation(flaws.tilt)
+    size = images.shape[2], images.shape[1]
+    # From a pixel of the tilted camera to one of the small, straight image.
+    homography = intrinsics(scene, *size) @ turn @ np.linalg.inv(intrinsics(scene, columns, rows))
+    shade = vignette(rows, columns, flaws.vignetting)
+    return np.stack(
+        [
+            cv2.warpPerspective(
+                image,
+                homography,
+                (columns, rows),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                # What a tilted camera sees beyond the straight image goes on as it ends.
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            * shade
+            for image in images
+        ]
+    )
+
+
+def vignette(rows: int, columns: int, lost: float) -> Array:
+    """Return the part of light that is kept, ``(row, column)``: 1 - lost at the corners."""
+    y = (np.arange(rows) + 0.5) / rows * 2 - 1
+    x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * columns / rows
+    square = y[:, None] ** 2 + x[None] ** 2
+    return np.asarray(1 - lost * square / (1 + (columns / rows) ** 2))

@@ -1,0 +1,199 @@
+"""What runs on the emulated boards: bytes in, bytes out, and what the LEDs show.
+
+Written from the protocol pages, not from the drivers: it shares the checksum with them, nothing
+else.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Protocol
+
+import numpy as np
+
+from hw.emulator.faults import Faults
+from hw.leds.board import Levels, dark
+from hw.leds.lines import MAKER, VERSION, crc8, framed
+from hw.leds.ports import ProtocolName
+
+GARBAGE = b"\x00\xff\x7fE (boot) \xc3\x28\n"
+
+
+class Firmware(Protocol):
+    """A board's program. shown: what its LEDs show, ``(led, 3)``."""
+
+    shown: Levels
+
+    def take(self, content: bytes, now: float) -> bytes:
+        """Take what came over the line (often nothing) at ``now`` (s); return the answer."""
+
+
+def make_firmware(protocol: ProtocolName, leds: int, faults: Faults) -> Firmware:
+    """Return the program of a board that speaks ``protocol``."""
+    if protocol is ProtocolName.LINES:
+        return LineFirmware(leds, faults)
+    if protocol is ProtocolName.WLED:
+        return WledFirmware(leds, faults)
+    return AdalightFirmware(leds, faults)
+
+
+def _mangled(answer: bytes, faults: Faults) -> bytes:
+    """Return ``answer`` as the faults leave it."""
+    if faults.take("silent"):
+        return b""
+    if faults.take("partial"):
+        return answer[: len(answer) // 2]
+    return GARBAGE + answer if faults.take("garbage") else answer
+
+
+class LineFirmware:
+    """The plain line protocol; mirrors the sketch in ``hw/firmware``."""
+
+    LONGEST = 64
+
+    def __init__(self, leds: int, faults: Faults) -> None:
+        """Start dark, with the watchdog asleep."""
+        self.shown, self._next = dark(leds), dark(leds)
+        self._leds, self._faults = leds, faults
+        self._buffer = b""
+        self._watchdog, self._heard = 0.0, 0.0
+
+    def take(self, content: bytes, now: float) -> bytes:
+        """Answer every whole line; go dark when nothing came for too long."""
+        if self._watchdog and now - self._heard > self._watchdog:
+            self.shown, self._next = dark(self._leds), dark(self._leds)
+        *lines, self._buffer = (self._buffer + content).split(b"\n")
+        if len(self._buffer) > self.LONGEST:
+            self._buffer = b""
+        answer = b""
+        for line in lines:
+            self._heard = now
+            if self._faults.take("corrupt"):
+                line = bytes([line[0] ^ 1, *line[1:]])
+            answer += _mangled(self._answer(line.rstrip(b"\r")), self._faults)
+        return answer
+
+    def _answer(self, line: bytes) -> bytes:
+        if line == b"*IDN?":
+            return framed(f"{MAKER},{VERSION},emulated,{self._leds}")
+        body, _, checksum = line.rpartition(b"*")
+        number, *words = body.decode("ascii", "replace").split(" ")
+        if checksum != b"%02X" % crc8(body):
+            return framed(f"{number if number.isdecimal() else 0} ERR checksum")
+        if self._faults.take("wrong"):
+            number = str((int(number) + 7) % 256)
+        problem = self._faults.refuse or self._obey(words)
+        return framed(f"{number} ERR {problem}" if problem else f"{number} OK")
+
+    def _obey(self, words: list[str]) -> str:
+        """Do what a line says; return what is wrong with it, or nothing."""
+        word, *rest = words or [""]
+        try:
+            numbers = [int(item) for item in rest]
+        except ValueError:
+            return "number"
+        if word == "SET" and len(numbers) == 4:
+            led, *colour = numbers
+            if not 0 <= led < self._leds or not all(0 <= level <= 255 for level in colour):
+                return "range"
+            self._next[led] = colour
+        elif word == "SHOW" and not numbers:
+            self.shown = self._next.copy()
+        elif word == "OFF" and not numbers:
+            self.shown, self._next = dark(self._leds), dark(self._leds)
+        elif word == "WDT" and len(numbers) == 1:
+            self._watchdog = numbers[0] / 1000
+        elif word != "PING" or numbers:
+            return "word"
+        return ""
+
+
+class WledFirmware:
+    """As much of WLED as a driver of single LEDs meets."""
+
+    def __init__(self, leds: int, faults: Faults) -> None:
+        """Start dark."""
+        self.shown = dark(leds)
+        self._leds, self._faults = leds, faults
+        self._buffer = b""
+        self._state = {"on": True, "bri": 128, "transition": 7}
+
+    def take(self, content: bytes, now: float) -> bytes:
+        """Obey every whole JSON object; answer those that ask for it with ``v``."""
+        *lines, self._buffer = (self._buffer + content).split(b"\n")
+        answer = b""
+        for line in lines:
+            if self._faults.take("corrupt"):
+                line = line[1:]
+            try:
+                request = json.loads(line)
+            except ValueError:
+                continue
+            self._obey(request)
+            if request.get("v"):
+                answer += _mangled(self._answer(), self._faults)
+        return answer
+
+    def _obey(self, request: dict[str, object]) -> None:
+        for key in ("on", "bri", "transition"):
+            if key in request and not self._faults.refuse:
+                self._state[key] = request[key]  # type: ignore[assignment]
+        segment = request.get("seg")
+        place = 0
+        for item in segment.get("i", []) if isinstance(segment, dict) else []:
+            if isinstance(item, int):
+                place = item
+                continue
+            if place < self._leds:
+                self.shown[place] = list(bytes.fromhex(item))
+            place += 1
+
+    def _answer(self) -> bytes:
+        info = {"ver": "0.14.0", "leds": {"count": self._leds, "maxpwr": 850}, "name": "WLED"}
+        return json.dumps({"state": self._state, "info": info}).encode() + b"\r\n"
+
+
+class AdalightFirmware:
+    """The classic sketch: says ``Ada`` every second of silence."""
+
+    GREETING = 1.0
+
+    def __init__(self, leds: int, faults: Faults) -> None:
+        """Start dark."""
+        self.shown = dark(leds)
+        self._leds, self._faults = leds, faults
+        self._buffer = b""
+        self._spoke = float("-inf")
+
+    def take(self, content: bytes, now: float) -> bytes:
+        """Show every whole frame; greet in silence."""
+        self._buffer += content
+        while self._frame():
+            pass
+        if content:
+            self._spoke = now
+        if now - self._spoke < self.GREETING:
+            return b""
+        self._spoke = now
+        return _mangled(b"Ada\n", self._faults)
+
+    def _frame(self) -> bool:
+        """Show the next frame of the buffer, if it is whole; return whether there may be more."""
+        start = self._buffer.find(b"Ada")
+        if start < 0:
+            self._buffer = self._buffer[-2:]
+            return False
+        self._buffer = self._buffer[start:]
+        if len(self._buffer) < 6:
+            return False
+        high, low, check = self._buffer[3:6]
+        if check != high ^ low ^ 0x55:
+            self._buffer = self._buffer[3:]
+            return True
+        size = 3 * (256 * high + low + 1)
+        if len(self._buffer) < 6 + size:
+            return False
+        colours = np.frombuffer(self._buffer[6 : 6 + size], dtype=np.uint8).reshape(-1, 3)
+        self.shown[: len(colours)] = colours[: self._leds]
+        self._buffer = self._buffer[6 + size :]
+        return True

@@ -1,0 +1,205 @@
+"""A whole emulated rig with a secret: its true material, powers, directions and camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from hw.calibration.fiber_images import fiber_images
+from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.material_table import sample
+from hw.calibration.pad_light import PadLight, render_pad_light
+from hw.calibration.reference_lines import reference_lines
+from hw.calibration.site_correction import Correction
+from hw.calibration.smooth_ratio import SmoothRatio, in_frame, ratios
+from hw.camera.projection import pad_positions, pixels_of
+from hw.emulator.board import EmulatedBoard
+from hw.emulator.camera import EmulatedCamera, Flaws
+from render.arrays import Array
+from render.progress import Progress
+from render.scene.schema import Scene
+
+COLUMNS, ROWS = 120, 200
+RAYS = 360_000
+
+
+@dataclass(frozen=True, eq=False)
+class Secret:
+    """What the rig is truly like.
+
+    Arguments:
+        material: of its diffuser, fibers and faces.
+        power: ``(fiber,)`` relative to the design's.
+        turn: ``(fiber,)`` rad beside the design's directions.
+        gain: counts per unit radiance.
+        flaws: of the camera.
+        seed: of everything random in it.
+    """
+
+    material: Material
+    power: Array
+    turn: Array
+    gain: float
+    flaws: Flaws
+    seed: int
+
+
+def random_secret(scene: Scene, seed: int, *, spread: float = 0.35) -> Secret:
+    """Return a rig near ``scene``: material within ``spread`` (relative), 8 % power, 1 deg turn."""
+    rng = np.random.default_rng([seed, 77])
+    middle = Material.of(scene).array()
+    # Absorption may be anything small; the scene's own is an assumption.
+    middle[1] = max(middle[1], 0.02)
+    factor = np.exp(spread * rng.uniform(-1, 1, 4))
+    material = np.clip(middle * factor, LOW + 0.02 * (HIGH - LOW), HIGH - 0.02 * (HIGH - LOW))
+    flaws = Flaws(
+        vignetting=float(rng.uniform(0.0, 0.2)),
+        tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
+        gain=tuple(float(x) for x in rng.uniform(0.85, 1.0, 3)),  # type: ignore[arg-type]
+    )
+    fibers = scene.fibers.count
+    return Secret(
+        Material.from_array(material),
+        np.exp(0.08 * rng.standard_normal(fibers)),
+        np.radians(rng.standard_normal(fibers)),
+        0.0,
+        flaws,
+        seed,
+    )
+
+
+def exposed(secret: Secret, images: NDArray[np.float32], power: Array, counts: float) -> Secret:
+    """Return the rig with the exposure that puts its brightest light at ``counts``.
+
+    Arguments:
+        secret: the rig.
+        images: ``(fiber, row, column)`` radiance per unit power.
+        power: ``(fiber, 3)`` of the light that is exposed for, in [0, 1].
+        counts: of the brightest light.
+    """
+    light = np.einsum("fyx,fc->cyx", images, power * secret.power[:, None])
+    light = light * np.array(secret.flaws.gain)[:, None, None]
+    return replace(secret, gain=counts / float(np.percentile(light, 99.9)))
+
+
+def true_images(
+    scene: Scene,
+    secret: Secret,
+    phi: Array,
+    bends: Array,
+    *,
+    correction: Correction | None = None,
+    rays: int = RAYS,
+) -> NDArray[np.float32]:
+    """Return the rig's true radiance per unit power, ``(bend, fiber, row, column)``.
+
+    The random walk has a seed of the rig's own, so that nothing a fit was built from is in it.
+
+    Arguments:
+        scene: what is known about the rig.
+        secret: what is not.
+        phi: ``(fiber,)`` rad, as designed.
+        bends: ``(bend,)`` rad.
+        correction: from preview to surrogate, applied where given.
+        rays: light paths of the random walk.
+    """
+    own = secret.material.put_into(scene)
+    turned = np.clip(phi + secret.turn, 0.0, np.pi)
+    seed = 900_000 + secret.seed
+    images = fiber_images(own, turned, bends, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
+    if correction is not None:
+        for index, bend in enumerate(bends):
+            position = pad_positions(scene, float(bend), ROWS, COLUMNS)
+            for fiber in range(len(phi)):
+                images[index, fiber] *= np.exp(correction.log_ratio(index, fiber, position))
+    return images
+
+
+def rendered_images(
+    scene: Scene,
+    secret: Secret,
+    phi: Array,
+    bends: Array,
+    lit: Sequence[Sequence[int]],
+    *,
+    samples: int,
+    progress: Callable[[Progress], None] | None = None,
+) -> NDArray[np.float32]:
+    """Return the rig's true radiance per unit power as the reference renders it.
+
+    Renders of every fiber are noisy by some per cent at each millimetre, more than a camera is; so
+    pictures of the true material are drawn by the preview, with random numbers of the rig's own,
+    and brought to the reference by the smooth ratio of both (``hw.calibration.smooth_ratio``).
+    Rendered is what lies around each fiber's reference lines; far from them the ratio goes back to
+    a constant.
+
+    Arguments:
+        scene: what is known about the rig.
+        secret: what is not.
+        phi: ``(fiber,)`` rad, as designed.
+        bends: ``(bend,)`` rad.
+        lit: fibers that will be photographed at each bend; the others stay dark.
+        samples: light paths per fiber and cell of the pad.
+        progress: called every few seconds.
+    """
+    own = secret.material.put_into(scene)
+    turned = np.clip(phi + secret.turn, 0.0, np.pi)
+    seed = 900_000 + secret.seed
+    light = render_pad_light(
+        own, turned, bends, lit, samples=samples, seed=seed, progress=progress,
+        around=reference_lines(scene).on_pad,
+    )  # fmt: skip
+    images = true_images(scene, secret, phi, bends)
+    for bend, angle in enumerate(bends):
+        images[bend, np.setdiff1d(np.arange(len(phi)), lit[bend])] = 0.0
+        if len(lit[bend]):
+            _bring_to_reference(scene, images[bend], light, lit[bend], bend, float(angle))
+    return images
+
+
+def _bring_to_reference(
+    scene: Scene,
+    images: NDArray[np.float32],
+    light: PadLight,
+    fibers: Sequence[int],
+    bend: int,
+    angle: float,
+) -> None:
+    """Multiply drawn images ``(fiber, row, column)`` by the smooth ratio of rendered to drawn."""
+    blocks = light.positions()
+    flat = blocks.reshape(-1, 2)
+    pixels = pixels_of(scene, angle, flat, ROWS, COLUMNS)
+    part = light.part_of(flat)
+    places = {fiber: in_frame(scene, fiber, flat) for fiber in fibers}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smooth = SmoothRatio(
+            [
+                ratios(
+                    places[fiber],
+                    part,
+                    light.radiance[bend, fiber].ravel(),
+                    light.error[bend, fiber].ravel(),
+                    np.log(sample(images[fiber], pixels)),
+                )
+                for fiber in fibers
+            ]
+        )
+    found = smooth.mean([places[fiber] for fiber in fibers])
+    found = found.reshape(len(fibers), *blocks.shape[:2])
+    seen = np.nan_to_num(pad_positions(scene, angle, ROWS, COLUMNS))
+    row, column = np.moveaxis((seen - blocks[0, 0])[..., ::-1] / light.block, -1, 0)
+    for fiber, ratio in zip(fibers, found, strict=True):
+        images[fiber] *= np.exp(map_coordinates(ratio, [row, column], order=3, mode="nearest"))
+
+
+def camera_of(
+    scene: Scene, secret: Secret, images: NDArray[np.float32], board: EmulatedBoard
+) -> EmulatedCamera:
+    """Return the rig's camera at one bend, for ``images`` ``(fiber, row, column)``."""
+    return EmulatedCamera(
+        scene, images, board, secret.gain, secret.power, secret.flaws, secret.seed
+    )

@@ -1,0 +1,99 @@
+"""An emulated rig, switched on: its board on a serial port, its camera, and what it photographs."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
+from hw.emulator.board import EmulatedBoard
+from hw.emulator.camera import EmulatedCamera
+from hw.emulator.rig import Secret, camera_of
+from hw.leds.channels import ChannelMap, PowerLimits
+from hw.leds.lights import Lights
+from hw.leds.ports import ProtocolName, open_board
+from optimize.design.design import Array, Design
+from render.scene.schema import Scene
+
+BENDS = np.array([0.0, np.pi / 2])
+CALIBRATION_FIBERS = (slice(0, None, 2), slice(1, None, 2))
+"""Fibers that are photographed for calibration at each of `BENDS`."""
+ADDITIVE_SCALE = 0.15
+"""Power of the sweep that tests linearity: all fibers together must not clip."""
+SUPPLY = PowerLimits(total_milliamperes=2000.0)
+BRIGHTEST = 210.0
+"""Counts of the brightest photograph of one fiber."""
+
+
+@dataclass(eq=False)
+class EmulatedRig:
+    """An emulated rig, switched on; ``images`` are ``(bend, fiber, row, column)`` true radiance."""
+
+    scene: Scene
+    design: Design
+    secret: Secret
+    images: NDArray[np.float32]
+    board: EmulatedBoard
+    lights: Lights
+
+    def camera(self, bend: int = 0, secret: Secret | None = None) -> EmulatedCamera:
+        """Return the camera at a bend's index, with a fault where a changed ``secret`` has one."""
+        return camera_of(self.scene, secret or self.secret, self.images[bend], self.board)
+
+    def photos(
+        self, camera: EmulatedCamera, power: Array, *, frames: int = 1, together: bool = False
+    ) -> PhotoSet:
+        """Return a sweep."""
+        taken = take_sweep(camera, self.lights, power, frames=frames, settle=0.0, together=together)
+        return photo_set(taken)
+
+    def calibration_sets(self) -> list[PhotoSet]:
+        """Return 20 photographs in white, half of the fibers on the flat pad, half on the bent."""
+        sets = []
+        for bend, fibers in enumerate(CALIBRATION_FIBERS):
+            power = np.zeros((len(self.design.phi), 3))
+            power[fibers] = 1.0
+            sets.append(self.photos(self.camera(bend), power))
+        return sets
+
+    def additive_set(self) -> PhotoSet:
+        """Return a dim sweep in white and all fibers together, which tests linearity."""
+        white = np.ones((len(self.design.phi), 3))
+        return self.photos(self.camera(0), ADDITIVE_SCALE * white, together=True)
+
+
+@contextlib.contextmanager
+def switched_on(
+    scene: Scene, design: Design, secret: Secret, images: NDArray[np.float32]
+) -> Iterator[EmulatedRig]:
+    """Plug the rig's board in and open its lights; all LEDs are off at the end.
+
+    Arguments:
+        scene: what is known about the rig.
+        design: its directions and colours.
+        secret: what is not known.
+        images: ``(bend, fiber, row, column)`` true radiance per unit power.
+    """
+    leds = scene.fibers.count
+    with (
+        tempfile.TemporaryDirectory() as place,
+        EmulatedBoard(Path(place) / "ttyEMU0", leds=leds) as board,
+    ):
+        connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=leds)
+        with Lights(connect, ChannelMap.straight(leds), SUPPLY) as lights:
+            yield EmulatedRig(scene, design, secret, images, board, lights)
+        if board.levels.any():
+            raise AssertionError("an LED stayed on")
+
+
+def single_exposure(secret: Secret, images: NDArray[np.float32]) -> float:
+    """Return the exposure at which the brightest photograph of one fiber has `BRIGHTEST` counts."""
+    light = images * secret.power[:, None, None] * max(secret.flaws.gain)
+    return BRIGHTEST / float(np.percentile(light, 99.9, axis=(2, 3)).max())

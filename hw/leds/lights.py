@@ -1,0 +1,180 @@
+"""The fibers' lights: set by fiber, and off whenever the program leaves, for whatever reason."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType, TracebackType
+
+import numpy as np
+
+from hw.errors import HardwareError, LinkError, PortError
+from hw.leds.board import Board, Levels, dark
+from hw.leds.channels import ChannelMap, PowerLimits
+from render.arrays import Array
+
+SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+"""What would end Python without running any ``finally``."""
+
+
+class Lights:
+    """A context manager around a board; on leaving it, all LEDs are off.
+
+    Where the link is lost, it is opened again for ``patience`` seconds, first of all to switch
+    everything off; where that fails too, the error says whether the board goes dark by itself.
+
+    Arguments:
+        connect: opens the board; called again when the link is lost.
+        channels: which LED feeds which fiber.
+        limits: what the rig may draw.
+        patience: seconds to wait for a lost board.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Board],
+        channels: ChannelMap,
+        limits: PowerLimits | None = None,
+        *,
+        patience: float = 5.0,
+    ) -> None:
+        """Open the board and switch everything off."""
+        self._connect, self.channels = connect, channels
+        self.limits = limits or PowerLimits()
+        self._patience = patience
+        self._board = connect()
+        self._shown: Levels = dark(channels.needed)
+        try:
+            self._board.show(self._shown)
+        except BaseException:
+            self._board.close()
+            raise
+
+    @property
+    def board(self) -> Board:
+        """The board, as long as it is connected."""
+        return self._board
+
+    def __enter__(self) -> Lights:
+        """Return the lights."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Switch everything off, also after an error, and give the port back."""
+        try:
+            self.off()
+        except HardwareError:
+            # What went wrong first is what the user must hear.
+            if error is None:
+                raise
+        finally:
+            self._board.close()
+
+    def set(self, power: Array) -> None:
+        """Give the fibers ``power`` ``(fiber, 3)`` in [0, 1].
+
+        Raises:
+            PowerError: more than the rig may draw.
+            LinkError: the board is lost and did not come back.
+        """
+        self._show(self.channels.levels(power, self.limits))
+
+    def off(self) -> None:
+        """Switch all LEDs off."""
+        self._show(dark(self.channels.needed))
+
+    def hold(self, seconds: float | None) -> None:
+        """Keep the light as it is for ``seconds`` (None: until interrupted)."""
+        until = None if seconds is None else time.monotonic() + seconds
+        step = min(0.5, (self._board.dark_after or 2.0) / 4)
+        while until is None or time.monotonic() < until:
+            left = step if until is None else min(step, until - time.monotonic())
+            time.sleep(max(left, 0.0))
+            try:
+                self._board.keep_alive()
+            except LinkError:
+                self._recover(self._shown)
+
+    def _show(self, levels: Levels) -> None:
+        try:
+            self._board.show(levels)
+        except LinkError as error:
+            self._recover(levels, error)
+        self._shown = levels
+
+    def _recover(self, levels: Levels, cause: LinkError | None = None) -> None:
+        """Open the board again; first dark, because nobody knows what it shows, then ``levels``."""
+        self._board.close()
+        deadline, pause = time.monotonic() + self._patience, 0.1
+        while True:
+            try:
+                self._board = self._connect()
+                self._board.show(dark(self.channels.needed))
+                self._board.show(levels)
+                return
+            except (PortError, LinkError) as error:
+                self._board.close()
+                if time.monotonic() + pause > deadline:
+                    raise self._given_up(cause or error) from None
+            time.sleep(pause)
+            pause = min(2 * pause, 1.0)
+
+    def _given_up(self, cause: HardwareError) -> LinkError:
+        after = self._board.dark_after
+        then = (
+            f"its LEDs go dark by themselves within {after:g} s"
+            if after is not None
+            else "its LEDs may still be on, so cut their power"
+        )
+        return LinkError(
+            f"the LED board was lost and did not come back in {self._patience:g} s ({then}): check "
+            "cable and power, then try again",
+            field="port",
+            value=cause.value,
+        )
+
+
+def sweep(lights: Lights, power: Array, settle: float = 0.0) -> Iterator[int]:
+    """Light one fiber after the other with its part of ``power`` ``(fiber, 3)``.
+
+    Yields the number of the fiber that is lit; fibers without power are passed over. Dark again
+    when it ends.
+
+    Arguments:
+        lights: what is lit.
+        power: in [0, 1].
+        settle: seconds between setting a light and yielding, for the camera's sake.
+    """
+    for fiber in np.nonzero(np.asarray(power).max(axis=1) > 0)[0]:
+        alone = np.zeros_like(power)
+        alone[fiber] = power[fiber]
+        lights.set(alone)
+        lights.hold(settle)
+        yield int(fiber)
+    lights.off()
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn SIGTERM and SIGHUP into an orderly exit, so that the lights go off."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number: int, _: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = {number: signal.signal(number, leave) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,106 @@
+"""Which serial ports there are, and opening one as an LED board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from serial.tools import list_ports
+
+from hw.errors import PortError
+from hw.leds.adalight_board import AdalightBoard
+from hw.leds.board import Board
+from hw.leds.line_board import LineBoard
+from hw.leds.link import SerialLink
+from hw.leds.wled_board import WledBoard
+
+
+class ProtocolName(StrEnum):
+    """What a board speaks."""
+
+    LINES = "lines"
+    WLED = "wled"
+    ADALIGHT = "adalight"
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """A serial port: its path, what is plugged in, and the maker's serial number (or "")."""
+
+    port: str
+    description: str
+    serial_number: str
+
+
+def list_serial_ports() -> list[PortInfo]:
+    """Return all serial ports of USB devices, by path; others are rarely LED boards."""
+    return sorted(
+        (
+            PortInfo(found.device, found.description or "", found.serial_number or "")
+            for found in list_ports.comports()
+            if found.vid is not None
+        ),
+        key=lambda info: info.port,
+    )
+
+
+def the_port(given: str | None) -> str:
+    """Return ``given``, or the only port there is.
+
+    Raises:
+        PortError: there is none, or several to choose from.
+    """
+    if given is not None:
+        return given
+    found = [info.port for info in list_serial_ports()]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise PortError(
+            "no LED board is plugged in: plug one in, name its --port, or try without one with "
+            "`tactilux hw demo`",
+            field="port",
+        )
+    raise PortError(
+        f"there are {len(found)} serial ports: name one with --port, {', '.join(found)}",
+        field="port",
+        value=found,
+    )
+
+
+def open_board(
+    port: str, protocol: ProtocolName, *, leds: int, baud: int = 115200, timeout: float = 1.0
+) -> Board:
+    """Return the board on ``port`` once it has said who it is.
+
+    Arguments:
+        port: device path.
+        protocol: what it speaks.
+        leds: how many LEDs are needed; an Adalight board cannot say how many it has.
+        baud: bits per second; USB boards ignore it.
+        timeout: seconds that one answer may take.
+
+    Raises:
+        PortError: no port, no permission, port taken, wrong device, or too few LEDs.
+    """
+    link = SerialLink(port, baud=baud, timeout=timeout)
+    try:
+        board: Board
+        if protocol is ProtocolName.LINES:
+            board = LineBoard(link)
+        elif protocol is ProtocolName.WLED:
+            board = WledBoard(link)
+        else:
+            board = AdalightBoard(link, leds)
+        if board.leds < leds:
+            raise PortError(
+                f"{board.name} on {port} drives {board.leds} LEDs, allowed: at least {leds}; set "
+                "its number of LEDs, or map fibers with --leds",
+                field="leds",
+                value=board.leds,
+                allowed=f"at least {leds}",
+            )
+    except BaseException:
+        link.close()
+        raise
+    return board

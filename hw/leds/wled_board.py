@@ -1,0 +1,125 @@
+"""A WLED controller: its JSON API over the serial port (WLED 0.13 and later).
+
+``"v": true`` in a request makes WLED answer with its state, which is our acknowledgement.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+from hw.errors import LinkError, PortError, ProtocolError, UnpluggedError
+from hw.leds.board import Levels
+from hw.leds.link import SerialLink
+
+START_SECONDS = 5.0
+"""How long a controller may take to start after the port's opening has reset it."""
+SEGMENT = 0
+LEDS_PER_REQUEST = 64
+"""WLED reads requests into a small buffer; longer ones are dropped without a word."""
+TRIES = 2
+
+
+class WledBoard:
+    """The driver of WLED.
+
+    Arguments:
+        link: an open serial line; the board takes it over.
+        start_seconds: how long WLED may take to answer.
+    """
+
+    def __init__(self, link: SerialLink, *, start_seconds: float = START_SECONDS) -> None:
+        """Ask who is there.
+
+        Raises:
+            PortError: nobody answers, or it is not WLED.
+        """
+        self._link = link
+        self.dark_after: float | None = None
+        info = self._identity(start_seconds)
+        self.name = f"WLED {info['ver']}"
+        self.leds = int(info["leds"]["count"])
+
+    def show(self, levels: Levels) -> None:
+        """Set every LED of the first segment; transitions off, brightness full."""
+        for first in range(0, len(levels), LEDS_PER_REQUEST):
+            part = levels[first : first + LEDS_PER_REQUEST].tolist()
+            colours = [f"{red:02X}{green:02X}{blue:02X}" for red, green, blue in part]
+            request = {
+                "on": True,
+                "bri": 255,
+                "transition": 0,
+                "seg": {"id": SEGMENT, "on": True, "bri": 255, "i": [first, *colours]},
+                "v": True,
+            }
+            self._accepted(request)
+
+    def keep_alive(self) -> None:
+        """Ask for the state: WLED has no watchdog, but a lost link shows."""
+        self._ask({"v": True}, self._link.timeout)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._link.close()
+
+    def _accepted(self, request: dict[str, object]) -> None:
+        state = self._retried(request)["state"]
+        if state.get("on") is not True or state.get("bri") != 255:
+            raise ProtocolError(
+                f"WLED on {self._link.port} answered on = {state.get('on')}, bri = "
+                f"{state.get('bri')}, allowed: on at 255; lift its brightness limit in its "
+                "settings",
+                field="state",
+                allowed="on, bri 255",
+            )
+
+    def _retried(self, request: dict[str, object]) -> dict[str, Any]:
+        for left in reversed(range(TRIES)):
+            try:
+                return self._ask(request, self._link.timeout)
+            except UnpluggedError:
+                raise
+            except LinkError:
+                if not left:
+                    raise
+        raise AssertionError("unreachable")
+
+    def _ask(self, request: dict[str, object], seconds: float) -> dict[str, Any]:
+        """Return the answer ``{"state": ..., "info": ...}``; anything else is passed over."""
+        self._link.forget()
+        self._link.write(json.dumps(request, separators=(",", ":")).encode() + b"\n")
+        deadline = time.monotonic() + seconds
+        while True:
+            answer = _object_in(self._link.read_line(deadline))
+            if isinstance(answer.get("state"), dict) and isinstance(answer.get("info"), dict):
+                return answer
+
+    def _identity(self, patience: float) -> dict[str, Any]:
+        deadline = time.monotonic() + patience
+        while time.monotonic() < deadline:
+            try:
+                info: dict[str, Any] = self._ask({"v": True}, 1.0)["info"]
+            except UnpluggedError:
+                raise
+            except (LinkError, ProtocolError):
+                continue
+            count = info.get("leds", {}).get("count")
+            if isinstance(info.get("ver"), str) and isinstance(count, int) and count > 0:
+                return info
+        raise PortError(
+            f"no WLED answers on {self._link.port}: choose another --port or --protocol, and see "
+            "that serial is on in WLED's sync settings",
+            field="port",
+            value=self._link.port,
+        )
+
+
+def _object_in(line: bytes) -> dict[str, Any]:
+    """Return the JSON object on a line, empty where there is none."""
+    start = line.find(b"{")
+    try:
+        found = json.loads(line[start:]) if start >= 0 else {}
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,1 @@
+"""How well faults are found and calibration recovers rigs, over many random rigs."""

@@ -1,0 +1,256 @@
+"""How well faults are found: many random rigs, each with every kind of single-fiber fault.
+
+A random rig has random directions and colours, and differs from the model as real ones do: by the
+model's own error (smooth over the pad and over directions), manufacturing tolerances, what drifts
+between two starts, the camera's gains and its noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.check.commission import commission
+from hw.check.image_check import check_image
+from hw.check.prediction import Prediction
+from hw.check.sweep_check import check_sweep
+from hw.check.tolerances import (
+    MODEL,
+    MODEL_REACH,
+    POWER_DRIFT,
+    SITE_DRIFT,
+    STARTS,
+    TURN_DRIFT,
+    tolerances,
+)
+from hw.check.verdict import State, Verdict
+from render.arrays import Array
+
+FAULTS = {"dead": State.DEAD, "half power": State.DIM, "swapped": State.SWAPPED,
+          "10 deg off": State.MOVED}  # fmt: skip
+LEAST_RECALL, MOST_ALARMS = 0.95, 0.01
+"""The bound: how many of each fault must be found, at how many false alarms."""
+
+
+@dataclass(frozen=True)
+class RigSpread:
+    """How random rigs differ, one standard deviation each.
+
+    Arguments:
+        power, turn: of fibers as built, relative and rad.
+        power_drift, turn_drift: between two starts.
+        gain, gain_drift: of the camera's channels, as built and between two starts.
+        model: relative error of the model, smooth over the pad and over directions.
+        model_reach: rad, over which that error changes with direction; ``site_reach`` mm.
+        shift: relative change of single sites between two starts (camera moved in its seat).
+        pixel_noise: counts; 2.55 is 40 dB below full scale.
+        pixels, frames: averaged for every site of a sweep.
+    """
+
+    power: float = 0.08
+    turn: float = float(np.radians(1.5))
+    power_drift: float = POWER_DRIFT
+    turn_drift: float = TURN_DRIFT
+    gain: float = 0.05
+    gain_drift: float = 0.02
+    model: float = MODEL
+    model_reach: float = MODEL_REACH
+    site_reach: float = 5.0
+    shift: float = SITE_DRIFT
+    pixel_noise: float = 2.55
+    pixels: int = 700
+    frames: int = 16
+
+    @property
+    def noise(self) -> float:
+        """Of a site's colour, in counts."""
+        return float(self.pixel_noise / np.sqrt(self.pixels * self.frames))
+
+
+@dataclass(frozen=True)
+class Recall:
+    """What a study found for one way of checking.
+
+    Arguments:
+        way: the way of checking.
+        rigs: number of rigs per fault.
+        found: part of the faulty fibers that were reported, by fault.
+        named: part that were reported with the right name.
+        false_alarms: part of healthy rigs with any report.
+        blamed: part of faulty rigs in which a healthy fiber was reported.
+    """
+
+    way: str
+    rigs: int
+    found: dict[str, float]
+    named: dict[str, float]
+    false_alarms: float
+    blamed: float
+
+    @property
+    def keeps_bound(self) -> bool:
+        """Whether enough of every fault are found, at few enough false alarms."""
+        return min(self.found.values()) >= LEAST_RECALL and self.false_alarms <= MOST_ALARMS
+
+
+class RandomRig:
+    """One rig: what a camera sees of it, healthy or with a fault.
+
+    Arguments:
+        prediction: whose table serves as the model; directions and powers are drawn anew.
+        sites: ``(site, 2)`` mm.
+        truth: ``(fiber, node, site)`` another table for the true light, on the same nodes.
+        spread: how rigs differ.
+        rng: source of all its numbers.
+    """
+
+    def __init__(
+        self,
+        prediction: Prediction,
+        sites: Array,
+        spread: RigSpread,
+        rng: np.random.Generator,
+        truth: Array | None = None,
+    ) -> None:
+        """Draw the rig."""
+        fibers = len(prediction.phi)
+        phi = rng.uniform(np.radians(20.0), np.radians(160.0), fibers)
+        colour = rng.integers(0, 3, fibers)
+        self.prediction = Prediction(
+            phi, np.eye(3)[colour], prediction.nodes, prediction.table, prediction.score, 0.0
+        )
+        self._rng, self._spread = rng, spread
+        error = _smooth_error(prediction.nodes, sites, fibers, spread, rng)
+        table = prediction.table if truth is None else truth
+        self._truth = Prediction(
+            phi, np.eye(3)[colour], prediction.nodes, table * np.exp(error), 0.0, 0.0
+        )
+        self._turn = spread.turn * rng.standard_normal(fibers)
+        self._power = np.exp(spread.power * rng.standard_normal(fibers))
+        gain = np.exp(spread.gain * rng.standard_normal(3))
+        # The sweep is exposed so that the brightest fiber fills most of the range.
+        self._gain = 200.0 / prediction.table.max() * gain
+        self._gain_all = gain * 200.0 / (self.prediction.together.max() * gain.max())
+
+    def start(self) -> Callable[[str, int], tuple[Array, Array]]:
+        """Return the rig at one start, after its drift: captures by fault and faulty fiber.
+
+        A capture is the sweep ``(fiber, site, 3)`` and the image of all ``(site, 3)``.
+        """
+        rng, spread = self._rng, self._spread
+        fibers, sites = len(self._turn), self._truth.table.shape[2]
+        turn = self._turn + spread.turn_drift * rng.standard_normal(fibers)
+        power = self._power * np.exp(spread.power_drift * rng.standard_normal(fibers))
+        drift = np.exp(spread.gain_drift * rng.standard_normal())
+        moved = np.exp(spread.shift * rng.standard_normal(sites))
+        noise = rng.standard_normal((fibers, sites, 3)), rng.standard_normal((sites, 3))
+        side = rng.choice([-1.0, 1.0])
+        roll = int(rng.integers(1, 3))
+
+        def capture(fault: str, fiber: int) -> tuple[Array, Array]:
+            phi, strength = self._truth.phi + turn, power.copy()
+            colours = self._truth.power.copy()
+            if fault == "dead":
+                strength[fiber] = 0.0
+            elif fault == "half power":
+                strength[fiber] *= 0.5
+            elif fault == "swapped":
+                colours[fiber] = np.roll(colours[fiber], roll)
+            elif fault == "10 deg off":
+                phi[fiber] += side * np.radians(10.0)
+            light = self._truth.unit(np.clip(phi, 0.0, np.pi)[:, None])[:, 0] * moved
+            alone = light[..., None] * (strength[:, None] * colours)[:, None, :] * drift
+            together = alone.sum(axis=0) * self._gain_all
+            return (
+                alone * self._gain + spread.noise * noise[0],
+                together + spread.noise * noise[1],
+            )
+
+        return capture
+
+
+def study(
+    prediction: Prediction,
+    sites: Array,
+    *,
+    rigs: int = 500,
+    seed: int = 0,
+    spread: RigSpread | None = None,
+    truth: Array | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Recall]:
+    """Return recall and false alarms over ``rigs`` random rigs for every way of checking.
+
+    Arguments are those of `RandomRig`; every rig has a seed of its own.
+    """
+    spread = spread or RigSpread()
+    ways = ("sweep, commissioned", "sweep", "image, commissioned", "image")
+    found = {way: {fault: 0 for fault in FAULTS} for way in ways}
+    named = {way: {fault: 0 for fault in FAULTS} for way in ways}
+    alarms, blamed = dict.fromkeys(ways, 0), dict.fromkeys(ways, 0)
+    for number in range(rigs):
+        rng = np.random.default_rng([seed, number])
+        rig = RandomRig(prediction, sites, spread, rng, truth)
+        known = np.mean([rig.start()("", 0)[0] for _ in range(STARTS)], axis=0)
+        record = commission(rig.prediction, known, "", 0.0)
+        capture = rig.start()
+        fiber = int(rng.integers(len(prediction.phi)))
+        for fault in ("", *FAULTS):
+            for way, verdict in _all_ways(rig, capture(fault, fiber), record.ratio, spread):
+                reported = {one.index: one.state for one in verdict.faults}
+                if not fault:
+                    alarms[way] += bool(reported)
+                    continue
+                found[way][fault] += fiber in reported
+                named[way][fault] += reported.get(fiber) is FAULTS[fault]
+                blamed[way] += bool(reported.keys() - {fiber})
+        if progress:
+            progress(number + 1, rigs)
+    return [
+        Recall(
+            way,
+            rigs,
+            {fault: count / rigs for fault, count in found[way].items()},
+            {fault: count / rigs for fault, count in named[way].items()},
+            alarms[way] / rigs,
+            blamed[way] / rigs / len(FAULTS),
+        )
+        for way in ways
+    ]
+
+
+def _all_ways(
+    rig: RandomRig, captured: tuple[Array, Array], ratio: Array, spread: RigSpread
+) -> list[tuple[str, Verdict]]:
+    alone, together = captured
+    noise = np.array(spread.noise)
+    found = []
+    for way, sweep, starts in (
+        ("sweep, commissioned", True, STARTS),
+        ("sweep", True, 0),
+        ("image, commissioned", False, STARTS),
+        ("image", False, 0),
+    ):
+        known = tolerances(sweep=sweep, starts=starts, noise=noise)
+        check, seen = (check_sweep, alone) if sweep else (check_image, together)
+        found.append((way, check(rig.prediction, seen, known, ratio if starts else None)))
+    return found
+
+
+def _smooth_error(
+    nodes: Array, sites: Array, fibers: int, spread: RigSpread, rng: np.random.Generator
+) -> Array:
+    """Return log errors ``(fiber, node, site)``, Gaussian in direction and distance."""
+    away = nodes[:, None] - nodes[None]
+    over_nodes = np.exp(-0.5 * (away / spread.model_reach) ** 2) + 1e-9 * np.eye(len(nodes))
+    far = np.linalg.norm(sites[:, None] - sites[None], axis=-1)
+    over_sites = np.exp(-0.5 * (far / spread.site_reach) ** 2) + 1e-9 * np.eye(len(sites))
+    draw = rng.standard_normal((fibers, len(nodes), len(sites)))
+    return np.asarray(
+        spread.model
+        * np.einsum(
+            "nm,fmt,st->fns", np.linalg.cholesky(over_nodes), draw, np.linalg.cholesky(over_sites)
+        )
+    )

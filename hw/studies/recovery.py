@@ -1,0 +1,143 @@
+"""How well calibration recovers rigs: random true materials, rendered photographs, real fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hw.calibration.confirm import Confirmation
+from hw.calibration.fit import Calibration, require_known
+from hw.calibration.material import NAMES, UNITS
+from hw.calibration.refine import refine
+from hw.calibration.rig_fit import Model, fit_rig, measure
+from hw.emulator.rig import Secret, random_secret, rendered_images
+from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
+from hw.errors import CalibrationError
+from optimize.design.design import Design
+from render.preview.diffuser.cache import cache_folder
+from render.progress import Progress
+from render.scene.schema import Scene
+
+BOUND = 0.10
+"""Relative error that a value may have where its interval does not hold the truth."""
+BOUNDED = NAMES[:3]
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """One value of one rig; units are those of `hw.calibration.material.UNITS`."""
+
+    name: str
+    true: float
+    found: float
+    interval: tuple[float, float]
+
+    @property
+    def error(self) -> float:
+        """Relative error."""
+        return self.found / self.true - 1
+
+    @property
+    def inside(self) -> bool:
+        """Whether the 95 % interval holds the truth."""
+        return self.interval[0] <= self.true <= self.interval[1]
+
+    @property
+    def good(self) -> bool:
+        """Whether the value is within `BOUND`, or inside its interval."""
+        return self.inside or abs(self.error) <= BOUND
+
+
+@dataclass(frozen=True)
+class RigOutcome:
+    """What a calibration found on one rig.
+
+    Arguments:
+        seed: of the rig.
+        surrogate: values after the fit through the surrogate alone.
+        rendered: values after renders have corrected it.
+        confirmation: what the last render said.
+        refused: whether the fit ended beyond the known range, so that `tactilux hw calibrate`
+            gives an error instead of a scene.
+    """
+
+    seed: int
+    surrogate: tuple[Recovered, ...]
+    rendered: tuple[Recovered, ...]
+    confirmation: Confirmation
+    refused: bool
+
+
+def compared(found: Calibration, secret: Secret) -> tuple[Recovered, ...]:
+    """Return what was found beside the secret."""
+    values = found.material.array()
+    ranges = found.intervals.of(values)
+    rows = []
+    for index, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
+        factor = 180 / np.pi if unit == "deg" else 1.0
+        low, high = ranges[index]
+        true = float(secret.material.array()[index])
+        rows.append(
+            Recovered(
+                name, factor * true, factor * float(values[index]), (factor * low, factor * high)
+            )
+        )
+    return tuple(rows)
+
+
+def recover(
+    scene: Scene,
+    design: Design,
+    model: Model,
+    seed: int,
+    *,
+    rig_samples: int,
+    materials: int,
+    samples: int,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> RigOutcome:
+    """Render the photographs of the rig of ``seed``, calibrate on them and compare.
+
+    Arguments:
+        scene: what is known about the rig.
+        design: its directions.
+        model: of the reference lines at `BENDS`.
+        seed: of the rig and of all its noise.
+        rig_samples: light paths per fiber and cell of the photographs.
+        materials: how many are rendered for all rigs.
+        samples: light paths of the renders that correct and confirm.
+        progress: called with what is rendered and how far it is.
+    """
+
+    def said(name: str) -> Callable[[Progress], None] | None:
+        return None if progress is None else lambda at: progress(name, at)
+
+    secret = random_secret(scene, seed)
+    fibers = range(scene.fibers.count)
+    images = rendered_images(
+        scene, secret, design.phi, BENDS, [fibers[own] for own in CALIBRATION_FIBERS],
+        samples=rig_samples, progress=said(f"photographs of rig {seed}"),
+    )  # fmt: skip
+    secret = replace(secret, gain=single_exposure(secret, images))
+    with switched_on(scene, design, secret, images) as rig:
+        sets = rig.calibration_sets()
+    measurements = measure(scene, sets, BENDS, secret.flaws.noise)
+    first = fit_rig(scene, model, measurements)
+    refined = refine(
+        scene, model, first, measurements, design.phi, BENDS, materials=materials,
+        samples=samples, folder=cache_folder(), progress=progress,
+    )  # fmt: skip
+    try:
+        require_known(refined.found)
+        refused = False
+    except CalibrationError:
+        refused = True
+    return RigOutcome(
+        seed,
+        compared(first, secret),
+        compared(refined.found, secret),
+        refined.confirmation,
+        refused,
+    )

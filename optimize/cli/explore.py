@@ -1,0 +1,130 @@
+"""``tactilux explore``: from a scene to a better design, a table and a report."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import IO
+
+from optimize.design.models import find_model, open_model
+from optimize.exploration.explore import Exploration, explore
+from optimize.exploration.explore_output import write_exploration
+from optimize.report.drawings import STAGES
+from optimize.report.exploration_report import score_row, warnings
+from optimize.robust.robust import Measure
+from optimize.robust.study import check_tolerances, study
+from optimize.robust.study_table import print_study
+from optimize.search.joint import SearchStep
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.output import check_target
+from render.errors import DesignError
+from render.preview.gl import create_context
+from render.scene.schema import load_scene
+
+
+def run(
+    scene_name: str,
+    *,
+    out: Path | None,
+    model: Path | None,
+    seed: int,
+    robust: Measure | None,
+    shadow: float | None,
+    as_json: bool,
+) -> None:
+    """Search, rate, write the result directory and print the outcome."""
+    began = time.monotonic()
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        if robust is not None:
+            check_tolerances(scene)
+        if shadow is not None and not math.isfinite(shadow):
+            raise DesignError(
+                f"--shadow = {shadow}, allowed: a finite weight of at least 0",
+                field="shadow",
+                value=shadow,
+            )
+        target = out or Path("runs") / f"{scene.name}-explore"
+        check_target(target)
+        folder = find_model(scene.name, model)
+        checker = open_model(scene, folder)
+        # The pictures need OpenGL: better to miss it now than after the search.
+        create_context().release()
+        note(f"Exploring {scene.name} on the surrogate in {folder}")
+        with Meter("Exploring") as meter:
+            found = explore(scene, checker, seed=seed, progress=_Steps(meter))
+            if robust is not None or shadow is not None:
+                meter.note("  refining for what was asked")
+                found = study(found, robust, shadow, _Parts(meter))
+            meter.note("  drawing pictures and the report")
+            result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
+        if as_json:
+            for warning in warnings(found.stages):
+                note(f"Note: {warning}")
+            print_json(stream, result)
+        else:
+            _print_table(stream, found)
+            if found.study is not None:
+                print_study(stream, found.study, {e.key: e.title for e in found.stages})
+            for warning in warnings(found.stages):
+                stream.write(f"Note: {warning}\n")
+            stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
+
+
+class _Steps:
+    """Says what every stage of the search reached, and estimates what is left.
+
+    The number of rounds is not known before; two are usual, and later rounds have three stages.
+    """
+
+    def __init__(self, meter: Meter) -> None:
+        self.meter, self.done, self.expected = meter, 0, 9
+
+    def __call__(self, step: SearchStep) -> None:
+        label = STAGES[step.stage][0]
+        self.meter.note(
+            f"  {step.seconds:5.1f} s  {label:<17}  score {step.score:8.3f}"
+            f"  ({step.evaluated:,} designs)"
+        )
+        self.done += 1
+        if self.done == self.expected:
+            self.expected += 3
+        self.meter(self.done, self.expected)
+
+
+class _Parts:
+    """Gives every part of the study a meter of its own."""
+
+    def __init__(self, meter: Meter) -> None:
+        self.title, self.meter = "", meter
+
+    def __call__(self, title: str, done: int, total: int) -> None:
+        if title != self.title:
+            self.meter.close()
+            self.title, self.meter = title, Meter(title)
+        self.meter(done, total)
+        if done == total:
+            self.meter.close()
+
+
+def _print_table(stream: IO[str], found: Exploration) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{found.scene.name}, {found.scene.hash}", title_justify="left")
+    table.add_column("design")
+    for heading in (
+        "score S",
+        f"{found.checker.coverage:.0%} interval",
+        "mean M",
+        "spread over sites",
+        "spread over bends",
+    ):
+        table.add_column(heading, justify="right")
+    table.add_column("level")
+    for stage in found.stages:
+        row = score_row(stage)
+        keys = ("title", "score", "interval", "mean", "spread_sites", "spread_bends", "level")
+        table.add_row(*(row[key] for key in keys))
+    Console(file=stream, width=None if stream.isatty() else 100).print(table)

@@ -1,0 +1,187 @@
+"""``tactilux optimize``: the search in which renders decide, beside the thesis's own procedure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import IO
+
+from optimize.design.models import find_model, open_model
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.output import check_target
+from optimize.verification.optimization import Method, Optimization, OptimizeConfig, optimize
+from optimize.verification.optimize_output import optimization_to_json, write_optimization
+from optimize.verification.renders import reference_renders
+from optimize.verification.verification_loop import Round
+from render.errors import ModelError, SceneError
+from render.progress import Progress
+from render.reference.llvm import ensure_llvm
+from render.scene.schema import Scene, load_scene
+from surrogate.runtime.checker import Checker
+
+TITLES = {
+    "baseline": "Baseline",
+    "thesis": "Thesis procedure",
+    "winner": "Verification loop",
+    "runner-up": "Its runner-up",
+}
+
+
+def run(
+    scene_name: str,
+    *,
+    method: Method,
+    out: Path | None,
+    model: Path | None,
+    rounds: int,
+    generations: int,
+    mutations: int,
+    final_mutations: int,
+    final_seeds: int,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Search, render, write the result directory and print the outcome."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        if method != "loop" and scene.constraints is not None:
+            raise SceneError(
+                f"scene {scene.name} has constraints, which the thesis's procedure does not know: "
+                "use --method loop, or leave the section out to compare",
+                field="constraints",
+            )
+        target = out or Path("runs") / f"{scene.name}-optimize"
+        check_target(target)
+        checker = _checker(scene, model, required=method != "thesis")
+        ensure_llvm()
+        checkpoint = target.parent / f"{target.name}-renders"
+        note(f"Renders are kept in {checkpoint}; interrupted, the same command goes on from there")
+        with _Meters() as meters:
+            found = optimize(
+                scene,
+                checker,
+                reference_renders(scene, checkpoint, meters),
+                OptimizeConfig(
+                    method, mutations, final_mutations, final_seeds, rounds, generations, seed
+                ),
+                on_round=meters.round,
+                on_candidate=meters.candidate,
+            )
+        result = optimization_to_json(scene, found, target)
+        write_optimization(scene, found, target, result)
+        if as_json:
+            print_json(stream, result)
+        else:
+            _print(stream, scene, found)
+            if len(set(found.design.colours.tolist())) == 1:
+                stream.write(
+                    "Note: The optimum is monochrome: the weight of the colour term does not "
+                    "reward colour differences in this scene.\n"
+                )
+            stream.write(f"Design: {result['design']}\n")
+
+
+def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | None:
+    """Return the surrogate; the thesis takes exposure and lambda from it where there is one."""
+    try:
+        folder = find_model(scene.name, model)
+    except ModelError:
+        if required or model is not None:
+            raise
+        note("There is no surrogate: exposure and lambda come from the baseline's first render")
+        return None
+    return open_model(scene, folder)
+
+
+class _Meters:
+    """One progress display per render, and a line per round and generation."""
+
+    def __init__(self) -> None:
+        self._title, self._meter = "", Meter("")
+
+    def __enter__(self) -> _Meters:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._meter.close()
+
+    def __call__(self, title: str, state: Progress) -> None:
+        if title != self._title:
+            self._meter.close()
+            self._title, self._meter = title, Meter(f"Rendering {title}")
+        self._meter(state.done, state.total, state.eta_seconds)
+
+    def round(self, done: Round) -> None:
+        """Say what a round found."""
+        self._meter.close()
+        note(f"  Round {done.number}: {done.seconds:.0f} s of rendering")
+        rows = zip(done.proposals, [None, *done.gains], done.measured, strict=True)
+        for entry, gain, measured in rows:
+            over = "" if gain is None else f", gain {gain.value:+.2f} ± {gain.se:.2f}"
+            note(
+                f"    {entry.role:<10} predicted {entry.predicted:.2f}, rendered "
+                f"{measured.score.value:.2f} ± {measured.score.se:.2f} "
+                f"(noise takes {measured.score.value - measured.score.plain:.2f}){over}"
+            )
+        tau = done.correction.tau
+        learned = f"prior {tau:g} per coefficient" if tau else "nothing to correct"
+        note(f"    ranking: {done.agreement.shown}; refit: {learned}, then {done.refitted.shown}")
+
+    def candidate(self, done: int, limit: int, best: float) -> None:
+        """Say how far the thesis's procedure is."""
+        self._meter.close()
+        note(f"  Thesis: {done} candidates of at most {limit}, best plain score {best:.2f}")
+
+
+def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{scene.name}, {scene.hash}, level reference", title_justify="left")
+    table.add_column("design")
+    headings = ("score S", "95% interval", "over baseline", "renders", "render s", "wall s")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    verdict = found.verdict
+    for name in verdict.names:
+        score = verdict.of(name).score
+        low, high = score.interval()
+        gain = ""
+        if name != "baseline":
+            over = verdict.gain("baseline", name)
+            gain = f"{over.value:+.2f} ± {over.se:.2f}"
+        table.add_row(
+            TITLES[name],
+            f"{score.value:.2f} ± {score.se:.2f}",
+            f"{low:.2f} to {high:.2f}",
+            gain,
+            *_costs(found, name),
+        )
+    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+    for first, second in (
+        ("baseline", found.winner),
+        ("runner-up", "winner"),
+        ("thesis", "winner"),
+    ):
+        if {first, second} <= set(verdict.names):
+            stream.write(verdict.sentence(first, second) + "\n")
+    if found.loop is not None:
+        stream.write(f"The loop stopped because {found.loop.reason}.\n")
+    if found.loop is not None and found.thesis is not None:
+        ratio = found.thesis.seconds / max(found.loop.seconds, 1e-9)
+        stream.write(f"The thesis procedure took {ratio:.1f} times the loop's render seconds.\n")
+    if found.loop is not None and found.training_seconds is not None:
+        stream.write(
+            f"Training the surrogate, once for all designs of the scene, took "
+            f"{found.training_seconds:.0f} s of rendering; it is not in the table.\n"
+        )
+    stream.write(f"The finalists took {verdict.renders.seconds:.0f} s of rendering.\n")
+
+
+def _costs(found: Optimization, name: str) -> tuple[str, str, str]:
+    if name == "thesis" and found.thesis is not None:
+        wall = found.wall["thesis"]
+        return str(found.thesis.runs), f"{found.thesis.seconds:.0f}", f"{wall:.0f}"
+    if name == "winner" and found.loop is not None:
+        wall = found.wall["loop"]
+        return str(len(found.loop.rounds)), f"{found.loop.seconds:.0f}", f"{wall:.0f}"
+    return "", "", ""

@@ -1,0 +1,109 @@
+"""``tactilux overnight``: in the evening a scene, in the morning a verified design."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import IO
+
+from optimize.overnight.job import NightConfig, check_directory, overnight
+from optimize.overnight.night import DESIGNS, Night
+from optimize.overnight.report import REPORT
+from optimize.overnight.status import status_of
+from optimize.overnight.watch import Stopped
+from optimize.overnight.workers import Here, Workers
+from optimize.ui.console import note, print_json, reserved_stdout
+from render.reference.llvm import ensure_llvm
+from render.scene.schema import load_scene
+
+
+def run(
+    scene_name: str,
+    *,
+    out: Path | None,
+    hours: float | None,
+    mutations: int | None,
+    workers: int | None,
+    dask: str | None,
+    seed: int,
+    as_json: bool,
+    json_lines: bool,
+) -> None:
+    """Do the job, print its outcome, and say where everything is."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        target = out or Path("runs") / f"{scene.name}-overnight"
+        check_directory(target)
+        if dask is None:
+            ensure_llvm()
+
+        def hire() -> Workers:
+            if workers is None and dask is None:
+                return Here()
+            from optimize.overnight.dask_workers import DaskWorkers
+
+            return DaskWorkers(workers=workers, address=dask)
+
+        note(f"Everything is kept in {target}; interrupted, the same command goes on from there")
+        config = NightConfig(None if mutations else hours or 8.0, mutations, seed)
+        try:
+            night = overnight(
+                scene_name, target, config, hire=hire, lines=stream if json_lines else None
+            )
+        except Stopped as stop:
+            sys.exit(stop.code)
+        if as_json or json_lines:
+            print_json(stream, night_to_json(night, target))
+        else:
+            _print(stream, night, target)
+
+
+def night_to_json(night: Night, target: Path) -> dict[str, object]:
+    """Return what programs rely on; ``design`` is the path of the design that is handed over."""
+    status = status_of(target)
+    return {
+        "scene": night.scene.name,
+        "scene_hash": night.scene.hash,
+        "level": "reference",
+        "winner": night.winner,
+        "design": str(target / DESIGNS / f"{night.winner}.json"),
+        "report": str(target / REPORT),
+        "finalists": {
+            entry.key: {
+                "score": entry.score,
+                "se": entry.se,
+                "gain": entry.gain,
+                "gain_se": entry.gain_se,
+                "predicted": entry.predicted,
+            }
+            for entry in night.finalists
+        },
+        "verdict": list(night.verdict),
+        "evaluations": status.evaluations,
+        "render_seconds": status.render_seconds,
+        "seconds": status.seconds,
+    }
+
+
+def _print(stream: IO[str], night: Night, target: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(
+        title=f"{night.scene.name}, {night.scene.hash}, level reference", title_justify="left"
+    )
+    table.add_column("design")
+    for heading in ("score S", "over baseline", "surrogate said"):
+        table.add_column(heading, justify="right")
+    for entry in night.finalists:
+        gain = "" if entry.gain is None else f"{entry.gain:+.2f} ± {entry.gain_se:.2f}"
+        table.add_row(
+            entry.title,
+            f"{entry.score:.2f} ± {entry.se:.2f}",
+            gain,
+            f"{entry.predicted:.2f} ± {entry.predicted_reach:.2f}",
+        )
+    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+    for sentence in night.verdict:
+        stream.write(sentence + "\n")
+    stream.write(f"Design: {target / DESIGNS / night.winner}.json\nReport: {target / REPORT}\n")

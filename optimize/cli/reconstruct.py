@@ -1,0 +1,130 @@
+"""``tactilux reconstruct``: what a design's score is worth in degrees of surface normal."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from optimize.design.candidate import Candidate, open_candidate
+from optimize.design.design import Array, Design
+from optimize.design.models import open_model
+from optimize.reconstruction.reconstruct import CameraNoise
+from optimize.reconstruction.reconstruction_table import Compared, compare_reconstruction
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from render.errors import DesignError
+from surrogate.runtime.checker import Checker
+
+SEEDS = 8
+Colours = tuple[Array, Array]
+RENDER_SEED = 700
+
+
+def run(
+    path: Path,
+    *,
+    scene: str | None,
+    model: Path | None,
+    read_noise: float,
+    full_well: float,
+    mutations: int | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Recover normals from the colours of baseline and design, and print the errors."""
+    for name, value in (("read-noise", read_noise), ("full-well", full_well)):
+        if not math.isfinite(value):
+            raise DesignError(
+                f"--{name} = {value}, allowed: a finite number", field=name, value=value
+            )
+    with reserved_stdout() as stream:
+        candidate = open_candidate(path, scene)
+        designs = [candidate.baseline, candidate.design]
+        if mutations is None:
+            checker = open_model(candidate.scene, model)
+            pairs = [_predicted(candidate, checker, design) for design in designs]
+            known = shown = pairs
+        else:
+            known, shown = _rendered(candidate, designs, mutations, seed)
+        noise = CameraNoise(read_noise, full_well)
+        seeds = range(seed, seed + SEEDS)
+        found = compare_reconstruction(candidate.scene, known, shown, noise, seeds)
+        level = "surrogate" if mutations is None else "reference"
+        result: dict[str, object] = {
+            "level": level,
+            "read_noise": read_noise,
+            "full_well": full_well,
+            "mutations": mutations,
+            **{name: entry.to_json() for name, entry in found.items()},
+        }
+        if as_json:
+            print_json(stream, result)
+        else:
+            _print(stream, path, level, noise, found)
+
+
+def _predicted(candidate: Candidate, checker: Checker, design: Design) -> Colours:
+    bends = np.array(candidate.scene.bending.angles)
+    found = checker.run(design.phi[None], design.power[None], bends)
+    facets, pad = (np.asarray(found[key][0], np.float64) for key in ("counts", "background"))
+    return facets, pad
+
+
+def _rendered(
+    candidate: Candidate, designs: list[Design], mutations: int, seed: int
+) -> tuple[list[Colours], list[Colours]]:
+    """Return colours of two independent halves of a render: to learn from, and to be shown."""
+    from optimize.verification.renders import reference_renders
+    from render.reference.llvm import ensure_llvm
+
+    ensure_llvm()
+    checkpoint = candidate.path.parent / f"{candidate.path.stem}-renders"
+    note(f"Rendering baseline and design; interrupted, it goes on from {checkpoint}")
+    with Meter("Rendering") as meter:
+        renders = reference_renders(
+            candidate.scene, checkpoint, lambda _, at: meter(at.done, at.total, at.eta_seconds)
+        )(designs, mutations=mutations, seeds=[RENDER_SEED + seed], title="baseline and design")
+    exposure, halves = candidate.rating.exposure, []
+    for half in (slice(0, None, 2), slice(1, None, 2)):
+        facets = renders.replicates[half].mean(axis=0)
+        pads = renders.background[half].mean(axis=0)
+        halves.append(
+            [
+                (
+                    exposure * np.einsum("fbsk,fc->bskc", facets[i], design.power),
+                    exposure * np.einsum("fbs,fc->bsc", pads[i], design.power),
+                )
+                for i, design in enumerate(designs)
+            ]
+        )
+    return halves[0], halves[1]
+
+
+def _print(
+    stream: IO[str], path: Path, level: str, noise: CameraNoise, found: dict[str, Compared]
+) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{path}, level {level}: errors in degrees", title_justify="left")
+    table.add_column("reader")
+    for heading in ("baseline", "design", "difference", "95% interval"):
+        table.add_column(heading, justify="right")
+    for name, entry in found.items():
+        low, high = entry.interval
+        table.add_row(
+            name.replace("_", ", "),
+            f"{entry.baseline:.2f}",
+            f"{entry.design:.2f}",
+            f"{entry.difference:+.2f}",
+            f"{low:+.2f} to {high:+.2f}",
+        )
+    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+    stream.write(
+        f"Camera noise: read {noise.read:g} counts, shot noise of {noise.full_well:g} electrons "
+        f"at 255 counts, rounding. Intervals are over {SEEDS} draws of normals and noise.\n"
+    )
+    if level == "reference":
+        stream.write("Render noise is part of the errors: readers learn from other replicates.\n")

@@ -1,0 +1,64 @@
+"""``tactilux render``: what the camera sees, at level 0 or 2."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from optimize.design.design import Array, Design, baseline_design
+from optimize.design.design_file import load_design, load_saved
+from optimize.report.heatmaps import picture_png
+from optimize.ui.console import Meter, note, reserved_stdout
+from optimize.ui.output import write_atomically
+from render.metric import THESIS
+from render.scene.schema import Scene, load_scene
+
+SAMPLES = 128  # mutations per pixel at level 2, at a third of the camera's resolution: some minutes
+
+
+def run(scene_name: str, *, design: Path | None, bend: float, level: str, out: Path | None) -> None:
+    """Draw ``design`` (default: the baseline) at ``bend`` degrees into a PNG file."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        lighting = baseline_design(scene) if design is None else load_design(design, scene)
+        rating = None if design is None else load_saved(design).rating
+        draw = _preview if level == "preview" else _reference
+        radiance = draw(scene, lighting, math.radians(bend))
+        if rating is None:
+            bright = float(np.percentile(radiance, THESIS.exposure_percentile))
+            exposure = THESIS.exposure_counts / bright if bright > 0 else 1.0
+            note("No rated design gives the exposure, so this picture is exposed for itself.")
+        else:
+            exposure = rating.exposure
+        path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
+        write_atomically(path, picture_png(radiance * exposure / THESIS.count_max))
+        stream.write(f"{path}\n")
+
+
+def _preview(scene: Scene, design: Design, bend: float) -> Array:
+    from render.preview.preview import Preview
+
+    with Preview(scene) as preview:
+        picture = preview.picture(
+            design.phi, design.power, bend, scene.camera.columns, scene.camera.rows
+        )
+    return picture.astype(np.float64)
+
+
+def _reference(scene: Scene, design: Design, bend: float) -> Array:
+    from render.reference.picture import render_image
+
+    with Meter("Render") as meter:
+        picture = render_image(
+            scene,
+            design.phi,
+            design.power,
+            bend,
+            width=scene.camera.columns // 3,
+            height=scene.camera.rows // 3,
+            samples=SAMPLES,
+            progress=lambda p: meter(p.done, p.total, p.eta_seconds),
+        )
+    return picture.radiance

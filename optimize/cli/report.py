@@ -1,0 +1,26 @@
+"""``tactilux report``: the report of a finished night, rebuilt from its files alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from optimize.overnight.night import Night
+from optimize.overnight.report import write_report
+from optimize.ui.console import reserved_stdout
+from optimize.ui.output import OutputError
+
+
+def run(directory: Path) -> None:
+    """Write ``report.html`` into the run directory and say where it is."""
+    with reserved_stdout() as stream:
+        night = Night.load(directory)
+        try:
+            path = write_report(night, directory)
+        except OSError as error:
+            raise OutputError(
+                f"{directory} cannot be written ({error.strerror}): copy the run directory to a "
+                "place where it can and report from there",
+                field="run",
+                value=str(directory),
+            ) from None
+        stream.write(f"Report: {path}\n")

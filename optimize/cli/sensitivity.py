@@ -1,0 +1,76 @@
+"""``tactilux sensitivity``: which tolerance costs a design the most score."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from optimize.design.candidate import open_candidate
+from optimize.design.limits import limits_of
+from optimize.design.models import open_model
+from optimize.exploration.explore import PHI_NODES
+from optimize.robust.material_slopes import MATERIALS, material_slopes
+from optimize.robust.sensitivity import score_slopes, sensitivities
+from optimize.robust.study import check_tolerances, sensitivity_json
+from optimize.robust.study_table import print_sensitivities
+from optimize.scoring.evaluate import TableScorer
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from render.chebyshev import chebyshev_nodes
+
+RENDER_SEED = 600
+
+
+def run(
+    path: Path,
+    *,
+    scene: str | None,
+    model: Path | None,
+    mutations: int | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Print the sensitivity table; with ``mutations``, check its slopes on renders."""
+    with reserved_stdout() as stream:
+        candidate = open_candidate(path, scene)
+        sensor = candidate.scene
+        check_tolerances(sensor)
+        assert sensor.tolerances is not None  # just checked
+        spreads = sensor.tolerances.spreads()
+        checker = open_model(sensor, model)
+        table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+        scorer = TableScorer(table, limits=limits_of(sensor))
+        names: list[str] = [name for name in MATERIALS if name in spreads]
+        with Meter("Previews of other materials") as meter:
+            slopes = material_slopes(sensor, names, table.phi, meter)
+        found = tuple(sensitivities(scorer, candidate.design, spreads, slopes, seed=seed))
+        result: dict[str, object] = {
+            "scene_hash": sensor.hash,
+            "score": scorer.score(candidate.design.phi, candidate.design.power),
+            "sensitivities": [sensitivity_json(entry) for entry in found],
+        }
+        lines = []
+        if mutations is not None:
+            from optimize.robust.slope_check import check_slopes
+            from render.reference.llvm import ensure_llvm
+
+            ensure_llvm()
+            exact = score_slopes(scorer, candidate.design, list(spreads), slopes)
+            checkpoint = path.parent / f"{path.stem}-renders"
+            note(f"Rendering neighbours; interrupted, the same command goes on from {checkpoint}")
+            with Meter("Rendering neighbours") as meter:
+                checked = check_slopes(
+                    candidate,
+                    {name: float(values.sum()) for name, values in exact.items()},
+                    mutations=mutations,
+                    seed=RENDER_SEED + seed,
+                    checkpoint=checkpoint,
+                    progress=lambda at: meter(at.done, at.total, at.eta_seconds),
+                )
+            result["checked"] = [entry.to_json() for entry in checked]
+            lines = [entry.sentence for entry in checked]
+        if as_json:
+            print_json(stream, result)
+        else:
+            print_sensitivities(stream, found)
+            stream.write("".join(f"{line}\n" for line in lines))

@@ -1,0 +1,60 @@
+"""``tactilux train``: make the surrogate of a scene, from renders or from a table of them."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from optimize.ui.console import Stages, reserved_stdout
+from render.reference.llvm import ensure_llvm
+from render.scene.schema import load_scene
+from render.transport import load_table
+from surrogate.export.package import check_replaceable
+from surrogate.training.train import TrainConfig, train
+
+
+def run(
+    scene_name: str,
+    *,
+    out: Path | None,
+    minutes: float,
+    mutations: int | None,
+    seed: int,
+    table: Path | None,
+) -> None:
+    """Render (unless ``table`` is given), fit, export, and print where the model is."""
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        folder = out or Path("models") / scene.name
+        check_replaceable(folder)
+        known = None if table is None else load_table(table)
+        if known is None:
+            ensure_llvm()
+        command = ["tactilux", "train", scene_name, "--seed", str(seed)]
+        if table is not None:
+            command += ["--table", table.name]
+        elif mutations is not None:
+            command += ["--mutations", str(mutations)]
+        else:
+            command += ["--minutes", f"{minutes:g}"]
+        with Stages() as stages:
+            made = train(
+                scene,
+                folder,
+                seed=seed,
+                table=known,
+                config=TrainConfig(minutes=minutes, mutations=mutations),
+                command=shlex.join(command),
+                progress=lambda p: stages(p.stage.capitalize(), p.done, p.total, p.eta_seconds),
+            )
+        stream.write(
+            f"{'held-out errors':<24}{'colour, median':>15}{'score, median':>15}{'tau':>7}\n"
+        )
+        for row in made.metadata.held_out:
+            stream.write(
+                f"{row['level']:<24}{row['facet_median']:>15.2%}{row['score_median']:>15.3f}"
+                f"{row['kendall_tau']:>7.2f}\n"
+            )
+        stream.write(
+            f"Model: {made.folder} ({made.metadata.residual['kind']}, {made.seconds:.0f} s)\n"
+        )

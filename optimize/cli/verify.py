@@ -1,0 +1,139 @@
+"""``tactilux verify``: what level 2 says about a design, and about the surrogate."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import IO
+
+from optimize.design.candidate import Candidate, open_candidate
+from optimize.design.models import open_model
+from optimize.scoring.jackknife import JackknifeEstimate
+from optimize.scoring.measure import Measured
+from optimize.scoring.score_scale import PARTS
+from optimize.ui.atomic import write_text
+from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.verification.verify import Verification, verify
+from optimize.verification.verify_budget import affordable_mutations
+from render.errors import RenderError
+from render.progress import Progress
+from render.reference.llvm import ensure_llvm
+from surrogate.runtime.checker import Checker
+
+MUTATIONS = 200
+"""Per cell and seed, unless told otherwise."""
+
+
+def run(
+    path: Path,
+    *,
+    scene: str | None,
+    model: Path | None,
+    mutations: int | None,
+    minutes: float | None,
+    seeds: int,
+    as_json: bool,
+) -> None:
+    """Render, compare and print; the renders are kept beside the design and taken up again."""
+    if mutations is not None and minutes is not None:
+        raise RenderError(
+            "--mutations and --minutes both say how long to render: give one of them",
+            field="minutes",
+            value=minutes,
+        )
+    with reserved_stdout() as stream:
+        candidate = open_candidate(path, scene)
+        checker = open_model(candidate.scene, model)
+        ensure_llvm()
+        checkpoint = path.parent / f"{path.stem}-renders"
+        count = mutations or _count(candidate, minutes, seeds, checkpoint)
+        note(
+            f"Rendering the baseline and {path} with {seeds} seeds, {count} mutations per cell; "
+            f"interrupted, the same command goes on from {checkpoint}"
+        )
+        meters: dict[str, Meter] = {}
+
+        def progress(name: str, state: Progress) -> None:
+            if name not in meters:
+                _close(meters)
+                meters[name] = Meter(f"Rendering the {name}")
+            meters[name](state.done, state.total, state.eta_seconds)
+
+        try:
+            found = verify(
+                candidate,
+                checker,
+                mutations=count,
+                seeds=range(1, seeds + 1),
+                checkpoint=checkpoint,
+                progress=progress,
+            )
+        finally:
+            _close(meters)
+        kept = {
+            **found.to_json(),
+            "level": "reference",
+            "mutations": count,
+            "design_file": str(path),
+        }
+        text = json.dumps(kept, indent=2, allow_nan=False) + "\n"
+        write_text(checkpoint / f"verified-{candidate.digest}.json", text)
+        if as_json:
+            print_json(stream, found.to_json())
+        else:
+            _print(stream, candidate, checker, found)
+
+
+def _count(candidate: Candidate, minutes: float | None, seeds: int, folder: Path) -> int:
+    if minutes is None:
+        return MUTATIONS
+    note("Timing two short renders")
+    return affordable_mutations(
+        candidate.scene,
+        candidate.design.phi,
+        minutes=minutes,
+        seeds=seeds,
+        designs=1 if candidate.recoloured else 2,
+        folder=folder,
+    )
+
+
+def _close(meters: dict[str, Meter]) -> None:
+    for meter in meters.values():
+        meter.close()
+
+
+def _print(stream: IO[str], candidate: Candidate, checker: Checker, found: Verification) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{candidate.path}, level reference (PSSMLT)", title_justify="left")
+    table.add_column("design")
+    for heading in ("score S", "95% interval", "mean M", "spread over sites", "spread over bends"):
+        table.add_column(heading, justify="right")
+
+    def row(name: str, measured: Measured) -> None:
+        low, high = measured.score.interval()
+        cells = [_pm(measured.parts[part]) for part in PARTS]
+        table.add_row(name, cells[0], f"{low:.2f} to {high:.2f}", *cells[1:])
+
+    row("Baseline", found.baseline)
+    row("Design", found.design)
+    low, high = found.difference.interval()
+    table.add_row("Difference", _pm(found.difference), f"{low:.2f} to {high:.2f}", "", "", "")
+    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+    error = found.surrogate_score - found.design.score.value
+    noise = found.design.score.se
+    held = "holds" if abs(error) <= math.hypot(checker.score_reach, 2 * noise) else "does not hold"
+    stream.write(
+        f"{found.verdict}\n"
+        f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "
+        f"{checker.coverage:.0%} interval of -+{checker.score_reach:.2f} {held}.\n"
+        f"{len(found.seeds)} seeds, {found.difference.replicates} replicates, {found.mutations} "
+        f"mutations per cell, {found.render_seconds:.0f} s of rendering.\n"
+    )
+
+
+def _pm(estimate: JackknifeEstimate) -> str:
+    return f"{estimate.value:.2f} ± {estimate.se:.2f}"

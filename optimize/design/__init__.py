@@ -1,0 +1,1 @@
+"""A lighting design: what it is, what may be chosen, and its file."""

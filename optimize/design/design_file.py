@@ -1,0 +1,244 @@
+"""``design.json``: a design with its rating, written atomically and read strictly.
+
+Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colours`` (names), ``power``,
+``level``, ``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
+Anything unknown, missing, out of range or made for another scene is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from optimize.design.design import Design, Level, Rating
+from optimize.ui.atomic import write_text
+from optimize.ui.provenance import package_versions
+from render.errors import DesignError
+from render.metric import MetricConfig
+from render.scene.schema import Scene
+
+
+@dataclass(frozen=True)
+class SavedDesign:
+    """The content of a design file."""
+
+    design: Design
+    scene: str
+    scene_hash: str
+    rating: Rating | None
+    versions: dict[str, str]
+
+
+def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None = None) -> None:
+    """Write ``design`` for ``scene`` with its rating to ``path``, atomically.
+
+    Raises:
+        DesignError: the design has not the scene's number of fibers, or its rating is not finite.
+    """
+    _check_fiber_count(design, scene, "the design")
+    content = {
+        "schema": 1,
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "angles_deg": np.degrees(design.phi).tolist(),
+        "colours": design.colour_names,
+        "power": design.power.tolist(),
+        **_rating_to_json(rating),
+        "versions": package_versions("numpy"),
+    }
+    try:
+        file = _File.model_validate(content)
+    except ValidationError as error:
+        raise _refusal("the design to be saved", error) from None
+    write_text(path, file.model_dump_json(by_alias=True, indent=2) + "\n")
+
+
+def load_design(path: Path, scene: Scene) -> Design:
+    """Return the design in ``path``, which must have been made for ``scene``.
+
+    Raises:
+        DesignError: names what is wrong with the file, or that it is for another scene.
+    """
+    saved = load_saved(path)
+    if saved.scene_hash != scene.hash:
+        raise DesignError(
+            f"{path} was made for another scene ({saved.scene}, hash {saved.scene_hash}), allowed: "
+            f"hash {scene.hash} of {scene.name}; pass the scene it was made for or explore anew",
+            field="scene_hash",
+            value=saved.scene_hash,
+            allowed=scene.hash,
+        )
+    _check_fiber_count(saved.design, scene, str(path))
+    return saved.design
+
+
+def load_saved(path: Path) -> SavedDesign:
+    """Return everything in a design file, whatever scene it is for.
+
+    Raises:
+        DesignError: names every problem of the file at once.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise DesignError(
+            f"{path} cannot be read: {error.strerror}; give the path of a design.json",
+            field="design",
+            value=str(path),
+        ) from None
+    try:
+        file = _File.model_validate_json(text)
+    except ValidationError as error:
+        raise _refusal(str(path), error) from None
+    phi = np.minimum(np.radians(np.array(file.angles_deg)), math.pi)
+    return SavedDesign(
+        design=Design(phi, np.array(file.power)),
+        scene=file.scene,
+        scene_hash=file.scene_hash,
+        rating=_rating_from_json(file),
+        versions=dict(file.versions),
+    )
+
+
+Angle = Annotated[float, Field(ge=0.0, le=180.0)]
+Power = Annotated[float, Field(ge=0.0, le=1.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+@dataclass(frozen=True)
+class _Conventions(MetricConfig):
+    __pydantic_config__ = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _Score(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    value: float
+    interval: tuple[float, float]
+    mean: float
+    spread_sites: float
+    spread_bends: float
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    scene: Annotated[str, Field(min_length=1)]
+    scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
+    angles_deg: Annotated[list[Angle], Field(min_length=1)]
+    colours: list[Literal["red", "green", "blue", "off"]]
+    power: list[Annotated[list[Power], Field(min_length=3, max_length=3)]]
+    level: Level | None
+    score: _Score | None
+    lam: Annotated[float, Field(ge=0.0)] | None
+    exposure: Positive | None
+    conventions: _Conventions | None
+    versions: dict[str, str]
+
+    @model_validator(mode="after")
+    def _parts_agree(self) -> _File:
+        lengths = {len(self.angles_deg), len(self.colours), len(self.power)}
+        if len(lengths) > 1:
+            raise ValueError(
+                f"angles_deg, colours and power have lengths {len(self.angles_deg)}, "
+                f"{len(self.colours)} and {len(self.power)}, allowed: one entry per fiber in each"
+            )
+        names = Design(np.zeros(len(self.power)), np.array(self.power)).colour_names
+        if names != self.colours:
+            fiber = next(i for i, name in enumerate(names) if name != self.colours[i])
+            raise ValueError(
+                f"colours[{fiber}] = {self.colours[fiber]} contradicts power[{fiber}], "
+                f"allowed: {names[fiber]}"
+            )
+        rated = [self.level, self.score, self.lam, self.exposure, self.conventions]
+        if len({part is None for part in rated}) > 1:
+            raise ValueError(
+                "level, score, lam, exposure and conventions must be given together or all be null"
+            )
+        return self
+
+
+def _check_fiber_count(design: Design, scene: Scene, origin: str) -> None:
+    if len(design.phi) != scene.fibers.count:
+        raise DesignError(
+            f"{origin} has {len(design.phi)} fibers, allowed: {scene.fibers.count} as in scene "
+            f"{scene.name}",
+            field="fibers",
+            value=len(design.phi),
+        )
+
+
+def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
+    if rating is None:
+        return dict.fromkeys(("level", "score", "lam", "exposure", "conventions"))
+    return {
+        "level": rating.level,
+        "score": {
+            "value": rating.score,
+            "interval": rating.interval,
+            "mean": rating.mean,
+            "spread_sites": rating.spread_sites,
+            "spread_bends": rating.spread_bends,
+        },
+        "lam": rating.lam,
+        "exposure": rating.exposure,
+        "conventions": _Conventions(**asdict(rating.conventions)),
+    }
+
+
+def _rating_from_json(file: _File) -> Rating | None:
+    score, conventions = file.score, file.conventions
+    if (
+        file.level is None
+        or score is None
+        or file.lam is None
+        or file.exposure is None
+        or conventions is None
+    ):
+        return None
+    return Rating(
+        level=file.level,
+        score=score.value,
+        interval=score.interval,
+        mean=score.mean,
+        spread_sites=score.spread_sites,
+        spread_bends=score.spread_bends,
+        lam=file.lam,
+        exposure=file.exposure,
+        conventions=MetricConfig(**asdict(conventions)),
+    )
+
+
+def _refusal(origin: str, error: ValidationError) -> DesignError:
+    problems = error.errors(include_url=False)
+    return DesignError(
+        f"{origin} is not a valid design: " + "; ".join(_sentence(item) for item in problems),
+        field=_place(problems[0]),
+        value=problems[0].get("input"),
+    )
+
+
+def _place(problem: Any) -> str:
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"]]
+    return "".join(parts).removeprefix(".")
+
+
+def _sentence(problem: Any) -> str:
+    place, kind, context = _place(problem), problem["type"], problem.get("ctx", {})
+    if kind == "json_invalid":
+        return f"it is not JSON ({context.get('error', 'syntax')})"
+    if kind in {"extra_forbidden", "unexpected_keyword_argument"}:
+        return f"unknown key {place}"
+    if kind in {"missing", "missing_argument"}:
+        return f"missing key {place}"
+    message = problem["msg"].removeprefix("Value error, ")
+    if not place:
+        return str(message)
+    bounds = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+    words = [f"{word} {context[key]:g}" for key, word in bounds.items() if key in context]
+    allowed = f"allowed: {words[0]}" if words else message[0].lower() + message[1:]
+    return f"{place} = {problem['input']!r}: {allowed}"

@@ -1,0 +1,157 @@
+"""What a search may choose: the builder's constraints as arrays, and how candidates obey them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.design.design import Array, Colours, Design
+from render.errors import DesignError
+from render.scene.schema import COLOURS, Scene
+
+FORBIDDEN = 1e9
+"""Cost of a colour that a fiber must not have; above any sum of the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits of a search.
+
+    Arguments:
+        allowed: ``(F, 3)`` which colours each fiber may have.
+        most: ``(3,)`` most fibers per colour.
+        led_power: ``(3,)`` power of an LED that is on.
+        low, high: ``(F, interval)`` rad, allowed directions; unused intervals repeat the last.
+        step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
+        continuous_power: whether fibers may have less than ``led_power``.
+    """
+
+    allowed: NDArray[np.bool_]
+    most: Colours
+    led_power: Array
+    low: Array
+    high: Array
+    step: float
+    continuous_power: bool
+
+    @property
+    def colours_limited(self) -> bool:
+        """Whether some colouring is not allowed."""
+        return bool(not self.allowed.all() or (self.most < len(self.allowed)).any())
+
+    @property
+    def colours_alike(self) -> bool:
+        """Whether exchanging two colours in all fibers keeps every colouring allowed."""
+        return bool(self.allowed.all() and (self.most == self.most[0]).all())
+
+    @property
+    def mounted(self) -> NDArray[np.bool_]:
+        """``(F,)`` fibers whose direction is fixed."""
+        return np.asarray(self.low[:, 0] == self.high[:, -1])
+
+    @property
+    def directions_limited(self) -> bool:
+        """Whether some direction is not allowed."""
+        whole = (self.low[:, 0] == 0.0) & (self.high[:, -1] == math.pi)
+        return bool(self.low.shape[1] > 1 or not whole.all() or self.step > 0.0)
+
+    def fits(self, colours: Colours) -> NDArray[np.bool_]:
+        """Return which of ``colours`` ``(N, F)`` are allowed."""
+        chosen = np.asarray(colours)
+        own = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
+        used = np.stack([(chosen == c).sum(axis=1) for c in range(3)], axis=1)
+        return np.asarray(own & (used <= self.most).all(axis=1))
+
+    def nearest_colours(self, wish: Array) -> Colours:
+        """Return the allowed colours ``(F,)`` of greatest total ``wish`` ``(F, 3)``.
+
+        An assignment problem: every fiber takes one of the LEDs that there are.
+
+        Raises:
+            DesignError: no colouring is allowed.
+        """
+        from scipy.optimize import linear_sum_assignment
+
+        slots = np.repeat(np.arange(3), np.minimum(self.most, len(self.allowed)))
+        cost = np.where(self.allowed, -wish, FORBIDDEN)[:, slots]
+        if cost.shape[1] >= len(cost):
+            row, column = linear_sum_assignment(cost)
+            if cost[row, column].max() < FORBIDDEN:
+                return np.asarray(slots[column], dtype=np.int64)
+        raise DesignError(
+            "no choice of colours fulfils the constraints: fix fewer fibers or allow more LEDs "
+            "per colour",
+            field="constraints",
+        )
+
+    def nearest_directions(self, phi: Array) -> Array:
+        """Return the allowed directions nearest to ``phi`` ``(..., F)`` rad."""
+        if not self.directions_limited:
+            return phi
+        ends = np.clip(phi[..., None], self.low, self.high)
+        if self.step > 0.0:
+            # A step may lie outside its interval at an end; then the next one inside is taken.
+            lowest = np.ceil(self.low / self.step - 1e-9) * self.step
+            highest = np.floor(self.high / self.step + 1e-9) * self.step
+            on_step = np.clip(np.round(ends / self.step) * self.step, lowest, highest)
+            on_step = np.where(lowest > highest, np.inf, np.minimum(on_step, math.pi))
+            ends = np.where(self.mounted[:, None], ends, on_step)
+        nearest = np.abs(ends - phi[..., None]).argmin(axis=-1)
+        return np.asarray(np.take_along_axis(ends, nearest[..., None], axis=-1)[..., 0])
+
+    def obeyed(self, design: Design) -> Design:
+        """Return the allowed design nearest to ``design``, at full allowed power."""
+        wish = np.eye(3)[np.maximum(design.colours, 0)]
+        colours = self.nearest_colours(wish) if self.colours_limited else design.colours
+        power = np.eye(3)[colours] * self.led_power * (design.colours >= 0)[:, None]
+        return Design(self.nearest_directions(design.phi), power)
+
+    def dimmed(self, design: Design) -> Design:
+        """Return ``design`` with no LED above its limit and nothing else changed."""
+        return Design(design.phi, np.minimum(design.power, self.led_power))
+
+
+def unlimited(fibers: int) -> Limits:
+    """Return the limits that allow everything."""
+    return Limits(
+        allowed=np.ones((fibers, 3), dtype=bool),
+        most=np.full(3, fibers, dtype=np.int64),
+        led_power=np.ones(3),
+        low=np.zeros((fibers, 1)),
+        high=np.full((fibers, 1), math.pi),
+        step=0.0,
+        continuous_power=False,
+    )
+
+
+def limits_of(scene: Scene) -> Limits:
+    """Return the limits that the scene's constraints set.
+
+    Raises:
+        DesignError: the constraints contradict each other.
+    """
+    fibers, given = scene.fibers.count, scene.constraints
+    free = unlimited(fibers)
+    if given is None:
+        return free
+    allowed = free.allowed.copy()
+    for entry in given.fixed:
+        if entry.colour is not None:
+            allowed[entry.fiber] = np.arange(3) == COLOURS.index(entry.colour)
+    intervals = [given.intervals(fiber) for fiber in range(fibers)]
+    size = max(map(len, intervals))
+    padded = np.array([own + own[-1:] * (size - len(own)) for own in intervals])
+    found = Limits(
+        allowed=allowed,
+        most=np.array(given.most(fibers), dtype=np.int64),
+        led_power=np.array([given.power_red, given.power_green, given.power_blue]),
+        low=padded[..., 0],
+        high=padded[..., 1],
+        step=given.angle_step or 0.0,
+        continuous_power=given.continuous_power,
+    )
+    found.nearest_colours(np.zeros((fibers, 3)))
+    return found

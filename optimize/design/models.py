@@ -1,0 +1,64 @@
+"""Finding and opening the surrogate model of a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from optimize.ui.console import note
+from render.errors import ModelError
+from render.scene.schema import Scene
+from surrogate.runtime.checker import Checker
+
+
+def find_model(scene_name: str, given: Path | None = None) -> Path:
+    """Return the folder that holds ``checker.onnx`` for a scene.
+
+    Looked for in this order: the folder given, ``models/<scene>`` in the current directory, and
+    ``models/<scene>`` in the checkout that the program runs from.
+
+    Raises:
+        ModelError: there is none; the message says how to get one.
+    """
+    checkout = Path(__file__).resolve().parents[2]
+    places = [given] if given else [Path("models") / scene_name, checkout / "models" / scene_name]
+    for place in places:
+        if (place / "checker.onnx").is_file():
+            return place
+    looked = " or ".join(str(place) for place in places)
+    raise ModelError(
+        f"there is no model for scene {scene_name} in {looked}: "
+        "name its folder with --model or make one with tactilux train",
+        field="model",
+        value=looked,
+    )
+
+
+def open_model(scene: Scene, given: Path | None = None, *, threads: int | None = None) -> Checker:
+    """Return the surrogate of ``scene``, with a warning where the scene leaves its trained range.
+
+    Arguments:
+        scene: the sensor.
+        given: folder of the model (default: see :func:`find_model`).
+        threads: of the runtime (default: its own choice).
+
+    Raises:
+        ModelError: there is none, or it is damaged or of another scene.
+    """
+    checker = Checker.for_scene(find_model(scene.name, given), scene, threads=threads)
+    fibers = scene.fibers.count
+    dark = np.full((1, fibers), np.pi / 2), np.zeros((1, fibers, 3)), np.array(scene.bending.angles)
+    excess = float(checker.run(*dark)["domain_excess"][0])
+    if excess > 0.0:
+        free = checker.metadata.material
+        names = zip(free.get("names", []), checker.material, free.get("low", []),
+                    free.get("high", []), strict=True)  # fmt: skip
+        told = [f"{name} {value:g} (trained {low:g} to {high:g})"
+                for name, value, low, high in names if not low <= value <= high]  # fmt: skip
+        note(
+            f"Warning: scene {scene.name} lies outside the range that its model was trained for"
+            f"{': ' + ', '.join(told) if told else ''} (domain excess {excess:.2g}): what the "
+            "surrogate says of it is an extrapolation; train a model for it, or verify by renders"
+        )
+    return checker

@@ -1,0 +1,1 @@
+"""The quick job: a better design, searched and rated on the surrogate."""

@@ -1,0 +1,1 @@
+"""What a design's score is worth in degrees of surface normal."""

@@ -1,0 +1,1 @@
+"""Reports: single HTML files with pictures, and what they are drawn with."""

@@ -1,0 +1,89 @@
+"""What every report is put together with: templates, pictures inside the file, the wiring sheet."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from optimize.design.design import Design
+from optimize.report.drawings import INK
+from render.geometry.layout import fiber_edges, flat_fiber_poses
+from render.scene.schema import Scene
+
+CLIPPED = 0.01
+"""A design with a larger share of saturated facets gets a warning."""
+
+
+def render_page(template: str, context: Mapping[str, Any]) -> str:
+    """Return the HTML of a template in ``optimize/templates``; what it lacks is an error."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("optimize", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(context)
+
+
+def data_uri(png: bytes) -> str:
+    """Return a picture as a link that holds it."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
+    """Return scheme, heat maps and facets of a design, from ``<kind>-<key>`` in ``pictures``."""
+    return {kind: data_uri(pictures[f"{kind}-{key}"]) for kind in ("scheme", "metric", "facets")}
+
+
+def bend_titles(scene: Scene) -> list[str]:
+    """Return what each bend of the scene is called."""
+    return [f"bend {np.degrees(bend):g}°" for bend in scene.bending.angles]
+
+
+def wiring_sheet(scene: Scene, design: Design, title: str, scheme: bytes) -> dict[str, Any]:
+    """Return which fiber gets which LED and angle, with the drawing ``scheme``."""
+    position = flat_fiber_poses(scene).position
+    edges, colours, power = fiber_edges(scene), design.colour_names, design.power.max(axis=1)
+    return {
+        "title": title,
+        "scheme": data_uri(scheme),
+        "fibers": [
+            {
+                "number": str(i),
+                "edge": edges[i],
+                "x": f"{position[i, 0]:.2f}",
+                "y": f"{position[i, 1]:.2f}",
+                "colour": colours[i]
+                if power[i] == 1.0 or colours[i] == "off"
+                else f"{colours[i]}, {power[i]:.0%}",
+                "ink": INK[colours[i]],
+                "angle": f"{np.degrees(design.phi[i]):.1f}°",
+            }
+            for i in range(scene.fibers.count)
+        ],
+    }
+
+
+def monochrome_warning(design: Design) -> list[str]:
+    """Return a warning where one colour lights everything; usually nothing."""
+    if len(set(design.colours.tolist())) > 1:
+        return []
+    return [
+        "The optimum is monochrome: the weight of the colour term does not reward colour "
+        "differences in this scene, so surface azimuth will be hard to read."
+    ]
+
+
+def clipping_warning(clipped: float) -> list[str]:
+    """Return a warning where facets saturate, for their share; usually nothing."""
+    if clipped <= CLIPPED:
+        return []
+    return [
+        f"{clipped:.1%} of the facets saturate the camera in the optimised design; lower its "
+        "exposure or the LED power."
+    ]

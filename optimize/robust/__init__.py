@@ -1,0 +1,1 @@
+"""Manufacturing tolerances and shadows: sensitivity, robust ratings, designs made for them."""

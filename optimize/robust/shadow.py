@@ -1,0 +1,147 @@
+"""Shadows around a deep indentation (thesis 6.1): the light that a bolt head keeps from the skin.
+
+The metric presses small pyramids, which cast no shadow to speak of. Here a cylinder is pressed deep
+into the flat pad at every site. Around it, the light of a fiber is missing where the straight line
+to the fiber's glow passes through the cylinder. The penalty is the mean length of the missing
+colour, in counts, so that it compares with S.
+
+All light of a fiber is taken to come straight from its glow on the edge: light that arrives over
+the lower face or over the skin would fill the shadows a little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optimize.design.design import Array, Design
+from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.score_gradient import Differentiator
+from render.chebyshev import differentiation_matrix, interpolation_weights
+from render.errors import SceneError, TableError
+from render.geometry.layout import flat_sites
+from render.preview.lights import make_lights
+from render.scene.schema import Scene
+from render.transport import TransportTable
+
+
+@dataclass(frozen=True)
+class Bolt:
+    """A cylinder pressed into the pad, and where around it the skin is looked at; mm.
+
+    Arguments:
+        radius, depth: of the cylinder.
+        distance: from its side to the points; points: evenly spaced around it.
+    """
+
+    radius: float = 3.0
+    depth: float = 1.0
+    distance: float = 1.0
+    points: int = 16
+
+
+class ShadowPenalty:
+    """Mean length of the colour that a bolt takes away, in counts; negated as an objective."""
+
+    def __init__(self, scene: Scene, table: TransportTable, bolt: Bolt | None = None) -> None:
+        """Multiply the untouched pad's light by what the bolt hides of it.
+
+        Raises:
+            TableError: the table has no background, or not the flat pad's.
+        """
+        if table.background is None or not len(table.bends) or abs(table.bends[0]) > 1e-9:
+            raise TableError(
+                "shadows need the background of the flat pad: use a table that has bend 0 first",
+                field="background",
+            )
+        hidden = hidden_part(scene, table.phi, bolt or Bolt())
+        self._phi = table.phi
+        light = table.exposure * table.background[:, :, 0, :, None] * np.nan_to_num(hidden)
+        self._seen = np.isfinite(hidden[0, 0]).ravel()
+        self._blocked = light.reshape(*light.shape[:2], -1)[..., self._seen]
+        self._slope = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._blocked)
+
+    def value(self, design: Design) -> float:
+        """Return minus the penalty."""
+        return self.gradient(design)[0]
+
+    def gradient(self, design: Design) -> tuple[float, Array]:
+        """Return minus the penalty, and its derivatives by the directions."""
+        weights = interpolation_weights(self._phi, design.phi)
+        blocked = np.einsum("fj,fjx->fx", weights, self._blocked)
+        missing = np.einsum("fx,fc->xc", blocked, design.power)
+        length = np.linalg.norm(missing, axis=1)
+        along = missing / np.where(length > 0.0, length, 1.0)[:, None] / len(length)
+        by_phi = np.einsum("fj,fjx->fx", weights, self._slope)
+        slope = np.einsum("xc,fc,fx->f", along, design.power, by_phi)
+        return -float(length.mean()), -slope
+
+
+class PlainScore:
+    """S on the table as an objective."""
+
+    def __init__(self, scorer: TableScorer) -> None:
+        """Prepare the derivatives."""
+        self._scorer, self._exact = scorer, Differentiator(scorer)
+
+    def value(self, design: Design) -> float:
+        """Return S."""
+        return self._scorer.score(design.phi, design.power)
+
+    def gradient(self, design: Design) -> tuple[float, Array]:
+        """Return S and its derivatives by the directions."""
+        found = self._exact.at(design.phi, design.power)
+        return found.score, found.phi
+
+
+def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
+    """Return which part of each fiber's light a bolt at each site hides from the points around it.
+
+    ``(fiber, phi_node, site, point)`` in [0, 1]; NaN for points beyond the pad. ``phi`` is
+    ``(phi_node,)`` rad. The glow's lights weigh by their diffuse radiance, the cosines at both ends
+    and the inverse square of the distance.
+
+    Raises:
+        SceneError: the bolt is deeper than the pad, or no point lies on it.
+    """
+    thick = scene.pad.thickness
+    if not 0.0 < bolt.depth < thick:
+        raise SceneError(
+            f"a bolt {bolt.depth:g} mm deep does not fit into the pad, allowed: below "
+            f"pad.thickness = {thick:g} mm",
+            field="pad.thickness",
+            value=bolt.depth,
+        )
+    azimuth = 2 * np.pi * np.arange(bolt.points) / bolt.points
+    ring = (bolt.radius + bolt.distance) * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    centre = flat_sites(scene)[:, None, :2]
+    point = centre + ring
+    on_pad = (np.abs(point) < [scene.pad.width / 2, scene.pad.length / 2]).all(axis=-1)
+    if not on_pad.any():
+        raise SceneError("no point around a bolt lies on the pad: make the pad larger", field="pad")
+    lights = make_lights(scene)
+    position = lights.position[..., :3]
+    # (node, fiber, light): the isotropic term of a glow, the last number (the peak) of a beam.
+    emission = lights.emission(np.repeat(phi[:, None], len(position), axis=1))
+    term = 0 if scene.diffuser else 3
+    strength = np.maximum(emission[..., term], 0.0)
+    # (fiber, light, site, point)
+    offset = position[:, :, None, None, :2] - point
+    drop = np.maximum(thick - position[..., 2], 1e-6)[..., None, None]
+    square = (offset**2).sum(axis=-1) + drop**2
+    edge = lights.position[..., 3] % 4  # left, tip, right; beams are marked by 4 more
+    normal = np.where((edge == 1)[..., None], [0.0, -1.0], [[[1.0, 0.0]]])
+    normal = np.where((edge == 2)[..., None], [-1.0, 0.0], normal)
+    inward = np.maximum(-(offset * normal[:, :, None, None]).sum(axis=-1), 0.0)
+    weight = inward * drop / square**2
+    # The line p + t (light - p) enters the bolt's outline at t1 and is then t1 drop below the skin.
+    along = (offset * (centre - point)).sum(axis=-1)
+    flat = (offset**2).sum(axis=-1)
+    root = along**2 - flat * ((bolt.radius + bolt.distance) ** 2 - bolt.radius**2)
+    enters = (along - np.sqrt(np.maximum(root, 0.0))) / flat
+    blocked = (root > 0.0) & (along > 0.0) & (enters < 1.0) & (enters * drop < bolt.depth)
+    total = np.einsum("jfl,flsq->fjsq", strength, weight)
+    hidden = np.einsum("jfl,flsq->fjsq", strength, weight * blocked)
+    part = hidden / np.where(total > 0.0, total, 1.0)
+    return np.asarray(np.where(on_pad, part, np.nan))

@@ -1,0 +1,107 @@
+"""Sensors as they may be built: light redrawn with manufacturing errors (thesis 6.2).
+
+All designs meet the same errors, so that their comparison keeps only what differs. Relative errors
+act as factors ``exp(error)``; errors of the material act through its slopes in log T, to first
+order. A direction that an error turns beyond what the table covers stays at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from optimize.design.design import Array, Design
+from optimize.robust.material_slopes import PER_FIBER
+from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.score_gradient import score_by_counts
+from render.chebyshev import differentiation_matrix, interpolation_weights
+from render.scene.tolerances import Spread
+
+
+class BuiltSensors:
+    """Draws of sensors, common to all designs.
+
+    Arguments of the constructor:
+        scorer: the sensor as drawn.
+        spreads: tolerances by name.
+        slopes: of the materials among them, from `material_slopes`.
+        draws: number of sensors.
+        seed: of the draws.
+    """
+
+    def __init__(
+        self,
+        scorer: TableScorer,
+        spreads: Mapping[str, Spread],
+        slopes: Mapping[str, Array],
+        *,
+        draws: int,
+        seed: int,
+    ) -> None:
+        """Draw the errors."""
+        rng = np.random.default_rng([seed, 62])
+        self.scorer, self.draws = scorer, draws
+        self.errors = {
+            name: spread.draw(rng, (draws, scorer.fibers if name in PER_FIBER else 1))
+            for name, spread in spreads.items()
+        }
+        table = scorer.table
+        self._turn = np.zeros((draws, scorer.fibers)) + self.errors.get("fiber_angle", 0.0)
+        self._factor = np.zeros((draws, scorer.fibers))
+        for name in ("led_power", "camera_gain"):
+            self._factor = self._factor + self.errors.get(name, 0.0)
+        derivative = differentiation_matrix(table.phi)
+
+        def with_derivative(values: Array) -> tuple[Array, Array]:
+            flat = values.reshape(*values.shape[:2], -1)
+            return flat, np.einsum("ij,fjx->fix", derivative, flat)
+
+        self._light = with_derivative(table.exposure * table.T)
+        self._slopes = {name: with_derivative(slopes[name]) for name in spreads if name in slopes}
+
+    def turned(self, phi: Array) -> Array:
+        """Return where fibers point, ``(draw, F)`` rad, that were meant to point to ``phi``."""
+        low, high = self.scorer.phi_bounds
+        return np.asarray(np.clip(phi + self._turn, low, high))
+
+    def at_end(self, phi: Array) -> float:
+        """Return which part of the fibers an error turned beyond what the table covers."""
+        return float((self.turned(phi) != phi + self._turn).mean())
+
+    def scores(self, design: Design) -> Array:
+        """Return S ``(draw,)`` of ``design`` on every sensor."""
+        out = np.empty(self.draws)
+        for draw in range(self.draws):
+            light, _ = self._light_of(draw, design.phi)
+            counts = np.einsum("fx,fc->xc", light, design.power)
+            out[draw] = self.scorer.score_block(counts[..., None])[0]
+        return out
+
+    def gradients(self, design: Design) -> tuple[Array, Array]:
+        """Return S ``(draw,)`` and its derivatives by the directions, ``(draw, F)`` per rad."""
+        scorer = self.scorer
+        scores, slopes = np.empty(self.draws), np.empty((self.draws, scorer.fibers))
+        shape = (scorer.bends, scorer.sites, scorer.facets, 3)
+        for draw in range(self.draws):
+            light, by_phi = self._light_of(draw, design.phi)
+            counts = np.einsum("fx,fc->xc", light, design.power).reshape(shape)
+            scores[draw], by_counts = score_by_counts(counts, scorer.table.lam, scorer.config)
+            by_light = by_counts.reshape(-1, 3) @ design.power.T
+            slopes[draw] = np.einsum("xf,fx->f", by_light, by_phi)
+        return scores, slopes
+
+    def _light_of(self, draw: int, phi: Array) -> tuple[Array, Array]:
+        """Return counts per unit of LED power and their derivative by phi, ``(F, cell)`` each."""
+        weights = interpolation_weights(self.scorer.table.phi, self.turned(phi)[draw])
+
+        def at(values: Array) -> Array:
+            return np.asarray(np.matmul(weights[:, None], values)[:, 0])
+
+        light, by_phi = (at(part) for part in self._light)
+        log, growth = self._factor[draw][:, None], np.zeros_like(light)
+        for name, (slope, change) in self._slopes.items():
+            error = self.errors[name][draw][:, None]
+            log, growth = log + error * at(slope), growth + error * at(change)
+        factor = np.exp(log)
+        return light * factor, factor * (by_phi + light * growth)

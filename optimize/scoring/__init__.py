@@ -1,0 +1,1 @@
+"""Scores of designs on transport tables, their derivatives and their uncertainty."""

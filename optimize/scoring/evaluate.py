@@ -1,0 +1,212 @@
+"""The score of lightings on one transport table: singly with all details, or by the thousand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from optimize.design.design import Array, Colours, Level, Rating
+from optimize.design.limits import Limits, unlimited
+from optimize.scoring.metric_kernel import kernel_constants, score_lanes
+from render.errors import TableError
+from render.metric import (
+    THESIS,
+    MetricConfig,
+    clip_counts,
+    clipped_fraction,
+    design_score,
+    image_counts,
+    site_metric,
+)
+from render.transport import TransportTable
+
+# Lanes per kernel call: enough to amortise its overhead, few enough to stay in the cache.
+LANES = 128
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreDetails:
+    """One lighting on one table, in counts.
+
+    Arguments:
+        score, mean, spread_sites, spread_bends: eq. (4.7) and its parts.
+        metric: M of eq. (4.6), ``(bend, site)``.
+        clipped: fraction of facets with a clipped channel.
+    """
+
+    score: float
+    mean: float
+    spread_sites: float
+    spread_bends: float
+    metric: Array
+    clipped: float
+
+
+class TableScorer:
+    """Scores on ``table``: light is interpolated in phi, superposed, exposed, clipped, rated.
+
+    Arguments:
+        table: the transport table; all its cells are finite.
+        config: the conventions of the metric.
+        led_power: power of a chosen LED, ``(3,)`` per colour or ``(F, 3)`` per fiber and colour,
+            in [0, 1]; that of ``limits`` unless given. It applies wherever colours are chosen.
+        limits: what searches on this scorer may choose; everything unless given.
+    """
+
+    def __init__(
+        self,
+        table: TransportTable,
+        config: MetricConfig = THESIS,
+        led_power: Array | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        self.table = table
+        self.config = config
+        self.fibers, _, self.bends, self.sites, self.facets = table.T.shape[:5]
+        self.limits = limits or unlimited(self.fibers)
+        power = np.asarray(
+            self.limits.led_power if led_power is None else led_power, dtype=np.float64
+        )
+        if power.shape not in {(3,), (self.fibers, 3)} or not ((power >= 0) & (power <= 1)).all():
+            raise TableError(
+                f"led_power = {power.tolist()}, allowed: 3 values (or {self.fibers} times 3) from "
+                "0 to 1",
+                field="led_power",
+            )
+        self.led_power: Array = np.broadcast_to(power, (self.fibers, 3))
+        exposed = table.exposure * table.T
+        tinted = exposed if table.by_channel else exposed[..., None]
+        # (channel or one for all, fiber, phi_node, cell)
+        self._exposed = np.moveaxis(tinted, -1, 0).reshape(tinted.shape[-1], *exposed.shape[:2], -1)
+        # Says at once when the conventions do not fit the table, e.g. ddof = 1 with one bend.
+        design_score(site_metric(np.ones((*table.T.shape[2:5], 3)), 0.0, config), config)
+
+    @property
+    def colours_alike(self) -> bool:
+        """Whether exchanging two colours in all fibers changes no score and breaks no limit."""
+        same_power = bool((self.led_power == self.led_power[:, :1]).all())
+        return same_power and self.limits.colours_alike and not self.table.by_channel
+
+    @property
+    def phi_bounds(self) -> tuple[float, float]:
+        """The directions in rad that the table covers, within [0, pi]; one node covers itself."""
+        low, high = float(self.table.phi.min()), float(self.table.phi.max())
+        return (low, high) if low == high else (max(0.0, low), min(float(np.pi), high))
+
+    def at_node(self, index: int) -> Array:
+        """Return phi ``(F,)`` rad with all fibers at direction node ``index`` of the table."""
+        nodes = self.table.phi
+        if not 0 <= index < len(nodes):
+            raise TableError(
+                f"phi index {index}, allowed: 0 to {len(nodes) - 1}", field="phi_index", value=index
+            )
+        return np.full(self.fibers, nodes[index])
+
+    def power(self, colours: Colours) -> Array:
+        """Return LED powers ``(..., F, 3)`` of ``colours`` ``(..., F)`` (0/1/2 = R/G/B)."""
+        return np.eye(3)[colours] * self.led_power
+
+    def light(self, phi: Array) -> Array:
+        """Return counts per unit LED power, ``(F, B, S, K[, 3])``, for ``phi`` ``(F,)`` rad."""
+        self._check_phi(phi)
+        return self.table.exposure * self.table.at(phi)
+
+    def score(self, phi: Array, power: Array) -> float:
+        """Return S (eq. 4.7) for ``phi`` ``(F,)`` rad and ``power`` ``(F, 3)``."""
+        return self.details(phi, power).score
+
+    def details(self, phi: Array, power: Array) -> ScoreDetails:
+        """Return S with its parts and its map for ``phi`` ``(F,)`` rad and ``power`` ``(F, 3)``."""
+        counts = self.counts(self.light(phi), np.asarray(power, np.float64))
+        metric = site_metric(counts, self.table.lam, self.config)
+        parts = design_score(metric, self.config)
+        return ScoreDetails(
+            score=float(parts.score),
+            mean=float(parts.mean),
+            spread_sites=float(parts.spread_sites),
+            spread_bends=float(parts.spread_bends),
+            metric=metric,
+            clipped=float(clipped_fraction(counts, self.config)),
+        )
+
+    def counts(self, light: Array, power: Array) -> Array:
+        """Return clipped counts ``(B, S, K, 3)`` of ``light`` under ``power`` ``(F, 3)``."""
+        if self.table.by_channel:
+            return np.asarray(clip_counts(np.einsum("fbskc,fc->bskc", light, power), self.config))
+        return np.asarray(image_counts(light, power, 1.0, self.config))
+
+    def scores(self, colours: Colours, phi: Array) -> Array:
+        """Return S ``(N,)`` of ``colours`` ``(N, F)``, all with the same ``phi`` ``(F,)`` rad."""
+        light = self.light(phi)
+        tinted = "c" if self.table.by_channel else ""
+        light = light.reshape(self.fibers, -1, *light.shape[4:])
+        out = np.empty(len(colours))
+        for start in range(0, len(colours), LANES):
+            power = self.power(colours[start : start + LANES])
+            block = np.einsum(f"fx{tinted},nfc->xcn", light, power, optimize=True)
+            out[start : start + LANES] = self.score_block(block)
+        return out
+
+    def direction_scores(self, phi: Array, power: Array) -> Array:
+        """Return S ``(N,)`` of directions ``phi`` ``(N, F)`` rad under one ``power`` ``(F, 3)``."""
+        from render.chebyshev import interpolation_weights
+
+        self._check_phi(phi)
+        out = np.empty(len(phi))
+        for start in range(0, len(phi), LANES):
+            weights = interpolation_weights(self.table.phi, phi[start : start + LANES])
+            block = np.empty((self._exposed.shape[-1], 3, len(weights)))
+            for channel in range(3):
+                lit = np.flatnonzero(power[:, channel])
+                mixed = weights[:, lit] * power[lit, channel, None]
+                own = self._exposed[channel if self.table.by_channel else 0]
+                table = own[lit].reshape(-1, block.shape[0])
+                block[:, channel] = table.T @ mixed.reshape(len(weights), -1).T
+            out[start : start + LANES] = self.score_block(block)
+        return out
+
+    def score_block(self, block: Array) -> Array:
+        """Return S ``(lane,)`` of unclipped counts ``(B * S * K, 3, lane)``."""
+        cells = self.bends * self.sites
+        base = np.zeros((cells, self.facets, 3))
+        constants = kernel_constants(self.config, self.table.lam, np.float64)
+        out = np.empty(block.shape[-1])
+        for start in range(0, len(out), LANES):
+            lanes = np.ascontiguousarray(block[..., start : start + LANES])
+            lanes = lanes.reshape(cells, self.facets, 3, -1)
+            score_lanes(base, lanes, self.bends, constants, out[start : start + LANES])
+        return out
+
+    def rating(self, phi: Array, power: Array) -> Rating:
+        """Return the rating of a lighting, with its 95 % interval, as stored in design files."""
+        from optimize.scoring.score_noise import score_interval
+
+        details = self.details(phi, power)
+        return Rating(
+            level=cast(Level, self.table.level),
+            score=details.score,
+            interval=score_interval(self, phi, power),
+            mean=details.mean,
+            spread_sites=details.spread_sites,
+            spread_bends=details.spread_bends,
+            lam=self.table.lam,
+            exposure=self.table.exposure,
+            conventions=self.config,
+        )
+
+    def _check_phi(self, phi: Array) -> None:
+        if phi.shape[-1:] != (self.fibers,):
+            raise TableError(
+                f"phi has shape {phi.shape}, allowed: {self.fibers} directions", field="phi"
+            )
+        low, high = self.phi_bounds
+        bad = ~((phi >= low) & (phi <= high))
+        if bad.any():
+            value = float(phi[bad].flat[0])
+            raise TableError(
+                f"phi = {value:g} rad, allowed: {low:g} to {high:g} rad, which the table covers",
+                field="phi",
+                value=value,
+            )

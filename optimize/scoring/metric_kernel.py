@@ -1,0 +1,221 @@
+"""Eqs. (4.6) and (4.7) for many lightings at once: the compiled twin of ``render.metric``.
+
+A *block* holds one lighting per lane, lanes last, so that one instruction treats 8 or 16 of them.
+The dtype follows the arguments: float32 for exhaustive searches, float64 elsewhere.
+
+Everything compiled lives in this one file: numba's store of machine code notices when a function's
+own file changes, not when a function that it calls does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.scoring.compiled import compiled
+from render.metric import MetricConfig
+
+Single = NDArray[np.float32]
+Double = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def kernel_constants(config: MetricConfig, lam: float, dtype: Any) -> np.ndarray:
+    """Return what the kernel needs to know of the conventions: ``(count_max, lam, ddof, ring)``."""
+    return np.array([config.count_max, lam, config.ddof, float(config.cyclic)], dtype=dtype)
+
+
+@compiled
+def score_lanes(
+    base: np.ndarray, block: np.ndarray, bends: int, constants: np.ndarray, out: np.ndarray
+) -> None:
+    """Write S of ``clip(base + block)`` to ``out`` ``(lane,)``.
+
+    ``base`` ``(bend * site, facet, 3)`` is common to all lanes, ``block``
+    ``(bend * site, facet, 3, lane)``, both in counts and of the dtype of ``constants``.
+    """
+    cells, facets, lanes = block.shape[0], block.shape[1], out.shape[0]
+    dtype = constants.dtype
+    zero, one = dtype.type(0), dtype.type(1)
+    high, lam, ddof = constants[0], constants[1], constants[2]
+    ring = constants[3] > zero
+    first_step = 0 if ring else 1
+    norm_share = one / dtype.type(facets)
+    step_share = one / dtype.type(facets - first_step)
+    norm_freedom = one / (dtype.type(facets) - ddof)
+    step_freedom = one / (dtype.type(facets - first_step) - ddof)
+    norm = np.empty((facets, lanes), dtype)
+    step = np.empty((facets, lanes), dtype)
+    hue = np.empty((3, lanes), dtype)
+    first_hue = np.empty((3, lanes), dtype)
+    mean = np.empty((2, lanes), dtype)
+    square = np.empty((2, lanes), dtype)
+    metric = np.empty((cells, lanes), dtype)
+    hue[:] = zero
+    for cell in range(cells):
+        mean[:] = zero
+        square[:] = zero
+        for facet in range(facets):
+            red, green, blue = base[cell, facet, 0], base[cell, facet, 1], base[cell, facet, 2]
+            for lane in range(lanes):
+                r = red + block[cell, facet, 0, lane]
+                g = green + block[cell, facet, 1, lane]
+                b = blue + block[cell, facet, 2, lane]
+                # Comparisons that are false for NaN keep it, as in render.metric.
+                r = zero if r < zero else (high if r > high else r)
+                g = zero if g < zero else (high if g > high else g)
+                b = zero if b < zero else (high if b > high else b)
+                length = np.sqrt(r * r + g * g + b * b)
+                scale = one / (length if length > zero else one)
+                r *= scale
+                g *= scale
+                b *= scale
+                norm[facet, lane] = length
+                mean[0, lane] += length
+                dr, dg, db = r - hue[0, lane], g - hue[1, lane], b - hue[2, lane]
+                hue[0, lane] = r
+                hue[1, lane] = g
+                hue[2, lane] = b
+                distance = np.sqrt(dr * dr + dg * dg + db * db)
+                step[facet, lane] = distance
+                mean[1, lane] += distance
+            if facet == 0:
+                # The step into facet 0 comes from the last one, which is not known yet.
+                mean[1] = zero
+                first_hue[:] = hue
+        for lane in range(lanes):
+            if ring:
+                dr = first_hue[0, lane] - hue[0, lane]
+                dg = first_hue[1, lane] - hue[1, lane]
+                db = first_hue[2, lane] - hue[2, lane]
+                distance = np.sqrt(dr * dr + dg * dg + db * db)
+                step[0, lane] = distance
+                mean[1, lane] += distance
+            mean[0, lane] *= norm_share
+            mean[1, lane] *= step_share
+        for facet in range(facets):
+            for lane in range(lanes):
+                deviation = norm[facet, lane] - mean[0, lane]
+                square[0, lane] += deviation * deviation
+        for facet in range(first_step, facets):
+            for lane in range(lanes):
+                deviation = step[facet, lane] - mean[1, lane]
+                square[1, lane] += deviation * deviation
+        for lane in range(lanes):
+            intensity = mean[0, lane] - np.sqrt(square[0, lane] * norm_freedom)
+            colour = mean[1, lane] - np.sqrt(square[1, lane] * step_freedom)
+            metric[cell, lane] = intensity + lam * colour
+    _score_map(metric, bends, ddof, out)
+
+
+@compiled
+def _score_map(metric: np.ndarray, bends: int, ddof: Any, out: np.ndarray) -> None:
+    """Write S of eq. (4.7) of ``metric`` ``(bend * site, lane)`` to ``out`` ``(lane,)``."""
+    cells, lanes = metric.shape
+    sites = cells // bends
+    one = metric.dtype.type(1)
+    by_bend = np.zeros((bends, lanes), metric.dtype)
+    by_site = np.zeros((sites, lanes), metric.dtype)
+    total = np.zeros(lanes, metric.dtype)
+    for bend in range(bends):
+        for site in range(sites):
+            for lane in range(lanes):
+                value = metric[bend * sites + site, lane]
+                by_bend[bend, lane] += value
+                by_site[site, lane] += value
+                total[lane] += value
+    spread = np.zeros((2, lanes), metric.dtype)
+    for lane in range(lanes):
+        total[lane] /= metric.dtype.type(cells)
+    for bend in range(bends):
+        for lane in range(lanes):
+            deviation = by_bend[bend, lane] / metric.dtype.type(sites) - total[lane]
+            spread[0, lane] += deviation * deviation
+    for site in range(sites):
+        for lane in range(lanes):
+            deviation = by_site[site, lane] / metric.dtype.type(bends) - total[lane]
+            spread[1, lane] += deviation * deviation
+    bend_freedom = one / (metric.dtype.type(bends) - ddof)
+    site_freedom = one / (metric.dtype.type(sites) - ddof)
+    for lane in range(lanes):
+        out[lane] = total[lane] - (
+            np.sqrt(spread[0, lane] * bend_freedom) + np.sqrt(spread[1, lane] * site_freedom)
+        )
+
+
+@compiled
+def best_of_tile(
+    prefix: Single,
+    middles: Single,
+    blocks: Single,
+    suffixes: int,
+    bends: int,
+    constants: Single,
+    threshold: np.float32,
+    free: Indices,
+    middle_used: Indices,
+    suffix_used: Indices,
+    scores: Single,
+    codes: Indices,
+) -> int:
+    """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are.
+
+    ``free`` ``(3,)`` fibers per colour may still be used; middles and suffixes use so many.
+    """
+    keep, lanes = len(scores), blocks.shape[-1]
+    out = np.empty(lanes, np.float32)
+    count, worst = 0, 0
+    for block in range(len(blocks)):
+        first = block * lanes
+        valid = min(lanes, suffixes - first)
+        for middle in range(len(middles)):
+            red = free[0] - middle_used[middle, 0]
+            green = free[1] - middle_used[middle, 1]
+            blue = free[2] - middle_used[middle, 2]
+            if red < 0 or green < 0 or blue < 0:
+                continue
+            score_lanes(prefix + middles[middle], blocks[block], bends, constants, out)
+            for lane in range(valid):
+                used = suffix_used[first + lane]
+                fits = used[0] <= red and used[1] <= green and used[2] <= blue
+                if out[lane] > threshold and fits:
+                    place = worst
+                    if count < keep:
+                        place = count
+                        count += 1
+                    scores[place] = out[lane]
+                    codes[place] = middle * suffixes + first + lane
+                    if count == keep:
+                        worst = int(np.argmin(scores))
+                        threshold = max(threshold, scores[worst])
+    return count
+
+
+@compiled
+def score_moves(
+    counts: Double,
+    change: Double,
+    pairs: Indices,
+    bends: int,
+    constants: Double,
+    lanes: int,
+) -> Double:
+    """Return S of ``counts`` ``(B * S, K, 3)`` after each pair of changes ``(.., move)``."""
+    cells, facets = counts.shape[0], counts.shape[1]
+    scores = np.empty(len(pairs))
+    block = np.zeros((cells, facets, 3, lanes))
+    out = np.empty(lanes)
+    for start in range(0, len(pairs), lanes):
+        valid = min(lanes, len(pairs) - start)
+        for cell in range(cells):
+            for facet in range(facets):
+                for channel in range(3):
+                    row = change[cell, facet, channel]
+                    for lane in range(valid):
+                        first, second = pairs[start + lane, 0], pairs[start + lane, 1]
+                        block[cell, facet, channel, lane] = row[first] + row[second]
+        score_lanes(counts, block, bends, constants, out)
+        scores[start : start + valid] = out[:valid]
+    return scores

@@ -1,0 +1,1 @@
+"""Searches over colors and directions."""

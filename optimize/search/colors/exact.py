@@ -1,0 +1,116 @@
+"""The provably best colours: every assignment is scored.
+
+The thesis called this infeasible (4.3.1: 3^20 assignments). Superposition, the symmetry of colours
+(a sixth remains) and vector instructions make it minutes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NoReturn
+
+import numpy as np
+
+from optimize.design.design import Array, Colours
+from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.score_noise import tied
+from optimize.search.colors.enumeration import Enumeration, SearchProgress
+from optimize.search.colors.quota import Quota
+from optimize.search.colors.result import ColourResult, canonical, ranked
+from render.errors import DesignError, TactiluxError
+
+# Best assignments that are scored again in float64 and examined for ties.
+KEEP = 128
+# 26 fibers take two days at the measured rate.
+MAX_FIBERS = 26
+
+
+def exact_colours(
+    scorer: TableScorer,
+    phi: Array,
+    progress: Callable[[SearchProgress], None] | None = None,
+    *,
+    device: str | None = None,
+) -> ColourResult:
+    """Return the best of all ``3^F`` colourings for directions ``phi`` ``(F,)`` rad.
+
+    float32 scores select the best 128, float64 scores order them. Colours are exchangeable unless
+    LED powers, materials or limits differ by colour; then all ``3^F`` are scored. Ties are those
+    that the errors of the table cannot tell from the best; ``ties_complete`` is False when the 128
+    kept do not reach beyond them, or beyond the rounding of float32. ``device`` is that of torch;
+    None is the processor by a compiled kernel of our own.
+
+    Raises:
+        TactiluxError: more fibers than any machine could search.
+    """
+    start = time.perf_counter()
+    if scorer.fibers > MAX_FIBERS:
+        raise TactiluxError(
+            f"an exact search over {scorer.fibers} fibers would never end, allowed: at most "
+            f"{MAX_FIBERS}; use the method quick",
+            field="fibers",
+            value=scorer.fibers,
+        )
+    kind = Enumeration
+    if device is not None:
+        from optimize.search.colors.torch_enumeration import torch_enumeration
+
+        kind = torch_enumeration(device)
+    search = kind(
+        colour_units(scorer, phi),
+        scorer.bends,
+        scorer.table.lam,
+        scorer.config,
+        symmetric=scorer.colours_alike,
+        quota=Quota.of(scorer.limits),
+    )
+    found = search.best(KEEP, progress)
+    if not len(found.scores):
+        raise_unreachable()
+    checked = scorer.scores(found.colours, phi)
+    rounding = 2.0 * float(np.abs(checked - found.scores).max())
+    full = len(found.scores) == KEEP
+    crowded = full and checked.max() - found.scores[-1] <= rounding
+    colours = canonical(found.colours) if scorer.colours_alike else found.colours
+    colours = np.unique(colours, axis=0)
+    scores = scorer.scores(colours, phi)
+    order = np.argsort(-scores, kind="stable")
+    colours, scores = colours[order], scores[order]
+    same = tied(scorer, phi, scorer.power(colours))
+    return ColourResult(
+        method="exact",
+        colours=colours[0],
+        score=scorer.score(phi, scorer.power(colours[0])),
+        evaluated=found.evaluated,
+        seconds=time.perf_counter() - start,
+        ties=tuple(tuple(row.tolist()) for row in colours[1:][same[1:]]),
+        ties_complete=not (crowded or (full and same.all())),
+        top=ranked(colours, scores),
+    )
+
+
+def raise_unreachable() -> NoReturn:
+    """Say that a search found no colouring within its limits."""
+    raise DesignError(
+        "no choice of colours of this search fulfils the constraints: fix fewer fibers, allow "
+        "more LEDs per colour, or use the method quick",
+        field="constraints",
+    )
+
+
+def colour_units(scorer: TableScorer, phi: Array) -> Array:
+    """Return the counts ``(F, 3, B * S, K)`` that each fiber adds to a channel of its colour."""
+    light = scorer.light(phi)
+    if not scorer.table.by_channel:
+        light = light[..., None]
+    light = np.moveaxis(light, -1, 1)
+    light = light.reshape(scorer.fibers, light.shape[1], -1, scorer.facets)
+    return np.asarray(light * scorer.led_power[:, :, None, None])
+
+
+def grouped_units(units: Array, groups: Colours) -> Array:
+    """Return the units of whole groups, ``(G, 3, B * S, K)``; ``groups`` ``(F,)`` holds 0..G-1."""
+    sums = np.zeros((int(groups.max()) + 1, *units.shape[1:]))
+    np.add.at(sums, groups, units)
+    return sums

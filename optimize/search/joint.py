@@ -1,0 +1,186 @@
+"""Colours and directions together: alternate both searches until neither moves.
+
+The thesis searches colours once, then directions once (4.3). Better directions can change which
+colours are best, so both are repeated here: grouped and 2-opt colours, tied directions, then free
+ones, each from the best design so far.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from optimize.design.design import Colours, Design
+from optimize.scoring.evaluate import TableScorer
+from optimize.search.colors.grouped import grouped_colours
+from optimize.search.colors.quick import quick_colours
+from optimize.search.colors.result import ColourResult, renamed_like
+from optimize.search.directions import DirectionResult, optimise_directions, tied_groups
+from optimize.search.polish import polish
+from render.errors import DesignError
+
+# A round that gains less than this share of the score ends the search.
+TOLERANCE = 1e-3
+MAX_ROUNDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class SearchStep:
+    """One point of the convergence plot: the best design after a stage.
+
+    Arguments:
+        round: 0 for the start, then 1, 2, ...
+        stage: ``start``, ``grouped``, ``quick``, ``tied``, ``free`` or ``power``.
+        score: S of ``design`` in counts.
+        evaluated: lightings scored so far, all stages together.
+        seconds: wall time so far.
+        design: the best design so far.
+    """
+
+    round: int
+    stage: str
+    score: float
+    evaluated: int
+    seconds: float
+    design: Design
+
+
+@dataclass(frozen=True, eq=False)
+class JointResult:
+    """The outcome of the alternation; ``converged`` is False when the rounds ran out."""
+
+    design: Design
+    score: float
+    history: tuple[SearchStep, ...]
+    converged: bool
+
+    @property
+    def evaluated(self) -> int:
+        """Number of lightings scored."""
+        return self.history[-1].evaluated
+
+    @property
+    def seconds(self) -> float:
+        """Wall time."""
+        return self.history[-1].seconds
+
+    @property
+    def monochrome(self) -> bool:
+        """Whether one colour lights everything: then hue says nothing, and lam is too large."""
+        return len(set(self.design.colours.tolist())) == 1
+
+
+def optimise_jointly(
+    scorer: TableScorer,
+    start: Design,
+    *,
+    edges: Sequence[str] | None = None,
+    seed: int = 0,
+    tolerance: float = TOLERANCE,
+    max_rounds: int = MAX_ROUNDS,
+    progress: Callable[[SearchStep], None] | None = None,
+) -> JointResult:
+    """Return the best design that alternating searches reach from ``start``.
+
+    A stage without an allowed candidate is left out: where constraints break all pairs of
+    neighbours, there is no ``grouped``.
+
+    Arguments:
+        scorer: the table, conventions and limits to search with.
+        start: first design; its directions are the first ones that colours are chosen for. Where
+            it breaks the limits, the nearest allowed design is taken.
+        edges: the side of each fiber, for the tied search; None skips that stage.
+        seed: of the random starts and of CMA-ES; every round draws anew.
+        tolerance: a round that gains less than this share of the score ends the search.
+        max_rounds: the search ends unconverged after so many rounds.
+        progress: called after every stage.
+    """
+    limits = scorer.limits
+    if limits.colours_limited or limits.directions_limited:
+        start = limits.obeyed(start)
+    search = _Search(scorer, start, progress)
+    steerable = len(scorer.table.phi) > 1
+    for number in range(1, max_rounds + 1):
+        before = search.score
+        if number == 1:
+            search.take_groups(number)
+        phi, known = search.design.phi, [search.design.colours]
+        starts = [colours for colours in known if (colours >= 0).all()]
+        search.take_colours(number, quick_colours(scorer, phi, starts=starts, seed=seed + number))
+        if steerable and edges is not None:
+            groups = tied_groups(edges, search.design.colours)
+            search.take_directions(number, "tied", groups, seed + number)
+        if steerable:
+            search.take_directions(number, "free", None, seed + number)
+        if search.score - before < tolerance * abs(before):
+            return search.finished(number, converged=True)
+    return search.finished(max_rounds, converged=False)
+
+
+class _Search:
+    """The best design so far and how it was reached; a stage never makes it worse."""
+
+    def __init__(
+        self, scorer: TableScorer, start: Design, progress: Callable[[SearchStep], None] | None
+    ) -> None:
+        self.scorer, self.design, self.progress = scorer, start, progress
+        self.names = start.colours
+        self.score = scorer.score(start.phi, start.power)
+        self.began = time.perf_counter()
+        self.evaluated = 1
+        self.history: list[SearchStep] = []
+        self._record(0, "start")
+
+    def take_colours(self, number: int, found: ColourResult) -> None:
+        """Accept better colours, named so that most fibers keep the colour of the start."""
+        self.evaluated += found.evaluated
+        if found.score > self.score:
+            colours = found.colours
+            if self.scorer.colours_alike:
+                colours = renamed_like(colours, self.names)
+            self.design = Design(self.design.phi, self.scorer.power(colours))
+            self.score = found.score
+        self._record(number, found.method)
+
+    def take_groups(self, number: int) -> None:
+        """Search colours in pairs, where the limits leave any pairs."""
+        try:
+            self.take_colours(number, grouped_colours(self.scorer, self.design.phi))
+        except DesignError:
+            if not self.scorer.limits.colours_limited:
+                raise
+
+    def take_directions(self, number: int, stage: str, groups: Colours | None, seed: int) -> None:
+        """Search directions from the best design and accept better ones."""
+        power = self.design.power
+        found: DirectionResult = optimise_directions(
+            lambda phi: self.scorer.direction_scores(phi, power),
+            self.design.phi,
+            groups=groups,
+            bounds=self.scorer.phi_bounds,
+            seed=seed,
+            limits=self.scorer.limits,
+        )
+        self.evaluated += found.evaluated
+        if found.score > self.score:
+            self.design = Design(found.phi, power)
+            self.score = found.score
+        self._record(number, stage)
+
+    def finished(self, number: int, *, converged: bool) -> JointResult:
+        """Return the outcome, with powers of their own where the limits allow that."""
+        if self.scorer.limits.continuous_power:
+            found = polish(self.scorer, self.design)
+            self.evaluated += found.evaluated
+            if found.score > self.score:
+                self.design, self.score = found.design, found.score
+            self._record(number, "power")
+        return JointResult(self.design, self.score, tuple(self.history), converged)
+
+    def _record(self, number: int, stage: str) -> None:
+        seconds = time.perf_counter() - self.began
+        step = SearchStep(number, stage, self.score, self.evaluated, seconds, self.design)
+        self.history.append(step)
+        if self.progress is not None:
+            self.progress(step)

@@ -1,0 +1,1 @@
+"""Designs at level 2: verification, the loop in which renders decide, the thesis procedure."""

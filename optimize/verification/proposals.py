@@ -1,0 +1,136 @@
+"""What a round of the verification loop renders: the best, the most uncertain and a random design.
+
+The surrogate proposes. Its best design alone would never show where it is wrong, so the most
+uncertain of the next-best ones and one random design are rendered with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optimize.design.design import Array, Colours, Design
+from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.score_noise import TIE_DRAWS, score_draws
+from optimize.search.colors.quick import quick_colours
+from optimize.search.colors.result import canonical, renamed_like
+from optimize.search.joint import optimise_jointly
+from optimize.search.polish import polish
+
+ALTERNATIVES = 8
+"""Next-best colourings that get directions of their own: local optima, then neighbours."""
+SAME_ANGLE = np.radians(1.0)
+"""Directions that differ by less are the same design."""
+RUNS = (1, 2, 4)
+TWIN = 1e-4
+"""Relative difference of score below which mirrored colours mean a mirrored design."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A design that is to be rendered, and what the surrogate expects of it.
+
+    Arguments:
+        role: ``baseline``, ``best``, ``uncertain``, ``random`` or ``incumbent``.
+        design: the design.
+        predicted: its score S on the surrogate, in counts.
+        spread: one standard deviation of that prediction.
+    """
+
+    role: str
+    design: Design
+    predicted: float
+    spread: float
+
+
+def propose(
+    scorer: TableScorer,
+    start: Design,
+    *,
+    edges: Sequence[str],
+    seed: int,
+    known: Sequence[Design] = (),
+) -> list[Proposal]:
+    """Return the best, the most uncertain and one random design, without those known.
+
+    Arguments:
+        scorer: the surrogate's table as it stands.
+        start: where the search begins.
+        edges: the side of each fiber.
+        seed: of the search and of the random design.
+        known: designs that were rendered before; they are not proposed again.
+    """
+    best = optimise_jointly(scorer, start, edges=edges, seed=seed).design
+    top = quick_colours(scorer, best.phi, starts=[best.colours], seed=seed).top
+    colourings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
+    others: list[Design] = []
+    for named in [*colourings, *_recoloured(scorer, best)]:
+        if len(others) == ALTERNATIVES:
+            break
+        if scorer.colours_alike:
+            named = renamed_like(named, best.colours)
+        power = scorer.power(named)
+        if np.array_equal(power, best.power):
+            continue
+        found = polish(scorer, Design(best.phi, power)).design
+        if not _mirror_twin(scorer, found, best):
+            others.append(found)
+    chosen = [described(scorer, "best", best)]
+    rest = [described(scorer, "uncertain", design) for design in others]
+    chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []
+    chosen.append(described(scorer, "random", random_design(scorer, seed)))
+    return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
+
+
+def _recoloured(scorer: TableScorer, best: Design) -> list[Colours]:
+    """Return the allowed colourings that differ in one fiber from ``best``, best first."""
+    if (best.colours < 0).any():
+        return []
+    fibers = np.repeat(np.arange(scorer.fibers), 2)
+    moved = np.repeat(best.colours[None], len(fibers), axis=0)
+    rows = np.arange(len(fibers))
+    moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % 2) % 3
+    moved = moved[scorer.limits.fits(moved)]
+    return list(moved[np.argsort(-scorer.scores(moved, best.phi), kind="stable")])
+
+
+def _mirror_twin(scorer: TableScorer, first: Design, second: Design) -> bool:
+    """Return whether one design is the other seen in a mirror, so that it would tie for certain.
+
+    Fibers are numbered around the pad, so a mirror reverses their order; equal scores say that the
+    sensor is symmetric.
+    """
+    if not scorer.colours_alike or (first.colours < 0).any() or (second.colours < 0).any():
+        return False
+    scores = [scorer.score(design.phi, design.power) for design in (first, second)]
+    reversed_ = canonical(first.colours[None, ::-1])[0]
+    alike = np.array_equal(reversed_, canonical(second.colours[None])[0])
+    return alike and abs(scores[0] - scores[1]) < TWIN * abs(scores[1])
+
+
+def described(scorer: TableScorer, role: str, design: Design) -> Proposal:
+    """Return the proposal of ``design`` with score and spread on ``scorer``'s table."""
+    score = scorer.score(design.phi, design.power)
+    spread = 0.0
+    if scorer.table.se.any():
+        drawn = score_draws(scorer, design.phi, design.power[None], TIE_DRAWS)
+        spread = float(drawn.std(ddof=1))
+    return Proposal(role, design, score, spread)
+
+
+def random_design(scorer: TableScorer, seed: int) -> Design:
+    """Return a random design; neighbouring fibers share a colour in runs of 1, 2 or 4."""
+    rng = np.random.default_rng([seed, 5])
+    run = int(rng.choice(RUNS))
+    colours = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
+    low, high = scorer.phi_bounds
+    phi: Array = np.asarray(rng.uniform(low, high, scorer.fibers))
+    return scorer.limits.obeyed(Design(phi, scorer.power(colours)))
+
+
+def same_design(first: Design, second: Design) -> bool:
+    """Return whether two designs differ by less than can be mounted."""
+    turned: Array = np.abs(first.phi - second.phi)
+    return bool(np.allclose(first.power, second.power) and turned.max() < SAME_ANGLE)

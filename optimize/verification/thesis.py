@@ -1,0 +1,132 @@
+"""The thesis's own procedure (4.3), kept as a runnable baseline: every candidate is rendered.
+
+Colours first: one render per fiber, superposed, searched over pairs in both phases with boundary
+repair (4.3.1). Then directions tied by side and colour, by CMA-ES over renders, until the steps are
+small or 20 generations are over (4.3.2). Scores are plain, as there: noise biases them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optimize.design.design import Array, Design
+from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.score_scale import Scale
+from optimize.search.colors.grouped import grouped_colours
+from optimize.search.colors.result import renamed_like
+from optimize.search.directions import DirectionResult, optimise_directions, population, tied_groups
+from optimize.verification.renders import DesignRenders, RenderDesigns
+from render.metric import choose_exposure, choose_lambda
+from render.transport import TransportTable
+
+GENERATIONS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ThesisResult:
+    """What the procedure found.
+
+    Arguments:
+        design: its result; coloured: after the colours alone.
+        score: what it believes S of the result to be.
+        scale: the camera and the weights that it scored with.
+        directions: the direction search.
+        runs: number of renders; seconds: of rendering.
+    """
+
+    design: Design
+    coloured: Design
+    score: float
+    scale: Scale
+    directions: DirectionResult
+    runs: int
+    seconds: float
+
+
+def thesis_procedure(
+    baseline: Design,
+    render: RenderDesigns,
+    *,
+    edges: Sequence[str],
+    scale: Scale | None,
+    mutations: int,
+    seed: int,
+    render_seed: int,
+    generations: int = GENERATIONS,
+    report: Callable[[int, int, float], None] | None = None,
+) -> ThesisResult:
+    """Return what grouped colours and tied directions reach on renders.
+
+    Arguments:
+        baseline: directions that colours are searched at, names of colours.
+        render: renders one design.
+        edges: the side of each fiber.
+        scale: of the scores; None fixes it from the baseline's render (design of chapter 5.1).
+        mutations: per cell and candidate.
+        seed: of CMA-ES.
+        render_seed: of every render, so that candidates share random numbers.
+        generations: of CMA-ES at most.
+        report: called with candidates rendered, candidates at most, and the best score.
+    """
+    first = render([baseline], mutations=mutations, seeds=[render_seed], title="single fibers")
+    scale = scale or baseline_scale(first.replicates[:, 0].mean(axis=0), baseline.power)
+    seconds, runs = first.seconds, 1
+    scorer = TableScorer(_table(first, scale), scale.conventions)
+    found = grouped_colours(scorer, baseline.phi)
+    colours = renamed_like(found.colours, baseline.colours)
+    coloured = Design.of_colours(baseline.phi, colours)
+    groups = tied_groups(edges, colours)
+    limit = 1 + generations * population(int(groups.max()) + 1)
+
+    def score(phi: Array) -> Array:
+        nonlocal seconds, runs
+        out = []
+        for row in phi:
+            rendered = render(
+                [replace(coloured, phi=row)],
+                mutations=mutations,
+                seeds=[render_seed],
+                title=f"candidate {runs} of at most {limit}",
+            )
+            seconds, runs = seconds + rendered.seconds, runs + 1
+            transport = rendered.replicates[:, 0].mean(axis=0)
+            out.append(float(scale.parts(transport, coloured.power)[0]))
+        return np.array(out)
+
+    def progress(evaluated: int, best: float) -> None:
+        if report is not None:
+            report(evaluated, limit, best)
+
+    turned = optimise_directions(
+        score,
+        baseline.phi,
+        groups=groups,
+        seed=seed,
+        max_evaluations=limit,
+        progress=progress,
+    )
+    return ThesisResult(
+        Design(turned.phi, coloured.power), coloured, turned.score, scale, turned, runs, seconds
+    )
+
+
+def baseline_scale(transport: Array, power: Array) -> Scale:
+    """Return exposure and lambda from the baseline's transport ``(F, B, S, K)``, bend 0 first."""
+    exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power))
+    return Scale(exposure, choose_lambda(Scale(exposure, 0.0).counts(transport, power)))
+
+
+def _table(renders: DesignRenders, scale: Scale) -> TransportTable:
+    """Return the table of one design's renders, with its directions as the only node."""
+    replicates = renders.replicates[:, 0]
+    error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
+    return TransportTable(
+        T=replicates.mean(axis=0)[:, None],
+        se=error[:, None],
+        phi=renders.designs[0].phi[:1],
+        exposure=scale.exposure,
+        lam=scale.lam,
+    )

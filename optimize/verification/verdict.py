@@ -1,0 +1,75 @@
+"""The verdict: finalists rendered once more, with seeds that had no part in choosing them.
+
+Whoever wins a noisy contest was lucky as well as good. So the scores that are reported come from
+renders of their own, and all finalists share them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from optimize.design.design import Design
+from optimize.scoring.jackknife import JackknifeEstimate
+from optimize.scoring.measure import Measured, difference, measure
+from optimize.scoring.score_scale import Scale
+from optimize.verification.renders import DesignRenders, RenderDesigns
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Fresh scores of the finalists and their paired differences.
+
+    Arguments:
+        names: of the finalists, in the order of everything else.
+        measured: their scores.
+        renders: what they come from.
+    """
+
+    names: tuple[str, ...]
+    measured: tuple[Measured, ...]
+    renders: DesignRenders
+    scale: Scale
+
+    def of(self, name: str) -> Measured:
+        """Return the finalist's scores."""
+        return self.measured[self.names.index(name)]
+
+    def gain(self, first: str, second: str) -> JackknifeEstimate:
+        """Return S of the second finalist minus S of the first, paired."""
+        i, j = self.names.index(first), self.names.index(second)
+        low, high = self.renders.designs[i], self.renders.designs[j]
+        replicates = self.renders.replicates
+        return difference(self.scale, replicates[:, i], low.power, replicates[:, j], high.power)
+
+    def sentence(self, first: str, second: str) -> str:
+        """Say which of two finalists is better, or that the renders cannot tell."""
+        low, high = self.gain(first, second).interval()
+        interval = f"95% interval of the difference {low:.2f} to {high:.2f}"
+        if low > 0:
+            return f"The {second} is better than the {first} ({interval})."
+        if high < 0:
+            return f"The {first} is better than the {second} ({interval})."
+        return f"The {second} and the {first} tie ({interval})."
+
+
+def pronounce(
+    render: RenderDesigns,
+    scale: Scale,
+    finalists: Sequence[tuple[str, Design]],
+    *,
+    mutations: int,
+    seeds: Sequence[int],
+) -> Verdict:
+    """Render the ``finalists`` together and score them; ``seeds`` must be fresh ones."""
+    renders = render(
+        [design for _, design in finalists],
+        mutations=mutations,
+        seeds=seeds,
+        title="the finalists",
+    )
+    measured = tuple(
+        measure(scale, renders.replicates[:, i], design.power)
+        for i, (_, design) in enumerate(finalists)
+    )
+    return Verdict(tuple(name for name, _ in finalists), measured, renders, scale)

@@ -1,0 +1,328 @@
+"""The verification loop: the surrogate proposes, renders decide, the surrogate is refitted.
+
+Each round renders the surrogate's best design, the most uncertain of the next-best ones and a
+random one, together with the baseline and the best and second-best designs so far. All of them are
+directions of one run, so their differences share its noise. The surrogate is then refitted to the
+new renders. The loop goes on while the surrogate ranks the designs badly (Kendall's tau below 0.85)
+or proposes something better than what was rendered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from optimize.design.design import Array, Design
+from optimize.design.limits import Limits
+from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.jackknife import JackknifeEstimate
+from optimize.scoring.measure import Measured, difference, measure
+from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
+from optimize.scoring.score_scale import Scale
+from optimize.verification.proposals import Proposal, described, propose, same_design
+from optimize.verification.renders import DesignRenders, RenderDesigns
+from render.chebyshev import interpolation_weights
+from render.errors import TableError
+from render.transport import TransportTable
+from surrogate.training.refit import Correction, NewRenders
+
+LEAST_TAU = 0.85
+LEAST_GAIN = 1e-3
+"""A proposal that promises less than this share of the score is no reason for another round."""
+SEED_STRIDE = 1000
+"""Between the render seeds of different seeds of the loop."""
+SEED_STEP = 50
+"""Between the render seeds of one round."""
+CONVERGED = "the refitted surrogate proposes nothing better than what was rendered"
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """How much is rendered.
+
+    Arguments:
+        mutations: per cell and seed in every round.
+        rounds: at most; seed: of searches and renders.
+        seeds: independent renders per round, which can be made at once.
+    """
+
+    mutations: int = 96
+    rounds: int = 4
+    seed: int = 0
+    seeds: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round: what was proposed, what the renders said, and what the refit made of it.
+
+    Arguments:
+        proposals: what was rendered, the baseline first; predictions are those before the refit.
+        measured: their scores.
+        gains: score minus the baseline's, paired.
+        agreement: of predicted and rendered ranking; refitted: the same after the refit.
+        correction: what the refit found in all rounds so far.
+        seconds: of rendering.
+    """
+
+    number: int
+    proposals: tuple[Proposal, ...]
+    measured: tuple[Measured, ...]
+    gains: tuple[JackknifeEstimate, ...]
+    agreement: RankAgreement
+    refitted: RankAgreement
+    correction: Correction
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A round before its refit, with the fields of ``Round``.
+
+    Arguments:
+        interval: 95 % interval of the score of design j minus that of design i.
+    """
+
+    number: int
+    proposals: tuple[Proposal, ...]
+    measured: tuple[Measured, ...]
+    gains: tuple[JackknifeEstimate, ...]
+    agreement: RankAgreement
+    seconds: float
+    interval: Callable[[int, int], tuple[float, float]]
+
+
+class Refits(Protocol):
+    """Fits corrections of the surrogate and applies them (``surrogate.training.refit``)."""
+
+    def fit(self, runs: Sequence[NewRenders]) -> Correction:
+        """Return the correction by all ``runs``."""
+
+    def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
+        """Return ``table`` with the correction."""
+
+
+@dataclass
+class Contender:
+    """A rendered design with all that rounds said about its gain over the baseline."""
+
+    role: str
+    design: Design
+    gains: list[JackknifeEstimate] = field(default_factory=list)
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """Mean of the gains, weighted by inverse variance, and its standard error."""
+        weight = np.array([1.0 / max(gain.se, 1e-12) ** 2 for gain in self.gains])
+        values = np.array([gain.value for gain in self.gains])
+        return float((weight * values).sum() / weight.sum()), 1.0 / math.sqrt(weight.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class LoopResult:
+    """The outcome: contenders, best first, rounds, the refitted table and why it stopped."""
+
+    contenders: tuple[Contender, ...]
+    rounds: tuple[Round, ...]
+    table: TransportTable
+    seconds: float
+    reason: str
+
+
+def verification_loop(
+    table: TransportTable,
+    baseline: Design,
+    render: RenderDesigns,
+    refitter: Refits,
+    *,
+    edges: Sequence[str],
+    config: LoopConfig,
+    limits: Limits | None = None,
+    report: Callable[[Round], None] | None = None,
+) -> LoopResult:
+    """Return the designs that renders found best.
+
+    Arguments:
+        table: the surrogate's, with background.
+        baseline: the design to beat; it is rendered in every round.
+        render: renders designs together.
+        refitter: of the surrogate.
+        edges: the side of each fiber.
+        config: how much is rendered.
+        limits: of what is proposed.
+        report: called after every round.
+    """
+    loop = Loop(table, baseline, render, refitter, edges, config, limits)
+    rounds: list[Round] = []
+    reason = f"the {config.rounds} rounds ran out"
+    for number in range(1, config.rounds + 1):
+        proposals = loop.proposals(number)
+        if not proposals:
+            reason = CONVERGED
+            break
+        rounds.append(loop.round(number, proposals))
+        if report is not None:
+            report(rounds[-1])
+    return LoopResult(
+        tuple(loop.ranking()),
+        tuple(rounds),
+        loop.table,
+        sum(entry.seconds for entry in rounds),
+        reason,
+    )
+
+
+class Loop:
+    """What the rounds share: contenders, renders and the surrogate as it stands.
+
+    ``round`` is ``render`` and then ``refit``; a round that is only read from a record needs no
+    refit of its own, because a refit takes all renders so far.
+    """
+
+    def __init__(
+        self,
+        table: TransportTable,
+        baseline: Design,
+        render: RenderDesigns,
+        refitter: Refits,
+        edges: Sequence[str],
+        config: LoopConfig,
+        limits: Limits | None,
+        start: Design | None = None,
+    ) -> None:
+        """Begin without contenders, see ``verification_loop``.
+
+        Searches begin at ``start`` while the surrogate rates it above the best contender.
+        """
+        self.original = self.table = table
+        self.baseline, self.renderer, self.refitter = baseline, render, refitter
+        self.edges, self.config, self.limits = edges, config, limits
+        self.start = start
+        self.scale = Scale(table.exposure, table.lam)
+        self.contenders: list[Contender] = []
+        self.runs: list[NewRenders] = []
+        self.agreement: RankAgreement | None = None
+
+    def ranking(self) -> list[Contender]:
+        """Return the contenders, best rendered gain first."""
+        return sorted(self.contenders, key=lambda entry: -entry.gain[0])
+
+    def proposals(self, number: int) -> list[Proposal]:
+        """Return what round ``number`` renders beside the baseline; nothing when it has converged.
+
+        Best and second-best designs so far come first, as ``incumbent``.
+        """
+        scorer = TableScorer(self.table, limits=self.limits)
+        ranking = self.ranking()
+        best = ranking[0].design if ranking else self.baseline
+        if self.start is not None:
+            best = max((best, self.start), key=lambda d: scorer.score(d.phi, d.power))
+        known = [entry.design for entry in self.contenders]
+        seed = SEED_STRIDE * self.config.seed + number
+        found = propose(scorer, best, edges=self.edges, seed=seed, known=known)
+        if self.agreement is not None:
+            tau = self.agreement.tau
+            first = ranking[0].design
+            leader = scorer.score(first.phi, first.power)
+            promised = max((p.predicted for p in found if p.role == "best"), default=leader)
+            converged = promised - leader < LEAST_GAIN * abs(leader)
+            if not found or (converged and tau is not None and tau >= LEAST_TAU):
+                return []
+        again = [described(scorer, "incumbent", entry.design) for entry in ranking[:2]]
+        return [described(scorer, "baseline", self.baseline), *again, *found]
+
+    def render(self, number: int, chosen: Sequence[Proposal]) -> Rendered:
+        """Render and measure what ``proposals`` returned."""
+        first = SEED_STRIDE * (self.config.seed + 1) + number
+        renders = self.renderer(
+            [entry.design for entry in chosen],
+            mutations=self.config.mutations,
+            seeds=[first + SEED_STEP * i for i in range(self.config.seeds)],
+            title=f"round {number}",
+        )
+        measured = [self._measure(renders, i) for i in range(len(chosen))]
+        gains = [self._gain(renders, 0, i) for i in range(1, len(chosen))]
+        for proposal, gain in zip(chosen[1:], gains, strict=True):
+            self._contender(proposal).gains.append(gain)
+
+        def interval(i: int, j: int) -> tuple[float, float]:
+            return self._gain(renders, i, j).interval()
+
+        predicted = np.array([entry.predicted for entry in chosen])
+        self.agreement = rank_agreement(predicted, interval)
+        self.runs.append(self._observed(renders))
+        return Rendered(
+            number,
+            tuple(chosen),
+            tuple(measured),
+            tuple(gains),
+            self.agreement,
+            renders.seconds,
+            interval,
+        )
+
+    def refit(self) -> Correction:
+        """Correct the surrogate by all renders so far."""
+        correction = self.refitter.fit(self.runs)
+        self.table = self.refitter.apply(correction, self.original)
+        return correction
+
+    def round(self, number: int, chosen: Sequence[Proposal]) -> Round:
+        """Render, measure and refit."""
+        done = self.render(number, chosen)
+        correction = self.refit()
+        scorer = TableScorer(self.table, limits=self.limits)
+        after = [scorer.score(entry.design.phi, entry.design.power) for entry in chosen]
+        return Round(
+            number,
+            done.proposals,
+            done.measured,
+            done.gains,
+            done.agreement,
+            rank_agreement(np.array(after), done.interval),
+            correction,
+            done.seconds,
+        )
+
+    def _contender(self, proposal: Proposal) -> Contender:
+        for entry in self.contenders:
+            if same_design(entry.design, proposal.design):
+                return entry
+        self.contenders.append(Contender(proposal.role, proposal.design))
+        return self.contenders[-1]
+
+    def _measure(self, renders: DesignRenders, index: int) -> Measured:
+        return measure(self.scale, renders.replicates[:, index], renders.designs[index].power)
+
+    def _gain(self, renders: DesignRenders, first: int, second: int) -> JackknifeEstimate:
+        low, high = renders.designs[first], renders.designs[second]
+        return difference(
+            self.scale,
+            renders.replicates[:, first],
+            low.power,
+            renders.replicates[:, second],
+            high.power,
+        )
+
+    def _observed(self, renders: DesignRenders) -> NewRenders:
+        """Return the renders beside the prediction of the surrogate as it was shipped."""
+        phi = np.stack([design.phi for design in renders.designs])
+        return NewRenders(
+            phi=phi,
+            bends=self.original.bends,
+            replicates=np.concatenate([renders.replicates, renders.background[..., None]], axis=-1),
+            predicted=np.stack([_predicted(self.original, row) for row in phi]),
+        )
+
+
+def _predicted(table: TransportTable, phi: Array) -> Array:
+    """Return the table's transport ``(F, B, S, facet + 1)``, the untouched pad last."""
+    if table.background is None:
+        raise TableError("the surrogate's table has no background", field="background")
+    weights = interpolation_weights(table.phi, phi)
+    pad = np.einsum("fj,fjbs->fbs", weights, table.background)
+    return np.concatenate([table.at(phi), pad[..., None]], axis=-1)

@@ -1,0 +1,139 @@
+"""Verification: a design against the baseline at level 2, with honest error bars.
+
+Both designs are rendered with the same seeds. Scores come from the renderer's independent
+replicates by the jackknife, because noise makes the plain score too low, and the difference is
+jackknifed jointly so that noise which both share cancels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from optimize.design.candidate import Candidate
+from optimize.design.design import Array
+from optimize.scoring.jackknife import JackknifeEstimate
+from optimize.scoring.measure import Measured, check_seen, difference, measure
+from render.progress import Progress
+from render.reference.transport import Estimate, render_transport
+from surrogate.runtime.checker import Checker
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What the reference renderer says about a design and about the surrogate."""
+
+    baseline: Measured
+    design: Measured
+    difference: JackknifeEstimate
+    surrogate_score: float
+    render_seconds: float
+    seeds: tuple[int, ...]
+    mutations: int
+
+    @property
+    def verdict(self) -> str:
+        """The conclusion in one sentence."""
+        low, high = self.difference.interval()
+        if low > 0:
+            return "The design is better than the baseline by more than the error bars."
+        if high < 0:
+            return "The design is worse than the baseline by more than the error bars."
+        return "This is a tie: the difference is within the error bars; render longer to decide."
+
+    def to_json(self) -> dict[str, object]:
+        """Return what programs rely on."""
+        both = {"baseline": self.baseline.score, "design": self.design.score}
+        return {
+            **{name: {"score": one.value, "se": one.se} for name, one in both.items()},
+            "difference": {
+                "value": self.difference.value,
+                "interval": list(self.difference.interval()),
+            },
+            "surrogate": {
+                "score": self.surrogate_score,
+                "error": self.surrogate_score - self.design.score.value,
+            },
+            "render_seconds": self.render_seconds,
+            "seeds": list(self.seeds),
+        }
+
+
+def verify(
+    candidate: Candidate,
+    model: Checker,
+    *,
+    mutations: int,
+    seeds: Sequence[int],
+    checkpoint: Path | None = None,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> Verification:
+    """Render the candidate and the baseline, and compare them.
+
+    Arguments:
+        candidate: what is verified.
+        model: the surrogate whose prediction is checked.
+        mutations: per cell and seed.
+        seeds: common to both designs.
+        checkpoint: directory from which an interrupted verification goes on.
+        progress: called with the name of the design being rendered.
+    """
+    scene, design, baseline = candidate.scene, candidate.design, candidate.baseline
+    bends = np.array(scene.bending.angles)
+
+    def render(name: str, phi: Array) -> Estimate:
+        return render_transport(
+            scene,
+            phi[:, None],
+            bends,
+            mutations=mutations,
+            seeds=seeds,
+            checkpoint=checkpoint,
+            progress=None if progress is None else lambda state: progress(name, state),
+        )
+
+    first = render("baseline", baseline.phi)
+    # Other colours need no other render: light is linear.
+    second = first if candidate.recoloured else render("design", design.phi)
+    predicted = model.run(design.phi[None], design.power[None], bends)
+    return compare(
+        candidate,
+        first.replicates[:, :, 0],
+        second.replicates[:, :, 0],
+        surrogate_score=float(predicted["score"][0]),
+        render_seconds=first.seconds + (0.0 if candidate.recoloured else second.seconds),
+        seeds=tuple(seeds),
+        mutations=mutations,
+    )
+
+
+def compare(
+    candidate: Candidate,
+    baseline: Array,
+    design: Array,
+    *,
+    surrogate_score: float,
+    render_seconds: float,
+    seeds: tuple[int, ...],
+    mutations: int,
+) -> Verification:
+    """Score two sets of replicates ``(R, F, B, S, K)`` of transport, made with common seeds.
+
+    Raises:
+        RenderError: the camera cannot see some facet, so the score is not defined.
+    """
+    check_seen(np.stack([baseline, design], axis=1))
+    scale = candidate.scale
+    powers = (candidate.baseline.power, candidate.design.power)
+    return Verification(
+        baseline=measure(scale, baseline, powers[0]),
+        design=measure(scale, design, powers[1]),
+        difference=difference(scale, baseline, powers[0], design, powers[1]),
+        surrogate_score=surrogate_score,
+        render_seconds=render_seconds,
+        seeds=seeds,
+        mutations=mutations,
+    )

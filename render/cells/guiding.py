@@ -1,0 +1,90 @@
+"""Guiding camera subpaths from a facet towards the glow of one fiber.
+
+Most light that reaches a facet left the diffuser within a few millimetres of its fiber, on a
+straight line or mirrored in the lower face by total internal reflection. A cosine-distributed
+direction rarely finds that spot, so half of the directions at the facet are aimed at it: at a
+point of the diffuser's inner face, or of its mirror image below the pad. The mixture density
+enters the MIS weights like any other, so a poor aim on a strongly bent pad costs time, not truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.geometry.layout import fiber_poses
+from render.paths.vertex import Vertex
+from render.scene.schema import Scene
+
+# Share of guided directions; the rest follow the coating's BSDF.
+SHARE = 0.5
+# Scale (mm) of the logistic spread along the edge; its standard deviation is 1.8 mm.
+SPREAD = 1.0
+
+
+class Guide:
+    """The aim points of all fibers at one bend."""
+
+    def __init__(self, scene: Scene, bend: float) -> None:
+        """Upload the frames; ``bend`` in radians."""
+        poses = fiber_poses(scene, bend)
+        depth = scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
+        # Measured from the camera-side face, so that [-thickness, thickness] is wall and mirror.
+        foot = poses.position + depth * poses.inward - scene.fibers.height * poses.up
+        self.thickness = scene.pad.thickness
+        frames = np.stack([foot, poses.along, poses.inward, poses.up], axis=1)
+        self.frames = mi.Float(frames.astype(np.float32).ravel())
+        dr.make_opaque(self.frames)
+
+    def _frame(self, fiber: Any) -> tuple[Any, Any, Any, Any]:
+        parts = [dr.gather(mi.Vector3f, self.frames, 4 * fiber + i) for i in range(4)]
+        return mi.Point3f(parts[0]), parts[1], parts[2], parts[3]
+
+    def sample(self, fiber: Any, a: Any, x: Any, y: Any) -> Any:
+        """Return directions from points ``a`` towards the glow of ``fiber``."""
+        foot, along, _, up = self._frame(fiber)
+        x = dr.clip(x, 1e-6, 1.0 - 1e-6)
+        t = SPREAD * dr.log(x / (1.0 - x))
+        aim = foot + t * along + (2.0 * y - 1.0) * self.thickness * up
+        return dr.normalize(aim - a)
+
+    def density(self, fiber: Any, a: Any, direction: Any) -> Any:
+        """Return the density per solid angle with which ``sample`` finds ``direction``."""
+        foot, along, inward, up = self._frame(fiber)
+        cosine = -dr.dot(direction, inward)
+        distance = dr.dot(a - foot, inward) / cosine
+        offset = a + distance * direction - foot
+        z = dr.dot(offset, up)
+        e = dr.exp(-dr.abs(dr.dot(offset, along)) / SPREAD)
+        spread = e / (SPREAD * dr.square(1.0 + e))
+        area = spread / (2.0 * self.thickness)
+        hit = (cosine > 1e-4) & (distance > 0) & (dr.abs(z) <= self.thickness)
+        return dr.select(hit, area * dr.square(distance) / cosine, 0.0)
+
+
+@dataclass
+class FacetAim:
+    """The guide of each lane's fiber, used at the facet vertex (see ``render.paths.walk.Aim``)."""
+
+    guide: Guide
+    fiber: Any
+
+    def guided(self, v: Vertex) -> Any:
+        """Return whether ``v`` is a facet: diffuse, and not the end of the subpath."""
+        return v.diffuse & ~v.terminal
+
+    def chosen(self, v: Vertex, number: Any) -> Any:
+        """Return whether this number picks the guided direction."""
+        return self.guided(v) & (number < SHARE)
+
+    def direction(self, v: Vertex, x: Any, y: Any) -> Any:
+        """Return a direction towards the fiber's glow."""
+        return self.guide.sample(self.fiber, v.p, x, y)
+
+    def mixed(self, v: Vertex, direction: Any, pdf: Any) -> Any:
+        """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
+        return (1.0 - SHARE) * pdf + SHARE * self.guide.density(self.fiber, v.p, direction)

@@ -1,0 +1,1 @@
+"""Where everything is: pad, fibers, facets and camera at any bend."""

@@ -1,0 +1,198 @@
+"""The pinhole camera: its rays, and which pixels see which facet through the refracting face.
+
+Image convention (Mitsuba's perspective sensor, looking along +z with +y up): row 0 is the top,
+towards the tip; columns run towards -x. Pixels are square; ``camera.field_of_view`` is the full
+angle over all rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.arrays import Array
+from render.geometry.bending import unbend_points
+from render.geometry.layout import facets, flat_sites
+from render.geometry.refraction import PadRays, distance_to_coating, refract_into_pad
+from render.scene.schema import Scene
+
+Index = NDArray[np.int64]
+
+BACKGROUND_REACH = 0.7
+"""Radius of a site's background spot in units of the pyramid's radius."""
+
+
+@dataclass(frozen=True)
+class FacetMasks:
+    """The pixels that show nothing but one target.
+
+    Target ``site * (facets + 1) + facet`` owns ``pixel[offset[target]:offset[target + 1]]``;
+    facet index ``facets`` is the site's background spot on the untouched pad. Pixels are numbered
+    ``row * columns + column``. A target without pixels is not seen by the camera: mask it.
+    """
+
+    columns: int
+    rows: int
+    pixel: Index
+    offset: Index
+    sites: int
+    facets: int
+
+    @property
+    def counts(self) -> Index:
+        """Number of pixels per target, ``(site, facet + 1)``."""
+        return np.diff(self.offset).reshape(self.sites, self.facets + 1)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Whether the camera sees a facet, ``(site, facet)``."""
+        return np.asarray(self.counts[:, :-1] > 0)
+
+    def of(self, site: int, facet: int) -> Index:
+        """Return the pixels of one facet, or of the background when ``facet == facets``."""
+        target = site * (self.facets + 1) + facet
+        return self.pixel[self.offset[target] : self.offset[target + 1]]
+
+
+def camera_origin(scene: Scene) -> Array:
+    """Return the pinhole's position ``(3,)`` in mm, the same at every bend."""
+    return np.array([0.0, scene.camera.y, -scene.camera.distance])
+
+
+def camera_rays(
+    scene: Scene, columns: int, rows: int, offset: tuple[float, float] = (0.5, 0.5)
+) -> tuple[Array, Array]:
+    """Return the pinhole ``(3,)`` mm and unit directions ``(rows, columns, 3)`` of all pixels.
+
+    ``offset`` is the position ``(x, y)`` within each pixel, in [0, 1]; 0.5 is its centre.
+    """
+    row, column = np.meshgrid(
+        np.arange(rows, dtype=np.float64), np.arange(columns, dtype=np.float64), indexing="ij"
+    )
+    return camera_origin(scene), pixel_directions(
+        scene, columns, rows, column + offset[0], row + offset[1]
+    )
+
+
+def pixel_directions(scene: Scene, columns: int, rows: int, column: Array, row: Array) -> Array:
+    """Return unit directions ``(..., 3)`` through continuous image positions in pixels."""
+    half_height = np.tan(scene.camera.field_of_view / 2)
+    half_width = half_height * columns / rows
+    x, y = half_width * (1 - 2 * column / columns), half_height * (1 - 2 * row / rows)
+    direction = np.stack([x, y, np.ones_like(x)], axis=-1)
+    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
+
+
+def facet_masks(
+    scene: Scene,
+    bend: float,
+    *,
+    columns: int | None = None,
+    rows: int | None = None,
+    margin: float = 0.15,
+    samples: int = 3,
+) -> FacetMasks:
+    """Return the pixels of every facet and background spot at ``bend`` radians.
+
+    A pixel belongs to a facet when all its ``samples x samples`` rays meet that facet first, and
+    within the facet shrunk by ``margin`` towards its centroid. It belongs to a background spot
+    when they all meet the untouched coating within 0.7 pyramid radii of the site's centre.
+    """
+    columns, rows = columns or scene.camera.columns, rows or scene.camera.rows
+    origin, directions = camera_rays(scene, columns, rows)
+    centre_rays = refract_into_pad(scene, bend, origin, directions.reshape(-1, 3))
+    # A pixel whose centre ray passes no site cannot have all its rays on one target.
+    close = (_gap_to_sites(scene, bend, centre_rays) < _reach(scene)).any(axis=0)
+    pixels = np.nonzero(close & centre_rays.inside)[0]
+    steps = (np.arange(samples) + 0.5) / samples
+    step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
+    fine = pixel_directions(
+        scene,
+        columns,
+        rows,
+        (pixels % columns)[:, None] + step_x,
+        (pixels // columns)[:, None] + step_y,
+    )
+    rays = refract_into_pad(scene, bend, origin, fine.reshape(-1, 3))
+    per_pixel = (len(pixels), samples**2)
+    target = _first_facet(scene, bend, rays, margin).reshape(per_pixel)
+    facet_of = np.where((target == target[:, :1]).all(axis=1), target[:, 0], -1)
+    spot = _background_spot(scene, bend, rays).reshape(per_pixel)
+    spot_of = np.where((spot == spot[:, :1]).all(axis=1), spot[:, 0], -1)
+    owners = np.concatenate([facet_of, spot_of])
+    owned = np.concatenate([pixels, pixels])[owners >= 0]
+    owners = owners[owners >= 0]
+    order = np.lexsort((owned, owners))
+    targets = scene.sites.count * (scene.indenter.faces + 1)
+    offset = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=targets))])
+    return FacetMasks(columns, rows, owned[order], offset, scene.sites.count, scene.indenter.faces)
+
+
+def _reach(scene: Scene) -> float:
+    """Return the radius (mm) of a sphere about a site that holds its whole pyramid."""
+    return max(scene.indenter.radius, scene.indenter.depth)
+
+
+def _gap_to_sites(scene: Scene, bend: float, rays: PadRays) -> Array:
+    """Return the distance (mm) of every site from every ray's line, ``(site, ray)``."""
+    gaps = []
+    for position in facets(scene, bend).site_position:
+        to_site = position - rays.entry
+        along = np.einsum("ri,ri->r", to_site, rays.direction)
+        squared = np.einsum("ri,ri->r", to_site, to_site) - along**2
+        gaps.append(np.sqrt(np.maximum(squared, 0.0)))
+    return np.stack(gaps)
+
+
+def _first_facet(scene: Scene, bend: float, rays: PadRays, margin: float) -> Index:
+    """Return the target that each ray ``(ray,)`` meets first, -1 for none or its margin."""
+    corners, faces = facets(scene, bend).corners, scene.indenter.faces
+    nearest = distance_to_coating(scene, bend, rays) + 1e-9
+    target = np.full(nearest.shape, -1)
+    near = _gap_to_sites(scene, bend, rays) < _reach(scene)
+    for site in range(scene.sites.count):
+        chosen = np.nonzero(near[site] & rays.inside)[0]
+        for facet in range(faces):
+            distance, weight = _meet_triangle(rays[chosen], corners[site, facet])
+            closer = distance < nearest[chosen]
+            ray = chosen[closer]
+            nearest[ray] = distance[closer]
+            within = weight[closer] >= margin / 3
+            target[ray] = np.where(within, site * (faces + 1) + facet, -1)
+    return target
+
+
+def _meet_triangle(rays: PadRays, corners: Array) -> tuple[Array, Array]:
+    """Return the way (mm) to a triangle seen from its front, and the least barycentric weight.
+
+    Moeller and Trumbore 1997. The way is inf where the ray misses or comes from behind.
+    """
+    edge1, edge2 = corners[1] - corners[0], corners[2] - corners[0]
+    p = np.cross(rays.direction, edge2)
+    # Corners run so that the normal faces the camera; a ray from the front has a positive one.
+    determinant = p @ edge1
+    front = determinant > 1e-12
+    safe = np.where(front, determinant, 1.0)
+    offset = rays.entry - corners[0]
+    u = np.einsum("ri,ri->r", offset, p) / safe
+    q = np.cross(offset, edge1)
+    v = np.einsum("ri,ri->r", rays.direction, q) / safe
+    least = np.minimum(np.minimum(u, v), 1.0 - u - v)
+    return np.where(front & (least >= 0.0), (q @ edge2) / safe, np.inf), least
+
+
+def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
+    """Return the background target on whose spot each ray ``(ray,)`` meets the untouched pad."""
+    distance = distance_to_coating(scene, bend, rays)
+    met = rays.inside & np.isfinite(distance)
+    point = rays.entry + np.where(met, distance, 0.0)[:, None] * rays.direction
+    flat = unbend_points(scene, point, bend)[:, :2]
+    target = np.full(met.shape, -1)
+    faces = scene.indenter.faces
+    for site, centre in enumerate(flat_sites(scene)[:, :2]):
+        away = np.hypot(*(flat - centre).T)
+        on_spot = met & (away <= BACKGROUND_REACH * scene.indenter.radius)
+        target[on_spot] = site * (faces + 1) + faces
+    return target

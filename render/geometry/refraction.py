@@ -1,0 +1,82 @@
+"""Camera rays inside the pad: refracted once at its smooth lower face, followed to the coating.
+
+The lower face is the plane z = 0, or the arc of radius ``1 / curvature + thickness`` about the
+bend axis when the pad is bent. Roughness spreads light about these rays; it does not move them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.arrays import Array
+from render.geometry.bending import curvature, unbend_points
+from render.scene.schema import Scene
+
+
+@dataclass(frozen=True)
+class PadRays:
+    """Rays inside the clear pad, world frame.
+
+    entry: where they enter, ``(..., 3)`` mm; direction: ``(..., 3)`` unit vectors;
+    inside: ``(...,)``, False where the ray misses the clear part of the lower face. Entry and
+    direction mean nothing there.
+    """
+
+    entry: Array
+    direction: Array
+    inside: NDArray[np.bool_]
+
+    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.int64]) -> PadRays:
+        """Return the selected rays."""
+        return PadRays(self.entry[index], self.direction[index], self.inside[index])
+
+
+def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array) -> PadRays:
+    """Return the rays ``(..., 3)`` from ``origin`` after Snell refraction at the lower face."""
+    kappa = curvature(scene, bend)
+    kappa_face = kappa / (1.0 + kappa * scene.pad.thickness)
+    start = np.broadcast_to(origin - [0.0, scene.camera.y, 0.0], directions.shape)
+    distance = _distance_to_arc(kappa_face, start, directions)
+    hit = np.isfinite(distance)
+    local = start + np.where(hit, distance, 0.0)[..., None] * directions
+    # The outward normal is the gradient of the arc's equation.
+    normal = np.stack(
+        [np.zeros_like(distance), kappa_face * local[..., 1], kappa_face * local[..., 2] - 1.0],
+        axis=-1,
+    )
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    ratio = 1.0 / scene.pad.index
+    cos_in = -np.einsum("...i,...i->...", directions, normal)
+    cos_out = np.sqrt(1.0 - ratio**2 * (1.0 - cos_in**2))
+    refracted = ratio * directions + (ratio * cos_in - cos_out)[..., None] * normal
+    entry = local + np.array([0.0, scene.camera.y, 0.0])
+    flat = unbend_points(scene, entry, bend)
+    on_pad = (np.abs(flat[..., 0]) <= scene.pad.width / 2) & (
+        np.abs(flat[..., 1]) <= scene.pad.length / 2
+    )
+    return PadRays(entry, refracted, hit & on_pad)
+
+
+def distance_to_coating(scene: Scene, bend: float, rays: PadRays) -> Array:
+    """Return the way (mm) from entry to the untouched coating, ``inf`` where a ray passes it."""
+    local = rays.entry - [0.0, scene.camera.y, scene.pad.thickness]
+    return _distance_to_arc(curvature(scene, bend), local, rays.direction)
+
+
+def _distance_to_arc(kappa: float, start: Array, direction: Array) -> Array:
+    """Return the way to the arc ``kappa (y^2 + z^2) = 2 z`` from its outside, ``inf`` if missed.
+
+    The nearer root is written so that it stays exact as the arc straightens into ``z = 0``.
+    """
+    y, z = start[..., 1], start[..., 2]
+    dy, dz = direction[..., 1], direction[..., 2]
+    a = kappa * (dy**2 + dz**2)
+    half_b = kappa * (y * dy + z * dz) - dz
+    c = kappa * (y**2 + z**2) - 2.0 * z
+    discriminant = half_b**2 - a * c
+    met = (discriminant >= 0.0) & (half_b < 0.0)
+    denominator = np.sqrt(np.where(met, discriminant, 0.0)) - half_b
+    return np.where(met, c / np.where(met, denominator, 1.0), np.inf)

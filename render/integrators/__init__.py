@@ -1,0 +1,1 @@
+"""The Mitsuba integrators ``bdpt`` and ``pssmlt``: pictures of any scene."""

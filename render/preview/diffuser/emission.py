@@ -1,0 +1,124 @@
+"""Light of one fiber on its way into the diffusive layer, for many directions at once.
+
+Rays are drawn from the mixture of all phi nodes and carry one weight per node, so that a single
+set of walks serves every node (multiple importance sampling with the balance heuristic, Veach
+1997, ch. 9) and the response is smooth in phi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry.microfacets import meet
+from render.preview.diffuser.random_walk import Photons, Slab, basis, turn
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A fiber end: ``diameter``, ``gap`` and ``height`` in mm, ``sigma_v`` and ``tilt`` in rad.
+
+    Radiance exp(-(theta / (2 sigma_v))^2) about the beam (thesis 3.3.1), from a disk normal to it.
+    """
+
+    diameter: float
+    gap: float
+    height: float
+    sigma_v: float
+    tilt: float
+
+    def directions(self, phi: Array) -> Array:
+        """Return unit beam directions ``(..., 3)`` in the layer's frame."""
+        flat = np.cos(self.tilt)
+        return np.stack(
+            [flat * np.cos(phi), flat * np.sin(phi), np.full_like(phi, np.sin(self.tilt))], axis=-1
+        )
+
+    def radiance(self, theta: Array) -> Array:
+        """Return the radiance, on-axis 1, at angles ``theta`` (rad) from the beam."""
+        return np.asarray(np.exp(-((theta / (2 * self.sigma_v)) ** 2)) * (theta < np.pi / 2))
+
+    @property
+    def peak_intensity(self) -> float:
+        """Return the on-axis intensity (1/sr) of a fiber end that emits unit power."""
+        theta, density = self._density()
+        return 1.0 / float(2 * np.pi * np.trapezoid(density, theta))
+
+    def _density(self) -> tuple[Array, Array]:
+        # Steps shrink with the beam, so that its profile is resolved however narrow it is.
+        theta = np.minimum(12 * self.sigma_v, np.pi / 2) * np.linspace(0, 1, 4001)
+        return theta, self.radiance(theta) * np.sin(theta) * np.cos(theta)
+
+    def flux(self) -> tuple[Array, Array]:
+        """Return angles (rad) and the part of the flux within each (last entry: 1)."""
+        theta, density = self._density()
+        total = np.concatenate([[0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+        return theta, total / total[-1]
+
+
+def launch(
+    slab: Slab, beam: Beam, phi: Array, count: int, rng: np.random.Generator
+) -> tuple[Photons, Array]:
+    """Return photons just inside the outer face and their weight per node ``(photon, node)``.
+
+    Per node the weights of ``count`` launched rays, times the photons' own, estimate a unit power;
+    light that misses the layer or is reflected by its outer face is missing from the sum.
+    """
+    axes = beam.directions(phi)
+    node = rng.integers(0, len(phi), count)
+    theta, part = beam.flux()
+    angle = np.interp(rng.random(count), part, theta)
+    s, t = basis(axes[node])
+    direction = turn(axes[node], np.cos(angle), rng).astype(np.float64)
+    radius = 0.5 * beam.diameter * np.sqrt(rng.random(count))
+    azimuth = 2 * np.pi * rng.random(count)
+    centre = np.array([0.0, -beam.gap, beam.height])
+    origin = centre + radius[:, None] * (
+        np.cos(azimuth)[:, None] * s + np.sin(azimuth)[:, None] * t
+    )
+    inward = direction[:, 1] > 1e-6
+    way = np.where(inward, -origin[:, 1], 0.0) / np.where(inward, direction[:, 1], 1.0)
+    hit = origin + way[:, None] * direction
+    hit[:, 1] = 0.0
+    arrives = inward & (hit[:, 2] > 0) & (hit[:, 2] < slab.height)
+    origin, direction, hit = origin[arrives], direction[arrives], hit[arrives]
+    weight = _radiance_of_nodes(beam, axes, origin - centre, direction)
+    weight /= weight.mean(axis=1, keepdims=True) * count
+    met = meet(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
+    straight = np.ones(len(hit), dtype=bool)
+    photons = Photons(
+        hit.astype(np.float32), met.refracted, met.transmission, np.arange(len(hit)), straight
+    )
+    return photons[met.transmission > 0], weight
+
+
+def _radiance_of_nodes(beam: Beam, axes: Array, offset: Array, direction: Array) -> Array:
+    """Return the radiance ``(photon, node)`` that each node's fiber end sends along each ray."""
+    cos = direction @ axes.T
+    safe = np.where(np.abs(cos) > 1e-9, cos, 1e-9)
+    # Where the ray's line meets the node's disk, seen from the disk's centre.
+    disk = offset[:, None] - direction[:, None] * ((offset @ axes.T) / safe)[..., None]
+    # The node that drew the ray must count as hit in spite of rounding.
+    inside = (cos > 0) & (np.einsum("pni,pni->pn", disk, disk) <= (beam.diameter / 2) ** 2 * 1.0001)
+    sin = np.linalg.norm(np.cross(direction[:, None], axes[None]), axis=-1)
+    return np.where(inside, beam.radiance(np.arctan2(sin, cos)), 0.0)
+
+
+def launch_diffuse(slab: Slab, count: int, rng: np.random.Generator) -> Photons:
+    """Return photons that enter through the inner face, cosine distributed, uniform in height."""
+    u, azimuth = rng.random(count), 2 * np.pi * rng.random(count)
+    sin = np.sqrt(u)
+    direction = np.stack([sin * np.cos(azimuth), -np.sqrt(1 - u), sin * np.sin(azimuth)], axis=-1)
+    position = np.zeros_like(direction)
+    position[:, 1] = slab.thickness
+    position[:, 2] = slab.height * rng.random(count)
+    weight = np.full(count, 1 / count, dtype=np.float32)
+    return Photons(
+        position.astype(np.float32),
+        direction.astype(np.float32),
+        weight,
+        np.arange(count),
+        np.ones(count, dtype=bool),
+    )

@@ -1,0 +1,146 @@
+"""How the camera mixes the facets: refraction and blur by the rough lower face, per bend.
+
+Facets are slivers of a few tenths of a millimetre and the rough face blurs by a tenth, so what
+the camera sees of one facet is a mixture of its neighbours and of the coating around them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry.bending import bend_frames, curvature
+from render.geometry.facet_masks import FacetMasks, camera_origin, facet_masks, pixel_directions
+from render.geometry.layout import facets, flat_sites, pyramid
+from render.geometry.microfacets import fresnel
+from render.geometry.refraction import refract_into_pad
+from render.scene.schema import Scene
+
+STEPS = 2
+"""Lines of sight per pixel, in each direction."""
+NORMALS = 64
+"""Microfacet normals per line of sight, in mirrored pairs."""
+PIXELS = 400
+"""Pixels per target that are followed: a target with more is seen by an even choice of them."""
+
+
+def view_weights(scene: Scene, bend: float) -> Array:
+    """Return camera radiance per irradiance on the coating, ``(site, facet + 1, facet + 1)``.
+
+    Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
+    the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
+    lower face over the index squared (Veach 1997, eq. 5.3). A facet that the camera cannot see
+    gets the row of a head-on, sharp view: leave it out by
+    `render.geometry.facet_masks.facet_masks`.
+    """
+    masks = _thinned(facet_masks(scene, bend))
+    position = facets(scene, bend).site_position
+    owner = np.repeat(np.arange(len(masks.offset) - 1), np.diff(masks.offset))
+    entry, outside = _lines_of_sight(scene, bend, masks)
+    directions, weight = _refracted(scene, bend, entry, outside)
+    sites, faces = masks.sites, masks.facets
+    weights = np.zeros((sites, faces + 1, faces + 1))
+    for site in range(sites):
+        turn = bend_frames(scene, flat_sites(scene)[site, 1], bend)
+        for target in range(faces + 1):
+            chosen = owner == site * (faces + 1) + target
+            if not chosen.any():
+                head_on = 1 - fresnel(np.ones(1), scene.pad.index)[0]
+                weights[site, target, target] = head_on[0]
+                continue
+            start = (entry[chosen] - position[site]) @ turn
+            seen = _first_facet(scene, start, directions[chosen] @ turn)
+            seen = np.where(target == faces, faces, seen)
+            lines = weight[chosen]
+            weights[site, target] = (
+                np.bincount(seen.ravel(), lines.ravel(), minlength=faces + 1) / lines.size
+            )
+    return weights * scene.coating.albedo / (np.pi * scene.pad.index**2)
+
+
+def _thinned(masks: FacetMasks) -> FacetMasks:
+    """Return the masks with at most `PIXELS` pixels per target."""
+    size = np.diff(masks.offset)
+    if size.max(initial=0) <= PIXELS:
+        return masks
+    kept = [
+        first + np.arange(min(count, PIXELS)) * max(count, 1) // max(min(count, PIXELS), 1)
+        for first, count in zip(masks.offset[:-1], size, strict=True)
+    ]
+    offset = np.concatenate([[0], np.cumsum([len(chosen) for chosen in kept])])
+    return replace(masks, pixel=masks.pixel[np.concatenate(kept)], offset=offset)
+
+
+def _lines_of_sight(scene: Scene, bend: float, masks: FacetMasks) -> tuple[Array, Array]:
+    """Return where lines through the masks' pixels enter the pad, and their directions in air.
+
+    Both ``(pixel, line, 3)``; the pixels in the order of ``masks.pixel``.
+    """
+    steps = (np.arange(STEPS) + 0.5) / STEPS
+    step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
+    column = (masks.pixel % masks.columns)[:, None] + step_x
+    row = (masks.pixel // masks.columns)[:, None] + step_y
+    outside = pixel_directions(scene, masks.columns, masks.rows, column, row)
+    return refract_into_pad(scene, bend, camera_origin(scene), outside).entry, outside
+
+
+def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple[Array, Array]:
+    """Return directions in the pad ``(..., normal, 3)`` and transmittances over microfacets.
+
+    Slopes of a Beckmann surface are Gaussian with variance alpha^2 / 2; each microfacet counts by
+    the area that it turns to the camera (Walter et al. 2007).
+    """
+    kappa = curvature(scene, bend)
+    kappa_face = kappa / (1 + kappa * scene.pad.thickness)
+    y = entry[..., 1] - scene.camera.y
+    normal = np.stack([np.zeros_like(y), kappa_face * y, kappa_face * entry[..., 2] - 1], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    across = np.broadcast_to([1.0, 0.0, 0.0], normal.shape)
+    slope = scene.pad.roughness * _slopes()
+    micro = normal[..., None, :] + (
+        slope[:, :1] * across[..., None, :] + slope[:, 1:] * np.cross(normal, across)[..., None, :]
+    )
+    facing = -np.einsum("...i,...ni->...n", outside, micro)
+    micro /= np.linalg.norm(micro, axis=-1, keepdims=True)
+    cos_in = np.maximum(-np.einsum("...i,...ni->...n", outside, micro), 1e-6)
+    reflected, cos_out = fresnel(cos_in, scene.pad.index)
+    ratio = 1 / scene.pad.index
+    direction = ratio * outside[..., None, :] + (ratio * cos_in - cos_out)[..., None] * micro
+    straight = -np.einsum("...i,...i->...", outside, normal)[..., None]
+    area = np.maximum(facing, 0.0) / np.maximum(straight, 1e-6)
+    return direction, (1 - reflected) * area
+
+
+def _slopes() -> Array:
+    """Return `NORMALS` slopes ``(normal, 2)`` of a surface with alpha 1, evenly spread."""
+    pairs = NORMALS // 2
+    index = np.arange(pairs) + 0.5
+    radius = np.sqrt(-np.log1p(-index / pairs))
+    golden = np.pi * (3 - np.sqrt(5)) * index
+    half = np.stack([radius * np.cos(golden), radius * np.sin(golden)], axis=-1)
+    return np.concatenate([half, half * [-1, 1]])
+
+
+def _first_facet(scene: Scene, start: Array, direction: Array) -> np.ndarray:
+    """Return the facet that lines meet, the number of facets where they pass the pyramid.
+
+    Local frame of the site: ``start`` ``(pixel, line, 3)``, ``direction`` ``(pixel, line,
+    normal, 3)``. The pyramid is convex: the last plane entered is met, unless another plane or
+    the coating is left before.
+    """
+    corners = pyramid(scene)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Outward is towards the camera, -z.
+    normal *= -np.sign(normal[:, 2:]) / np.linalg.norm(normal, axis=-1, keepdims=True)
+    speed = direction @ normal.T
+    distance = np.einsum("ki,ki->k", normal, corners[:, 0]) - start @ normal.T
+    with np.errstate(divide="ignore"):
+        way = distance[:, :, None] / speed
+    entered = np.where(speed < 0, way, -np.inf)
+    facet = entered.argmax(axis=-1)
+    left = np.where(speed >= 0, way, np.inf).min(axis=-1)
+    coating = -start[..., 2][..., None] / direction[..., 2]
+    meets = entered.max(axis=-1) < np.minimum(left, coating)
+    return np.where(meets, facet, len(corners))

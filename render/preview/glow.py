@@ -1,0 +1,142 @@
+"""The glow of the diffuser as point lights: the slab response of every fiber, at its place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry.layout import fiber_edges, flat_fiber_poses
+from render.geometry.microfacets import fresnel
+from render.preview.diffuser.basis import MIRROR_ALONG, TERMS, linear_weights
+from render.preview.diffuser.response import SlabResponse
+from render.scene.schema import EDGES, Scene
+
+TEXELS = 3
+"""RGBA texels that hold the 9 terms of one glow."""
+MERGED_STEP, LEAST_PART = 0.375, 1 / 40
+"""Longest step between the lights of a whole edge, in units of the pad's thickness, and of it."""
+SOFTNESS = 0.7
+"""Distance within which a light levels off, in units of the step to the next."""
+
+
+class Glow:
+    """The glow of the diffuser's inner face: the slab response of every fiber, at its place."""
+
+    def __init__(self, scene: Scene, response: SlabResponse) -> None:
+        """Place the response at every fiber."""
+        self._scene, self._response = scene, response
+        self.edge_albedo = response.albedo
+        self.nodes = response.phi
+        step = max(float(np.median(np.diff(response.offsets))), MERGED_STEP * scene.pad.thickness)
+        self.defines = {
+            "GLOW": "1",
+            "EMISSION_TEXELS": str(TEXELS),
+            "SOFT_RADIUS": f"{SOFTNESS * step:.6f}",
+        }
+        edge = np.array([EDGES.index(name) for name in fiber_edges(scene)])
+        place = flat_fiber_poses(scene).position
+        centre = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
+        reach = np.array([_reach(scene, number) for number in range(len(EDGES))])[edge]
+        # At the tip's corners the layer goes on, and its walls send light back. At the base it
+        # ends: about half of what comes back there scattered back in the endless layer as well.
+        walls = _wall_reflectance(scene)
+        low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
+        returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
+        self._keep, self._fold = _ends(response.offsets, centre, reach, returned)
+        self._along = np.clip(centre[:, None] + response.offsets, -reach[:, None], reach[:, None])
+        self._edge = edge
+        self.position = _on_edges(scene, self._along, edge, response.heights)
+
+    def emission(self, phi: Array) -> Array:
+        """Return ``(..., fiber, light, 12)``."""
+        return _packed(self._radiance(phi).reshape(*phi.shape, -1, TERMS))
+
+    def _radiance(self, phi: Array) -> Array:
+        """Return ``(..., fiber, offset, height, term)``; layers end with the edges."""
+        endless = self._response.at(phi)
+        kept = endless * self._keep[..., None, None]
+        folded = np.einsum("fpo,...fozt->...fpzt", self._fold, endless * MIRROR_ALONG)
+        return np.asarray(kept + folded)
+
+    def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
+        """Return the glow of whole edges, shared linearly between evenly spaced lights."""
+        radiance = self._radiance(phi)
+        positions, emissions = [], []
+        for number in range(len(EDGES)):
+            reach = _reach(self._scene, number)
+            step = max(MERGED_STEP * self._scene.pad.thickness, LEAST_PART * 2 * reach)
+            count = int(np.ceil(2 * reach / step)) + 1
+            grid = np.linspace(-reach, reach, count)
+            share = _shares(self._along[self._edge == number].ravel(), grid)
+            light = np.einsum(
+                "fozt,fc->cfozt", radiance[self._edge == number], power[self._edge == number]
+            )
+            light = light.reshape(3, -1, *light.shape[3:])
+            emissions.append(np.einsum("nm,cnzt->cmzt", share, light).reshape(3, -1, TERMS))
+            edge = np.array([number])
+            positions.append(_on_edges(self._scene, grid[None], edge, self._response.heights))
+        return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
+
+
+def _ends(offsets: Array, centre: Array, reach: Array, returned: Array) -> tuple[Array, Array]:
+    """Return what the ends of the layer make of an endless layer's lights.
+
+    Each light stands for the cell between its neighbours. The part of a cell inside the edge is
+    kept, ``(fiber, offset)``; of what lies beyond an end, the part ``returned`` ``(fiber, end)``
+    comes back mirrored, shared between the two lights nearest to its image, ``(fiber, to offset,
+    from offset)``.
+    """
+    middle = 0.5 * (offsets[1:] + offsets[:-1])
+    low = centre[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
+    high = centre[:, None] + np.concatenate([middle, 2 * offsets[-1:] - middle[-1:]])
+    bound = reach[:, None]
+    keep = np.clip(np.minimum(high, bound) - np.maximum(low, -bound), 0.0, None) / (high - low)
+    fold = np.zeros((len(centre), len(offsets), len(offsets)))
+    for fiber, (place, end) in enumerate(zip(centre, reach, strict=True)):
+        for light in range(len(offsets)):
+            for sign, first, last in (
+                (-1, low[fiber, light], min(high[fiber, light], -end)),
+                (1, max(low[fiber, light], end), high[fiber, light]),
+            ):
+                if last > first:
+                    image = max(2 * end - sign * 0.5 * (first + last), -end) * sign - place
+                    share = linear_weights(np.array([image]), offsets)[0]
+                    beyond = (last - first) / (high[fiber, light] - low[fiber, light])
+                    fold[fiber, :, light] += returned[fiber, (sign + 1) // 2] * beyond * share
+    return keep, fold
+
+
+def _wall_reflectance(scene: Scene) -> float:
+    """Return the reflectance of a dielectric face for diffuse light from inside."""
+    cosine = np.linspace(0.0, 1.0, 2001)
+    reflected = fresnel(cosine, 1 / scene.pad.index)[0]
+    return float(np.trapezoid(2 * cosine * reflected, cosine))
+
+
+def _reach(scene: Scene, edge: int) -> float:
+    """Return half the length (mm) of an edge's inner face."""
+    return (scene.pad.width if EDGES[edge] == "tip" else scene.pad.length) / 2
+
+
+def _on_edges(scene: Scene, along: Array, edge: Array, heights: Array) -> Array:
+    """Return positions ``(list, light, 4)`` at ``along`` ``(list, offset)`` on inner faces."""
+    shape = (*along.shape, len(heights))
+    spread = np.broadcast_to(along[..., None], shape)
+    number = np.broadcast_to(edge[:, None, None], shape)
+    side = np.where(number == EDGES.index("left"), -1.0, 1.0) * scene.pad.width / 2
+    tip = number == EDGES.index("tip")
+    x = np.where(tip, spread, side)
+    y = np.where(tip, scene.pad.length / 2, spread)
+    z = np.broadcast_to(heights, shape)
+    return np.stack([x, y, z, number.astype(np.float64)], axis=-1).reshape(len(along), -1, 4)
+
+
+def _shares(place: Array, grid: Array) -> Array:
+    """Return ``(light, grid point)`` weights that share lights between the nearest two points."""
+    step = grid[1] - grid[0]
+    return np.asarray(np.maximum(1 - np.abs(place[:, None] - grid) / step, 0.0))
+
+
+def _packed(radiance: Array) -> Array:
+    padding = np.zeros((*radiance.shape[:-1], 4 * TEXELS - TERMS))
+    return np.concatenate([radiance, padding], axis=-1)

@@ -1,0 +1,183 @@
+"""The preview's two passes, transport cells and pictures, which share one shading function."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.arrays import Array
+from render.geometry.bending import curvature
+from render.geometry.indenter import SHADOW, Imprint
+from render.preview.gl import create_context
+from render.preview.light_paths import LEAST_CURVATURE
+from render.preview.lights import Lights, with_images
+from render.preview.shader import Pass, float_texture, source
+from render.preview.shading_points import PadPoints
+from render.scene.schema import Scene
+
+LARGEST = 8192
+"""Largest side of a target: OpenGL 3.3 drivers offer at least this."""
+POINT_COLUMNS = 1024
+"""Points per row of their texture."""
+
+
+class Drawing:
+    """The shader programs of one scene and what they read, in an OpenGL context of its own.
+
+    Arguments:
+        scene, lights, points: what is drawn.
+        imprint: what is pressed into its pictures.
+        backend: ``osmesa``, ``egl`` or None.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        lights: Lights,
+        points: PadPoints,
+        imprint: Imprint,
+        backend: str | None,
+    ) -> None:
+        """Open the context and upload what does not depend on the design."""
+        self._scene, self._lights, self._imprint = scene, lights, imprint
+        self._count = len(points.position)
+        self._passes: dict[tuple[str, bool, int, bool], Pass] = {}
+        self._context: Any = create_context(backend)
+        with self._context:
+            texels = np.stack([points.position, points.normal], axis=1)
+            short = -self._count % POINT_COLUMNS
+            texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
+            texels = texels.reshape(-1, 2 * POINT_COLUMNS, 3)
+            self._points = float_texture(self._context, texels)
+            self._fibers = float_texture(self._context, with_images(scene, lights.position))
+
+    def release(self) -> None:
+        """Free the OpenGL context."""
+        self._context.release()
+
+    def direct(self, emission: Array, bend: float) -> NDArray[np.float32]:
+        """Draw direct irradiance of every fiber's lights, ``(fiber, node, point, 2)``.
+
+        The second is that of the coating at the foot of the point's facet, without what comes
+        from behind the facet: that is in the pyramid's shadow.
+
+        ``emission`` is ``(fiber, node, light, n)``.
+        """
+        fibers, nodes = emission.shape[:2]
+        rows = emission.reshape(fibers * nodes, -1, 4)
+        with self._context:
+            texture = float_texture(self._context, rows)
+            drawn = self._at_points(bend, self._fibers, texture, fibers * nodes, 1, nodes)
+            texture.release()
+        return drawn.reshape(fibers, nodes, -1, 2)
+
+    def merged(self, position: Array, emission: Array, bend: float) -> NDArray[np.float32]:
+        """Draw direct irradiance of one list of lights at every point, ``(3, point)``.
+
+        ``position`` is ``(1, light, 4)``, ``emission`` ``(3, light, n)``.
+        """
+        with self._context:
+            lights = float_texture(self._context, with_images(self._scene, position))
+            emissions = float_texture(self._context, emission.reshape(3, -1, 4))
+            drawn = self._at_points(bend, lights, emissions, 1, 3, 1)
+            lights.release()
+            emissions.release()
+        return np.ascontiguousarray(drawn[0].T)
+
+    def picture(
+        self,
+        position: Array,
+        emission: Array,
+        coating: Array,
+        facet: Array | None,
+        bend: float,
+        size: tuple[int, int],
+    ) -> NDArray[np.float32]:
+        """Draw radiance at the camera ``(height, width, 3)``, row 0 at the tip.
+
+        Arguments:
+            position: one list of lights ``(1, light, 4)``.
+            emission: theirs, ``(3, light, n)``.
+            coating: indirect irradiance ``(3, row, column)`` over the pad.
+            facet: indirect irradiance ``(3, site, facet)``, or None for the untouched pad.
+            bend: rad.
+            size: width and height in pixels.
+        """
+        lights = with_images(self._scene, position)
+        with self._context:
+            images = {
+                "lights": float_texture(self._context, lights),
+                "emissions": float_texture(self._context, emission.reshape(3, -1, 4)),
+                "indirect": float_texture(self._context, np.moveaxis(coating, 0, -1), smooth=True),
+            }
+            if facet is not None:
+                images["facet_indirect"] = float_texture(self._context, np.moveaxis(facet, 0, -1))
+            uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
+            drawing = self._pass("picture.frag", bend, 3, facet is not None)
+            picture = drawing.draw(size, 3, uniforms, images)
+            for image in images.values():
+                image.release()
+        return picture[::-1].copy()
+
+    def _at_points(
+        self, bend: float, lights: Any, emissions: Any, rows: int, channels: int, nodes: int
+    ) -> NDArray[np.float32]:
+        """Return ``(row, point, channel)``."""
+        images = {"points": self._points, "lights": lights, "emissions": emissions}
+        uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
+        drawing = self._pass("transport.frag", bend, channels, False)
+        parts = []
+        for first in range(0, self._count, LARGEST):
+            size = (min(LARGEST, self._count - first), rows)
+            wanted = uniforms | {"first_point": first}
+            parts.append(drawing.draw(size, 3 if channels == 3 else 2, wanted, images))
+        return np.concatenate(parts, axis=1)
+
+    def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> Pass:
+        """Return the program specialised to what it has to draw."""
+        key = (fragment, bend > 0, channels, indented)
+        if key not in self._passes:
+            defines = dict(self._lights.defines)
+            defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
+            if bend > 0:
+                defines["BENT"] = "1"
+            if indented:
+                defines["FACES"] = str(len(self._imprint.normal))
+            parts = ("light_paths.glsl", "shading.glsl", fragment)
+            self._passes[key] = Pass(self._context, source(*parts, defines=defines))
+        return self._passes[key]
+
+    def _uniforms(self, bend: float, lights: int) -> dict[str, Any]:
+        pad, fibers, layer = self._scene.pad, self._scene.fibers, self._scene.diffuser
+        kappa = max(curvature(self._scene, bend), LEAST_CURVATURE)
+        return {
+            "thickness": pad.thickness,
+            "refractive_index": pad.index,
+            "kappa": kappa,
+            "radius": 1 / kappa,
+            "light_count": lights,
+            "inverse_width": 1 / (2 * fibers.sigma_v),
+            "optical_thickness": (
+                (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0
+            ),
+        }
+
+    def _view(self, size: tuple[int, int]) -> dict[str, Any]:
+        scene, pressed = self._scene, self._imprint
+        tangent = float(np.tan(scene.camera.field_of_view / 2))
+        return {
+            "size": (float(size[0]), float(size[1])),
+            "tangent": (tangent * size[0] / size[1], tangent),
+            "camera": (0.0, scene.camera.y, -scene.camera.distance),
+            "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
+            "albedo": scene.coating.albedo,
+            "site_first": tuple(pressed.centre[0]),
+            "site_step": (pressed.spacing, pressed.spacing),
+            "site_count": (float(pressed.columns), float(pressed.rows)),
+            "longest_shadow": SHADOW * pressed.size,
+            "facet_planes": [
+                (*n, d) for n, d in zip(pressed.normal, pressed.distance, strict=True)
+            ],
+        }

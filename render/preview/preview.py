@@ -1,0 +1,224 @@
+"""The preview, level 0: transport and pictures from one shading function, without a display."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.arrays import Array
+from render.chebyshev import interpolation_weights
+from render.errors import DesignError, GraphicsError
+from render.geometry.indenter import Imprint, pyramids
+from render.preview.facet_blur import view_weights
+from render.preview.lights import Lights, make_lights
+from render.preview.passes import LARGEST, Drawing
+from render.preview.radiosity import Interreflection, interreflection
+from render.preview.shading_points import pad_points
+from render.scene.schema import Scene
+
+
+class Preview:
+    """Draws one scene with OpenGL; a context manager that frees the OpenGL context.
+
+    Radiance at the camera in 1/(mm^2 sr) per unit power of a fiber: direct light of its glow at
+    every facet (straight and by way of the lower face), interreflection, and the camera's view.
+    Nothing in it is fitted to the reference.
+
+    Arguments:
+        scene: the sensor; the shader is specialised to what it declares.
+        backend: ``osmesa`` or ``egl``; None takes the first that works.
+        cache: folder of cached slab responses; None is the user's cache.
+        lights: what the fibers make of the scene, instead of the cached response.
+        imprint: what is pressed into pictures; None is the pyramids, which alone have transport.
+
+    Example::
+
+        with Preview(load_scene("finger20")) as preview:
+            T, background = preview.transport(phi=np.array([np.pi / 2]), bends=np.array([0.0]))
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        backend: str | None = None,
+        cache: Path | None = None,
+        lights: Lights | None = None,
+        imprint: Imprint | None = None,
+    ) -> None:
+        """Make the lights, open the context, upload what does not depend on the design."""
+        self.scene = scene
+        self._lights = lights or make_lights(scene, cache)
+        pressed = imprint or pyramids(scene)
+        self._measures = imprint is None
+        self._points = pad_points(scene, pressed)
+        self._light: dict[float, Interreflection] = {}
+        self._view: dict[float, Array] = {}
+        self._tables: dict[float, Array] = {}
+        self._drawing: Drawing | None = Drawing(scene, self._lights, self._points, pressed, backend)
+
+    def __enter__(self) -> Preview:
+        """Return the preview itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Free the OpenGL context."""
+        self.close()
+
+    def close(self) -> None:
+        """Free the OpenGL context; nothing can be drawn afterwards."""
+        if self._drawing is not None:
+            self._drawing.release()
+            self._drawing = None
+
+    def transport(self, phi: Array, bends: Array) -> tuple[Array, Array]:
+        """Return T and background, float64 (drawn in float32).
+
+        Arguments:
+            phi: ``(node,)`` rad, the same for all fibers, or ``(fiber, node)``.
+            bends: ``(bend,)`` rad in [0, pi].
+
+        Returns:
+            T ``(fiber, node, bend, site, facet)`` and background ``(fiber, node, bend, site)``.
+        """
+        fibers = self.scene.fibers.count
+        phi = np.asarray(phi, dtype=np.float64)
+        if phi.ndim == 1:
+            phi = np.tile(phi, (fibers, 1))
+        self._check(phi, np.asarray(bends))
+        if not self._measures:
+            raise GraphicsError("only the pyramids have transport: make a preview without imprint")
+        seen = np.stack([self._seen(phi, float(bend)) for bend in bends], axis=2)
+        return seen[..., :-1], seen[..., -1]
+
+    def _seen(self, phi: Array, bend: float) -> Array:
+        """Return T and, as last facet, the background: ``(fiber, node, site, facet + 1)``."""
+        nodes = self._lights.nodes
+        if nodes is None:
+            size = max(1, LARGEST // len(phi))
+            parts = range(0, phi.shape[1], size)
+            return np.concatenate([self.draw(phi[:, i : i + size], bend) for i in parts], axis=1)
+        if bend not in self._tables:
+            self._tables[bend] = self.draw(np.tile(nodes, (len(phi), 1)), bend)
+        # Emission is a polynomial in phi through its nodes, and radiance is linear in emission.
+        weights = interpolation_weights(nodes, phi)
+        return np.asarray(np.einsum("fjn,fnsk->fjsk", weights, self._tables[bend]))
+
+    def draw(self, phi: Array, bend: float) -> Array:
+        """Draw all cells at one bend: ``(fiber, node, site, facet + 1)``, the last the background.
+
+        ``phi`` is ``(fiber, node)`` rad. `transport` gives the same and draws only when it must.
+        """
+        points, light, weights = self._points, self._light_at(bend), self._view_at(bend)
+        drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
+        direct, foot = drawn[..., 0], drawn[..., 1]
+        total = direct[:, : points.first_edge] + light.added(direct)
+        shape = (phi.size, points.sites, points.facets)
+        facets = slice(0, points.sites * points.facets)
+        site = total[:, facets.stop : points.first_patch, None]
+        # At the foot of a facet the pyramid's shadow leaves what the site gets indirectly.
+        shadow = site - direct[:, facets.stop : points.first_patch, None]
+        around = foot[:, facets].reshape(shape) + shadow
+        facet = total[:, facets].reshape(shape) + light.below(around)
+        view = weights[:, :-1]
+        seen = np.einsum("sij,rsj->rsi", view[..., :-1], facet) + view[..., -1] * around
+        background = weights[:, -1, -1:] * site
+        return np.concatenate([seen, background], axis=-1).reshape(*phi.shape, points.sites, -1)
+
+    def direct_irradiance(self, phi: Array, bend: float) -> Array:
+        """Draw the light that has met nothing but clear faces, ``(fiber, node, point, 2)``.
+
+        The second is that of the coating at the foot of a point's facet, without what the pyramid
+        hides. ``phi`` is ``(fiber, node)`` rad; the points are those of
+        `render.preview.shading_points`. Unit: 1/mm^2 per unit power of a fiber.
+        """
+        emission = self._lights.emission(phi.T).swapaxes(0, 1)
+        return self._open.direct(emission, bend).astype(np.float64)
+
+    def picture(
+        self,
+        phi: Array,
+        power: Array,
+        bend: float,
+        width: int,
+        height: int,
+        indented: bool = True,
+    ) -> NDArray[np.float32]:
+        """Return linear radiance ``(height, width, 3)`` of the pad as the camera sees it.
+
+        Arguments:
+            phi: ``(fiber,)`` rad.
+            power: ``(fiber, 3)`` in [0, 1].
+            bend: rad in [0, pi].
+            width: columns of pixels.
+            height: rows of pixels, over which the camera's field of view spreads.
+            indented: pressed by the imprint, or untouched.
+
+        x runs to the right and the tip is up; what is not pad is 0.
+        """
+        phi, power = np.asarray(phi, dtype=np.float64), np.asarray(power, dtype=np.float64)
+        self._check(phi[:, None], np.array([bend]))
+        if power.shape != (len(phi), 3) or not np.isfinite(power).all():
+            raise DesignError(
+                f"power has shape {power.shape}, allowed: finite numbers, ({len(phi)}, 3)",
+                field="power",
+                value=power.shape,
+            )
+        position, emission = self._lights.merged(phi, power)
+        direct = self._open.merged(position, emission, bend)
+        points = self._points
+        light = self._light_at(bend)
+        indirect = light.added(direct.astype(np.float64))
+        coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
+        facets, sites = np.split(
+            indirect[:, : points.first_patch], [points.sites * points.facets], 1
+        )
+        facet = facets.reshape(3, points.sites, points.facets) + light.below(sites[..., None])
+        return self._open.picture(
+            position, emission, coating, facet if indented else None, bend, (width, height)
+        )
+
+    @property
+    def _open(self) -> Drawing:
+        if self._drawing is None:
+            raise GraphicsError("the preview is closed: make a new one")
+        return self._drawing
+
+    def _check(self, phi: Array, bends: Array) -> None:
+        fibers = self.scene.fibers.count
+        if phi.ndim != 2 or len(phi) != fibers:
+            raise DesignError(
+                f"phi has shape {phi.shape}, allowed: one row for each of {fibers} fibers",
+                field="phi",
+                value=phi.shape,
+            )
+        for name, values in (("phi", phi), ("bend", bends)):
+            bad = ~((values >= 0) & (values <= np.pi))
+            if bad.any():
+                raise DesignError(
+                    f"{name} = {np.degrees(values[bad].flat[0]):g} deg, allowed: 0 to 180 deg",
+                    field=name,
+                    value=float(values[bad].flat[0]),
+                    allowed="0 to 180 deg",
+                )
+
+    def _light_at(self, bend: float) -> Interreflection:
+        """Return the interreflection at a bend, made when it is first asked for."""
+        if bend not in self._light:
+            albedo = self._lights.edge_albedo
+            self._light[bend] = interreflection(self.scene, self._points, bend, albedo)
+        return self._light[bend]
+
+    def _view_at(self, bend: float) -> Array:
+        """Return `view_weights` at a bend, made when it is first asked for; pictures need none."""
+        if bend not in self._view:
+            self._view[bend] = view_weights(self.scene, bend)
+        return self._view[bend]

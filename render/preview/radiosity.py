@@ -1,0 +1,133 @@
+"""Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
+
+The coating and the diffuser's inner faces reflect diffusely; patches see each other straight and
+by way of the lower face, which reflects totally beyond the critical angle. With irradiance ``E0``
+straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry.bending import curvature
+from render.geometry.microfacets import fresnel
+from render.preview.light_paths import Path, direct_path, mirrored_path, near_base
+from render.preview.shading_points import PadPoints
+from render.scene.schema import Scene
+
+TARGETS = 1000
+"""Points that gather light at a time, which bounds the memory."""
+# Gauss points: each patch sends its light from 2 x 2 points.
+_SPOTS = np.array([-0.5, 0.5]) / np.sqrt(3)
+
+
+@dataclass(frozen=True)
+class Interreflection:
+    """What one bend adds to direct irradiance.
+
+    indirect: ``(target, patch)``, irradiance on facets, sites and coating patches (in the order of
+    `PadPoints`) per direct irradiance on all patches.
+    """
+
+    scene: Scene
+    points: PadPoints
+    indirect: Array
+
+    def added(self, direct: Array) -> Array:
+        """Return the indirect irradiance ``(row, target)`` for the direct one ``(row, point)``."""
+        return np.asarray(direct[:, self.points.first_patch :] @ self.indirect.T)
+
+    def below(self, around: Array) -> Array:
+        """Return what the coating around facets adds to them, ``(..., facet)``.
+
+        ``around`` is its irradiance there. It fills the part of a facet's sky that lies below the
+        coating's plane.
+        """
+        part = 0.5 * (1 + self.points.normal[: self.points.facets, 2])
+        return np.asarray(part * self.scene.coating.albedo * around)
+
+
+def interreflection(
+    scene: Scene, points: PadPoints, bend: float, edge_albedo: float
+) -> Interreflection:
+    """Solve the patches' radiosity at ``bend`` radians.
+
+    ``edge_albedo`` is that of the diffuser for light from inside the pad.
+    """
+    kernel = np.concatenate(
+        [
+            _kernel(scene, points, bend, slice(first, first + TARGETS))
+            for first in range(0, len(points.position), TARGETS)
+        ]
+    )
+    albedo = np.full(kernel.shape[1], edge_albedo)
+    albedo[: points.columns * points.rows] = scene.coating.albedo
+    between = kernel[points.first_patch :] * albedo
+    gather = kernel[: points.first_edge] * albedo
+    # E = E0 + between E, and targets gather from the final irradiance.
+    solved = np.linalg.solve((np.eye(len(between)) - between).T, gather.T).T
+    return Interreflection(scene, points, solved)
+
+
+def _kernel(scene: Scene, points: PadPoints, bend: float, chosen: slice) -> Array:
+    """Return the irradiance at chosen points per radiosity of every patch, ``(point, patch)``."""
+    kappa, thickness = curvature(scene, bend), scene.pad.thickness
+    target, facing = points.position[chosen, None, None], points.normal[chosen, None, None]
+    on_edge = np.arange(len(points.position))[chosen] >= points.first_edge
+    parts = []
+    for first, last in (
+        (points.first_patch, points.first_edge),
+        (points.first_edge, len(points.position)),
+    ):
+        # The coating is flat or convex: only edges see it straight.
+        sees = slice(None) if first == points.first_edge else on_edge
+        source, normal, area = _spots(points, slice(first, last))
+        part = np.zeros((len(target), *source.shape[1:3]))
+        near = points.position[first:last, 1] < near_base(scene)
+        image = source[:, near] * [1, -1, 1] - [0, scene.pad.length, 0]
+        for seen, place, turned, in_base in (
+            (slice(None), source, normal, False),
+            (near, image, normal[:, near] * [1, -1, 1], True),
+        ):
+            mirrored = mirrored_path(place, target, thickness, kappa)
+            part[:, seen] += _reflected(scene, mirrored.cosine) * _coupling(
+                scene, mirrored, turned, facing, in_base
+            )
+            direct = direct_path(place, target[sees], thickness, kappa)
+            straight = np.zeros_like(part[:, seen])
+            straight[sees] = _coupling(scene, direct, turned, facing[sees], in_base)
+            part[:, seen] += straight
+        parts.append((part * area).mean(axis=2))
+    return np.concatenate(parts, axis=1)
+
+
+def _reflected(scene: Scene, cosine: Array) -> Array:
+    """Return the reflectance of a face between silicone and air from inside."""
+    return np.asarray(fresnel(cosine, 1 / scene.pad.index)[0])
+
+
+def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
+    """Return points ``(1, patch, spot, 3)`` on patches, normals, and areas ``(1, patch, 1)``."""
+    position, size = points.position[chosen], points.size[chosen]
+    normal = points.normal[chosen]
+    first = np.where(np.abs(normal[:, :1]) > 0.5, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+    second = np.where(np.abs(normal[:, 2:]) > 0.5, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+    u, v = (part.ravel() for part in np.meshgrid(_SPOTS, _SPOTS))
+    spots = position[:, None] + (
+        u[:, None] * (size[:, :1] * first)[:, None] + v[:, None] * (size[:, 1:] * second)[:, None]
+    )
+    return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
+
+
+def _coupling(scene: Scene, path: Path, normal: Array, facing: Array, in_base: bool) -> Array:
+    """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2).
+
+    Light of an image in the base is what the base reflects.
+    """
+    leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
+    lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
+    kept = _reflected(scene, np.abs(path.depart[..., 1])) if in_base else 1.0
+    return np.asarray(leaves * lands * kept * path.spread / np.pi)

@@ -1,0 +1,110 @@
+"""The points of the pad at which light is evaluated: facets, sites, and patches of its faces.
+
+Positions are flat pad coordinates and normals local ones, so they are the same at every bend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry.indenter import Imprint, pyramids
+from render.scene.schema import Scene
+
+PATCH, LEAST_PART = 0.625, 1 / 16
+"""Longest side of a patch in units of the pad's thickness, and of its longest side."""
+STOREYS = 3
+"""Patches of the lit edges from the lower face to the coating."""
+
+
+@dataclass(frozen=True)
+class PadPoints:
+    """Points in the order facets, sites, coating patches, edge patches.
+
+    Arguments:
+        position, normal: ``(point, 3)`` mm and unit vectors into the pad.
+        size: ``(point, 2)`` mm, extent of a patch along its edge (or x) and upwards (or y); 0 for
+            facets and sites.
+        sites, facets: their numbers; ``columns`` and ``rows`` of the coating patches.
+        edges: number of edge patches.
+    """
+
+    position: Array
+    normal: Array
+    size: Array
+    sites: int
+    facets: int
+    columns: int
+    rows: int
+    edges: int
+
+    @property
+    def first_patch(self) -> int:
+        """Index of the first coating patch."""
+        return self.sites * (self.facets + 1)
+
+    @property
+    def first_edge(self) -> int:
+        """Index of the first edge patch."""
+        return self.first_patch + self.columns * self.rows
+
+
+def pad_points(scene: Scene, imprint: Imprint | None = None) -> PadPoints:
+    """Return the points of a scene that ``imprint`` (default: the pyramids) presses.
+
+    The lit edges are those with a diffuser that sends light back.
+
+    Without a diffuser light leaves through the clear edges, which then have no patches.
+    """
+    pad, imprint = scene.pad, imprint or pyramids(scene)
+    sites = imprint.centre
+    longest = max(PATCH * pad.thickness, LEAST_PART * max(pad.width, pad.length))
+    columns, rows = (int(np.ceil(side / longest)) for side in (pad.width, pad.length))
+    x = pad.width * ((np.arange(columns) + 0.5) / columns - 0.5)
+    y = pad.length * ((np.arange(rows) + 0.5) / rows - 0.5)
+    grid_y, grid_x = (grid.ravel() for grid in np.meshgrid(y, x, indexing="ij"))
+    facet_position = sites[:, None] + imprint.middle
+    facet_normal = np.broadcast_to(imprint.normal, facet_position.shape)
+    down = np.array([0.0, 0.0, -1.0])
+    coating = np.stack([grid_x, grid_y, np.full(grid_x.shape, pad.thickness)], axis=-1)
+    coating_size = np.tile([pad.width / columns, pad.length / rows], (len(coating), 1))
+    edge_position, edge_normal, edge_size = _edge_patches(scene, x, y)
+    position = [facet_position.reshape(-1, 3), sites, coating, edge_position]
+    normal = [
+        facet_normal.reshape(-1, 3),
+        *(np.broadcast_to(down, part.shape) for part in (sites, coating)),
+        edge_normal,
+    ]
+    point_size = np.zeros((len(sites) * (len(imprint.normal) + 1), 2))
+    return PadPoints(
+        np.concatenate(position),
+        np.concatenate(normal),
+        np.concatenate([point_size, coating_size, edge_size]),
+        len(sites),
+        len(imprint.normal),
+        columns,
+        rows,
+        len(edge_position),
+    )
+
+
+def _edge_patches(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Return position, normal and size of the patches on the diffuser's inner faces."""
+    if scene.diffuser is None:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2))
+    pad = scene.pad
+    z = pad.thickness * (np.arange(STOREYS) + 0.5) / STOREYS
+    position, normal, size = [], [], []
+    for along, step, place, inward in (
+        (y, pad.length / len(y), (-pad.width / 2, None), (1.0, 0.0, 0.0)),
+        (x, pad.width / len(x), (None, pad.length / 2), (0.0, -1.0, 0.0)),
+        (y, pad.length / len(y), (pad.width / 2, None), (-1.0, 0.0, 0.0)),
+    ):
+        grid_z, grid = (part.ravel() for part in np.meshgrid(z, along, indexing="ij"))
+        across, up = (grid if fixed is None else np.full_like(grid, fixed) for fixed in place)
+        position.append(np.stack([across, up, grid_z], axis=-1))
+        normal.append(np.tile(inward, (len(grid), 1)))
+        size.append(np.tile([step, pad.thickness / STOREYS], (len(grid), 1)))
+    return np.concatenate(position), np.concatenate(normal), np.concatenate(size)

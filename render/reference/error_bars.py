@@ -1,0 +1,85 @@
+"""Standard errors of transport cells from replicates, also of cells that no path has lit yet.
+
+The spread of few replicates of rare contributions is a poor error bar, and short where the cell
+came out dark: intervals missed light that was still to be found. What a run adds up is a compound
+Poisson process: the variance of a mean over the mean is the size of one contribution (weighted by
+size), however many there were. That size is similar for the facets of one site, which share their
+light subpaths, so a second variance comes from all of them. Both are averaged in the logarithm,
+each by how little it errs (empirical Bayes, as in Smyth 2004): how much facets really differ is
+what two halves of the replicates agree on.
+
+Replicates that all found nothing say that fewer than three contributions are to be expected (the
+rule of three: e^-3 is 5 %), each taken to be as large as in cells that are lit by the same fiber
+from the same direction at other sites: those of the same site share its bad luck.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from render.arrays import Array
+
+FACETS = (4,)
+# Axes of the cells whose contributions an unlit one borrows: more where those are unlit too.
+PEERS = ((3, 4), (1, 3, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4))
+UNLIT = 1.5
+"""Contributions in the standard error of an unlit cell: two standard errors are three of them."""
+
+
+def standard_error(replicates: Array) -> Array:
+    """Return the standard error of the mean over the first axis; above 0 where any cell is lit.
+
+    Arguments:
+        replicates: independent estimates ``(replicate, fiber, phi_node, bend, site[, facet])``,
+            at least 0; NaN where the camera sees nothing, as is the result then.
+    """
+    mean, variance = _moments(replicates)
+    share = shared_weight(replicates)
+    shared = mean * _contribution(mean, variance, FACETS)
+    error = np.sqrt(variance ** (1.0 - share) * shared**share)
+    unlit = mean == 0
+    for axes in PEERS:
+        if not unlit.any():
+            break
+        size = _contribution(mean, variance, axes)
+        error = np.where(unlit, UNLIT * size, error)
+        unlit = unlit & (size == 0)
+    return np.asarray(error)
+
+
+def shared_weight(replicates: Array) -> float:
+    """Return the weight in [0, 1] of the variance that the facets of a site share.
+
+    ``replicates`` are those of ``standard_error``; 0 without facets or with fewer than four.
+    """
+    if replicates[0].ndim <= FACETS[0] or len(replicates) < 4:
+        return 0.0
+    half = len(replicates) // 2
+    logs = []
+    for part in (replicates[:half], replicates[half:]):
+        mean, variance = _moments(part)
+        ratio = np.full(mean.shape, np.nan)
+        np.divide(
+            variance, mean * _contribution(mean, variance, FACETS), out=ratio, where=variance > 0
+        )
+        logs.append(np.log(ratio))
+    known = np.isfinite(logs[0]) & np.isfinite(logs[1])
+    if known.sum() < 2:
+        return 0.0
+    (first, common), (_, second) = np.cov(logs[0][known], logs[1][known])
+    differing = max(float(common), 0.0)
+    # Of all replicates together the noise is half of that of each half.
+    noise = 0.5 * max(0.5 * float(first + second) - differing, 0.0)
+    return noise / (noise + differing) if noise > 0 else 0.0
+
+
+def _moments(replicates: Array) -> tuple[Array, Array]:
+    """Return mean and variance of the mean over the first axis."""
+    return replicates.mean(axis=0), replicates.var(axis=0, ddof=1) / len(replicates)
+
+
+def _contribution(mean: Array, variance: Array, axes: tuple[int, ...]) -> Array:
+    """Return the size of one contribution over ``axes`` of the cells; 0 where all are unlit."""
+    present = tuple(axis for axis in axes if axis < mean.ndim)
+    light, spread = (np.nansum(a, axis=present, keepdims=True) for a in (mean, variance))
+    return np.asarray(np.divide(spread, light, out=np.zeros_like(light), where=light > 0))

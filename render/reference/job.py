@@ -1,0 +1,258 @@
+"""One render of one pad: a job that is plain data, so that it runs here or on another machine.
+
+A pad is the sensor at one bend, pressed by the pyramids or untouched. Fiber, facet and direction
+node are primary dimensions of its run (``render.cells.cell_sampler``), so one job fills the cells
+of all of them, and nothing but the job decides its result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from render.arrays import Array
+from render.errors import RenderError
+from render.files import read_or_drop, write_npz
+from render.geometry.facet_masks import facet_masks
+from render.reference.llvm import VARIANT, mitsuba
+from render.scene.schema import Scene
+from render.scene.serialization import scene_content, scene_of
+
+if TYPE_CHECKING:
+    from render.sampling.monte_carlo import Independent
+    from render.sampling.pssmlt import Chains
+
+VERSION = 4
+CHUNK = 8
+"""Mutations between updates of the scale and chances to save."""
+SAVE_SECONDS = 20.0
+PILOT_FLOOR = 0.05
+"""Least brightness, in units of the fiber's mean, to which dim cells are lifted."""
+
+
+@dataclass(frozen=True)
+class PadJob:
+    """What one run renders; JSON-able by ``to_json``.
+
+    Arguments:
+        scene: content of the sensor (``render.scene.serialization``).
+        phi: direction nodes ``(fiber, node)`` in rad.
+        bend: rad.
+        indented: pressed by the pyramids, or untouched.
+        seed: of all random numbers.
+        chains: paths at once.
+        iterations: mutations per chain, a multiple of ``chunk``.
+        replicates: independent groups of chains.
+        p_large: probability of large steps; 1 is plain bidirectional Monte Carlo.
+    """
+
+    scene: str
+    phi: tuple[tuple[float, ...], ...]
+    bend: float
+    indented: bool
+    seed: int
+    chains: int
+    iterations: int
+    replicates: int = 8
+    p_large: float = 1.0
+
+    @classmethod
+    def of(cls, scene: Scene, phi: Array, **rest: Any) -> PadJob:
+        """Return the job of ``scene`` at nodes ``phi`` ``(fiber, node)`` rad."""
+        return cls(scene_content(scene), tuple(tuple(row) for row in phi.tolist()), **rest)
+
+    @property
+    def mutations(self) -> int:
+        """Mutations of all chains together: the size of the job."""
+        return self.chains * self.iterations
+
+    @property
+    def chunk(self) -> int:
+        """Mutations per chain between chances to save; independent paths need no more than one."""
+        return 1 if self.p_large == 1.0 else CHUNK
+
+    @cached_property
+    def key(self) -> str:
+        """A hash of everything that the result depends on, 64 hex digits."""
+        content = asdict(self) | {"scene": scene_of(self.scene).hash}
+        programs = [version("mitsuba"), version("drjit")]
+        text = json.dumps([VERSION, programs, content], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @property
+    def name(self) -> str:
+        """What a person may call it; with the first digits of the key, so no two are the same."""
+        pad = "pressed" if self.indented else "untouched"
+        return f"bend{math.degrees(self.bend):.0f}-{pad}-seed{self.seed}-{self.key[:16]}"
+
+    def to_json(self) -> str:
+        """Return the job as text."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> PadJob:
+        """Return the job that ``to_json`` wrote."""
+        content = json.loads(text)
+        content["phi"] = tuple(tuple(row) for row in content["phi"])
+        return cls(**content)
+
+
+@dataclass(frozen=True, eq=False)
+class PadResult:
+    """Transport of one pad.
+
+    Arguments:
+        estimate: ``(replicate, fiber, node, target)``, float64; targets are ``(site, facet)``
+            flattened, or sites of the untouched pad. NaN where the camera sees nothing.
+        seconds: spent on it, all attempts together.
+    """
+
+    estimate: Array
+    seconds: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return what goes into a file."""
+        return {"estimate": self.estimate, "seconds": np.array(self.seconds)}
+
+    @classmethod
+    def of(cls, arrays: dict[str, np.ndarray]) -> PadResult:
+        """Return the result in the arrays of a file."""
+        return cls(arrays["estimate"], float(arrays["seconds"]))
+
+
+def render_pad(
+    job: PadJob, state: Path | None = None, tick: Callable[[int], None] | None = None
+) -> PadResult:
+    """Run ``job``.
+
+    Arguments:
+        job: what is rendered.
+        state: a file that is written now and then; an interrupted run goes on from it and ends
+            bit-equal.
+        tick: called with the number of mutations since the last call; those of an earlier run
+            first. What it raises ends the run, after its state is saved.
+
+    Raises:
+        RenderError: no light found, or the camera sees no facet.
+    """
+    mitsuba(VARIANT)
+    scene, phi = scene_of(job.scene), np.array(job.phi)
+    problem = pad_problem(scene, phi, job.bend, job.indented)
+    began = last = time.monotonic()
+    run, spent = _start(scene, problem, job, None if state is None else read_or_drop(state))
+    began -= spent
+
+    def save() -> None:
+        if state is not None:
+            write_npz(state, run.state() | {"seconds": np.array(time.monotonic() - began)})
+
+    report = tick or (lambda count: None)
+    if run.done:
+        report(run.done * job.chains)
+    while run.done < job.iterations:
+        run.mutate(job.chunk)
+        try:
+            report(job.chunk * job.chains)
+        except BaseException:
+            save()
+            raise
+        if time.monotonic() - last > SAVE_SECONDS:
+            last = time.monotonic()
+            save()
+    estimate = run.estimate().reshape(job.replicates, phi.shape[0], -1, phi.shape[1])
+    estimate = estimate.transpose(0, 1, 3, 2)
+    if not np.nansum(estimate) > 0:
+        raise _no_light()
+    estimate[..., np.diff(problem.targets.offset) == 0] = np.nan
+    return PadResult(estimate, time.monotonic() - began)
+
+
+@lru_cache(maxsize=64)
+def _masked(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the targets' pixels and offsets; drawing the masks takes longer than a short run."""
+    masks = facet_masks(scene, bend)
+    faces = scene.indenter.faces
+    chosen = range(faces) if indented else (faces,)
+    lists = [masks.of(site, k) for site in range(scene.sites.count) for k in chosen]
+    offset = np.concatenate([[0], np.cumsum([len(pixels) for pixels in lists])])
+    return np.concatenate(lists), offset
+
+
+def pad_problem(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
+    """Return the sampling problem of a pad; ``phi`` ``(fiber, node)`` and ``bend`` in rad.
+
+    Raises:
+        RenderError: the camera sees no facet.
+    """
+    from render.cells.cell_sampler import CellProblem, Targets
+
+    pixel, offset = _masked(scene, bend, indented)
+    if offset[-1] == 0:
+        raise RenderError(
+            f"the camera sees no facet at a bend of {np.degrees(bend):g} deg: move the camera "
+            "or the sites, or raise camera.columns and camera.rows",
+            field="camera",
+        )
+    return CellProblem(scene, phi, bend, indented, Targets(pixel, offset))
+
+
+def _start(
+    scene: Scene, problem: Any, job: PadJob, kept: dict[str, np.ndarray] | None
+) -> tuple[Chains | Independent, float]:
+    """Return a run, restored or at its beginning, and the seconds that it has cost so far."""
+    from render.sampling.monte_carlo import Independent
+    from render.sampling.pssmlt import Chains, Settings
+
+    settings = Settings(
+        chains=job.chains,
+        luminance_samples=max(8 * job.chains, job.mutations // 8),
+        p_large=job.p_large,
+        replicates=job.replicates,
+        seed=job.seed,
+    )
+    run: Chains | Independent
+    if job.p_large == 1.0:
+        run = Independent(problem, job.chains, job.replicates, job.seed)
+    else:
+        run = Chains(problem, settings)
+    if kept is not None:
+        run.restore(kept)
+        return run, float(kept["seconds"])
+    if isinstance(run, Chains):
+        run.bootstrap(flattening_weights(run.pilot(), scene))
+    return run, 0.0
+
+
+def flattening_weights(pilot: Array, scene: Scene) -> Array:
+    """Return target weights ``(bin, node)`` that give every cell about the same share of F.
+
+    From a noisy pilot, averaged over the facets of each site; dim cells are lifted only so far,
+    so that a site in which the pilot saw nothing cannot draw all chains.
+    """
+    fibers, nodes = scene.fibers.count, pilot.shape[1]
+    by_site = pilot.reshape(fibers, scene.sites.count, -1, nodes)
+    level = by_site.mean(axis=2)
+    floor = PILOT_FLOOR * level.mean(axis=(1, 2), keepdims=True)
+    floor = np.maximum(floor, PILOT_FLOOR**2 * level.mean())
+    if not level.mean() > 0:
+        raise _no_light()
+    weight = 1.0 / np.maximum(level, floor) / level.size
+    return np.repeat(weight[:, :, None], by_site.shape[2], axis=2).reshape(pilot.shape)
+
+
+def _no_light() -> RenderError:
+    return RenderError(
+        "no light from any facet: check that fibers point at the pad, that the diffuser lets light "
+        "through and that coating.albedo is above 0",
+        field="fibers",
+    )

@@ -1,0 +1,259 @@
+"""The reference: transport cells by PSSMLT, with error bars, resumable at any instant.
+
+Every pad (a bend, pressed by the pyramids or untouched) is one job per seed
+(``render.reference.job``). The path sampler serves all cells so evenly that small steps only
+correlate its samples: by measurement (README.md) large steps alone, ``p_large`` 1, are the
+cheapest, and the default.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from render.arrays import Array
+from render.errors import RenderError
+from render.files import read_or_drop, write_npz
+from render.geometry.symmetry import mirrored, mirrors
+from render.progress import Clock, Progress
+from render.reference.error_bars import standard_error
+from render.reference.job import CHUNK, VERSION, PadJob, PadResult, render_pad
+from render.reference.llvm import VARIANT
+from render.scene.schema import Scene
+
+CHAINS_MIN, CHAINS_MAX = 64, 16384
+ITERATIONS_MIN = 24
+UNTOUCHED_SHARE = 2
+"""How many times more mutations a cell of the untouched pad gets: there are few of them."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Rendered transport; axes ``(fiber, phi_node, bend, site, facet)``, float64.
+
+    ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
+    standard error of that mean, an upper bound by the rule of three where it is 0
+    (``render.reference.error_bars``). The same for the untouched pad (``background``). A facet that
+    the camera cannot see is NaN in all of them. Unit: 1/(mm^2 sr) per unit fiber power.
+    """
+
+    T: Array
+    se: Array
+    background: Array
+    background_se: Array
+    replicates: Array
+    background_replicates: Array
+    seconds: float
+    settings: dict[str, object]
+
+
+class RunPads(Protocol):
+    """Runs jobs: here, on other machines, or by looking up what was rendered before."""
+
+    def __call__(self, jobs: Sequence[PadJob], clock: Clock) -> Sequence[PadResult]:
+        """Return the results in the order of ``jobs``; ``clock`` is told of their mutations."""
+
+
+def render_transport(
+    scene: Scene,
+    phi: Array,
+    bends: Array,
+    *,
+    mutations: int,
+    seeds: Sequence[int] = (1,),
+    replicates: int = 8,
+    p_large: float = 1.0,
+    checkpoint: Path | None = None,
+    runner: RunPads | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Estimate:
+    """Render the transport of all fibers at all bends.
+
+    Arguments:
+        scene: the sensor.
+        phi: direction nodes in rad, ``(node,)`` for all fibers or ``(fiber, node)``.
+        bends: ``(bend,)`` rad, within [0, pi].
+        mutations: proposed mutations per (fiber, facet) pair and seed, on average.
+        seeds: independent runs; the same seeds give common random numbers between designs.
+        replicates: independent chain groups per seed, for the error bars.
+        p_large: probability of large steps; 1 is plain bidirectional Monte Carlo.
+        checkpoint: a folder; an interrupted render goes on there and ends bit-equal.
+        runner: who runs the jobs instead, with checkpoints of its own (default: this process, one
+            after the other).
+        progress: called every few seconds.
+
+    Raises:
+        RenderError: phi or bends out of range, or no light found.
+    """
+    jobs = pad_jobs(
+        scene, phi, bends, mutations=mutations, seeds=seeds, replicates=replicates, p_large=p_large
+    )
+    clock = Clock(sum(job.mutations for job in jobs), progress)
+    results = (runner or run_here(checkpoint))(jobs, clock)
+    return gather(scene, jobs, results, mutations)
+
+
+def run_here(checkpoint: Path | None = None) -> RunPads:
+    """Return what runs jobs in this process, one after the other, going on from ``checkpoint``."""
+
+    def run(jobs: Sequence[PadJob], clock: Clock) -> list[PadResult]:
+        results = []
+        for job in jobs:
+            results.append(_run(job, checkpoint, clock))
+            # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
+            gc.collect()
+        return results
+
+    return run
+
+
+def _run(job: PadJob, folder: Path | None, clock: Clock) -> PadResult:
+    if folder is None:
+        return render_pad(job, tick=clock.tick)
+    finished, state = folder / f"{job.name}.npz", folder / f"{job.name}.state.npz"
+    kept = read_or_drop(finished)
+    if kept is not None and "estimate" in kept:
+        clock.skip(job.mutations)
+        return PadResult.of(kept)
+    result = render_pad(job, state, clock.tick)
+    write_npz(finished, result.arrays())
+    state.unlink(missing_ok=True)
+    return result
+
+
+def pad_jobs(
+    scene: Scene,
+    phi: Array,
+    bends: Array,
+    *,
+    mutations: int,
+    seeds: Sequence[int],
+    replicates: int = 8,
+    p_large: float = 1.0,
+) -> list[PadJob]:
+    """Return the jobs of ``render_transport`` (its arguments): seed by seed, bend by bend.
+
+    Raises:
+        RenderError: phi or bends out of range.
+    """
+    phi, bends = _validated(scene, phi, bends, mutations, seeds)
+    jobs = []
+    for seed in seeds:
+        for bend in bends:
+            for indented in (True, False):
+                # One sample serves all facets of a site.
+                pairs = scene.sites.count * phi.shape[0]
+                total = mutations * pairs * (1 if indented else UNTOUCHED_SHARE)
+                chains, iterations = _shape(total, p_large)
+                jobs.append(
+                    PadJob.of(
+                        scene,
+                        phi,
+                        bend=float(bend),
+                        indented=indented,
+                        seed=seed,
+                        chains=chains,
+                        iterations=iterations,
+                        replicates=replicates,
+                        p_large=p_large,
+                    )
+                )
+    return jobs
+
+
+def gather(
+    scene: Scene, jobs: Sequence[PadJob], results: Sequence[PadResult], mutations: int
+) -> Estimate:
+    """Return the transport that the jobs of ``pad_jobs`` found.
+
+    Arguments:
+        scene: the sensor.
+        jobs: every seed at every bend, pressed and untouched, all with the same nodes; seeds and
+            bends in the estimate are in the order of their first job.
+        results: of the jobs.
+        mutations: per (fiber, facet) pair and seed, as ``pad_jobs`` was asked for.
+    """
+    bends = list(dict.fromkeys(job.bend for job in jobs))
+    seeds = list(dict.fromkeys(job.seed for job in jobs))
+    found = {
+        (job.bend, job.indented, job.seed): result.estimate
+        for job, result in zip(jobs, results, strict=True)
+    }
+
+    def pads(indented: bool) -> Array:
+        stacked = np.stack([[found[bend, indented, seed] for seed in seeds] for bend in bends])
+        # (bend, seed, replicate, fiber, node, target) -> (replicate, fiber, node, bend, target)
+        return stacked.reshape(len(bends), -1, *stacked.shape[3:]).transpose(1, 2, 3, 0, 4)
+
+    pressed, untouched = pads(True), pads(False)
+    shape = (scene.sites.count, scene.indenter.faces)
+    pressed = pressed.reshape(*pressed.shape[:-1], *shape)
+    first, phi = jobs[0], np.array(jobs[0].phi)
+    if mirrors(scene, phi):
+        pressed = 0.5 * (pressed + mirrored(scene, pressed, facets=True))
+        untouched = 0.5 * (untouched + mirrored(scene, untouched, facets=False))
+    return Estimate(
+        T=pressed.mean(axis=0),
+        se=standard_error(pressed),
+        background=untouched.mean(axis=0),
+        background_se=standard_error(untouched),
+        replicates=pressed,
+        background_replicates=untouched,
+        seconds=sum(result.seconds for result in results),
+        settings={
+            "integrator": "pssmlt",
+            "variant": VARIANT,
+            "mutations_per_cell": mutations,
+            "p_large": first.p_large,
+            "seeds": seeds,
+            "replicates_per_seed": first.replicates,
+            "version": VERSION,
+        },
+    )
+
+
+def _shape(total: int, p_large: float) -> tuple[int, int]:
+    """Return chains and iterations for about ``total`` mutations.
+
+    Every pass is traced anew, which takes as long as thousands of paths: independent paths take
+    the fewest passes. Chains need their passes, to move away from where they started.
+    """
+    if p_large == 1.0:
+        passes = max(1, math.ceil(total / CHAINS_MAX))
+        return CHAINS_MIN * max(1, round(total / passes / CHAINS_MIN)), passes
+    chains = CHAINS_MAX
+    while chains > CHAINS_MIN and total < ITERATIONS_MIN * chains:
+        chains //= 2
+    return chains, CHUNK * max(1, round(total / chains / CHUNK))
+
+
+def _validated(
+    scene: Scene, phi: Array, bends: Array, mutations: int, seeds: Sequence[int]
+) -> tuple[Array, Array]:
+    phi, bends = np.asarray(phi, dtype=np.float64), np.asarray(bends, dtype=np.float64)
+    if phi.ndim == 1:
+        phi = np.tile(phi, (scene.fibers.count, 1))
+    if phi.ndim != 2 or phi.shape[0] != scene.fibers.count or phi.shape[1] == 0:
+        raise RenderError(
+            f"phi has shape {phi.shape}, allowed: (node,) or ({scene.fibers.count}, node)",
+            field="phi",
+        )
+    for name, values in (("phi", phi), ("bends", bends)):
+        bad = ~((values >= 0.0) & (values <= np.pi))
+        if bad.any() or not values.size:
+            raise RenderError(
+                f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name, value=values
+            )
+    if mutations < 1 or not len(seeds) or len(set(seeds)) != len(seeds):
+        raise RenderError(
+            f"mutations = {mutations} and seeds = {list(seeds)}, allowed: at least 1 mutation "
+            "and distinct seeds",
+            field="mutations",
+        )
+    return phi, bends

@@ -1,0 +1,1 @@
+"""Random numbers by address, Markov chains and plain Monte Carlo over any path sampler."""

@@ -1,0 +1,1 @@
+"""What a sensor is: the scene file, its quantities, constraints and tolerances."""

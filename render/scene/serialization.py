@@ -1,0 +1,65 @@
+"""A scene as text that travels: exactly the numbers in memory, so that its hash stays the same.
+
+A TOML file holds degrees, and degrees do not always come back to the same radians.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+from render.errors import SceneError
+from render.scene.part import Part
+from render.scene.schema import Scene
+
+_LEFT_OUT = {"constraints", "tolerances", "free"}
+"""They change no light."""
+
+
+def scene_content(scene: Scene) -> str:
+    """Return everything that a render depends on, and the name, as JSON."""
+    content = scene.model_dump(mode="json", exclude=_LEFT_OUT, exclude_none=True)
+    return json.dumps({"hash": scene.hash, "scene": content}, sort_keys=True)
+
+
+@lru_cache(maxsize=16)
+def scene_of(text: str) -> Scene:
+    """Return the scene that ``scene_content`` wrote, without what changes no light.
+
+    Raises:
+        SceneError: the text is none, or was changed on the way.
+    """
+    try:
+        content = json.loads(text)
+        scene: Scene = _part(Scene, content["scene"])
+        if scene.hash == content["hash"]:
+            return scene
+    except (ValueError, KeyError, TypeError, AttributeError):
+        pass
+    raise SceneError(
+        "the content of the scene does not match its hash: send it again, from the same version "
+        "of tactilux",
+        field="scene",
+    )
+
+
+def _part(kind: type[Part], content: dict[str, Any]) -> Any:
+    """Return a part from values in memory units; validation would take them for file units."""
+    values: dict[str, Any] = {}
+    for name, field in kind.model_fields.items():
+        if name not in content:
+            continue
+        value = content[name]
+        if isinstance(value, dict):
+            value = _part(_part_class(field.annotation), value)
+        values[name] = tuple(value) if isinstance(value, list) else value
+    return kind.model_construct(**values)
+
+
+def _part_class(annotation: Any) -> type[Part]:
+    """Return the part's class; optional parts are unions with None."""
+    for kind in (annotation, *getattr(annotation, "__args__", ())):
+        if isinstance(kind, type) and issubclass(kind, Part):
+            return kind
+    raise TypeError(annotation)

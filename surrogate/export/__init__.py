@@ -1,0 +1,1 @@
+"""The shipped folder: ONNX file, model card, checksums, golden pair."""

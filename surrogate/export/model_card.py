@@ -1,0 +1,154 @@
+"""The model card: what the model was made from, how wrong it is, and when not to use it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+
+from surrogate.runtime.metadata import ModelMetadata
+from surrogate.training.evaluation import LevelErrors
+from surrogate.training.fit import Fit
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How the model was made: the exact command, its seed and what it took."""
+
+    command: str
+    seed: int
+    render_seconds: float
+    fit_seconds: float
+
+
+def machine() -> str:
+    """Return the processor and the number of cores."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    for line in lines:
+        if line.startswith("model name"):
+            model = line.split(":", 1)[1].strip()
+            break
+    return f"{model}, {os.cpu_count()} cores"
+
+
+def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
+    """Return ``checker.md``."""
+    conformal, preview = metadata.conformal, metadata.preview
+    checked = conformal["checked"]
+    found = (
+        f"{checked['counts']:.1%} of facet colours and {checked['score']:.1%} of scores"
+        if checked
+        else "not checked: one direction node only"
+    )
+    low, high = metadata.bounds["bend"]
+    settings = [f"- {key}: {value}" for key, value in metadata.renderer.items()]
+    return "\n".join(
+        [
+            f"# Surrogate of {metadata.scene}",
+            "",
+            "Predicts the camera colours of every facet, with a spread, the metric and the score "
+            "of a lighting design, from the preview and a residual that was learned from renders "
+            "of level 2.",
+            "",
+            "## How it was made",
+            "",
+            f"- command: `{made.command}`",
+            f"- seed: {made.seed}",
+            f"- machine: {machine()}",
+            f"- seconds: {made.render_seconds:.0f} rendering, {made.fit_seconds:.0f} fitting",
+            f"- scene: {metadata.scene}, hash {metadata.scene_hash}",
+            f"- training data: SHA-256 {metadata.training_data_hash}",
+            f"- sources: {metadata.git_revision}",
+            "- versions: " + ", ".join(f"{k} {v}" for k, v in metadata.versions.items()),
+            f"- licence: {metadata.licence}",
+            "",
+            "Reference renderer:",
+            "",
+            *settings,
+            f"- cells: {fit.cells}, median relative standard error {fit.noise:.1%}",
+            f"- unreliable: {fit.unreliable} cells, not positive or uncertain by half or more; "
+            "fitted with their weight, left out of the errors of single cells",
+            "",
+            f"Residual: {metadata.residual['kind']}, {metadata.residual['members']} members.",
+            f"Preview: {preview['phi_nodes']} x {preview['bend_nodes']} nodes; between them its "
+            f"interpolation is off by {preview['median']:.2%} (median), {preview['p95']:.2%} "
+            f"(95th percentile), {preview['worst']:.1%} (worst cell); {preview['floored']} cells "
+            "were black and hold the floor.",
+            "",
+            "## Errors on held-out designs",
+            "",
+            "Every cell of these random designs was predicted by a member that did not see its "
+            "fiber position, direction and bend together. The reference's own noise is part of "
+            "all numbers but one: with noise of this size in both, even the reference rendered "
+            "again would show the first row. Colours: length of the difference over "
+            "length of the reference's colour. Scores in counts.",
+            "",
+            *_table(fit.levels),
+            "",
+            "The same with whole fiber positions, directions or bends left out (fitted with half "
+            "the steps and a third of the data missing):",
+            "",
+            *_table(fit.splits),
+            "",
+            "## Intervals",
+            "",
+            "For the reference without its noise; compared with a render, the render's own error "
+            "bar is added in quadrature.",
+            f"At {conformal['coverage']:.0%}: a channel of a facet lies within "
+            f"{conformal['counts']:.2f} times `counts_spread`, a score within "
+            f"{conformal['score']:.2f} counts. Tried on designs made of other cells, these held "
+            f"{found}.",
+            "",
+            "## Limits",
+            "",
+            f"- Trained for phi 0 to 180 deg, power 0 to 1 and bend {_degrees(low)} to "
+            f"{_degrees(high)} deg of this scene. Outside, inputs are moved to the edge of the "
+            "range and `domain_excess` is positive; inputs that are not finite give NaN.",
+            "- Random designs set the intervals. A search that picks the best of very many "
+            "designs finds errors too: verify its result with `tactilux verify`.",
+            _family(metadata),
+            "- Errors of the reference (facets of finite size, an ideal black body, no light "
+            "bending with the pad) are not in the intervals.",
+            "",
+        ]
+    )
+
+
+def _family(metadata: ModelMetadata) -> str:
+    free = metadata.material
+    if not free:
+        return (
+            "- It knows this scene alone: another pad, material, camera or indenter needs its own "
+            "model."
+        )
+    rows = zip(free["names"], free["low"], free["high"], strict=True)
+    ranges = ", ".join(f"{name} {low:g} to {high:g}" for name, low, high in rows)
+    return (
+        f"- Its input `material` holds {ranges} (1/mm, mm); it serves every scene that differs in "
+        "these alone. Another pad, camera or indenter needs its own model."
+    )
+
+
+def _table(rows: tuple[LevelErrors, ...]) -> list[str]:
+    head = [
+        "| level | cell, median | cell, 95 % | colour, median | colour, 95 % | colour, rms "
+        "| colour, rms without noise | score, median "
+        "| score, 95 % | Kendall tau |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    return head + [
+        f"| {row.level} | {row.cell_median:.1%} | {row.cell_p95:.1%} | {row.facet_median:.1%} "
+        f"| {row.facet_p95:.1%} | {row.facet_rms:.1%} "
+        f"| {row.facet_rms_true:.1%} | {row.score_median:.2f} | {row.score_p95:.2f} "
+        f"| {row.kendall_tau:.2f} |"
+        for row in rows
+    ]
+
+
+def _degrees(radians: float) -> str:
+    return f"{radians * 57.29577951308232:g}"

@@ -1,0 +1,100 @@
+"""Writing a model folder: network, card, checksums and golden pair appear together."""
+
+from __future__ import annotations
+
+import shutil
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from render.errors import ModelError
+from render.files import write_npz
+from surrogate.export.onnx import export_onnx
+from surrogate.model.checker_module import Checker
+from surrogate.runtime.metadata import ModelMetadata
+from surrogate.runtime.model_file import (
+    CARD_FILE,
+    GOLDEN_FILE,
+    MODEL_FILE,
+    OUTPUTS,
+    SUM_FILE,
+    sha256,
+)
+
+FILES = {MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE}
+LARGEST = 5_000_000
+
+
+def write_package(
+    folder: Path,
+    checker: Checker,
+    metadata: ModelMetadata,
+    card: str,
+    golden_inputs: Mapping[str, np.ndarray],
+) -> None:
+    """Write the model to ``folder``, replacing an older one.
+
+    Everything is written into a folder beside it, replayed through onnxruntime, and renamed: a
+    reader, or a run that was killed, never meets half a model.
+
+    Raises:
+        ModelError: ``folder`` holds other files, or the model exceeds its size.
+    """
+    check_replaceable(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    fresh = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}")
+    fresh.mkdir()
+    try:
+        model = fresh / MODEL_FILE
+        export_onnx(checker, metadata.fibers, model, metadata.to_props())
+        if model.stat().st_size >= LARGEST:
+            raise ModelError(
+                f"{MODEL_FILE} would have {model.stat().st_size} bytes, allowed: below {LARGEST}; "
+                "train with fewer preview nodes",
+                field=MODEL_FILE,
+            )
+        write_npz(fresh / GOLDEN_FILE, {**golden_inputs, **_replay(model, golden_inputs)})
+        (fresh / CARD_FILE).write_text(card, encoding="utf-8")
+        lines = [f"{sha256((fresh / n).read_bytes())}  {n}\n" for n in (MODEL_FILE, GOLDEN_FILE)]
+        (fresh / SUM_FILE).write_text("".join(lines), encoding="ascii")
+        _swap(fresh, folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def check_replaceable(folder: Path) -> None:
+    """Refuse a folder that holds anything but a model.
+
+    Raises:
+        ModelError: names what else is in there.
+    """
+    if not folder.exists():
+        return
+    others = {item.name for item in folder.iterdir()} - FILES if folder.is_dir() else {folder.name}
+    if others:
+        raise ModelError(
+            f"{folder} holds {sorted(others)[0]!r}, which is no part of a model: name another "
+            "folder",
+            field="out",
+            value=str(folder),
+        )
+
+
+def _replay(model: Path, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    return dict(zip(OUTPUTS, session.run(list(OUTPUTS), dict(inputs)), strict=True))
+
+
+def _swap(fresh: Path, folder: Path) -> None:
+    """Put ``fresh`` in the place of ``folder``."""
+    if not folder.exists():
+        fresh.rename(folder)
+        return
+    old = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}")
+    folder.rename(old)
+    fresh.rename(folder)
+    shutil.rmtree(old)

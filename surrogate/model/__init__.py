@@ -1,0 +1,1 @@
+"""The surrogate as torch modules: preview table, features, residual, metric."""

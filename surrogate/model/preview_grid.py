@@ -1,0 +1,134 @@
+"""The preview as the surrogate holds it: logarithms on Chebyshev nodes in phi and in bend.
+
+Between the nodes the logarithm is interpolated by the polynomial through all of them, in phi and
+in bend. The logarithm keeps ten decades of brightness equally accurate and the result positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from render.chebyshev import chebyshev_nodes, interpolation_weights
+from render.errors import TableError
+from render.scene.schema import Scene
+from surrogate.model.materials import MaterialRange
+
+FLOOR = 1e-9
+"""Darkest preview that is told from black, relative to the brightest cell of the grid."""
+
+
+@dataclass(frozen=True)
+class PreviewGrid:
+    """Logarithm of the preview's transport on a grid of directions and bends.
+
+    Arguments:
+        log_transport: ``(fiber, phi_node, bend_node, site, normal)`` float64; the normals are the
+            facets, then the untouched pad; logarithm of 1/(mm^2 sr).
+        phi, bends: Chebyshev nodes, rad, ascending.
+        floored: number of cells that were darker than ``FLOOR`` and hold it instead.
+        slopes: how the logarithm follows a free material, ``(term, fiber, ...)``, times the terms
+            of ``free``; see :mod:`surrogate.model.material_grid`.
+        free: the range of the free material.
+    """
+
+    log_transport: Array
+    phi: Array
+    bends: Array
+    floored: int
+    slopes: Array | None = None
+    free: MaterialRange | None = None
+
+    def evaluate(self, phi: Array, bends: Array) -> Array:
+        """Return the logarithm ``(fiber, phi, bend, site, normal)`` at ``phi`` and ``bends``."""
+        in_phi = interpolation_weights(self.phi, phi)
+        in_bend = interpolation_weights(self.bends, bends)
+        out = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, self.log_transport, optimize=True)
+        return np.asarray(out)
+
+
+def draw_grid(scene: Scene, phi_count: int, bend_count: int) -> PreviewGrid:
+    """Draw the preview of ``scene`` on ``phi_count`` by ``bend_count`` Chebyshev nodes.
+
+    phi covers [0, pi], the bend [0, largest angle of the scene]; a scene with one bend gets one
+    node there.
+
+    Raises:
+        GraphicsError: when no OpenGL library can draw.
+        TableError: when the preview is black or not finite.
+    """
+    from render.preview.preview import Preview
+
+    phi, bends = grid_nodes(scene, phi_count, bend_count)
+    with Preview(scene) as preview:
+        transport, background = preview.transport(phi, bends)
+    return grid_from_transport(transport, background, phi, bends)
+
+
+def grid_nodes(scene: Scene, phi_count: int, bend_count: int) -> tuple[Array, Array]:
+    """Return the nodes in phi and bend (rad) that :func:`draw_grid` draws at."""
+    low, high = bend_range(scene)
+    bends = np.array([high]) if low == high else chebyshev_nodes(bend_count, low, high)
+    return chebyshev_nodes(phi_count, 0.0, np.pi), bends
+
+
+def bend_range(scene: Scene) -> tuple[float, float]:
+    """Return the bends (rad) that a model of ``scene`` is trained for, from flat if it bends."""
+    angles = scene.bending.angles
+    return (min(angles), max(angles)) if len(set(angles)) == 1 else (0.0, max(angles))
+
+
+def grid_from_transport(
+    transport: Array, background: Array, phi: Array, bends: Array
+) -> PreviewGrid:
+    """Return the grid of a preview drawn at the nodes ``phi`` and ``bends``.
+
+    Arguments:
+        transport: ``(fiber, phi_node, bend_node, site, facet)``.
+        background: ``(fiber, phi_node, bend_node, site)``.
+        phi: ``(phi_node,)`` rad.
+        bends: ``(bend_node,)`` rad.
+    """
+    cells = np.concatenate([transport, background[..., None]], axis=-1)
+    brightest = float(cells.max())
+    if not np.isfinite(cells).all() or brightest <= 0:
+        raise TableError(
+            "the preview is black or not finite somewhere: look at it with `tactilux render`",
+            field="preview",
+        )
+    dark = cells < FLOOR * brightest
+    log_transport = np.log(np.where(dark, FLOOR * brightest, cells))
+    return PreviewGrid(log_transport, phi, bends, int(dark.sum()))
+
+
+@dataclass(frozen=True)
+class InterpolationError:
+    """Relative error of the grid against the preview itself, at points between the nodes."""
+
+    median: float
+    p95: float
+    worst: float
+
+
+def interpolation_error(scene: Scene, grid: PreviewGrid) -> InterpolationError:
+    """Draw the preview halfway (in Chebyshev angle) between the nodes and compare."""
+    from render.preview.preview import Preview
+
+    phi, bends = _between(grid.phi), _between(grid.bends)
+    with Preview(scene) as preview:
+        transport, background = preview.transport(phi, bends)
+    exact = np.concatenate([transport, background[..., None]], axis=-1)
+    floor = np.exp(grid.log_transport.min())
+    error = np.abs(np.exp(grid.evaluate(phi, bends)) / np.maximum(exact, floor) - 1.0)
+    return InterpolationError(
+        float(np.median(error)), float(np.quantile(error, 0.95)), float(error.max())
+    )
+
+
+def _between(nodes: Array) -> Array:
+    if len(nodes) == 1:
+        return nodes
+    x = -np.cos(np.pi * (np.arange(len(nodes) - 1) + 0.5) / (len(nodes) - 1))
+    return np.asarray(nodes[0] + 0.5 * (nodes[-1] - nodes[0]) * (x + 1.0))

@@ -1,0 +1,1 @@
+"""Running a shipped model: numpy and onnxruntime only."""

@@ -1,0 +1,240 @@
+"""Running ``checker.onnx``: numpy and onnxruntime alone, no torch, no OpenGL, no renderer."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from render.arrays import Array
+from render.errors import ModelError
+from render.scene.schema import Scene
+from render.transport import TransportTable
+from surrogate.model.materials import family_hash
+from surrogate.runtime.metadata import ModelMetadata, read_props
+from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
+
+# Designs per call of the runtime: enough to fill its threads, few enough to stay in the cache.
+_BATCH = 64
+
+
+class Checker:
+    """A surrogate model, ready to run.
+
+    Arguments:
+        session: the onnxruntime session.
+        metadata: what the model says about itself.
+        material: the free quantities ``(quantity,)`` of the scene that it is asked for, in the
+            order and units of ``metadata.material``; empty where nothing is free.
+        scene_hash: of that scene.
+    """
+
+    def __init__(
+        self,
+        session: Any,
+        metadata: ModelMetadata,
+        material: Array | None = None,
+        scene_hash: str | None = None,
+    ) -> None:
+        """Take an open session; use :meth:`load` or :meth:`for_scene` for files."""
+        self._session = session
+        self.metadata = metadata
+        own = np.array(metadata.material.get("nominal", []), dtype=np.float64)
+        self.material = own if material is None else material
+        self.scene_hash = scene_hash or metadata.scene_hash
+
+    @classmethod
+    def load(
+        cls, path: str | Path, scene_hash: str | None = None, *, threads: int | None = None
+    ) -> Checker:
+        """Return the model in a folder, or in an ``.onnx`` file.
+
+        A folder must hold ``checker.sha256``, and its checksums are verified; a single file is
+        verified where that file lies beside it.
+
+        Arguments:
+            path: the folder or the file.
+            scene_hash: hash of the scene that the model must be of.
+            threads: threads of the runtime (default: its own choice).
+
+        Raises:
+            ModelError: missing, altered, corrupt, foreign, or for another scene.
+        """
+        session, metadata = _opened(path, threads)
+        if scene_hash is not None and metadata.scene_hash != scene_hash:
+            raise _foreign(path, metadata, scene_hash)
+        return cls(session, metadata)
+
+    @classmethod
+    def for_scene(cls, path: str | Path, scene: Scene, *, threads: int | None = None) -> Checker:
+        """Return the model in ``path``, as :meth:`load`, for ``scene``.
+
+        A model with a free material serves every scene that differs in the free quantities alone;
+        outside their trained range its ``domain_excess`` is positive.
+
+        Raises:
+            ModelError: as :meth:`load`.
+        """
+        session, metadata = _opened(path, threads)
+        if metadata.scene_hash == scene.hash:
+            return cls(session, metadata)
+        free = metadata.material
+        if not free or scene.diffuser is None:
+            raise _foreign(path, metadata, scene.hash)
+        if family_hash(scene, tuple(free["names"])) != free["family"]:
+            raise _foreign(path, metadata, scene.hash)
+        values = scene.diffuser.free_values
+        material = np.array([values[name] for name in free["names"]])
+        return cls(session, metadata, material, scene.hash)
+
+    @property
+    def exposure(self) -> float:
+        """Counts per 1/(mm^2 sr)."""
+        return self.metadata.exposure
+
+    @property
+    def lam(self) -> float:
+        """Weight of M_phi in eq. (4.6)."""
+        return self.metadata.lam
+
+    @property
+    def coverage(self) -> float:
+        """How often the intervals below hold the reference, 0.9."""
+        return float(self.metadata.conformal["coverage"])
+
+    @property
+    def counts_reach(self) -> float:
+        """Half-width of the interval of a channel of a facet, in units of ``counts_spread``."""
+        return float(self.metadata.conformal["counts"])
+
+    @property
+    def score_reach(self) -> float:
+        """Half-width of the interval of a score, in counts."""
+        return float(self.metadata.conformal["score"])
+
+    def run(self, phi: Array, power: Array, bends: Array) -> dict[str, np.ndarray]:
+        """Return the model's outputs for ``N`` designs, float32.
+
+        Arguments:
+            phi: ``(N, fiber)`` rad in [0, pi].
+            power: ``(N, fiber, 3)`` in [0, 1].
+            bends: ``(bend,)`` rad, the same for all designs, in [0, pi]; beyond the trained
+                bends ``domain_excess`` is positive.
+
+        Returns:
+            ``counts``, ``counts_spread`` ``(N, bend, site, facet, 3)``, ``background``
+            ``(N, bend, site, 3)``, ``metric`` ``(N, bend, site)``, ``score`` ``(N,)`` over the
+            bends given, ``domain_excess`` ``(N,)``.
+
+        Raises:
+            ModelError: wrong shape, range or unit.
+        """
+        fibers = self.metadata.fibers
+        phi, power, bends = (np.asarray(x, dtype=np.float64) for x in (phi, power, bends))
+        if phi.ndim != 2 or phi.shape[1] != fibers or len(phi) == 0:
+            raise _shape_error("phi", phi, f"(designs, {fibers})")
+        if power.shape != (len(phi), fibers, 3):
+            raise _shape_error("power", power, f"({len(phi)}, {fibers}, 3)")
+        if bends.ndim != 1 or len(bends) == 0:
+            raise _shape_error("bends", bends, "(bends,)")
+        _check_range("phi", phi, math.pi, "rad")
+        _check_range("power", power, 1.0, "of full power")
+        _check_range("bends", bends, math.pi, "rad")
+        bend = np.tile(bends.astype(np.float32), (len(phi), 1))
+        feeds = {"phi": phi.astype(np.float32), "power": power.astype(np.float32), "bend": bend}
+        if len(self.material):
+            feeds[MATERIAL] = np.tile(self.material.astype(np.float32), (len(phi), 1))
+        parts = [
+            self._session.run(list(OUTPUTS), {k: v[i : i + _BATCH] for k, v in feeds.items()})
+            for i in range(0, len(phi), _BATCH)
+        ]
+        return {name: np.concatenate([part[i] for part in parts]) for i, name in enumerate(OUTPUTS)}
+
+    def transport_table(self, phi: Array, bends: Array | None = None) -> TransportTable:
+        """Return the transport at direction nodes ``phi`` ``(phi_node,)`` rad.
+
+        Light is linear: three fibers are lit per run, one per colour channel, at a power that
+        clips nothing. ``se`` is one standard deviation of the model's error of single cells; the
+        background's is that of its site's facets, relatively.
+
+        Arguments:
+            phi: ascending nodes in [0, pi].
+            bends: ``(bend,)`` rad (default: the scene's).
+        """
+        phi = np.asarray(phi, dtype=np.float64)
+        bends = np.array(self.metadata.scene_bends) if bends is None else np.asarray(bends)
+        fibers, limit = self.metadata.fibers, self.metadata.metric.count_max
+        runs = math.ceil(fibers / 3)
+        lit = np.zeros((runs, fibers, 3))
+        lit[np.arange(fibers) // 3, np.arange(fibers), np.arange(fibers) % 3] = 1.0
+        directions = np.repeat(phi, runs)[:, None].repeat(fibers, axis=1)
+        power = 1.0
+        while True:
+            found = self.run(directions, np.tile(lit, (len(phi), 1, 1)) * power, bends)
+            if max(found["counts"].max(), found["background"].max()) < limit:
+                break
+            power /= 4.0
+
+        def cells(name: str) -> Array:
+            """Return ``(fiber, phi_node, bend, site[, facet])`` of an output."""
+            value = np.moveaxis(found[name].astype(np.float64), -1, 1)
+            value = value.reshape(len(phi), runs * 3, *value.shape[2:])[:, :fibers]
+            return value.swapaxes(0, 1) / (self.exposure * power)
+
+        transport, spread, background = map(cells, ("counts", "counts_spread", "background"))
+        return TransportTable(
+            T=transport,
+            se=spread,
+            phi=phi,
+            exposure=self.exposure,
+            lam=self.lam,
+            scene_hash=self.scene_hash,
+            level="surrogate",
+            bends=bends,
+            background=background,
+            background_se=background * (spread / transport).mean(axis=-1),
+        )
+
+
+def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata]:
+    file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
+    content = read_verified(file, strict=Path(path).is_dir())
+    session = open_session(content, file, threads)
+    return session, read_props(session.get_modelmeta().custom_metadata_map, str(file))
+
+
+def _foreign(path: str | Path, metadata: ModelMetadata, scene_hash: str) -> ModelError:
+    file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
+    return ModelError(
+        f"{file} is a model of another scene ({metadata.scene}, hash {metadata.scene_hash}), "
+        f"allowed: hash {scene_hash}; train one with `tactilux train`",
+        field="scene_hash",
+        value=metadata.scene_hash,
+        allowed=scene_hash,
+    )
+
+
+def _shape_error(name: str, value: Array, allowed: str) -> ModelError:
+    return ModelError(
+        f"{name} has shape {value.shape}, allowed: {allowed}: give one row per design",
+        field=name,
+        value=value.shape,
+        allowed=allowed,
+    )
+
+
+def _check_range(name: str, value: Array, high: float, unit: str) -> None:
+    bad = ~((value >= 0.0) & (value <= high * (1 + 1e-7)))
+    if not bad.any():
+        return
+    worst = float(value[bad].flat[0])
+    degrees = unit == "rad" and worst > high
+    hint = "; if these are degrees, convert them with numpy.radians" if degrees else ""
+    raise ModelError(
+        f"{name} = {worst:g} {unit}, allowed: 0 to {high:.6g}{hint or '; correct the input'}",
+        field=name,
+        value=worst,
+        allowed=f"0 to {high:.6g}",
+    )

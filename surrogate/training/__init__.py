@@ -1,0 +1,1 @@
+"""Making a surrogate: reference data, regression, held-out evaluation."""

@@ -1,0 +1,187 @@
+"""Uncertainty that holds: the spread of a cell, and conformal factors that make it an interval.
+
+Intervals are for the reference without its noise. A held-out render has noise of its own, which is
+known; it is added in quadrature wherever a prediction is compared with a render, when factors are
+found and when their coverage is checked. So a noisy reference does not widen the intervals, and a
+better one does not break them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from surrogate.training.evaluation import Exam
+
+COVERAGE = 0.9
+NOISE_DRAWS = 16
+LEAST_SHARE = 0.25
+"""Least share of the mean square error of scores that is held against the model, not the noise."""
+
+
+def fit_spread(
+    error: Array, noise: Array, ensemble: Array, brightness: Array
+) -> tuple[float, float]:
+    """Return ``(b0, b1)`` of the residual's standard deviation ``exp(b0 + b1 z)`` in log T.
+
+    Maximum likelihood of normal errors with the variance ``exp(2 b0 + 2 b1 z) + ensemble +
+    noise^2``. Errors beyond the 99.9th percentile are left to the conformal factor. All arguments
+    are one-dimensional, one entry per cell.
+
+    Arguments:
+        error: out-of-fold ``T_reference / T_prediction - 1``.
+        noise: standard error of the reference, relative to the prediction.
+        ensemble: variance among the members.
+        brightness: the standardised log preview z.
+    """
+    from scipy.optimize import minimize
+
+    keep = np.abs(error) <= np.quantile(np.abs(error), 0.999)
+    square, known, z = error[keep] ** 2, (noise**2 + ensemble)[keep], brightness[keep]
+
+    def loss(b: Array) -> float:
+        variance = np.exp(np.clip(2 * (b[0] + b[1] * z), -30.0, 10.0)) + known
+        return float(np.mean(np.log(variance) + square / variance))
+
+    # From the median excess: a few cells with very noisy error bars must not set the scale.
+    excess = max(float(np.median(square)) / 0.455 - float(np.median(known)), 1e-6)
+    start = np.array([0.5 * np.log(excess), 0.0])
+    best = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7}).x
+    return float(np.clip(best[0], -10.0, 1.0)), float(np.clip(best[1], -1.0, 1.0))
+
+
+def counts_spread(exam: Exam, transport: Array, apart: Array, cell_spread: Array) -> Array:
+    """Return one standard deviation of the counts, as the exported graph computes it.
+
+    Arguments:
+        exam: gives designs, bends and exposure.
+        transport: ``(direction, fiber, bend, site, normal)``.
+        apart: deviation of every member from the mean in log T, ``(member, ...)`` the same.
+        cell_spread: ``(direction, fiber, bend, site)`` calibrated residual in log T.
+
+    Returns:
+        ``(design, bend, site, facet, 3)``.
+    """
+    light = exam.designs.transport(transport[:, :, exam.bends, :, :-1])
+    alone = light * exam.designs.transport(cell_spread[:, :, exam.bends])[..., None]
+    power = exam.designs.power
+    variance = np.einsum("dfc,dfbsk->dbskc", power**2, alone**2, optimize=True)
+    if len(apart) > 1:
+        for member in apart[..., :-1]:
+            moved = light * exam.designs.transport(member[:, :, exam.bends])
+            together = np.einsum("dfc,dfbsk->dbskc", power, moved, optimize=True)
+            variance += together**2 / (len(apart) - 1)
+    return np.asarray(exam.exposure * np.sqrt(variance))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Predictions of held-out designs beside the reference, with what each side may be off by.
+
+    Arguments:
+        error, spread, noise: ``(channel,)`` of all lit channels of all facets: error of the
+            counts, one standard deviation of the model and of the reference.
+        score_error, score_noise: ``(design,)`` error of S, freed of the bias that noise gives the
+            reference's S, and standard deviation of the reference's S.
+    """
+
+    error: Array
+    spread: Array
+    noise: Array
+    score_error: Array
+    score_noise: Array
+
+    @property
+    def score_spread(self) -> float:
+        """One standard deviation of the model's S: what the noise does not explain."""
+        total = float(np.mean(self.score_error**2))
+        beyond = total - float(np.mean(self.score_noise**2))
+        return math.sqrt(max(beyond, LEAST_SHARE * total))
+
+
+def compare(exam: Exam, transport: Array, spread: Array, rng: np.random.Generator) -> Comparison:
+    """Return the comparison of a prediction with the reference of ``exam``.
+
+    The noise of S comes from a parametric bootstrap: S of the prediction with the reference's
+    noise added, against S of the prediction itself. Its mean is the bias (S absorbs noise in its
+    spreads), its standard deviation the noise.
+
+    Arguments:
+        exam: held-out designs with their answers.
+        transport: out-of-fold prediction ``(direction, fiber, bend, site, normal)``.
+        spread: ``(design, bend, site, facet, 3)`` one standard deviation of the counts.
+        rng: of the bootstrap.
+    """
+    guess = exam.counts(transport)
+    error, lit = guess - exam.counts(exam.reference), spread > 0
+    score = exam.scores(guess)
+    drawn = []
+    for _ in range(NOISE_DRAWS):
+        noisy = transport + exam.error * rng.standard_normal(transport.shape)
+        drawn.append(exam.scores(exam.counts(noisy)) - score)
+    bias, deviation = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
+    return Comparison(
+        error=error[lit],
+        spread=spread[lit],
+        noise=exam.counts_noise()[lit],
+        score_error=score + bias - exam.scores(exam.counts(exam.reference)),
+        score_noise=deviation,
+    )
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """Split conformal factors for COVERAGE (Vovk 2005; Lei et al. 2018).
+
+    Arguments:
+        counts: a channel of a facet lies within ``counts * counts_spread`` of its prediction.
+        score_factor: S lies within ``score_factor * score_spread`` counts of its prediction.
+        score_spread: one standard deviation of S, in counts.
+    """
+
+    counts: float
+    score_factor: float
+    score_spread: float
+
+    @property
+    def score(self) -> float:
+        """Half-width of the interval of S, in counts."""
+        return self.score_factor * self.score_spread
+
+
+def conformal(found: Comparison) -> Quantiles:
+    """Return the factors that cover the comparison's designs."""
+    total = np.hypot(found.score_spread, found.score_noise)
+    return Quantiles(
+        counts=_quantile(np.abs(found.error) / np.hypot(found.spread, found.noise)),
+        score_factor=_quantile(np.abs(found.score_error) / total),
+        score_spread=found.score_spread,
+    )
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Fractions of channels of facets and of scores that their intervals held."""
+
+    counts: float
+    score: float
+
+
+def coverage(found: Comparison, quantiles: Quantiles) -> Coverage:
+    """Return how often intervals with ``quantiles`` hold the comparison's reference."""
+    reach = quantiles.counts * np.hypot(found.spread, found.noise)
+    score_reach = quantiles.score_factor * np.hypot(quantiles.score_spread, found.score_noise)
+    return Coverage(
+        float(np.mean(np.abs(found.error) <= reach)),
+        float(np.mean(np.abs(found.score_error) <= score_reach)),
+    )
+
+
+def _quantile(values: Array) -> float:
+    """Return the ceil((n + 1) COVERAGE)-th smallest value: the finite-sample conformal quantile."""
+    n = len(values)
+    rank = min(n, int(np.ceil((n + 1) * COVERAGE)))
+    return float(np.partition(values, rank - 1)[rank - 1])

@@ -1,0 +1,169 @@
+"""Errors on held-out designs: random lighting whose every cell was predicted out of fold.
+
+Transport here has the axes ``(direction, fiber, bend, site, normal)`` of the training cells; a
+design picks one direction and one colour per fiber.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from render.metric import design_score, image_counts, site_metric
+from render.transport import TransportTable
+
+
+@dataclass(frozen=True)
+class Designs:
+    """Random lighting designs.
+
+    Arguments:
+        direction: ``(design, fiber)`` index of the direction.
+        power: ``(design, fiber, 3)``, one colour per fiber at full power.
+    """
+
+    direction: np.ndarray
+    power: Array
+
+    def transport(self, cells: Array) -> Array:
+        """Return ``(design, fiber, bend, site, normal)`` of transport per cell."""
+        return np.asarray(cells[self.direction, np.arange(cells.shape[1])])
+
+
+def random_designs(
+    count: int, allowed: np.ndarray, block: np.ndarray, rng: np.random.Generator
+) -> Designs:
+    """Return ``count`` designs over the directions ``allowed`` ``(direction, fiber)``.
+
+    A design stays within one ``block`` ``(direction,)``: a sensor is made of one material.
+    Neighbouring fibers share a colour in runs of 1, 2 or 4, as the candidates of a search do;
+    every third design has a run length of its own.
+    """
+    fibers = allowed.shape[1]
+    inside = [allowed & (block == b)[:, None] for b in np.unique(block)]
+    usable = [choices for choices in inside if choices.any(axis=0).all()]
+    shares = np.array_split(np.arange(count), len(usable))
+    drawn = [
+        np.stack([rng.choice(np.flatnonzero(ok), size=len(share)) for ok in choices.T], axis=1)
+        for choices, share in zip(usable, shares, strict=True)
+    ]
+    return Designs(np.concatenate(drawn), random_colours(count, fibers, rng))
+
+
+def random_colours(count: int, fibers: int, rng: np.random.Generator) -> Array:
+    """Return powers ``(design, fiber, 3)``: one colour per fiber, in runs of 1, 2 or 4."""
+    colour = rng.integers(0, 3, size=(count, fibers))
+    run = np.array([1, 2, 4])[np.arange(count) % 3]
+    start = (np.arange(fibers) // run[:, None]) * run[:, None]
+    return np.eye(3)[np.take_along_axis(colour, start, axis=1)]
+
+
+@dataclass(frozen=True)
+class LevelErrors:
+    """Errors of one level of the ladder against the reference.
+
+    Arguments:
+        level: what predicted.
+        cell_median, cell_p95: ``|T / T_reference - 1|`` of single cells.
+        facet_median, facet_p95: ``|c - c_reference| / |c_reference|`` of facet colours.
+        facet_rms: root of ``sum |c - c_reference|^2 / sum |c_reference|^2``.
+        facet_rms_true: the same without the reference's own noise, whose known variance is taken
+            off both sums; 0 when the noise explains everything.
+        score_median, score_p95: ``|S - S_reference|`` in counts.
+        kendall_tau: rank agreement of the scores.
+    """
+
+    level: str
+    cell_median: float
+    cell_p95: float
+    facet_median: float
+    facet_p95: float
+    facet_rms: float
+    facet_rms_true: float
+    score_median: float
+    score_p95: float
+    kendall_tau: float
+
+
+@dataclass(frozen=True)
+class Exam:
+    """Held-out designs with the reference's answer.
+
+    Arguments:
+        reference, error: transport ``(direction, fiber, bend, site, normal)`` and its standard
+            error; reliable: the same shape.
+        designs: what is asked.
+        exposure, lam: of the scene.
+        examined: ``(direction, fiber, bend)`` cells that were held out.
+        bends: indices of the bends that colours and scores are compared at.
+    """
+
+    reference: Array
+    error: Array
+    reliable: np.ndarray
+    designs: Designs
+    exposure: float
+    lam: float
+    examined: np.ndarray
+    bends: np.ndarray
+
+    def counts(self, transport: Array) -> Array:
+        """Return the facets' counts ``(design, bend, site, facet, 3)``, clipped."""
+        light = self.designs.transport(transport[:, :, self.bends, :, :-1])
+        return np.asarray(image_counts(light, self.designs.power, self.exposure))
+
+    def counts_noise(self) -> Array:
+        """Return the standard error of the reference's counts, the shape of :meth:`counts`."""
+        error = self.designs.transport(self.error[:, :, self.bends, :, :-1])
+        variance = np.einsum("dfc,dfbsk->dbskc", self.designs.power**2, error**2, optimize=True)
+        return np.asarray(self.exposure * np.sqrt(variance))
+
+    def scores(self, counts: Array) -> Array:
+        """Return S ``(design,)`` over the bends of ``counts``."""
+        return np.asarray(design_score(site_metric(counts, self.lam)).score)
+
+    def grade(self, level: str, transport: Array) -> LevelErrors:
+        """Return the errors of ``transport`` against the reference."""
+        known = self.reliable & self.examined[..., None, None]
+        cell = np.abs(transport[known] / self.reference[known] - 1.0)
+        truth, guess = self.counts(self.reference), self.counts(transport)
+        facet = np.linalg.norm(guess - truth, axis=-1) / np.linalg.norm(truth, axis=-1)
+        off, light = ((guess - truth) ** 2).sum(), (truth**2).sum()
+        noise = (self.counts_noise() ** 2).sum()
+        truth_scores, guess_scores = self.scores(truth), self.scores(guess)
+        score = np.abs(guess_scores - truth_scores)
+        return LevelErrors(
+            level=level,
+            cell_median=float(np.quantile(cell, 0.5)),
+            cell_p95=float(np.quantile(cell, 0.95)),
+            facet_median=float(np.quantile(facet, 0.5)),
+            facet_p95=float(np.quantile(facet, 0.95)),
+            facet_rms=float(np.sqrt(off / light)),
+            facet_rms_true=float(
+                np.sqrt(max(off - noise, 0.0) / max(light - noise, 1e-12 * light))
+            ),
+            score_median=float(np.quantile(score, 0.5)),
+            score_p95=float(np.quantile(score, 0.95)),
+            kendall_tau=kendall_tau(guess_scores, truth_scores),
+        )
+
+
+def kendall_tau(a: Array, b: Array) -> float:
+    """Return Kendall's tau-b of two lists of scores; 0 when one of them is constant.
+
+    ``tau = (concordant - discordant) / sqrt((pairs - ties_a) (pairs - ties_b))``.
+    """
+    first = np.sign(a[:, None] - a[None])
+    second = np.sign(b[:, None] - b[None])
+    norm = np.sqrt((first**2).sum() * (second**2).sum())
+    return float((first * second).sum() / norm) if norm > 0 else 0.0
+
+
+def scene_bends(table: TransportTable, angles: tuple[float, ...]) -> np.ndarray:
+    """Return the indices of the scene's bends in ``table``, or all where one is missing."""
+    apart = np.abs(table.bends[None] - np.asarray(angles)[:, None])
+    nearest = apart.argmin(axis=1)
+    exact = apart[np.arange(len(angles)), nearest] < 1e-6
+    return nearest if exact.all() else np.arange(len(table.bends))

@@ -1,0 +1,336 @@
+"""Fitting the residual: ridge, then networks; the one that is better out of fold is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import nn
+
+from render.arrays import Array
+from render.scene.schema import Scene
+from surrogate.model.preview_grid import PreviewGrid
+from surrogate.training.conformal import (
+    Comparison,
+    Coverage,
+    Quantiles,
+    compare,
+    conformal,
+    counts_spread,
+    coverage,
+    fit_spread,
+)
+from surrogate.training.dataset import Cells, folds, interior_folds
+from surrogate.training.evaluation import Designs, Exam, LevelErrors, random_designs
+from surrogate.training.mlp import NetworkConfig, fit_networks
+from surrogate.training.regression import Rows, build_rows, held_out
+from surrogate.training.ridge import fit_ridge
+
+SPLIT_FOLDS = 3
+"""Folds when whole fiber positions, directions or bends are left out."""
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """How the residual is fitted and examined.
+
+    Arguments:
+        members: folds of the cross-validation and members of the ensemble.
+        network: size and training of the networks.
+        penalties: candidate ridge penalties; the best out of fold is taken.
+        designs: random held-out designs for errors and conformal factors.
+    """
+
+    members: int = 5
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    penalties: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+    designs: int = 300
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted residual and everything that is known about its errors.
+
+    Arguments:
+        residual: the ensemble that goes into the graph.
+        kind: ``ridge`` or ``network``.
+        spread: parameters of the calibrated residual (see ``graph.Checker``).
+        quantiles: conformal factors from all held-out designs.
+        coverage: what factors from one half of the cells cover of designs from the other half.
+        levels: errors of preview, scaled preview, ridge and networks on held-out designs.
+        splits: errors of the kept kind when whole fiber positions, directions or bends are out.
+        unreliable, cells: number of cells with a relative error of half or more, and of all.
+        noise: median relative standard error of the reference's cells.
+    """
+
+    residual: nn.Module
+    kind: str
+    spread: tuple[float, float]
+    quantiles: Quantiles
+    coverage: Coverage | None
+    levels: tuple[LevelErrors, ...]
+    splits: tuple[LevelErrors, ...]
+    unreliable: int
+    cells: int
+    noise: float
+
+
+def fit_residual(
+    scene: Scene,
+    grid: PreviewGrid,
+    cells: Cells,
+    *,
+    exposure: float,
+    lam: float,
+    bends: np.ndarray,
+    seed: int,
+    config: FitConfig,
+    progress: Callable[[str, int, int], None],
+) -> Fit:
+    """Return the residual of ``cells`` on the preview ``grid``; deterministic for a seed.
+
+    ``bends`` are the indices of the bends that designs are examined at.
+    """
+    with _one_thread():
+        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
+        return _fit(task, config, progress)
+
+
+def fit_ensembles(
+    scene: Scene,
+    grid: PreviewGrid,
+    cells: Cells,
+    *,
+    exposure: float,
+    lam: float,
+    bends: np.ndarray,
+    seed: int,
+    config: FitConfig,
+    progress: Callable[[str, int, int], None],
+) -> dict[str, nn.Module]:
+    """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without examination."""
+    with _one_thread():
+        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
+        fold = folds(cells.group, config.members, seed)
+        both = _ensembles(task, config, task.exam_of(config, fold), fold, progress)
+        return {"ridge": both.ridge, "network": both.network}
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Hold torch to one thread: for small products, threads that wait cost time."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@dataclass(frozen=True)
+class _Task:
+    scene: Scene
+    cells: Cells
+    rows: Rows
+    exposure: float
+    lam: float
+    bends: np.ndarray
+    seed: int
+
+    def exam(self, designs: Designs, examined: np.ndarray, bends: np.ndarray) -> Exam:
+        cells = self.cells
+        return Exam(
+            reference=cells.transport,
+            error=cells.error,
+            reliable=cells.reliable,
+            designs=designs,
+            exposure=self.exposure,
+            lam=self.lam,
+            examined=examined,
+            bends=bends,
+        )
+
+    def designs(self, count: int, allowed: np.ndarray, stream: int) -> Designs:
+        return random_designs(
+            count, allowed, self.cells.block, np.random.default_rng([self.seed, stream])
+        )
+
+    def residuals(self, model: nn.Module) -> Array:
+        with torch.no_grad():
+            return self.rows.residuals(model(self.rows.x))
+
+    def predicted(self, model: nn.Module, fold: np.ndarray) -> Array:
+        """Return the transport that members predict out of fold."""
+        return np.asarray(
+            np.exp(self.rows.log_preview) * np.exp(held_out(self.residuals(model), fold))
+        )
+
+    def exam_of(self, config: FitConfig, fold: np.ndarray) -> Exam:
+        """Return designs over all cells."""
+        everywhere = np.ones(fold.shape, dtype=bool)
+        designs = self.designs(config.designs, everywhere[..., 0], 0)
+        return self.exam(designs, everywhere, self.bends)
+
+
+def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
+    cells, rows = task.cells, task.rows
+    fold = folds(cells.group, config.members, task.seed)
+    exam = task.exam_of(config, fold)
+    both = _ensembles(task, config, exam, fold, progress)
+    penalty, ridge, network = both.penalty, both.ridge, both.network
+    preview = np.exp(rows.log_preview)
+
+    def grade(name: str, model: nn.Module) -> LevelErrors:
+        return exam.grade(name, task.predicted(model, fold))
+
+    factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
+    levels = (
+        exam.grade("noise of the reference", _noisy(task)),
+        exam.grade("preview", preview),
+        exam.grade("preview, one factor", preview * factor),
+        grade("ridge", ridge),
+        grade("network", network),
+    )
+    better = levels[-1].facet_rms < levels[-2].facet_rms
+    kind, model = ("network", network) if better else ("ridge", ridge)
+
+    def refit(out: np.ndarray, count: int, name: str) -> nn.Module:
+        if better:
+            shorter = config.network.shorter(2)
+            return _train(task, out, count, f"split by {name}", shorter, progress)
+        return fit_ridge(rows, out, count, penalty)
+
+    members = task.residuals(model)
+    residual, apart = held_out(members, fold), members - members.mean(axis=0)
+    b0, b1 = _spread(task, residual, apart)
+    cell_spread, transport = np.exp(b0 + b1 * rows.brightness), preview * np.exp(residual)
+
+    def compared(with_exam: Exam) -> Comparison:
+        spread = counts_spread(with_exam, transport, apart, cell_spread)
+        return compare(with_exam, transport, spread, np.random.default_rng([task.seed, 4]))
+
+    return Fit(
+        residual=model,
+        kind=kind,
+        spread=(b0, b1),
+        quantiles=conformal(compared(exam)),
+        coverage=_coverage(task, config, compared),
+        levels=levels,
+        splits=_splits(task, config, refit),
+        unreliable=int((~cells.reliable).sum()),
+        cells=int(cells.reliable.size),
+        noise=float(rows.noise.median()),
+    )
+
+
+@dataclass(frozen=True)
+class _Ensembles:
+    """Ridge with the penalty that is best out of fold, and networks."""
+
+    penalty: float
+    ridge: nn.Module
+    network: nn.Module
+
+
+def _ensembles(
+    task: _Task,
+    config: FitConfig,
+    exam: Exam,
+    fold: np.ndarray,
+    progress: Callable[[str, int, int], None],
+) -> _Ensembles:
+    progress("ridge", 0, 1)
+    ridges = [(p, fit_ridge(task.rows, fold, config.members, p)) for p in config.penalties]
+    penalty, ridge = min(
+        ridges, key=lambda item: exam.grade("ridge", task.predicted(item[1], fold)).facet_rms
+    )
+    progress("ridge", 1, 1)
+    network = _train(task, fold, config.members, "networks", config.network, progress)
+    return _Ensembles(penalty, ridge, network)
+
+
+def _train(
+    task: _Task,
+    where: np.ndarray,
+    members: int,
+    name: str,
+    network: NetworkConfig,
+    progress: Callable[[str, int, int], None],
+) -> nn.Module:
+    def report(done: int, total: int) -> None:
+        progress(name, done, total)
+
+    return fit_networks(task.rows, where, members, network, task.seed, report)
+
+
+def _splits(
+    task: _Task, config: FitConfig, refit: Callable[[np.ndarray, int, str], nn.Module]
+) -> tuple[LevelErrors, ...]:
+    """Return the errors when whole fiber positions, inner directions, bends or materials are out.
+
+    ``refit`` takes folds, their number and a name, and returns an ensemble.
+    """
+    cells, found = task.cells, []
+    for name, group, inner in (
+        ("fiber position", cells.fiber_group, False),
+        ("direction", cells.direction_group, True),
+        ("bend", cells.bend_group, True),
+        ("material", cells.material_group, False),
+    ):
+        out = interior_folds(group, SPLIT_FOLDS, task.seed, inner)
+        held = np.asarray(out >= 0)
+        count = int(out.max()) + 1
+        if count < 2:
+            continue
+        residual = held_out(task.residuals(refit(out, count, name)), out)
+        bends = np.flatnonzero(held.any(axis=(0, 1))) if name == "bend" else task.bends
+        designs = task.designs(config.designs, np.asarray(held.any(axis=2)), 1)
+        transport = np.exp(task.rows.log_preview + residual)
+        found.append(task.exam(designs, held, bends).grade(f"unseen {name}", transport))
+    return tuple(found)
+
+
+def _noisy(task: _Task) -> Array:
+    """Return the reference with its noise once more: what a perfect model's errors look like."""
+    cells = task.cells
+    random = np.random.default_rng([task.seed, 3]).standard_normal(cells.error.shape)
+    return np.asarray(cells.transport + cells.error * random)
+
+
+def _spread(task: _Task, residual: Array, apart: Array) -> tuple[float, float]:
+    """Calibrate the cells' spread."""
+    rows = task.rows
+    predicted = np.exp(rows.log_preview + residual)
+    return fit_spread(
+        (task.cells.transport / predicted - 1.0).ravel(),
+        (task.cells.error / predicted).ravel(),
+        ((apart**2).sum(axis=0) / max(len(apart) - 1, 1)).ravel(),
+        np.broadcast_to(rows.brightness[..., None], residual.shape).ravel(),
+    )
+
+
+def _coverage(
+    task: _Task, config: FitConfig, compared: Callable[[Exam], Comparison]
+) -> Coverage | None:
+    """Return the coverage of designs whose cells had no part in the conformal factors.
+
+    The pairs of fiber and direction are dealt to two halves like a chessboard (twins together);
+    factors from designs of one half are tried on designs of the other, both ways.
+    """
+    cells = task.cells
+    if len(cells.phi) < 2:
+        return None
+    white = np.asarray((cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0)
+    halves: tuple[np.ndarray, ...] = (white, ~white)
+    everywhere = np.ones(cells.group.shape, dtype=bool)
+    first, second = (
+        compared(task.exam(task.designs(config.designs, half, 2), everywhere, task.bends))
+        for half in halves
+    )
+    found = coverage(second, conformal(first)), coverage(first, conformal(second))
+    return Coverage(
+        float(np.mean([f.counts for f in found])), float(np.mean([f.score for f in found]))
+    )

@@ -1,0 +1,82 @@
+"""The trained residual: an ensemble of small perceptrons, all members in one batched descent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from surrogate.model.networks import NetworkEnsemble
+from surrogate.training.regression import Rows, deviance, expand
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Size and training of the networks.
+
+    Arguments:
+        width: units per hidden layer.
+        steps: steps of Adam; batch: rows per step.
+        rate: largest learning rate, reached after a short warm-up, then a cosine to 0.
+        decay: decoupled weight decay (Loshchilov and Hutter 2019).
+    """
+
+    width: int = 32
+    steps: int = 10000
+    batch: int = 512
+    rate: float = 1e-2
+    decay: float = 1e-4
+
+    def shorter(self, factor: int) -> NetworkConfig:
+        """Return the same with fewer steps."""
+        return replace(self, steps=max(1, self.steps // factor))
+
+
+def fit_networks(
+    rows: Rows,
+    fold: np.ndarray,
+    members: int,
+    config: NetworkConfig,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> NetworkEnsemble:
+    """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
+
+    Minimises the weighted gamma deviance (:func:`surrogate.training.regression.deviance`).
+    ``progress`` is called with (steps done, steps in all).
+    """
+    generator = torch.Generator().manual_seed(seed)
+    outputs = rows.basis.shape[1]
+    net = NetworkEnsemble(members, rows.x.shape[1], config.width, outputs, generator)
+    optimizer = torch.optim.AdamW(net.parameters(), lr=config.rate, weight_decay=config.decay)
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, config.steps))
+    index = rows.fold_rows(fold)
+    seen = (index[None] != torch.arange(members)[:, None]).float()
+    weight = seen[..., None] * rows.weight
+    weight = weight / weight.mean(dim=(1, 2), keepdim=True)
+    order = torch.zeros(0, dtype=torch.long)
+    for step in range(config.steps):
+        if len(order) < config.batch:
+            order = torch.cat([order, torch.randperm(len(rows.x), generator=generator)])
+        take, order = order[: config.batch], order[config.batch :]
+        residual = expand(net(rows.x[take]), rows.basis[take])
+        error = deviance(rows.ratio[take], residual)
+        loss = (weight[:, take] * error).mean(dim=(1, 2)).sum()
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        schedule.step()
+        if progress and (step + 1) % 100 == 0:
+            progress(step + 1, config.steps)
+    return net
+
+
+def _rate(step: int, steps: int) -> float:
+    """Return the factor of the learning rate: linear warm-up over 2 %, then half a cosine."""
+    warm = max(1, steps // 50)
+    if step < warm:
+        return (step + 1) / warm
+    return 0.5 * (1 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))

@@ -1,0 +1,150 @@
+"""The training renders: which cells, how many mutations, and where an interrupted run goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from render.arrays import Array
+from render.chebyshev import chebyshev_nodes
+from render.progress import Progress
+from render.reference.cost import render_pace
+from render.reference.transport import Estimate, RunPads, render_transport
+from render.scene.schema import Scene
+from render.transport import TransportTable
+from surrogate.model.preview_grid import bend_range
+
+LEAST = 8
+"""Mutations per cell, however little time there is."""
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """What is rendered; kept in the run directory, so that a resumed run renders the same.
+
+    Arguments:
+        scene_hash: of the scene.
+        mutations: proposed mutations per (fiber, facet) pair and seed.
+        seeds: of the independent runs.
+        phi, bends: nodes in rad.
+    """
+
+    scene_hash: str
+    mutations: int
+    seeds: list[int]
+    phi: list[float]
+    bends: list[float]
+
+
+def training_bends(scene: Scene, count: int) -> Array:
+    """Return the bends (rad) to render: ``count`` Chebyshev nodes and the scene's own."""
+    low, high = bend_range(scene)
+    nodes = np.array([high]) if low == high else chebyshev_nodes(count, low, high)
+    extra = [a for a in scene.bending.angles if np.abs(nodes - a).min() > 1e-6]
+    return np.sort(np.concatenate([nodes, extra]))
+
+
+def make_plan(
+    scene: Scene,
+    folder: Path,
+    *,
+    minutes: float,
+    mutations: int | None,
+    seed: int,
+    phi_count: int,
+    bend_count: int,
+) -> RenderPlan:
+    """Return the plan in ``folder``, or a new one; ``mutations`` None fills ``minutes``.
+
+    A stored plan is taken up only when it asks for the same scene, nodes, seed and mutations.
+    """
+    phi = chebyshev_nodes(phi_count, 0.0, np.pi).tolist()
+    bends = training_bends(scene, bend_count).tolist()
+    path = folder / "plan.json"
+    stored = _read(path)
+    wanted = (scene.hash, [seed + 1], phi, bends)
+    if (
+        stored is not None
+        and (stored.scene_hash, stored.seeds, stored.phi, stored.bends) == wanted
+        and mutations in (None, stored.mutations)
+    ):
+        return stored
+    if mutations is None:
+        mutations = _affordable(scene, np.array(phi), np.array(bends), minutes)
+    plan = RenderPlan(scene.hash, mutations, [seed + 1], phi, bends)
+    _write_json(path, asdict(plan))
+    return plan
+
+
+def render_plan(
+    scene: Scene,
+    plan: RenderPlan,
+    folder: Path,
+    progress: Callable[[Progress], None] | None,
+    runner: RunPads | None = None,
+) -> Estimate:
+    """Render the cells of ``plan``, going on where ``folder`` stands, or by ``runner``.
+
+    The estimate's ``seconds`` are those of all attempts together.
+    """
+    return render_transport(
+        scene,
+        np.array(plan.phi),
+        np.array(plan.bends),
+        mutations=plan.mutations,
+        seeds=plan.seeds,
+        checkpoint=folder / "reference",
+        runner=runner,
+        progress=progress,
+    )
+
+
+def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> TransportTable:
+    """Return the estimate as a table, with exposure and lambda still to be fixed."""
+    return TransportTable(
+        T=estimate.T,
+        se=estimate.se,
+        phi=np.array(plan.phi),
+        exposure=1.0,
+        lam=0.0,
+        scene_hash=scene.hash,
+        level="reference",
+        bends=np.array(plan.bends),
+        background=estimate.background,
+        background_se=estimate.background_se,
+    )
+
+
+def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
+    """Return the mutations that fill ``minutes``."""
+    pace = render_pace(scene, phi)
+    left = 60.0 * minutes - pace.spent - pace.fixed * len(bends)
+    return max(LEAST, int(left / (pace.each * len(bends))))
+
+
+def _read(path: Path) -> RenderPlan | None:
+    try:
+        return RenderPlan(**_read_json(path))
+    except TypeError:
+        return None
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Return the object in ``path``; nothing when there is none or it is damaged."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content), encoding="utf-8")
+    temporary.replace(path)

@@ -1,0 +1,59 @@
+"""The baseline residual: ridge regression on the inputs and their products."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from surrogate.model.networks import RidgeEnsemble, quadratic
+from surrogate.training.regression import Rows, expand
+
+LEAST_RATIO = 0.05
+"""Darkest T_reference / T_preview that the logarithm is started from."""
+
+SCORING_STEPS = 2
+
+
+def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> RidgeEnsemble:
+    """Return ``members`` ridge regressions; member ``m`` does not see the rows of fold ``m``.
+
+    Fisher scoring for the gamma deviance (McCullagh and Nelder 1989, 2.5): least squares for the
+    working response ``z = r + y exp(-r) - 1``, which starts at log y. The target of a row is the
+    weighted projection of its responses on the basis of the normal; rows count by the mean weight
+    of their cells. ``penalty`` multiplies the squared weights of the standardised features (Hoerl
+    and Kennard 1970).
+    """
+    from sklearn.linear_model import Ridge
+
+    row_weight = rows.weight.mean(dim=1).double().numpy()
+    inputs = rows.x.shape[1]
+    first, second = torch.triu_indices(inputs, inputs)
+    features = quadratic(rows.x.double(), first, second).numpy()[:, 1:]
+    center, scale = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-6)
+    standardised = (features - center) / scale
+    index = rows.fold_rows(fold).numpy()
+    start = _project(rows, torch.log(torch.clamp(rows.ratio, min=LEAST_RATIO)))
+    weights = []
+    for member in range(members):
+        seen, target = index != member, start
+        for _ in range(1 + SCORING_STEPS):
+            model = Ridge(alpha=penalty * row_weight[seen].sum())
+            model.fit(standardised[seen], target[seen], sample_weight=row_weight[seen])
+            predicted = torch.as_tensor(model.predict(standardised), dtype=torch.float32)
+            residual = expand(predicted, rows.basis)
+            target = _project(rows, residual + rows.ratio * torch.exp(-residual) - 1.0)
+        slope = model.coef_.T / scale[:, None]
+        constant = model.intercept_ - center @ slope
+        weights.append(np.concatenate([constant[None], slope]))
+    return RidgeEnsemble(torch.as_tensor(np.array(weights), dtype=torch.float32), inputs)
+
+
+def _project(rows: Rows, response: torch.Tensor) -> np.ndarray:
+    """Return the coefficients ``(row, output)`` that fit ``response`` row by row, in its frame."""
+    basis = rows.basis.double()
+    weighted = basis * rows.weight[:, None, :].double()
+    gram = weighted @ basis.transpose(1, 2)
+    # Contrast terms can be collinear with the harmonics: a trace of the weight keeps them apart.
+    gram = gram + 1e-3 * rows.weight.mean() * torch.eye(basis.shape[1], dtype=torch.float64)
+    right = weighted @ response[:, :, None].double()
+    return np.asarray(torch.linalg.solve(gram, right)[..., 0].numpy())

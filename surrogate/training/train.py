@@ -1,0 +1,229 @@
+"""Making a model: preview table, reference renders, fit, held-out errors, export."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.errors import TableError
+from render.scene.schema import Scene
+from render.transport import TransportTable
+from surrogate.export.describe_model import describe_model
+from surrogate.export.model_card import Provenance, write_card
+from surrogate.export.package import write_package
+from surrogate.model.checker_module import Checker as Graph
+from surrogate.model.material_grid import MATERIALS, draw_material_grid
+from surrogate.model.materials import MaterialRange
+from surrogate.model.preview_grid import interpolation_error
+from surrogate.runtime.metadata import ModelMetadata
+from surrogate.training.evaluation import scene_bends
+from surrogate.training.exposure import fix_scale
+from surrogate.training.fit import Fit, FitConfig, fit_residual
+from surrogate.training.reference_data import Reference, render_reference
+
+
+@dataclass(frozen=True)
+class TrainProgress:
+    """How far training is: ``done`` of ``total`` in ``stage``; the rest of it in seconds."""
+
+    stage: str
+    done: int
+    total: int
+    eta_seconds: float
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """What is rendered and fitted.
+
+    Arguments:
+        minutes: rendering time that the mutations are chosen for.
+        mutations: mutations per (fiber, facet) pair instead; the same number on any machine.
+        phi_nodes, bend_nodes: nodes of the reference.
+        preview_nodes: nodes of the preview in phi and bend.
+        materials, preview_materials: how many materials are rendered, and drawn by the preview,
+            where the scene leaves its material free.
+        fit: the residual.
+    """
+
+    minutes: float = 40.0
+    mutations: int | None = None
+    phi_nodes: int = 11
+    bend_nodes: int = 5
+    preview_nodes: tuple[int, int] = (11, 9)
+    materials: int = 8
+    preview_materials: int = MATERIALS
+    fit: FitConfig = field(default_factory=FitConfig)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A finished model: where it is, what it says about itself, its fit and its training data."""
+
+    folder: Path
+    metadata: ModelMetadata
+    fit: Fit
+    table: TransportTable
+    seconds: float
+
+
+def train(
+    scene: Scene,
+    out: Path,
+    *,
+    seed: int = 0,
+    table: TransportTable | None = None,
+    run: Path | None = None,
+    config: TrainConfig | None = None,
+    command: str = "",
+    progress: Callable[[TrainProgress], None] | None = None,
+) -> Trained:
+    """Make the model of ``scene`` in the folder ``out``; all its files appear together.
+
+    Deterministic for a seed, a number of mutations and a processor type.
+
+    Arguments:
+        scene: the sensor.
+        out: model folder; an older model in it is replaced.
+        seed: of renders, folds, networks and held-out designs.
+        table: a reference table with background to fit to, instead of rendering one.
+        run: directory where an interrupted render goes on (default: beside ``out``); the
+            finished table is ``reference.npz`` in it.
+        config: nodes, mutations and network.
+        command: the command line, for the model card.
+        progress: called as the work goes on.
+
+    Raises:
+        TableError: a table that does not fit the scene.
+        RenderError, CompilerError, GraphicsError: from the renderers.
+        ModelError: ``out`` holds files that are no model.
+    """
+    config = config or TrainConfig()
+    run = run or out.parent / f"{out.name}-training"
+    if table is not None:
+        _check(scene, table)
+    began = time.monotonic()
+    report = _Reporter(progress)
+
+    report("preview", 0, 1)
+    grid, left_out = draw_material_grid(
+        scene,
+        *config.preview_nodes,
+        materials=config.preview_materials,
+        progress=lambda done, total: report("preview", done, total),
+    )
+    preview_error = interpolation_error(scene, grid)
+    report("preview", 1, 1)
+
+    reference = _reference(scene, table, run, seed, config, report)
+    exposure, lam = fix_scale(scene, reference.tables[0])
+    reference = reference.scaled(exposure, lam)
+    reference.save(run)
+
+    fitting = time.monotonic()
+    fit = fit_residual(
+        scene,
+        grid,
+        reference.cells(scene),
+        exposure=exposure,
+        lam=lam,
+        bends=scene_bends(reference.tables[0], scene.bending.angles),
+        seed=seed,
+        config=config.fit,
+        progress=report,
+    )
+    fit_seconds = time.monotonic() - fitting
+
+    report("export", 0, 1)
+    about = describe_model(scene, grid, preview_error, left_out, reference, fit)
+    graph = Graph(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
+    render_seconds = reference.renderer.get("seconds", 0.0)
+    made = Provenance(
+        command=command or f"tactilux train {scene.name} --seed {seed}",
+        seed=seed,
+        render_seconds=render_seconds if isinstance(render_seconds, float) else 0.0,
+        fit_seconds=fit_seconds,
+    )
+    write_package(out, graph, about, write_card(about, fit, made), _golden_inputs(scene, seed))
+    report("export", 1, 1)
+    return Trained(out, about, fit, reference.tables[0], time.monotonic() - began)
+
+
+class _Reporter:
+    """Turns (stage, done, total) into progress with an estimate of the remaining time."""
+
+    def __init__(self, progress: Callable[[TrainProgress], None] | None) -> None:
+        self.progress, self.stage, self.began = progress, "", 0.0
+
+    def __call__(self, stage: str, done: int, total: int, eta: float | None = None) -> None:
+        if stage != self.stage:
+            self.stage, self.began = stage, time.monotonic()
+        if self.progress is None:
+            return
+        if eta is None:
+            spent = time.monotonic() - self.began
+            eta = spent / done * (total - done) if done else math.nan
+        self.progress(TrainProgress(stage, done, total, eta))
+
+
+def _check(scene: Scene, table: TransportTable) -> None:
+    """Refuse a table that the model cannot be made of, before anything is drawn."""
+    if table.scene_hash != scene.hash or table.level != "reference":
+        raise TableError(
+            f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
+            f"allowed: level 'reference' of scene {scene.hash}: render it for {scene.name}",
+            field="table",
+        )
+    if MaterialRange.of(scene) is not None:
+        raise TableError(
+            f"scene {scene.name} leaves its material free, and a table knows one material: "
+            "train without --table, or leave the section free out of the scene",
+            field="free",
+        )
+
+
+def _reference(
+    scene: Scene,
+    table: TransportTable | None,
+    run: Path,
+    seed: int,
+    config: TrainConfig,
+    report: _Reporter,
+) -> Reference:
+    """Return the reference, rendered unless ``table`` is given."""
+    free = MaterialRange.of(scene)
+    if table is not None:
+        return Reference((table,), {"source": "an existing reference table"})
+    return render_reference(
+        scene,
+        run,
+        seed=seed,
+        minutes=config.minutes,
+        mutations=config.mutations,
+        phi_count=config.phi_nodes,
+        bend_count=config.bend_nodes,
+        materials=None if free is None else free.samples(config.materials),
+        progress=report,
+    )
+
+
+def _golden_inputs(scene: Scene, seed: int) -> dict[str, NDArray[np.float32]]:
+    """Return three random designs at the scene's bends, float32, as the graph takes them."""
+    rng = np.random.default_rng([seed, 99])
+    fibers = scene.fibers.count
+    inputs = {
+        "phi": rng.uniform(0.0, np.pi, (3, fibers)).astype(np.float32),
+        "power": rng.uniform(0.0, 1.0, (3, fibers, 3)).astype(np.float32),
+        "bend": np.tile(np.array(scene.bending.angles, dtype=np.float32), (3, 1)),
+    }
+    free = MaterialRange.of(scene)
+    if free is not None:
+        unit = rng.uniform(-1.0, 1.0, (3, len(free.names)))
+        inputs["material"] = free.from_unit(unit).astype(np.float32)
+    return inputs

@@ -1,0 +1,82 @@
+"""A fisheye photograph becomes the pinhole's, and bad lens files are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.camera.dewarp import Dewarp, load_lens
+from hw.camera.pinhole import intrinsics, rotation
+from hw.errors import CaptureError
+from render.geometry.facet_masks import pixel_directions
+from render.scene.schema import load_scene
+
+SCENE = load_scene("finger20")
+LENS = """
+columns = 640
+rows = 480
+focal = [200.0, 200.0]
+centre = [319.5, 239.5]
+distortion = [0.05, -0.01, 0.002, 0.0]
+"""
+
+
+def lens_file(tmp_path: Path, text: str = LENS) -> Path:
+    path = tmp_path / "lens.toml"
+    path.write_text(text)
+    return path
+
+
+def test_every_direction_lands_where_the_pinhole_has_it(tmp_path: Path) -> None:
+    lens = load_lens(lens_file(tmp_path))
+    # A photograph whose colour says in which direction each pixel of the fisheye looks.
+    x, y = (np.arange(640) - 319.5) / 200, (np.arange(480) - 239.5) / 200
+    radius = np.hypot(*np.meshgrid(x, y))
+    theta = np.linspace(0, 1.6, 4000)
+    bent = theta * (1 + 0.05 * theta**2 - 0.01 * theta**4 + 0.002 * theta**6)
+    angle = np.interp(radius, bent, theta)
+    photo = np.repeat(angle[..., None], 3, axis=-1)
+    found = Dewarp(lens, SCENE)(photo)[..., 0]
+    rows, columns = SCENE.camera.rows, SCENE.camera.columns
+    row, column = np.mgrid[0:rows:50, 0:columns:40]
+    direction = pixel_directions(SCENE, columns, rows, column + 0.5, row + 0.5)
+    wanted = np.arccos(direction[..., 2])
+    inside = wanted < 0.9
+    np.testing.assert_allclose(found[row, column][inside], wanted[inside], atol=0.005)
+
+
+def test_another_size_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="640 x 480"):
+        Dewarp(load_lens(lens_file(tmp_path)), SCENE)(np.zeros((100, 100, 3)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("columns = 640", "columns = -1"),
+        ("rows = 480\n", ""),
+        ("[200.0, 200.0]", "[200.0]"),
+        ("[200.0, 200.0]", '["a", 1.0]'),
+        ("[0.05,", "[nan,"),
+        ("rows = 480", "rows = 480\nzoom = 1"),
+        ("rows = 480", "rows = [480"),
+    ],
+)
+def test_a_bad_lens_is_refused(tmp_path: Path, old: str, new: str) -> None:
+    with pytest.raises(CaptureError, match=r"lens|zoom"):
+        load_lens(lens_file(tmp_path, LENS.replace(old, new)))
+
+
+def test_the_pinhole_agrees_with_the_renderers_rays() -> None:
+    direction = pixel_directions(SCENE, 36, 60, np.array([10.5]), np.array([20.5]))[0]
+    matrix = intrinsics(SCENE, 36, 60)
+    # The renderer's columns run towards -x and rows towards -y.
+    seen = matrix @ (np.array([-direction[0], -direction[1], direction[2]]) / direction[2])
+    np.testing.assert_allclose(seen[:2], [10.0, 20.0], atol=1e-9)
+
+
+def test_turning_back_is_the_inverse() -> None:
+    turn = rotation((0.1, -0.2, 0.3))
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)

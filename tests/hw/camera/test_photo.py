@@ -1,0 +1,94 @@
+"""Photographs are read as they are, or refused with what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from hw.camera.photo import check_photo, linear, read_photo
+from hw.errors import CaptureError
+
+PIXELS = np.random.default_rng(0).integers(0, 256, (6, 4, 3)).astype(np.uint8)
+
+
+def test_a_png_keeps_its_channels_and_rows(tmp_path: Path) -> None:
+    Image.fromarray(PIXELS).save(tmp_path / "a.png")
+    assert np.array_equal(read_photo(tmp_path / "a.png"), PIXELS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale"), [(np.uint8, 1.0), (np.uint16, 257.0), (np.float32, 1.0)]
+)
+def test_an_array_is_read_in_counts(tmp_path: Path, kind: type[np.generic], scale: float) -> None:
+    np.save(tmp_path / "a.npy", (PIXELS * scale).astype(kind))
+    np.testing.assert_allclose(read_photo(tmp_path / "a.npy"), PIXELS)
+
+
+def test_gamma_is_undone() -> None:
+    light = np.array([0.0, 10.0, 128.0, 255.0])
+    encoded = 255 * (light / 255) ** (1 / 2.2)
+    np.testing.assert_allclose(linear(encoded, 2.2), light, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.png", b"rubbish"),
+        ("a.png", b""),
+        ("a.npy", b"rubbish"),
+        ("a.npy", b"\x93NUMPY\x01\x00"),
+        ("a.jpg", b"\xff\xd8\xff\xe0"),
+    ],
+)
+def test_rubbish_is_one_sentence(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(CaptureError, match="give a PNG, JPEG or"):
+        read_photo(tmp_path / name)
+
+
+def test_a_truncated_png_is_one_sentence(tmp_path: Path) -> None:
+    Image.fromarray(np.tile(PIXELS, (50, 50, 1))).save(tmp_path / "a.png")
+    content = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(content[: len(content) // 2])
+    with pytest.raises(CaptureError, match="cannot be read"):
+        read_photo(tmp_path / "a.png")
+
+
+def test_a_pickle_is_not_opened(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(CaptureError):
+        read_photo(tmp_path / "a.npy")
+
+
+def test_a_grey_photograph_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(PIXELS[..., 0]).save(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match="not RGB"):
+        read_photo(tmp_path / "a.png")
+
+
+def test_nan_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((6, 4, 3), np.nan))
+    with pytest.raises(CaptureError, match="finite"):
+        read_photo(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("path", ["none.png", "."])
+def test_what_is_no_file_is_refused(tmp_path: Path, path: str) -> None:
+    with pytest.raises(CaptureError, match="cannot be read"):
+        read_photo(tmp_path / path)
+
+
+def test_another_size_is_refused_with_the_right_one() -> None:
+    with pytest.raises(CaptureError, match="4 x 6 pixels, allowed: 5 x 6"):
+        check_photo(PIXELS.astype(float), 6, 5, "photo")
+
+
+def test_over_exposure_is_refused() -> None:
+    counts = np.full((6, 4, 3), 100.0)
+    check_photo(counts, 6, 4, "photo")
+    counts[0, 0, 1] = 255.0
+    with pytest.raises(CaptureError, match="over-exposed"):
+        check_photo(counts, 6, 4, "photo")

@@ -1,0 +1,62 @@
+"""Pad positions and pixels are each other's inverse, at any bend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hw.camera.projection import pad_positions, pixels_of
+from hw.check.site_colors import RADIUS, SiteSpots
+from render.geometry.facet_masks import facet_masks
+from render.geometry.layout import flat_sites
+from render.scene.schema import load_scene
+
+SCENE = load_scene("finger20")
+ROWS, COLUMNS = 120, 72
+
+
+@pytest.mark.parametrize("bend", [0.0, 45.0, 90.0])
+def test_a_pixel_looks_at_the_point_that_it_was_found_for(bend: float) -> None:
+    angle = np.radians(bend)
+    flat = pad_positions(SCENE, angle, ROWS, COLUMNS)
+    row, column = 60, np.array([20, 36, 50])
+    points = flat[row, column]
+    assert np.isfinite(points).all()
+    found = pixels_of(SCENE, angle, points, ROWS, COLUMNS)
+    np.testing.assert_allclose(
+        found, np.stack([column + 0.5, np.full(3, row + 0.5)], -1), atol=0.02
+    )
+
+
+def test_the_tip_is_up_and_columns_run_against_x() -> None:
+    flat = pad_positions(SCENE, 0.0, ROWS, COLUMNS)
+    assert flat[40, 36, 1] > flat[80, 36, 1]
+    assert flat[60, 20, 0] > flat[60, 50, 0]
+
+
+def test_what_the_camera_cannot_see_is_nan() -> None:
+    found = pixels_of(SCENE, 0.0, np.array([[0.0, -14.9], [50.0, 0.0]]), ROWS, COLUMNS)
+    assert np.isnan(found).all()
+
+
+@pytest.mark.parametrize("bend", [0.0, 90.0])
+def test_spots_lie_about_the_renderers_own(bend: float) -> None:
+    angle = np.radians(bend)
+    spots = SiteSpots(SCENE, angle)
+    masks = facet_masks(SCENE, angle)
+    seen = np.zeros(SCENE.camera.rows * SCENE.camera.columns)
+    for site in range(SCENE.sites.count):
+        seen[:] = 0.0
+        seen[masks.of(site, masks.facets)] = 1.0
+        photo = np.repeat(seen.reshape(SCENE.camera.rows, SCENE.camera.columns, 1), 3, 2)
+        inside = spots.colours(photo)[:, 0] * spots.counts
+        # All pixels of the site's own spot lie in ours, and in no other site's.
+        assert inside[site] == pytest.approx(seen.sum())
+        assert np.delete(inside, site).sum() == 0
+
+
+def test_spots_are_discs_of_their_radius() -> None:
+    flat = pad_positions(SCENE, 0.0, SCENE.camera.rows, SCENE.camera.columns)
+    site = flat_sites(SCENE)[7, :2]
+    near = np.hypot(*(flat - site).reshape(-1, 2).T) <= RADIUS
+    assert SiteSpots(SCENE, 0.0).counts[7] == near.sum()

@@ -1,0 +1,178 @@
+"""``tactilux check`` needs no renderer and no training, and its exit code tells the rig's state."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from optimize.design.design import baseline_design
+from render.arrays import Array
+from render.scene.schema import load_scene
+from surrogate.runtime.checker import Checker
+from tests.conftest import Run
+from tests.hw.cli.conftest import ROOT
+
+Photographed = Callable[[Path, Array], Path]
+
+# What a robot's computer does not have.
+ABSENT = ("torch", "mitsuba", "drjit", "moderngl", "glcontext", "cma", "numba", "scipy", "sklearn",
+          "onnx", "trimesh", "matplotlib", "jinja2", "cv2", "serial")  # fmt: skip
+BLOCKED = """
+import sys
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {absent!r}:
+            raise ModuleNotFoundError(f"blocked: {{name}}", name=name)
+sys.meta_path.insert(0, Block())
+sys.argv = ["tactilux", *{arguments!r}]
+from hw.cli.cli import main
+main()
+"""
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory, photographed: Photographed) -> Path:
+    """Write a healthy sweep."""
+    return photographed(tmp_path_factory.mktemp("healthy") / "sweep", np.ones(20))
+
+
+def baseline_score() -> float:
+    checker = Checker.load(ROOT / "models" / "finger20", threads=2)
+    design = baseline_design(load_scene("finger20"))
+    bends = np.array(checker.metadata.scene_bends)
+    return float(checker.run(design.phi[None], design.power[None], bends)["score"][0])
+
+
+def blocked(*arguments: object) -> subprocess.CompletedProcess[str]:
+    code = BLOCKED.format(absent=ABSENT, arguments=[str(item) for item in arguments])
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+
+
+def test_it_runs_where_neither_torch_nor_a_renderer_is(sweep: Path) -> None:
+    done = blocked("check", "--capture", sweep, "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert set(result) == {"ok", "score", "counts_error", "fibers", "domain_excess"}
+    assert result["ok"] is True
+    assert len(result["fibers"]) == 20
+    assert {fiber["state"] for fiber in result["fibers"]} == {"ok"}
+    assert result["score"] == pytest.approx(baseline_score(), abs=1e-3)
+
+
+def test_a_fault_is_named_and_the_exit_code_is_1(
+    tactilux: Run, tmp_path: Path, photographed: Photographed
+) -> None:
+    power = np.ones(20)
+    power[4], power[13] = 0.0, 0.5
+    result = tactilux("check", "--capture", photographed(tmp_path / "sweep", power))
+    assert result.code == 1
+    assert "Fiber 4 is dead" in result.out
+    assert "Fiber 13 is dim" in result.out
+    assert "about 50 %" in result.out
+
+
+def test_a_record_of_the_healthy_rig_is_made_and_used(
+    tactilux: Run, tmp_path: Path, sweep: Path
+) -> None:
+    assert tactilux("check", "--capture", sweep, "--commission", tmp_path / "rig.npz").code == 0
+    result = tactilux("check", "--capture", sweep, "--rig", tmp_path / "rig.npz", "--json")
+    assert result.code == 0
+    assert json.loads(result.out)["counts_error"] < 0.5
+
+
+def test_a_record_grows_with_every_healthy_start(
+    tactilux: Run, tmp_path: Path, sweep: Path
+) -> None:
+    record = tmp_path / "rig.npz"
+    for start in (1, 2):
+        result = tactilux("check", "--capture", sweep, "--commission", record)
+        assert f"holds {start} start" in result.err
+    result = tactilux("check", "--capture", sweep, "--rig", record)
+    assert "holds 2 of 4 starts" in result.out
+    other = tactilux("check", "--capture", sweep, "--bend", "20", "--commission", record)
+    assert other.code != 0
+
+
+def test_swapped_channels_are_one_sentence(tactilux: Run, tmp_path: Path, sweep: Path) -> None:
+    folder = tmp_path / "bgr"
+    folder.mkdir()
+    for path in sweep.iterdir():
+        pixels = np.asarray(Image.open(path))[..., ::-1]
+        Image.fromarray(np.ascontiguousarray(pixels)).save(folder / path.name, compress_level=1)
+    result = tactilux("check", "--capture", folder)
+    assert result.code == 2
+    assert "red in B, green in G, blue in R" in result.err
+    assert result.err.count("\n") == 1
+
+
+def test_a_rig_with_a_fault_gets_no_record(
+    tactilux: Run, tmp_path: Path, photographed: Photographed
+) -> None:
+    power = np.ones(20)
+    power[9] = 0.4
+    sweep = photographed(tmp_path / "sweep", power)
+    result = tactilux("check", "--capture", sweep, "--commission", tmp_path / "rig.npz")
+    assert result.code == 1
+    assert not (tmp_path / "rig.npz").exists()
+
+
+def test_one_image_of_all_fibers_will_do(
+    tactilux: Run, tmp_path: Path, fiber_photos: Array
+) -> None:
+    together = fiber_photos.sum(axis=0)
+    together *= 200 / together.max()
+    for name, photo, code in (
+        ("all.png", together, 0),
+        ("dead.png", together - fiber_photos[4] * together.max() / fiber_photos.sum(0).max(), 1),
+    ):
+        Image.fromarray(np.rint(np.clip(photo, 0, 255)).astype(np.uint8)).save(tmp_path / name)
+        result = tactilux("check", "--capture", tmp_path / name)
+        assert result.code == code, result.out + result.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "give either --capture"),
+        (("--capture", "none.png"), "cannot be read"),
+        (("--capture", "empty"), "holds no sweep"),
+        (("--capture", "small.png"), "allowed: 360 x 600"),
+        (("--capture", "white.png"), "over-exposed"),
+        (("--capture", "black.png"), "lens cap"),
+        (("--capture", "some"), "no photograph of fiber"),
+        (("--capture", "bright"), "room light"),
+        (("--capture", "black.png", "--rig", "none.npz"), "does not exist"),
+        (("--capture", "black.png", "--commission", "rig.npz"), "folder of a sweep"),
+        (("--capture", "black.png", "--design", "none.json"), "design.json"),
+    ],
+)
+def test_what_cannot_be_checked_is_one_sentence(
+    tactilux: Run, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    def image(name: str, value: int, size: tuple[int, int] = (360, 600)) -> None:
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        Image.new("RGB", size, (value, value, value)).save(path)
+
+    (tmp_path / "empty").mkdir()
+    image("small.png", 10, (36, 60))
+    image("white.png", 255)
+    image("black.png", 0)
+    image("some/fiber-03.png", 50)
+    image("bright/dark.png", 90)
+    image("bright/fiber-00.png", 90)
+    result = tactilux("check", *arguments)
+    assert result.code == 2, result.out + result.err
+    assert result.out == ""
+    assert said in result.err
+    assert result.err.count("\n") == 1
+    assert "Traceback" not in result.err

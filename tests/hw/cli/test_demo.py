@@ -1,0 +1,42 @@
+"""The demonstration with calibration, from end to end; only the physics is a toy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.emulator.rig import COLUMNS, ROWS
+from tests.conftest import Run
+from tests.hw.calibration.conftest import toy_images
+from tests.hw.calibration.test_rig_fit import model_of
+from tests.hw.cli.test_calibrate_run import toy_table
+
+
+def test_the_demonstration_recovers_the_rigs_secrets(
+    tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = toy_table()
+    monkeypatch.setattr("hw.cli.calibrate.line_model", lambda *_: model_of(table))
+    monkeypatch.setattr(
+        "hw.cli.demo.rendered_images",
+        lambda scene, secret, *_, **__: toy_images(scene, secret.material.array(), ROWS, COLUMNS),
+    )
+    result = tactilux("hw", "demo", "--mutations", "0", "--out", tmp_path / "demo", "--json")
+    assert result.code == 0, result.err
+    assert "The whole demonstration takes" in result.err
+    said = json.loads(result.out)
+    assert {name: check["ok"] for name, check in said["checks"].items()} == {
+        "healthy": True,
+        "fiber 4 dead": False,
+        "fiber 9 at half power": False,
+        "fiber 12 with swapped colours": False,
+    }
+    truth = {row["name"]: row for row in said["truth"]}
+    for name in ("reduced_scattering", "absorption", "sigma_v"):
+        assert truth[name]["inside"] or abs(truth[name]["error"]) < 0.1, truth[name]
+    assert np.isfinite(said["seconds"])
+    assert (tmp_path / "demo" / "report.html").stat().st_size > 50_000
+    assert (tmp_path / "demo" / "scene.toml").exists()

@@ -1,0 +1,81 @@
+"""The emulated camera has the flaws that it is given, and no others."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from hw.camera.photo_set import photo_set, take_sweep
+from hw.camera.self_test import self_test
+from hw.emulator.camera import EmulatedCamera, Flaws
+from hw.errors import CameraError, CaptureError
+from hw.leds.channels import ChannelMap, PowerLimits
+from hw.leds.lights import Lights
+from hw.leds.ports import ProtocolName, open_board
+from render.scene.schema import Scene, load_scene
+from tests.hw.conftest import Plug
+
+
+def small_scene() -> Scene:
+    scene = load_scene("finger20")
+    camera = scene.camera.model_copy(update={"rows": 60, "columns": 36})
+    return scene.model_copy(update={"camera": camera})
+
+
+SCENE = small_scene()
+IMAGES = (
+    np.ones((20, 60, 36), dtype=np.float32) * np.linspace(0.5, 1, 60, dtype=np.float32)[:, None]
+)
+
+
+def rig(plug: Plug, flaws: Flaws) -> tuple[EmulatedCamera, Lights]:
+    board = plug()
+    connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=20)
+    lights = Lights(connect, ChannelMap.straight(20), PowerLimits(total_milliamperes=2000))
+    return EmulatedCamera(SCENE, IMAGES, board, 10.0, np.ones(20), flaws), lights
+
+
+def test_it_sees_the_light_that_the_board_shows(plug: Plug) -> None:
+    camera, lights = rig(plug, Flaws(noise=0.0))
+    with lights:
+        power = np.zeros((20, 3))
+        power[3, 0], power[7, 2] = 1.0, 1.0
+        lights.set(power)
+        photo = camera.capture()
+    np.testing.assert_allclose(photo[30, 18], [16.0, 8.0, 16.0], atol=1.0)
+
+
+def test_a_sweep_has_every_fiber_and_their_sum(plug: Plug) -> None:
+    camera, lights = rig(plug, Flaws(noise=0.0))
+    with lights:
+        photos = photo_set(take_sweep(camera, lights, np.full((20, 3), 0.5), settle=0.0))
+    assert photos.together is not None
+    total = sum(photos.alone.values())
+    np.testing.assert_allclose(total, photos.together, atol=12.0)
+
+
+def test_a_dropped_frame_is_told(plug: Plug) -> None:
+    camera, lights = rig(plug, Flaws(drop=1))
+    with lights:
+        with pytest.raises(CameraError, match="dropped a frame"):
+            camera.capture()
+        camera.capture()
+
+
+@pytest.mark.parametrize(
+    ("flaws", "said"),
+    [(Flaws(order=(2, 1, 0)), "--order to bgr"), (Flaws(ambient=40.0), "room light")],
+)
+def test_the_self_test_notices(plug: Plug, flaws: Flaws, said: str) -> None:
+    camera, lights = rig(plug, flaws)
+    with lights, pytest.raises(CaptureError, match=said):
+        self_test(camera, lights, 0.3, 0.0)
+
+
+def test_the_self_test_passes_a_good_rig(plug: Plug) -> None:
+    camera, lights = rig(plug, Flaws())
+    with lights:
+        dark = self_test(camera, lights, 0.3, 0.0)
+    assert dark.mean() == pytest.approx(8.0, abs=0.2)

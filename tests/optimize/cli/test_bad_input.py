@@ -1,0 +1,278 @@
+"""Whatever a user gets wrong is one sentence on stderr and exit code 2, and nothing is written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimize.design.design import Rating, baseline_design
+from optimize.design.design_file import save_design
+from render.scene.schema import load_scene
+from render.transport import TransportTable
+
+Run = Callable[..., Any]
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def refused(tactilux: Run, tmp_path: Path) -> Callable[..., str]:
+    """Run a command that must be refused, and return its sentence."""
+
+    def run(*arguments: object) -> str:
+        def content() -> dict[str, bytes]:
+            files = [path for path in sorted(tmp_path.rglob("*")) if path.is_file()]
+            return {str(path): path.read_bytes() for path in files}
+
+        before = content()
+        result = tactilux(*arguments)
+        assert result.code == 2, result.err
+        assert result.out == ""
+        assert "Traceback" not in result.err
+        lines = result.err.splitlines()
+        sentences = [line for line in lines if line.startswith("tactilux: ")]
+        assert lines[-1:] == sentences
+        assert content() == before
+        return str(sentences[0])
+
+    return run
+
+
+@pytest.fixture
+def design(tmp_path: Path, small_scene: Path) -> Path:
+    """Write the rated baseline design of the small sensor."""
+    scene = load_scene(small_scene)
+    rating = Rating("surrogate", 50.0, (45.0, 55.0), 70.0, 12.0, 8.0, 80.0, 1e5)
+    path = tmp_path / "design.json"
+    save_design(path, baseline_design(scene), scene, rating)
+    return path
+
+
+def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def test_an_unknown_scene_key(
+    refused: Callable[..., str], small_scene: Path, tmp_path: Path
+) -> None:
+    scene = tmp_path / "typo.toml"
+    scene.write_text(small_scene.read_text().replace("[coating]", "[coating]\nglossy = 1"))
+    for command in ("explore", "describe", "render", "train"):
+        assert "unknown key coating.glossy" in refused(command, scene)
+
+
+def test_a_scene_that_is_not_there(refused: Callable[..., str]) -> None:
+    assert "finger20" in refused("explore", "finger21")
+
+
+@pytest.mark.parametrize(("angle", "allowed"), [(180.5, "at most 180"), (-1.0, "at least 0")])
+def test_a_direction_outside_zero_to_pi(
+    refused: Callable[..., str], design: Path, small_scene: Path, angle: float, allowed: str
+) -> None:
+    edit(design, lambda content: content["angles_deg"].__setitem__(3, angle))
+    for command in (["verify", design, "--scene", small_scene],
+                    ["render", small_scene, "--design", design]):  # fmt: skip
+        sentence = refused(*command)
+        assert f"angles_deg[3] = {angle}" in sentence
+        assert allowed in sentence
+
+
+def test_a_design_for_another_scene(
+    refused: Callable[..., str], design: Path, small_scene: Path
+) -> None:
+    edit(design, lambda content: content.update(scene_hash="0" * 16))
+    assert "another scene" in refused("verify", design, "--scene", small_scene)
+    assert "another scene" in refused("render", small_scene, "--design", design)
+
+
+def test_a_design_for_a_scene_that_is_not_shipped(
+    refused: Callable[..., str], design: Path
+) -> None:
+    assert "--scene" in refused("verify", design)
+
+
+def test_a_design_that_is_not_there_or_no_json(refused: Callable[..., str], tmp_path: Path) -> None:
+    assert "cannot be read" in refused("verify", "nowhere.json")
+    (tmp_path / "text.json").write_text("phi = 1")
+    assert "not JSON" in refused("verify", "text.json")
+
+
+def test_a_model_that_is_not_there(refused: Callable[..., str], small_scene: Path) -> None:
+    assert "tactilux train" in refused("explore", small_scene)
+    assert "--model" in refused("explore", small_scene, "--model", "nowhere")
+
+
+def test_an_altered_model(
+    refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(small_model, tmp_path / "model")
+    with (copy / "checker.onnx").open("ab") as stream:
+        stream.write(b"x")
+    assert "altered" in refused("explore", small_scene, "--model", copy)
+
+
+def test_a_corrupt_model_with_a_right_checksum(
+    refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(small_model, tmp_path / "model")
+    replace_model(copy, b"this is no protobuf")
+    assert "cannot be run" in refused("explore", small_scene, "--model", copy)
+
+
+def test_a_foreign_model(
+    refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    from onnx import TensorProto, helper
+
+    value = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        [helper.make_node("Identity", ["x"], ["y"])],
+        "foreign",
+        [value("x", TensorProto.FLOAT, [1])],
+        [value("y", TensorProto.FLOAT, [1])],
+    )
+    foreign = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8
+    ).SerializeToString()
+    copy = shutil.copytree(small_model, tmp_path / "model")
+    replace_model(copy, foreign)
+    assert "inputs ['x']" in refused("explore", small_scene, "--model", copy)
+
+
+def test_a_model_of_another_scene(refused: Callable[..., str], small_model: Path) -> None:
+    assert "another scene" in refused("explore", "finger20", "--model", small_model)
+
+
+@pytest.mark.parametrize("command", ["explore", "render"])
+def test_no_graphics_library(
+    command: str, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    model = ["--model", str(small_model)] if command == "explore" else []
+    # A process of its own: the EGL library reads its list of drivers once.
+    done = subprocess.run(
+        [sys.executable, "-m", "optimize.cli.cli", command, str(small_scene), *model],
+        cwd=tmp_path,
+        env=os.environ
+        | {"TACTILUX_GL": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}
+        | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "libosmesa6" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_compiler_library(
+    refused: Callable[..., str],
+    design: Path,
+    small_scene: Path,
+    small_model: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
+    verify = refused("verify", design, "--scene", small_scene, "--model", small_model)
+    assert "libllvm19" in verify
+    assert "libllvm19" in refused("train", small_scene)
+
+
+def test_a_result_directory_with_other_files(
+    refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    sentence = refused("explore", small_scene, "--model", small_model, "--out", tmp_path)
+    assert "left alone" in sentence
+
+
+def test_tables_that_colors_cannot_use(refused: Callable[..., str], tmp_path: Path) -> None:
+    assert "does not exist" in refused("colors", "nowhere.npz")
+    (tmp_path / "text.npz").write_text("no zip")
+    assert "not a readable" in refused("colors", "text.npz")
+    light = np.full((4, 2, 1, 2, 3), 1.0)
+    TransportTable(light, 0 * light, np.array([0.0, 1.0]), 1.0, 1.0).save(tmp_path / "two.npz")
+    assert "--phi-index" in refused("colors", "two.npz")
+    assert "0 to 1" in refused("colors", "two.npz", "--phi-index", 2)
+
+
+def test_robust_without_tolerances(
+    refused: Callable[..., str], design: Path, small_scene: Path, small_model: Path
+) -> None:
+    sentence = refused("explore", small_scene, "--model", small_model, "--robust", "quantile")
+    assert "[tolerances]" in sentence
+    words = ["--scene", small_scene, "--model", small_model]
+    assert "[tolerances]" in refused("sensitivity", design, *words)
+
+
+def test_constraints_that_contradict_each_other(
+    refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    tight = tmp_path / "tight.toml"
+    few = "\n[constraints]\nmax_red = 1\nmax_green = 1\nmax_blue = 1\n"
+    tight.write_text(small_scene.read_text() + few)
+    assert "at least 8 together" in refused("explore", tight, "--model", small_model)
+
+
+def test_optimizing_without_a_surrogate(refused: Callable[..., str], small_scene: Path) -> None:
+    assert "tactilux train" in refused("optimize", small_scene)
+
+
+def test_a_device_for_another_method_or_that_is_not_there(
+    refused: Callable[..., str], tmp_path: Path
+) -> None:
+    light = np.full((4, 1, 1, 2, 3), 1.0)
+    TransportTable(light, 0 * light, np.array([1.0]), 1.0, 1.0).save(tmp_path / "one.npz")
+    assert "--device is for" in refused("colors", "one.npz", "--device", "cpu")
+    words = ["colors", "one.npz", "--method", "exact", "--device", "abacus"]
+    assert "cannot use the device" in refused(*words)
+
+
+def test_weights_and_noise_that_are_no_numbers(
+    refused: Callable[..., str], design: Path, small_scene: Path
+) -> None:
+    assert "finite weight" in refused("explore", small_scene, "--shadow", "inf")
+    words = ["reconstruct", design, "--scene", small_scene]
+    assert "finite number" in refused(*words, "--read-noise", "inf")
+
+
+def test_the_thesis_knows_no_constraints(
+    refused: Callable[..., str], small_scene: Path, tmp_path: Path
+) -> None:
+    limited = tmp_path / "limited.toml"
+    limited.write_text(small_scene.read_text() + "\n[constraints]\nmax_red = 5\n")
+    assert "--method loop" in refused("optimize", limited, "--method", "thesis")
+
+
+def test_designs_that_cannot_be_reconstructed(
+    refused: Callable[..., str], design: Path, small_scene: Path
+) -> None:
+    assert "--scene" in refused("reconstruct", design)
+    assert "tactilux train" in refused("reconstruct", design, "--scene", small_scene)
+
+
+def test_an_option_that_does_not_exist_is_exit_code_two(tactilux: Run) -> None:
+    result = tactilux("explore", "--fast")
+    assert result.code == 2
+    assert result.out == ""
+    assert "--fast" in result.err
+
+
+def replace_model(folder: Path, content: bytes) -> None:
+    """Put other bytes into a model folder, with checksums that fit."""
+    sums = (folder / "checker.sha256").read_text().splitlines()
+    own = f"{hashlib.sha256(content).hexdigest()}  checker.onnx"
+    lines = [own if line.endswith("checker.onnx") else line for line in sums]
+    (folder / "checker.sha256").write_text("\n".join(lines) + "\n")
+    (folder / "checker.onnx").write_bytes(content)

@@ -1,0 +1,156 @@
+"""``tactilux explore`` goes from a scene to a better design, end to end, on a real small model."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimize.design.design_file import load_design, load_saved
+from optimize.exploration.explore import PHI_NODES
+from optimize.scoring.evaluate import TableScorer
+from render.chebyshev import chebyshev_nodes
+from render.scene.schema import load_scene
+from surrogate.runtime.checker import Checker
+
+ROOT = Path(__file__).parents[3]
+Run = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Explored:
+    """One run of the program in its own process: where, what it said and what it reported."""
+
+    place: Path
+    said: str
+    result: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def explored(
+    small_scene: Path, small_model: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Explored:
+    place = tmp_path_factory.mktemp("explore")
+    done = subprocess.run(
+        [sys.executable, "-m", "optimize.cli.cli", "explore", small_scene]
+        + ["--model", small_model, "--json"],
+        cwd=place,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return Explored(place, done.stdout, json.loads(done.stdout))
+
+
+def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored) -> None:
+    result = explored.result
+    assert list(result) == [
+        "scene",
+        "scene_hash",
+        "baseline",
+        "optimized",
+        "design",
+        "report",
+        "seconds",
+    ]
+    for name in ("baseline", "optimized"):
+        figures = result[name]
+        low, high = figures["interval"]
+        assert low <= figures["score"] <= high
+        assert figures["level"] == "surrogate"
+        spreads = figures["spread_sites"] + figures["spread_bends"]
+        assert figures["score"] == pytest.approx(figures["mean"] - spreads, rel=1e-4)
+    assert result["optimized"]["score"] > result["baseline"]["score"]
+
+
+def test_the_design_that_it_writes_has_the_score_that_it_claims(
+    explored: Explored, small_scene: Path, small_model: Path
+) -> None:
+    path = explored.place / explored.result["design"]
+    scene, claimed = load_scene(small_scene), explored.result["optimized"]["score"]
+    design = load_design(path, scene)
+    again = Checker.load(small_model, scene.hash).run(
+        design.phi[None], design.power[None], np.array(scene.bending.angles)
+    )
+    assert claimed == pytest.approx(float(again["score"][0]), abs=1e-3)
+    rating = load_saved(path).rating
+    assert rating is not None
+    assert rating.score == pytest.approx(claimed)
+
+
+def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explored) -> None:
+    assert {item.name for item in (explored.place / "runs").iterdir()} == {"small8-explore"}
+    names = {item.name for item in (explored.place / "runs" / "small8-explore").iterdir()}
+    pictures = {f"{kind}-{stage}.png" for kind in ("scheme", "metric", "facets")
+                for stage in ("baseline", "colours", "optimized")}  # fmt: skip
+    pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
+    texts = {"design.json", "baseline.json", "report.html", "result.json"}
+    assert names == pictures | texts | {"convergence.png"}
+
+
+def test_again_with_the_same_seed_it_finds_the_same_design_and_prints_a_table(
+    tactilux: Run, explored: Explored, small_scene: Path, small_model: Path
+) -> None:
+    target = explored.place / "runs" / "small8-explore"
+    before = (target / "design.json").read_bytes()
+    again = tactilux("explore", small_scene, "--model", small_model, "--out", target)
+    assert again.code == 0
+    assert (target / "design.json").read_bytes() == before
+    for word in ("Baseline", "Colours", "Optimised", "surrogate", "report.html"):
+        assert word in again.out
+
+
+def test_the_searched_table_scores_as_the_model_does(small_model: Path) -> None:
+    checker = Checker.load(small_model)
+    fibers = checker.metadata.fibers
+    scorer = TableScorer(checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)))
+    rng = np.random.default_rng(5)
+    phi = rng.uniform(0.0, np.pi, (20, fibers))
+    power = np.eye(3)[rng.integers(0, 3, (20, fibers))]
+    direct = checker.run(phi, power, np.array(checker.metadata.scene_bends))["score"]
+    table = [scorer.score(p, q) for p, q in zip(phi, power, strict=True)]
+    assert np.abs(table - direct).max() < 0.2
+
+
+def test_it_refines_for_tolerances_and_shadows_within_constraints(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    scene = tmp_path / "built.toml"
+    scene.write_text(
+        small_scene.read_text()
+        + """
+[constraints]
+max_red = 2
+power_green = { value = 0.5, source = "driver" }
+[[constraints.fixed]]
+fiber = 4
+colour = "blue"
+angle = { value = 70.0, unit = "deg", source = "mounted" }
+[tolerances]
+led_power = { distribution = "normal", deviation = 0.1, unit = "relative", source = "x" }
+fiber_angle = { distribution = "uniform", deviation = 4.0, unit = "deg", source = "x" }
+"""
+    )
+    words = ["explore", scene, "--model", small_model, "--robust", "spread", "--shadow", 1.0]
+    done = tactilux(*words, "--out", "run", "--json")
+    assert done.code == 0, done.err
+    study = json.loads(done.out)["study"]
+    assert set(study["robust"]) == {"baseline", "colours", "optimized", "refined"}
+    assert study["shadow_penalty"]["refined"] <= study["shadow_penalty"]["optimized"]
+    assert {entry["name"] for entry in study["sensitivities"]} == {"led_power", "fiber_angle"}
+    design = json.loads((tmp_path / "run" / "design.json").read_text())
+    assert design["colours"].count("red") <= 2
+    assert design["colours"][4] == "blue"
+    assert design["angles_deg"][4] == pytest.approx(70.0)
+    assert max(power[1] for power in design["power"]) <= 0.5
+    assert "sensors as built" in (tmp_path / "run" / "report.html").read_text()

@@ -1,0 +1,34 @@
+"""``tactilux optimize`` renders, refits and takes its renders up again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from optimize.design.design_file import load_saved
+
+Run = Callable[..., Any]
+
+
+def test_the_loop_renders_and_goes_on_from_the_kept_renders(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    command = ["optimize", small_scene, "--model", small_model, "--out", "run", "--rounds", 1]
+    command += ["--mutations", 2, "--final-mutations", 2, "--final-seeds", 1]
+    first = tactilux(*command, "--json")
+    assert first.code == 0, first.err
+    result = json.loads(first.out)
+    assert list(result["finalists"]) == ["baseline", "winner", "runner-up"]
+    assert [entry["number"] for entry in result["loop"]["rounds"]] == [1]
+    saved = load_saved(tmp_path / "run" / "design.json")
+    assert saved.rating is not None
+    assert saved.rating.level == "reference"
+    assert saved.rating.score == result["finalists"]["winner"]["score"]["value"]
+    assert {item.name for item in tmp_path.iterdir()} == {"run", "run-renders"}
+
+    again = tactilux(*command)
+    assert again.code == 0, again.err
+    assert f"{saved.rating.score:.2f}" in again.out
+    assert "The loop stopped because" in again.out

@@ -1,0 +1,126 @@
+"""Design files: a faithful round trip, and one clear sentence for every way to be wrong."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimize.design.design import Design, Rating, baseline_design
+from optimize.design.design_file import load_design, load_saved, save_design
+from render.errors import DesignError
+from render.scene.schema import Scene, load_scene
+
+RATING = Rating("surrogate", 90.0, (88.0, 92.0), 110.0, 15.0, 5.0, 60.0, 1e4)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("finger20")
+
+
+@pytest.fixture
+def path(tmp_path: Path, scene: Scene) -> Path:
+    target = tmp_path / "design.json"
+    save_design(target, baseline_design(scene), scene, RATING)
+    return target
+
+
+def edited(path: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
+    content = json.loads(path.read_text())
+    edit(content)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_a_design_survives_the_round_trip(tmp_path: Path, scene: Scene) -> None:
+    rng = np.random.default_rng(0)
+    design = Design(np.pi * rng.random(20), rng.random((20, 3)))
+    save_design(tmp_path / "design.json", design, scene, RATING)
+    saved = load_saved(tmp_path / "design.json")
+    np.testing.assert_allclose(saved.design.phi, design.phi, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(saved.design.power, design.power)
+    assert saved.rating == RATING
+    assert saved.scene_hash == scene.hash
+    assert "numpy" in saved.versions
+    assert [item.name for item in tmp_path.iterdir()] == ["design.json"]
+
+
+def test_directions_at_both_limits_survive_exactly(tmp_path: Path, scene: Scene) -> None:
+    design = Design.of_colours(np.tile([0.0, np.pi], 10), [0] * 20)
+    save_design(tmp_path / "design.json", design, scene)
+    loaded = load_design(tmp_path / "design.json", scene)
+    np.testing.assert_array_equal(loaded.phi, design.phi)
+    assert load_saved(tmp_path / "design.json").rating is None
+
+
+def test_the_file_names_colours_and_degrees(path: Path) -> None:
+    content = json.loads(path.read_text())
+    assert content["colours"][8] == "blue"
+    assert content["angles_deg"][0] == 90.0
+    assert content["conventions"]["ddof"] == 0
+    assert content["score"]["interval"] == [88.0, 92.0]
+
+
+def test_a_design_for_another_scene_is_refused(path: Path, scene: Scene) -> None:
+    edited(path, lambda content: content.update(scene_hash="0" * 16))
+    with pytest.raises(DesignError, match=f"another scene .* allowed: hash {scene.hash}"):
+        load_design(path, scene)
+
+
+def test_a_design_with_another_number_of_fibers_is_refused(tmp_path: Path, scene: Scene) -> None:
+    with pytest.raises(DesignError, match="has 3 fibers, allowed: 20"):
+        save_design(tmp_path / "design.json", Design.of_colours(np.zeros(3), [0, 1, 2]), scene)
+    assert not (tmp_path / "design.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("edit", "sentence"),
+    [
+        (lambda c: c["angles_deg"].__setitem__(3, 190.0), r"angles_deg\[3\] = 190.*at most 180"),
+        (lambda c: c["angles_deg"].__setitem__(3, -1), r"angles_deg\[3\] = -1.*at least 0"),
+        (lambda c: c["angles_deg"].__setitem__(0, "90"), r"angles_deg\[0\] = '90'.*number"),
+        (lambda c: c["angles_deg"].__setitem__(0, float("nan")), r"angles_deg\[0\] = nan"),
+        (lambda c: c["power"][5].__setitem__(1, 1.2), r"power\[5\]\[1\] = 1.2.*at most 1"),
+        (lambda c: c["angles_deg"].pop(), "lengths 19, 20 and 20, allowed: one entry per fiber"),
+        (lambda c: c["colours"].__setitem__(2, "blue"), r"colours\[2\] = blue contradicts"),
+        (lambda c: c["colours"].__setitem__(2, "pink"), r"colours\[2\] = 'pink'"),
+        (lambda c: c.update(notes="x"), "unknown key notes"),
+        (lambda c: c["conventions"].update(notes="x"), "unknown key conventions.notes"),
+        (lambda c: c["conventions"].update(ddof=7), "conventions.ddof = 7"),
+        (lambda c: c.pop("power"), "missing key power"),
+        (lambda c: c.update(lam=None), "must be given together"),
+        (lambda c: c.update(schema=2), "schema = 2"),
+        (lambda c: c.update(level="guess"), "level = 'guess'"),
+    ],
+)
+def test_a_malformed_file_gets_one_sentence(
+    path: Path, edit: Callable[[dict[str, Any]], object], sentence: str
+) -> None:
+    with pytest.raises(DesignError, match=sentence) as caught:
+        load_saved(edited(path, edit))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"PK\x03\x04", b"[1, 2]", b"null"])
+def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "design.json").write_bytes(content)
+    with pytest.raises(DesignError, match="is not a valid design: "):
+        load_saved(tmp_path / "design.json")
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DesignError, match=r"No such file.*give the path"):
+        load_saved(tmp_path / "nothing.json")
+
+
+def test_a_rating_that_is_not_a_number_is_not_saved(tmp_path: Path, scene: Scene) -> None:
+    failed = replace(RATING, score=float("nan"))
+    with pytest.raises(DesignError, match=r"score\.value = nan"):
+        save_design(tmp_path / "design.json", baseline_design(scene), scene, failed)
+    assert not any(tmp_path.iterdir())

@@ -1,0 +1,109 @@
+"""The report stands alone, says what was found, and does not hide what is doubtful."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from optimize.exploration.stages import Stage
+from optimize.report.exploration_report import ReportContent, render_report, warnings
+from render.scene.schema import Scene
+
+PIXEL = b"\x89PNG fake"
+
+
+StageMaker = Callable[[float, float, float], list[Stage]]
+
+
+def content(scene: Scene, stages: list[Stage]) -> ReportContent:
+    keys = [stage.key for stage in stages]
+    names = [f"{kind}-{key}" for kind in ("scheme", "metric", "facets") for key in keys]
+    names += [f"preview-{key}-{index}" for key in keys for index in range(3)]
+    return ReportContent(
+        scene=scene,
+        stages=stages,
+        pictures=dict.fromkeys([*names, "convergence"], PIXEL),
+        search_note="1000 designs in 3 s.",
+        caveats=["Off by 2 counts on <held-out> designs."],
+        facts=[("Scene", scene.hash)],
+        errors=[
+            {
+                "level": "network",
+                "facet_median": 0.02,
+                "facet_p95": 0.05,
+                "score_median": 0.5,
+                "score_p95": 1.5,
+                "kendall_tau": 0.91,
+            }
+        ],
+        confidence="90%",
+        made="1 January 2026",
+        verify_command="tactilux verify design.json",
+    )
+
+
+def test_the_report_needs_no_other_file_and_no_network(
+    finger20: Scene, sample_stages: StageMaker
+) -> None:
+    html = render_report(content(finger20, sample_stages(30, 40, 50)))
+    sources = re.findall(r'(?:src|href)="([^"]*)"', html)
+    assert len(sources) == 3 * 3 + 2 * 3 + 1 + 1
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.search(r"<script|<link|@import|url\(|https?://", html)
+
+
+def test_the_wiring_sheet_has_a_row_for_every_fiber(
+    finger20: Scene, sample_stages: StageMaker
+) -> None:
+    stages = sample_stages(30, 40, 50)
+    sheet = render_report(content(finger20, stages)).partition("Wiring sheet")[2]
+    rows = re.findall(r'<tr><td>(\d+)</td><td class="text">(left|tip|right)</td>', sheet)
+    assert [int(number) for number, _ in rows] == list(range(20))
+    assert [edge for _, edge in rows].count("tip") == 4
+
+
+def test_text_is_escaped(finger20: Scene, sample_stages: StageMaker) -> None:
+    assert "&lt;held-out&gt;" in render_report(content(finger20, sample_stages(30, 40, 50)))
+
+
+def test_the_summary_says_how_much_was_won_and_by_what(
+    finger20: Scene, sample_stages: StageMaker
+) -> None:
+    html = render_report(content(finger20, sample_stages(30, 42, 50)))
+    assert "gain of 20.0 (+67%)" in html
+    assert "+12.0 by the colour search and +8.0 by the fiber directions" in html
+
+
+def test_a_sure_gain_needs_no_warning(sample_stages: StageMaker) -> None:
+    assert warnings(sample_stages(30, 40, 50)) == []
+
+
+def test_overlapping_intervals_are_called_uncertain(sample_stages: StageMaker) -> None:
+    assert "overlap" in warnings(sample_stages(30, 32, 34))[0]
+
+
+def test_a_search_that_found_nothing_says_so(sample_stages: StageMaker) -> None:
+    assert "nothing better" in warnings(sample_stages(30, 30, 30))[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [({"domain_excess": 0.2}, "extrapolation"), ({"clipped": 0.05}, "saturate")],
+)
+def test_extrapolation_and_clipping_are_told(
+    sample_stages: StageMaker, change: dict[str, float], word: str
+) -> None:
+    stages = sample_stages(30, 40, 50)
+    stages[-1] = replace(stages[-1], **change)
+    assert any(word in text for text in warnings(stages))
+
+
+def test_a_monochrome_optimum_is_flagged(sample_stages: StageMaker) -> None:
+    stages = sample_stages(30, 40, 50)
+    design = stages[-1].design
+    one = type(design).of_colours(design.phi, [0] * 20)
+    stages[-1] = replace(stages[-1], design=one)
+    assert any("monochrome" in text for text in warnings(stages))

@@ -1,0 +1,59 @@
+"""The figures show the numbers that they are given, at the place where they belong."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optimize.design.design import baseline_design
+from optimize.report.drawings import convergence, scheme
+from optimize.report.heatmaps import encode_srgb, facet_strip, metric_strip, png_bytes
+from optimize.search.joint import SearchStep
+from render.geometry.layout import flat_sites
+from render.scene.schema import Scene
+
+
+def test_srgb_keeps_black_and_white_and_lifts_the_middle() -> None:
+    assert encode_srgb(np.array([0.0, 1.0, 2.0, 0.2158605])).tolist() == [0, 255, 255, 128]
+
+
+def test_every_site_is_written_where_it_lies_on_the_pad(finger20: Scene) -> None:
+    metric = np.arange(45.0).reshape(3, 15)
+    figure = metric_strip(finger20, metric, 0.0, 45.0)
+    assert [axes.get_title() for axes in figure.axes] == ["bend 0°", "bend 45°", "bend 90°"]
+    for axes, values in zip(figure.axes, metric, strict=True):
+        written = {text.get_position(): float(text.get_text()) for text in axes.texts}
+        expected = {
+            tuple(site[:2]): value for site, value in zip(flat_sites(finger20), values, strict=True)
+        }
+        assert written == expected
+        image = axes.images[0]
+        left, right, bottom, top = image.get_extent()
+        assert bottom < top
+        assert left < right
+        assert image.get_array()[0, 0] == values[0]
+
+
+def test_every_facet_has_its_colour(finger20: Scene) -> None:
+    counts = np.zeros((3, 15, 10, 3))
+    counts[1, 4, 7] = [255, 0, 0]
+    figure = facet_strip(finger20, counts)
+    colours = figure.axes[1].collections[0].get_facecolor()
+    assert np.argwhere(colours[:, 0] == 1.0).ravel().tolist() == [4 * 10 + 7]
+
+
+def test_equal_content_gives_equal_bytes(finger20: Scene) -> None:
+    pictures = [png_bytes(scheme(finger20, baseline_design(finger20))) for _ in range(2)]
+    assert pictures[0] == pictures[1]
+    assert pictures[0].startswith(b"\x89PNG")
+
+
+def test_the_convergence_plot_has_one_mark_for_every_step(finger20: Scene) -> None:
+    design = baseline_design(finger20)
+    stages = ["start", "grouped", "quick", "tied", "free", "quick", "tied", "free"]
+    steps = [
+        SearchStep(1, stage, 10.0 + number, 10**number, 1.0 + number, design)
+        for number, stage in enumerate(stages)
+    ]
+    lines = convergence(steps).axes[0].lines
+    marked = sorted(float(x) for line in lines[1:] for x in np.asarray(line.get_xdata()))
+    assert marked == [step.seconds for step in steps]

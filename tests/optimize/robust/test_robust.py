@@ -1,0 +1,207 @@
+"""Tolerances: draws, robust ratings and slopes that finite differences confirm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optimize.design.design import Design
+from optimize.robust.material_slopes import neighbours
+from optimize.robust.robust import RobustScore, rate_robustly
+from optimize.robust.sensitivity import score_slopes, sensitivities
+from optimize.robust.shadow import Bolt, PlainScore, ShadowPenalty, hidden_part
+from optimize.robust.tolerance_draws import BuiltSensors
+from optimize.scoring.evaluate import TableScorer
+from optimize.search.refinement import Weighted, refine, turned
+from render.errors import SceneError, TableError
+from render.geometry.layout import flat_sites
+from render.preview.lights import make_lights
+from render.scene.schema import Scene
+from render.scene.tolerances import Spread
+from render.transport import TransportTable
+
+MakeTable = Callable[..., TransportTable]
+FIBERS = 6
+SPREADS = {
+    "led_power": Spread("normal", 0.1, "x"),
+    "fiber_angle": Spread("uniform", 0.1, "x"),
+    "scattering": Spread("normal", 0.1, "x"),
+    "sigma_v": Spread("normal", 0.1, "x"),
+    "camera_gain": Spread("normal", 0.05, "x"),
+}
+
+
+@pytest.fixture
+def scorer(make_table: MakeTable) -> TableScorer:
+    return TableScorer(make_table(FIBERS, 7, 2, 3, 5))
+
+
+@pytest.fixture
+def slopes(scorer: TableScorer) -> dict[str, np.ndarray]:
+    """Return invented slopes of two materials: smooth in phi, different in every cell."""
+    rng, shape = np.random.default_rng(5), scorer.table.T.shape
+    cell = rng.standard_normal((shape[0], 1, *shape[2:]))
+    wave = np.cos(scorer.table.phi)[:, None, None, None]
+    return {"scattering": -0.5 + 0.2 * cell * wave, "sigma_v": 0.3 * cell + 0.1 * wave}
+
+
+@pytest.fixture
+def design() -> Design:
+    return Design.of_colours(np.linspace(0.7, 2.2, FIBERS), np.arange(FIBERS) % 3)
+
+
+def test_without_errors_every_sensor_is_the_one_drawn(scorer: TableScorer, design: Design) -> None:
+    sensors = BuiltSensors(scorer, {}, {}, draws=3, seed=0)
+    assert sensors.scores(design) == pytest.approx(scorer.score(design.phi, design.power))
+
+
+def test_a_built_sensor_is_the_table_with_its_errors(
+    scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
+) -> None:
+    sensors = BuiltSensors(scorer, SPREADS, slopes, draws=4, seed=3)
+    errors = {name: error[2] for name, error in sensors.errors.items()}
+    log = sum(
+        errors[name][:, None, None, None, None] * slopes.get(name, 1.0)
+        for name in SPREADS
+        if name != "fiber_angle"
+    )
+    # The factor is taken at the nodes here and at phi there: equal for a polynomial, nearly else.
+    built = TableScorer(replace(scorer.table, T=scorer.table.T * np.exp(log)))
+    expected = built.score(design.phi + errors["fiber_angle"], design.power)
+    assert sensors.scores(design)[2] == pytest.approx(expected, rel=2e-3)
+
+
+def test_derivatives_of_the_robust_score_equal_finite_differences(
+    scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
+) -> None:
+    sensors, h = BuiltSensors(scorer, SPREADS, slopes, draws=12, seed=1), 1e-6
+    for measure in ("quantile", "spread"):
+        goal = RobustScore(sensors, measure)
+        value, slope = goal.gradient(design)
+        assert value == pytest.approx(goal.value(design), rel=1e-12)
+        for fiber in range(FIBERS):
+            step = h * np.eye(FIBERS)[fiber]
+            up, down = (goal.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
+            assert slope[fiber] == pytest.approx((up - down) / (2 * h), rel=1e-3, abs=1e-3)
+
+
+def test_refining_raises_the_robust_score_and_keeps_to_full_power(
+    scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
+) -> None:
+    goal = RobustScore(BuiltSensors(scorer, SPREADS, slopes, draws=12, seed=1), "quantile")
+    best, value = refine(scorer, goal, [design])
+    assert value > goal.value(design)
+    assert value == pytest.approx(goal.value(best))
+    assert np.array_equal(best.power.max(axis=1), np.ones(FIBERS))
+    rating = rate_robustly(scorer, BuiltSensors(scorer, SPREADS, slopes, draws=60, seed=9), best)
+    assert rating.low_interval[0] <= rating.low <= rating.low_interval[1] < rating.nominal
+
+
+def test_slopes_by_tolerance_equal_finite_differences(
+    scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
+) -> None:
+    exact, h = score_slopes(scorer, design, list(SPREADS), slopes), 1e-5
+
+    def moved(name: str, error: np.ndarray) -> float:
+        if name == "fiber_angle":
+            return scorer.score(design.phi + error, design.power)
+        sensors = BuiltSensors(scorer, {name: SPREADS[name]}, slopes, draws=1, seed=0)
+        sensors.errors[name] = error[None]
+        sensors._factor = error[None] if name not in slopes else np.zeros((1, FIBERS))
+        return float(sensors.scores(design)[0])
+
+    for name, slope in exact.items():
+        for index in range(len(slope)):
+            error = np.zeros(len(slope))
+            error[index] = h
+            quotient = (moved(name, error) - moved(name, -error)) / (2 * h)
+            assert slope[index] == pytest.approx(quotient, rel=1e-3, abs=1e-3)
+
+
+def test_the_dearest_tolerance_comes_first(
+    scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
+) -> None:
+    small = {name: replace(spread, deviation=1e-3) for name, spread in SPREADS.items()}
+    small["camera_gain"] = Spread("normal", 0.2, "x")
+    found = sensitivities(scorer, design, small, slopes, draws=100)
+    assert found[0].name == "camera_gain"
+    assert found[0].worst_fiber is None
+    losses = [entry.low_loss for entry in found]
+    assert losses == sorted(losses, reverse=True)
+    power = next(entry for entry in found if entry.name == "led_power")
+    assert power.deviation == pytest.approx(power.low_loss / 1.28, rel=0.5)
+
+
+def test_neighbouring_materials_lie_on_both_sides(finger20: Scene) -> None:
+    assert finger20.diffuser is not None
+    around = neighbours(finger20, "diffuser_thickness")
+    low, high = around.below.diffuser, around.above.diffuser
+    assert low is not None
+    assert high is not None
+    assert high.thickness - low.thickness == pytest.approx(2 * around.step)
+    assert neighbours(finger20, "sigma_v").above.fibers.sigma_v > finger20.fibers.sigma_v
+    assert around.above.hash != finger20.hash
+
+
+def blocked_by_brute_force(scene: Scene, bolt: Bolt, site: int, point: np.ndarray) -> np.ndarray:
+    """Return which lights ``(fiber, light)`` a point cannot see, by walking along the lines."""
+    lights = make_lights(scene).position[..., :3]
+    start = np.append(point, scene.pad.thickness)
+    steps = np.linspace(0.0, 1.0, 4001)[:, None, None, None]
+    path = start + steps * (lights - start)
+    away = np.linalg.norm(path[..., :2] - flat_sites(scene)[site, :2], axis=-1)
+    inside = (away < bolt.radius) & (path[..., 2] > scene.pad.thickness - bolt.depth)
+    return np.asarray(inside.any(axis=0))
+
+
+def test_hidden_light_equals_a_walk_along_the_lines(finger20: Scene) -> None:
+    bolt = Bolt(radius=2.0, depth=1.2, distance=0.5, points=4)
+    found = hidden_part(finger20, np.array([np.pi / 2]), bolt)[:, 0]
+    site = 4
+    for index in range(4):
+        turn = np.pi / 2 * index
+        out = (bolt.radius + bolt.distance) * np.array([np.cos(turn), np.sin(turn)])
+        blocked = blocked_by_brute_force(finger20, bolt, site, flat_sites(finger20)[site, :2] + out)
+        for fiber in range(finger20.fibers.count):
+            if blocked[fiber].all():
+                assert found[fiber, site, index] == pytest.approx(1.0)
+            elif not blocked[fiber].any():
+                assert found[fiber, site, index] == 0.0
+            else:
+                assert 0.0 <= found[fiber, site, index] <= 1.0
+
+
+def test_a_flat_bolt_hides_nothing_and_a_deep_one_is_refused(finger20: Scene) -> None:
+    phi = np.array([1.0])
+    shallow = hidden_part(finger20, phi, Bolt(depth=1e-6))
+    assert np.nanmax(shallow) == 0.0
+    with pytest.raises(SceneError, match="does not fit"):
+        hidden_part(finger20, phi, Bolt(depth=9.0))
+
+
+def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: Scene) -> None:
+    rng, phi = np.random.default_rng(0), np.linspace(0.0, np.pi, 5)
+    shape = (20, 5, 1, 15, 4)
+    transport = rng.uniform(0.5, 1.5, shape)
+    table = TransportTable(
+        transport, 0 * transport, phi, 5.0, 30.0, bends=np.zeros(1),
+        background=transport.mean(axis=-1), background_se=np.zeros(shape[:-1]),
+    )  # fmt: skip
+    penalty, h = ShadowPenalty(finger20, table), 1e-6
+    design = Design.of_colours(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
+    value, slope = penalty.gradient(design)
+    assert value < 0.0
+    for fiber in (0, 9, 15):
+        step = h * np.eye(20)[fiber]
+        up, down = (penalty.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
+        assert slope[fiber] == pytest.approx((up - down) / (2 * h), rel=1e-4, abs=1e-6)
+    scorer = TableScorer(table)
+    plain = PlainScore(scorer)
+    free, _ = turned(scorer, plain, design)
+    shaded, _ = turned(scorer, Weighted((1.0, plain), (5.0, penalty)), design)
+    assert penalty.value(shaded) > penalty.value(free)
+    with pytest.raises(TableError, match="bend 0"):
+        ShadowPenalty(finger20, replace(table, bends=np.ones(1)))

@@ -1,0 +1,52 @@
+"""Results alone reach stdout; progress appears on stderr when work takes long."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+
+import pytest
+
+from optimize.ui import console
+
+
+def test_what_libraries_print_goes_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
+    with console.reserved_stdout() as stream:
+        print("from Python", flush=True)
+        ctypes.CDLL(None).puts(b"from C")
+        console.print_json(stream, {"score": 1.5})
+    said = capfd.readouterr()
+    assert json.loads(said.out) == {"score": 1.5}
+    assert said.err == "from Python\nfrom C\n"
+    print("back", flush=True)
+    assert capfd.readouterr().out == "back\n"
+
+
+def test_a_number_that_json_cannot_hold_is_an_error(capfd: pytest.CaptureFixture[str]) -> None:
+    with (
+        console.reserved_stdout() as stream,
+        pytest.raises(ValueError, match="not JSON compliant"),
+    ):
+        console.print_json(stream, {"score": float("nan")})
+    assert capfd.readouterr().out == ""
+
+
+def test_short_work_shows_no_progress(capfd: pytest.CaptureFixture[str]) -> None:
+    with console.Meter("Quick") as meter:
+        meter(1, 2)
+    assert capfd.readouterr().err == ""
+
+
+def test_long_work_in_a_log_says_how_long_it_will_take(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.Meter("Rendering") as meter:
+        for step in range(1, 5):
+            now[0] = 60.0 * step
+            meter(step, 8)
+        meter(4, 8, eta=3725.0)
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[0] == "Rendering: 12 %, 7:00 left"
+    assert lines[-1] == "Rendering: 50 %, 4:00 left"

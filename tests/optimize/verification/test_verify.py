@@ -1,0 +1,136 @@
+"""A verdict follows from replicates: gain, tie, bias and the error of the surrogate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimize.design.candidate import Candidate
+from optimize.design.design import Design, Rating, baseline_design
+from optimize.verification.verify import Verification, compare
+from render.errors import RenderError
+from render.metric import choose_exposure, choose_lambda, image_counts
+from render.scene.schema import Scene
+
+REPLICATES, SURROGATE = 12, 70.0
+
+
+def light(scene: Scene) -> np.ndarray:
+    """Return an invented transport ``(F, B, S, K)`` whose facets see fibers from one side."""
+    shape = (len(scene.bending.angles), scene.sites.count, scene.indenter.faces)
+    fiber = 2 * np.pi * np.arange(scene.fibers.count) / scene.fibers.count
+    facet = 2 * np.pi * np.arange(scene.indenter.faces) / scene.indenter.faces
+    lobes = 1.2 + np.cos(fiber[:, None] - facet)
+    fade = 1.0 / (1.0 + 0.1 * np.arange(shape[1]))
+    return np.broadcast_to(
+        lobes[:, None, None, :] * fade[:, None], (scene.fibers.count, *shape)
+    ).copy()
+
+
+def candidate(scene: Scene, design: Design) -> Candidate:
+    transport, base = light(scene), baseline_design(scene)
+    exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, base.power))
+    lam = choose_lambda(image_counts(transport, base.power, exposure))
+    rating = Rating("surrogate", SURROGATE, (60.0, 80.0), 90.0, 12.0, 8.0, lam, exposure)
+    return Candidate(Path("design.json"), scene, design, rating)
+
+
+def noisy(transport: np.ndarray, sigma: float, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return transport * (1 + sigma * rng.standard_normal((REPLICATES, *transport.shape)))
+
+
+def judged(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
+    return compare(
+        candidate(scene, design),
+        noisy(light(scene), sigma, 1),
+        noisy(brighter * light(scene), sigma, 2),
+        surrogate_score=SURROGATE,
+        render_seconds=1.0,
+        seeds=(1, 2),
+        mutations=8,
+    )
+
+
+@pytest.fixture(scope="module")
+def other(finger20: Scene) -> Design:
+    """Return a design that points elsewhere, so that it is rendered on its own."""
+    base = baseline_design(finger20)
+    return Design(base.phi - 0.1, base.power)
+
+
+def test_a_clear_loss_is_called_worse(finger20: Scene, other: Design) -> None:
+    found = judged(finger20, other, sigma=0.02, brighter=0.5)
+    assert found.difference.interval()[1] < 0
+    assert "worse" in found.verdict
+    assert found.difference.value == pytest.approx(
+        found.design.score.value - found.baseline.score.value, rel=1e-9
+    )
+
+
+def test_noise_alone_is_called_a_tie(finger20: Scene, other: Design) -> None:
+    found = judged(finger20, other, sigma=0.3)
+    low, high = found.difference.interval()
+    assert low < 0 < high
+    assert "tie" in found.verdict
+
+
+def test_equal_noise_of_a_recoloured_design_cancels_in_the_difference(finger20: Scene) -> None:
+    base = baseline_design(finger20)
+    swapped = Design.of_colours(base.phi, (base.colours + 1) % 3)
+    replicates = noisy(light(finger20), 0.3, 1)
+    found = compare(
+        candidate(finger20, swapped),
+        replicates,
+        replicates,
+        surrogate_score=SURROGATE,
+        render_seconds=1.0,
+        seeds=(1, 2),
+        mutations=8,
+    )
+    assert found.baseline.score.se > 0.1
+    assert found.difference.value == pytest.approx(0.0, abs=1e-6)
+    assert found.difference.se < 1e-6
+
+
+def test_the_bias_of_noisy_renders_is_taken_out(finger20: Scene, other: Design) -> None:
+    exact = judged(finger20, other, sigma=0.0).baseline.score.value
+    found = judged(finger20, other, sigma=0.5).baseline.score
+    assert found.plain < exact
+    assert abs(found.value - exact) < abs(found.plain - exact)
+    assert abs(found.value - exact) < 3 * found.se
+
+
+def test_parts_add_up_and_the_surrogate_error_is_reported(finger20: Scene, other: Design) -> None:
+    found = judged(finger20, other, sigma=0.1)
+    parts = {name: estimate.value for name, estimate in found.design.parts.items()}
+    assert parts["score"] == pytest.approx(
+        parts["mean"] - parts["spread_sites"] - parts["spread_bends"]
+    )
+    result = found.to_json()
+    assert list(result) == [
+        "baseline",
+        "design",
+        "difference",
+        "surrogate",
+        "render_seconds",
+        "seeds",
+    ]
+    assert result["surrogate"] == {"score": SURROGATE, "error": SURROGATE - parts["score"]}
+
+
+def test_a_facet_that_the_camera_cannot_see_is_an_error(finger20: Scene, other: Design) -> None:
+    hidden = light(finger20)
+    hidden[:, 1, 4, 7] = np.nan
+    with pytest.raises(RenderError, match="facet 7 of site 4 at bend 1"):
+        compare(
+            candidate(finger20, other),
+            noisy(hidden, 0.1, 1),
+            noisy(hidden, 0.1, 2),
+            surrogate_score=SURROGATE,
+            render_seconds=1.0,
+            seeds=(1, 2),
+            mutations=8,
+        )

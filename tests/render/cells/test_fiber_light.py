@@ -1,0 +1,60 @@
+"""Light rays of fibers and their weights for many directions at once."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from render.cells.fiber_light import FiberLight
+from render.geometry.fiber_profile import cut, peak_radiance
+from render.geometry.layout import fiber_poses
+from render.scene.schema import Scene, load_scene
+
+COUNT = 100_000
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("finger20")
+
+
+def drawn(mono: ModuleType, light: FiberLight, fiber: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the directions and the weights ``(node, ray)`` of rays of one fiber."""
+    rng = np.random.default_rng(5)
+    pick, u, v, x, y = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(5))
+    lanes = mono.UInt32(np.full(COUNT, fiber, dtype=np.uint32))
+    o, d = light.sample(lanes, pick, (u, v), mono.Point2f(x, y))
+    nodes = light.weights(lanes, o, d)
+    dr.eval(nodes, d)
+    weights = np.array([np.array(node) for node in nodes], dtype=np.float64)
+    return np.array(d, dtype=np.float64).T, weights
+
+
+@pytest.mark.parametrize("bend", [0.0, np.pi / 2])
+@pytest.mark.parametrize("fiber", [0, 9, 19])
+def test_every_direction_node_emits_unit_power(
+    mono: ModuleType, scene: Scene, fiber: int, bend: float
+) -> None:
+    phi = np.tile(np.linspace(0.2, np.pi - 0.2, 5), (scene.fibers.count, 1))
+    _, weights = drawn(mono, FiberLight(scene, phi, bend), fiber)
+    error = weights.std(axis=1) / np.sqrt(COUNT)
+    assert np.isfinite(weights).all()
+    assert (np.abs(weights.mean(axis=1) - 1.0) < 4 * error).all()
+
+
+def test_with_one_node_the_weight_is_the_ratio_of_power_to_sampling_density(
+    mono: ModuleType, scene: Scene
+) -> None:
+    phi = np.full((scene.fibers.count, 1), np.pi / 2)
+    directions, weights = drawn(mono, FiberLight(scene, phi, 0.0), 4)
+    sigma_v, area = scene.fibers.sigma_v, np.pi * (scene.fibers.diameter / 2) ** 2
+    beam = fiber_poses(scene, 0.0).directions(phi[:, 0], scene.fibers.tilt)[4]
+    cosine = np.clip(directions @ beam, -1, 1)
+    theta = np.arccos(cosine)
+    scale = peak_radiance(sigma_v, area) * area * 4 * np.pi * sigma_v**2 * cut(sigma_v)
+    expected = scale * cosine * np.sinc(theta / np.pi)
+    safe = cosine > 0.01
+    np.testing.assert_allclose(weights[0][safe], expected[safe], rtol=2e-3)

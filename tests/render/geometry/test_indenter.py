@@ -1,0 +1,99 @@
+"""What is pressed into the pad: closed convex bodies, and a bolt that shows in pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import render.preview.lights
+from render.errors import GraphicsError, SceneError
+from render.geometry.indenter import BoltHead, Imprint, bolt, pyramids
+from render.geometry.layout import fiber_edges, flat_sites, pyramid
+from render.preview.preview import Preview
+from render.scene.schema import Scene, load_scene
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("finger20")
+
+
+@pytest.fixture(scope="module")
+def pressed(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Preview]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render.preview.lights, "RAYS", 20_000)
+        cache = tmp_path_factory.mktemp("slab")
+        with Preview(scene, cache=cache, imprint=bolt(scene)) as preview:
+            yield preview
+
+
+def outside(body: Imprint, points: np.ndarray) -> np.ndarray:
+    """Return how far points ``(n, 3)`` lie outside of the body's faces, ``(n, face)`` mm."""
+    return np.asarray(points @ body.normal.T - body.distance)
+
+
+@pytest.mark.parametrize("make", [pyramids, bolt])
+def test_every_face_is_one_of_a_convex_body(scene: Scene, make: object) -> None:
+    body: Imprint = make(scene)  # type: ignore[operator]
+    np.testing.assert_allclose(np.linalg.norm(body.normal, axis=1), 1.0)
+    away = outside(body, body.middle)
+    np.testing.assert_allclose(np.diag(away), 0.0, atol=1e-12)
+    assert (away < 1e-9).all()
+    assert (body.normal[:, 2] < 0).all()
+
+
+def test_the_pyramids_are_those_of_the_layout(scene: Scene) -> None:
+    body = pyramids(scene)
+    np.testing.assert_array_equal(body.centre, flat_sites(scene))
+    corners = pyramid(scene)
+    away = np.einsum("kci,ki->kc", corners, body.normal) - body.distance[:, None]
+    np.testing.assert_allclose(away, 0.0, atol=1e-12)
+
+
+def test_a_bolt_is_as_wide_and_deep_as_its_head(scene: Scene) -> None:
+    head, body = BoltHead(), bolt(scene)
+    end = np.array([[0.0, 0.0, -head.depth]])
+    assert outside(body, end).max() == pytest.approx(0.0, abs=1e-12)
+    assert outside(body, end * 1.01).max() > 0
+    corner = head.reach * np.array([[0.0, 1.0, 0.0]])
+    assert outside(body, 0.999 * corner).max() < 0 < outside(body, 1.001 * corner).max()
+
+
+def test_a_bolt_stands_at_the_row_of_sites_nearest_to_the_base(scene: Scene) -> None:
+    np.testing.assert_allclose(bolt(scene).centre, [[0.0, -3.0, scene.pad.thickness]])
+
+
+def test_a_bolt_that_does_not_fit_is_refused(scene: Scene) -> None:
+    narrow = scene.model_copy(update={"pad": scene.pad.model_copy(update={"width": 6.0})})
+    with pytest.raises(SceneError, match="does not fit into the pad of 6 x 30"):
+        bolt(narrow)
+    with pytest.raises(SceneError, match="pressed 4 mm deep"):
+        bolt(scene, BoltHead(depth=4.0))
+
+
+@pytest.mark.parametrize("bend", [0.0, np.pi / 2])
+def test_a_bolt_lit_from_the_left_is_bright_there_and_dark_behind(
+    scene: Scene, pressed: Preview, bend: float
+) -> None:
+    power = np.array([[edge == "left", 0, 0] for edge in fiber_edges(scene)], dtype=float)
+    with_bolt, untouched = (
+        pressed.picture(np.full(20, np.pi / 2), power, bend, 180, 300, indented=indented)[..., 0]
+        for indented in (True, False)
+    )
+    changed = (untouched > 0) & (np.abs(with_bolt / np.maximum(untouched, 1e-30) - 1) > 0.1)
+    # The head covers 5 % of the pad; its shadow adds to that.
+    assert 0.03 < changed.sum() / (untouched > 0).sum() < 0.15
+    rows, columns = np.nonzero(changed)
+    row, middle = int(np.median(rows)), 90
+    across = with_bolt[row] / np.maximum(untouched[row], 1e-30)
+    edge = columns[rows == row]
+    left, right = across[edge.min() : middle - 15], across[middle + 15 : edge.max() + 1]
+    assert left.max() > 1.1
+    assert right.min() < 0.8
+
+
+def test_a_bolt_has_no_transport(pressed: Preview) -> None:
+    with pytest.raises(GraphicsError, match="only the pyramids have transport"):
+        pressed.transport(np.array([0.5]), np.array([0.0]))

@@ -1,0 +1,189 @@
+"""The pad's meshes close, keep their length and face the stated way."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import trimesh
+
+from render.geometry.bending import bend_frames
+from render.geometry.layout import facets, flat_sites
+from render.geometry.meshes import PadMeshes, pad_meshes
+from render.scene.schema import Scene, load_scene
+
+SCENE = load_scene("finger20")
+BARE = SCENE.model_copy(update={"diffuser": None})
+BENDS = np.radians([0.0, 45.0, 90.0, 180.0])
+CASES = [
+    pytest.param(scene, bend, indented, id=f"{name}-{np.degrees(bend):.0f}deg-{indented}")
+    for (name, scene), bend, indented in itertools.product(
+        [("diffuser", SCENE), ("bare", BARE)], [*BENDS, 1e-6], [True, False]
+    )
+]
+
+
+def joined(*meshes: trimesh.Trimesh | None) -> trimesh.Trimesh:
+    """Concatenate and merge identical vertices, bit for bit."""
+    whole = trimesh.util.concatenate([mesh for mesh in meshes if mesh is not None])
+    points, number = np.unique(whole.vertices, axis=0, return_inverse=True)
+    return trimesh.Trimesh(points, number.ravel()[whole.faces], process=False)
+
+
+def flipped(mesh: trimesh.Trimesh | None) -> trimesh.Trimesh:
+    """Return the mesh with its normals reversed."""
+    assert mesh is not None
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+
+
+def block(meshes: PadMeshes) -> trimesh.Trimesh:
+    """Return the closed surface of all silicone, normals out."""
+    return joined(flipped(meshes.coating), meshes.outer_clear, meshes.outer_diffuser)
+
+
+def clear_pad(meshes: PadMeshes) -> trimesh.Trimesh:
+    """Return the closed surface of the clear pad, normals out."""
+    inner = [flipped(meshes.interface)] if meshes.interface else []
+    return joined(flipped(meshes.coating), meshes.outer_clear, *inner)
+
+
+def pyramid_volume(scene: Scene) -> float:
+    k, radius = scene.indenter.faces, scene.indenter.radius
+    base = 0.5 * k * radius**2 * np.sin(2 * np.pi / k)
+    return float(base * radius * np.cos(np.pi / k) * np.tan(scene.indenter.slope) / 3)
+
+
+@pytest.mark.parametrize(("scene", "bend", "indented"), CASES)
+def test_all_faces_together_close_the_block(scene: Scene, bend: float, indented: bool) -> None:
+    whole = block(pad_meshes(scene, bend, indented))
+    assert whole.is_watertight
+    assert whole.is_winding_consistent
+    assert whole.volume > 0
+
+
+@pytest.mark.parametrize(("scene", "bend", "indented"), CASES)
+def test_the_interface_closes_both_the_clear_pad_and_the_diffuser(
+    scene: Scene, bend: float, indented: bool
+) -> None:
+    meshes = pad_meshes(scene, bend, indented)
+    pad = clear_pad(meshes)
+    assert pad.is_watertight
+    assert pad.is_winding_consistent
+    if meshes.interface is None:
+        assert scene.diffuser is None
+        assert meshes.outer_diffuser is None
+        return
+    layer = joined(meshes.outer_diffuser, meshes.interface)
+    assert layer.is_watertight
+    assert layer.is_winding_consistent
+    assert layer.volume > 0
+    assert pad.volume + layer.volume == pytest.approx(block(meshes).volume)
+
+
+@pytest.mark.parametrize(("scene", "bend", "indented"), CASES)
+def test_no_face_is_degenerate(scene: Scene, bend: float, indented: bool) -> None:
+    for mesh in vars(pad_meshes(scene, bend, indented)).values():
+        if isinstance(mesh, trimesh.Trimesh):
+            assert mesh.area_faces.min() > 1e-4
+
+
+@pytest.mark.parametrize("indented", [True, False])
+def test_flat_volumes_are_the_analytic_ones(indented: bool) -> None:
+    meshes = pad_meshes(SCENE, 0.0, indented)
+    pressed = SCENE.sites.count * pyramid_volume(SCENE) if indented else 0.0
+    assert clear_pad(meshes).volume == pytest.approx(18 * 30 * 4 - pressed, rel=1e-12)
+    layer = joined(meshes.outer_diffuser, meshes.interface)
+    assert layer.volume == pytest.approx((2 * 2 * 32 + 18 * 2) * 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("bend", BENDS[1:])
+def test_bent_volume_is_that_of_the_annular_sector(bend: float) -> None:
+    radius = SCENE.pad.length / bend
+    sector = 0.5 * bend * ((radius + 4) ** 2 - radius**2) * 18
+    assert clear_pad(pad_meshes(SCENE, bend, False)).volume == pytest.approx(sector, rel=2e-3)
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_the_coating_keeps_its_area_when_bent(bend: float) -> None:
+    assert pad_meshes(SCENE, bend, False).coating.area == pytest.approx(18 * 30, rel=2e-4)
+
+
+def test_a_flat_untouched_pad_needs_two_coating_triangles() -> None:
+    assert len(pad_meshes(BARE, 0.0, False).coating.faces) == 2
+
+
+@pytest.mark.parametrize("bend", BENDS)
+@pytest.mark.parametrize("indented", [True, False])
+def test_coating_normals_point_into_the_pad(bend: float, indented: bool) -> None:
+    coating = pad_meshes(SCENE, bend, indented).coating
+    centre = coating.triangles_center
+    axis_height = SCENE.pad.thickness + (SCENE.pad.length / bend if bend else 1e9)
+    outwards = (centre - [0.0, SCENE.camera.y, axis_height]) * [0.0, 1.0, 1.0]
+    assert (np.einsum("fi,fi->f", outwards, coating.face_normals) > 0).all()
+
+
+def test_interface_normals_point_from_the_diffuser_into_the_pad() -> None:
+    interface = pad_meshes(SCENE, 0.0, True).interface
+    assert interface is not None
+    centre, normal = interface.triangles_center, interface.face_normals
+    left, right = centre[:, 0] < -8.99, centre[:, 0] > 8.99
+    np.testing.assert_allclose(normal[left], [[1, 0, 0]] * left.sum(), atol=1e-12)
+    np.testing.assert_allclose(normal[right], [[-1, 0, 0]] * right.sum(), atol=1e-12)
+    tip = ~(left | right)
+    np.testing.assert_allclose(normal[tip], [[0, -1, 0]] * tip.sum(), atol=1e-12)
+    assert interface.area == pytest.approx((30 + 30 + 18) * 4)
+
+
+def test_outer_faces_are_sorted_by_what_they_border() -> None:
+    meshes = pad_meshes(SCENE, 0.0, False)
+    assert meshes.outer_diffuser is not None
+    assert meshes.outer_clear.area == pytest.approx(18 * 30 + 18 * 4)
+    strips = 2 * (2 * 2 * 32 + 18 * 2)
+    sides = (32 + 32 + 22 + 2 + 2) * 4
+    assert meshes.outer_diffuser.area == pytest.approx(strips + sides)
+    bare = pad_meshes(BARE, 0.0, False)
+    assert bare.outer_clear.area == pytest.approx(18 * 30 + 2 * (18 + 30) * 4)
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_every_facet_is_one_face_with_the_corners_of_the_layout(bend: float) -> None:
+    meshes = pad_meshes(SCENE, bend, True)
+    layout = facets(SCENE, bend)
+    for site, facet in itertools.product(range(SCENE.sites.count), range(SCENE.indenter.faces)):
+        (face,) = np.nonzero(
+            (meshes.coating_face_site == site) & (meshes.coating_face_facet == facet)
+        )[0]
+        corners = meshes.coating.triangles[face]
+        np.testing.assert_allclose(corners, layout.corners[site, facet], atol=1e-12)
+        np.testing.assert_allclose(
+            meshes.coating.face_normals[face], layout.normal[site, facet], atol=1e-9
+        )
+    assert ((meshes.coating_face_site < 0) == (meshes.coating_face_facet < 0)).all()
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_the_ring_around_a_pyramid_stays_close_to_the_coating(bend: float) -> None:
+    coating = pad_meshes(SCENE, bend, True).coating
+    flat = flat_sites(SCENE)
+    turn = bend_frames(SCENE, flat[:, 1], bend)
+    for site in range(SCENE.sites.count):
+        offset = coating.vertices - facets(SCENE, bend).site_position[site]
+        local = offset @ turn[site]
+        near = np.abs(local[:, :2]).max(axis=1) < 0.91
+        assert local[near, 2].max() < 0.05
+
+
+@pytest.mark.parametrize("faces", [3, 4, 7, 64])
+@pytest.mark.parametrize("spacing", [1.8, 3.0])
+def test_any_pyramid_on_touching_cells_closes(faces: int, spacing: float) -> None:
+    indenter = SCENE.indenter.model_copy(update={"faces": faces})
+    sites = SCENE.sites.model_copy(update={"spacing": spacing})
+    scene = SCENE.model_copy(update={"indenter": indenter, "sites": sites})
+    for bend in (0.0, 1.2):
+        whole = block(pad_meshes(scene, bend, True))
+        assert whole.is_watertight
+        assert whole.is_winding_consistent
+        coating = pad_meshes(scene, bend, True).coating
+        assert coating.area_faces.min() > 1e-5
+        assert (coating.face_normals[:, 2] < 0).all()

@@ -1,0 +1,79 @@
+"""What mirror symmetry says about transport."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from render.arrays import Array
+from render.chebyshev import chebyshev_nodes
+from render.geometry.bending import bend_points
+from render.geometry.layout import facet_normals, fiber_poses, flat_sites
+from render.geometry.symmetry import mirrored, mirrors
+from render.scene.schema import Scene, load_scene
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("finger20")
+
+
+def nodes(scene: Scene) -> Array:
+    return np.tile(chebyshev_nodes(4, 0.0, np.pi), (scene.fibers.count, 1))
+
+
+@pytest.mark.parametrize("facets", [True, False])
+@pytest.mark.parametrize("leading", [(), (2,)])
+def test_mirroring_twice_changes_nothing(
+    scene: Scene, facets: bool, leading: tuple[int, ...]
+) -> None:
+    shape = (*leading, scene.fibers.count, 4, 2, scene.sites.count)
+    shape += (scene.indenter.faces,) if facets else ()
+    values = np.random.default_rng(1).random(shape)
+    once = mirrored(scene, values, facets=facets)
+    assert (once != values).any()
+    np.testing.assert_array_equal(mirrored(scene, once, facets=facets), values)
+
+
+def test_the_default_sensor_with_chebyshev_nodes_is_its_own_mirror_image(scene: Scene) -> None:
+    assert mirrors(scene, nodes(scene))
+
+
+def test_directions_that_differ_between_left_and_right_break_the_mirror(scene: Scene) -> None:
+    phi = nodes(scene)
+    phi[0] += 0.01
+    assert not mirrors(scene, phi)
+
+
+def test_tip_directions_that_lean_to_one_side_break_the_mirror(scene: Scene) -> None:
+    assert not mirrors(scene, np.full((scene.fibers.count, 1), 1.0))
+
+
+def test_a_sensor_with_more_fibers_on_one_side_has_no_mirror(scene: Scene) -> None:
+    lopsided = scene.model_copy(
+        update={"fibers": scene.fibers.model_copy(update={"left": 7, "right": 9})}
+    )
+    assert not mirrors(lopsided, nodes(scene))
+
+
+def test_values_made_from_the_geometry_alone_are_their_own_mirror_image(scene: Scene) -> None:
+    bend = 0.7
+    poses = fiber_poses(scene, bend)
+    phi = nodes(scene)
+    beams = poses.directions(phi.T, scene.fibers.tilt)  # (node, fiber, 3)
+    sites = flat_sites(scene)
+    sites = np.column_stack([sites, np.zeros(len(sites))]) if sites.shape[1] == 2 else sites
+    way = bend_points(scene, sites, bend)[None] - poses.position[:, None]  # (fiber, site, 3)
+    towards = np.einsum("jfi,fsi->fjs", beams, way)
+    lit = np.einsum("jfi,ki->fjk", beams, facet_normals(scene))
+    distance = np.linalg.norm(way, axis=-1)
+    pad = towards + distance[:, None]
+    cells = pad[..., None] + lit[:, :, None, :]
+    shape = (scene.fibers.count, 4, 1, scene.sites.count)
+    np.testing.assert_allclose(
+        mirrored(scene, pad.reshape(shape), facets=False), pad.reshape(shape), atol=1e-9
+    )
+    shape = (*shape, scene.indenter.faces)
+    np.testing.assert_allclose(
+        mirrored(scene, cells.reshape(shape), facets=True), cells.reshape(shape), atol=1e-9
+    )

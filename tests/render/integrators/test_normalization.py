@@ -1,0 +1,32 @@
+"""The mean of a film, from a pilot and film positions that follow it."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from tests.render.integrators.test_bidirectional import lambert, plane
+
+SAMPLES = 1 << 16
+
+
+def test_the_guided_scale_is_the_mean_of_the_picture_under_any_weights(mono: ModuleType) -> None:
+    from render.integrators.film_sampler import FilmProblem
+    from render.integrators.normalization import FilmScale
+    from render.integrators.path_limits import Limits
+
+    scene = plane(mono)
+    problem = FilmProblem(scene, scene.sensors()[0], Limits(max_depth=2))
+    scale = FilmScale(problem, SAMPLES, 1024, 8, seed=3)
+    assert scale.for_pilot + scale.starts + scale.for_scale == SAMPLES
+    truth = lambert().ravel()
+    pilot = scale.pilot()[:, 0]
+    assert pilot.mean() == pytest.approx(truth.mean(), rel=0.02)
+    for weights in (np.ones(problem.bins), 1 / pilot, np.arange(problem.bins) % 8 + 0.1):
+        means = scale.means(weights[:, None] / problem.bins)
+        error = means.std(ddof=1) / np.sqrt(len(means))
+        # Student's t with 7 degrees of freedom: 0.9999 quantile.
+        assert abs(means.mean() - (weights * truth).mean()) < 8 * error
+        assert error < 0.01 * means.mean()

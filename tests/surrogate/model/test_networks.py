@@ -1,0 +1,89 @@
+"""Fitting ridge and networks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from render.scene.schema import Scene
+from render.transport import TransportTable
+from surrogate.model.networks import RidgeEnsemble, quadratic
+from surrogate.model.preview_grid import PreviewGrid
+from surrogate.training.dataset import Cells, cells_from_table, folds
+from surrogate.training.mlp import NetworkConfig, fit_networks
+from surrogate.training.regression import Rows, build_rows, held_out
+from surrogate.training.ridge import fit_ridge
+
+SHORT = NetworkConfig(width=8, steps=300, batch=256)
+
+
+@pytest.fixture(scope="module")
+def cells(scene: Scene, reference: TransportTable) -> Cells:
+    return cells_from_table(scene, reference)
+
+
+@pytest.fixture(scope="module")
+def rows(scene: Scene, grid: PreviewGrid, cells: Cells) -> Rows:
+    return build_rows(scene, grid, cells)
+
+
+def _error(rows: Rows, residuals: np.ndarray, fold: np.ndarray) -> float:
+    """Return the median error of held-out cells."""
+    out = held_out(residuals, fold).reshape(rows.ratio.shape)
+    return float(np.median(np.abs(np.exp(out) / rows.ratio.numpy() - 1)))
+
+
+@torch.no_grad()
+def test_ridge_predicts_held_out_cells_to_their_noise(rows: Rows, cells: Cells) -> None:
+    fold = folds(cells.group, 3, 0)
+    model = fit_ridge(rows, fold, 3, 1e-5)
+    assert _error(rows, rows.residuals(model(rows.x)), fold) < 0.025  # noise alone: 0.0135
+
+
+def test_networks_predict_held_out_cells_to_their_noise(rows: Rows, cells: Cells) -> None:
+    fold = folds(cells.group, 3, 0)
+    model = fit_networks(rows, fold, 3, replace(SHORT, steps=600), seed=0)
+    with torch.no_grad():
+        found = _error(rows, rows.residuals(model(rows.x)), fold)
+    assert found < 0.025
+
+
+def test_the_same_seed_gives_the_same_networks(rows: Rows, cells: Cells) -> None:
+    fold = folds(cells.group, 2, 0)
+    first, again, other = (
+        fit_networks(rows, fold, 2, replace(SHORT, steps=40), seed=s) for s in (1, 1, 2)
+    )
+    pairs = zip(first.parameters(), again.parameters(), strict=True)
+    assert all(torch.equal(a, b) for a, b in pairs)
+    assert not torch.equal(first.weight1, other.weight1)
+
+
+@torch.no_grad()
+def test_a_member_never_sees_its_own_fold(rows: Rows, cells: Cells) -> None:
+    fold = folds(cells.group, 2, 0)
+    hidden = rows.fold_rows(fold) == 0
+    spoiled = replace(rows, ratio=torch.where(hidden[:, None], 50.0, rows.ratio))
+    with torch.enable_grad():
+        plain, other = (
+            fit_networks(r, fold, 2, replace(SHORT, steps=40), seed=0) for r in (rows, spoiled)
+        )
+    assert torch.equal(plain.weight1[0], other.weight1[0])
+    assert not torch.equal(plain.weight1[1], other.weight1[1])
+    ridges = [fit_ridge(r, fold, 2, 1e-4).weight for r in (rows, spoiled)]
+    torch.testing.assert_close(ridges[0][0], ridges[1][0])
+
+
+@torch.no_grad()
+def test_ridge_has_all_products_of_the_inputs() -> None:
+    model = RidgeEnsemble(torch.ones(1, 6, 1), 2)
+    x = torch.tensor([[2.0, 3.0]])
+    assert quadratic(x, model.first, model.second).tolist() == [[1, 2, 3, 4, 6, 9]]
+    assert model(x).item() == 25.0
+
+
+def test_cells_with_little_noise_weigh_more(rows: Rows) -> None:
+    quiet, loud = (replace(rows, noise=torch.full_like(rows.noise, n)) for n in (0.001, 0.5))
+    assert quiet.weight.mean() > 100 * loud.weight.mean()

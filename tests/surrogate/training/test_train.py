@@ -1,0 +1,117 @@
+"""Training from a reference table to a model folder."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from render.errors import TableError
+from render.scene.schema import Scene
+from render.transport import TransportTable, load_table
+from surrogate.runtime.checker import Checker
+from surrogate.training.reference_data import data_hash
+from surrogate.training.render_plan import make_plan, training_bends
+from surrogate.training.train import TrainConfig, Trained, TrainProgress, train
+
+
+def test_the_fitted_model_is_far_better_than_the_preview(trained: Trained) -> None:
+    levels = {row.level: row for row in trained.fit.levels}
+    assert levels[trained.fit.kind].facet_median < 0.2 * levels["preview"].facet_median
+    assert levels[trained.fit.kind].kendall_tau > 0.9
+
+
+def test_the_better_of_ridge_and_networks_is_kept(trained: Trained) -> None:
+    levels = {row.level: row for row in trained.fit.levels}
+    loser = {"ridge": "network", "network": "ridge"}[trained.fit.kind]
+    assert levels[trained.fit.kind].facet_median < 1.2 * levels[loser].facet_median
+
+
+def test_whole_positions_directions_and_bends_are_left_out_too(trained: Trained) -> None:
+    names = [row.level for row in trained.fit.splits]
+    assert names == ["unseen fiber position", "unseen direction", "unseen bend"]
+
+
+def test_intervals_hold_on_designs_of_other_cells(trained: Trained) -> None:
+    assert trained.fit.coverage is not None
+    assert 0.8 < trained.fit.coverage.counts < 0.97
+
+
+def test_the_reference_table_is_kept_with_exposure_and_lambda(
+    trained: Trained, reference: TransportTable
+) -> None:
+    stored = load_table(trained.folder.parent / "small-training" / "reference.npz")
+    assert (stored.exposure, stored.lam) == (trained.metadata.exposure, trained.metadata.lam)
+    np.testing.assert_array_equal(stored.T, reference.T)
+    assert data_hash(stored) == trained.metadata.training_data_hash == data_hash(reference)
+
+
+def test_the_card_names_command_seed_machine_data_and_errors(trained: Trained) -> None:
+    card = (trained.folder / "checker.md").read_text()
+    for text in ("`tactilux train small`", "seed: 0", "cores", trained.metadata.training_data_hash,
+                 "| preview |", "| ridge |", "| network |", "| unseen bend |"):  # fmt: skip
+        assert text in card
+
+
+def test_training_again_replaces_the_model_by_the_same_file(
+    trained: Trained, scene: Scene, reference: TransportTable, quick: TrainConfig, tmp_path: Path
+) -> None:
+    stages: list[TrainProgress] = []
+    shutil.copytree(trained.folder, tmp_path / "again")
+    (tmp_path / "again" / "checker.onnx").write_bytes(b"old")
+    train(scene, tmp_path / "again", table=reference, config=quick, progress=stages.append)
+    again, first = (
+        (folder / "checker.onnx").read_bytes() for folder in (tmp_path / "again", trained.folder)
+    )
+    assert again == first
+    names = list(dict.fromkeys(stage.stage for stage in stages))
+    assert names[0] == "preview"
+    assert names[-1] == "export"
+    assert all(0 <= stage.done <= stage.total for stage in stages)
+
+
+def test_a_table_of_another_scene_is_refused(
+    scene: Scene, reference: TransportTable, quick: TrainConfig, tmp_path: Path
+) -> None:
+    with pytest.raises(TableError, match="allowed: level 'reference' of scene"):
+        train(scene, tmp_path / "m", table=replace(reference, scene_hash="0" * 16), config=quick)
+    assert not (tmp_path / "m").exists()
+
+
+def test_training_bends_include_the_scenes_own(make_scene: Callable[..., Scene]) -> None:
+    scene = make_scene(
+        bending={"angles": {"value": [0.0, 30.0, 90.0], "unit": "deg", "source": "test"}}
+    )
+    bends = np.degrees(training_bends(scene, 3))
+    np.testing.assert_allclose(bends, [0, 30, 45, 90], atol=1e-9)
+
+
+def test_an_interrupted_run_keeps_its_plan(scene: Scene, tmp_path: Path) -> None:
+    def plan(seed: int, mutations: int | None) -> int:
+        made = make_plan(scene, tmp_path, minutes=0.1, mutations=mutations, seed=seed,
+                         phi_count=3, bend_count=3)  # fmt: skip
+        return made.mutations
+
+    assert plan(0, 77) == 77
+    assert plan(0, None) == 77
+    assert plan(0, 50) == 50
+    assert plan(1, 60) == 60
+
+
+def test_the_loaded_model_scores_the_baseline_like_its_training_data(
+    trained: Trained, scene: Scene, reference: TransportTable
+) -> None:
+    from render.metric import design_score, image_counts, site_metric
+    from surrogate.training.exposure import baseline_power
+
+    checker = Checker.load(trained.folder, scene.hash)
+    phi = np.full((1, scene.fibers.count), np.pi / 2)
+    power = baseline_power(scene)
+    found = checker.run(phi, power[None], np.array(scene.bending.angles))["score"][0]
+    light = reference.at(phi[0])[:, [0, 2, 4]]
+    metric = site_metric(image_counts(light, power, checker.exposure), checker.lam)
+    assert found == pytest.approx(float(design_score(metric).score), abs=3 * checker.score_reach)
