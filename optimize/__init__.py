@@ -1,1 +1,1 @@
-"""Colour and direction search, reports, verification and the command line."""
+"""Color and direction search, reports, verification and the command line."""

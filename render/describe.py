@@ -155,7 +155,7 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     yield "lens distortion", "images are dewarped, the camera is a pinhole"
-    yield "colour axis of the transport", "no material depends on the colour channel"
+    yield "color axis of the transport", "no material depends on the color channel"
     if len(scene.bending.angles) == 1:
         yield "bend axis", "one bending angle is declared"
     for edge in EDGES:

@@ -163,7 +163,7 @@ def draw_scale(rows: list[dict[str, float]], path: Path) -> None:
     spread = 100 * np.array([row["relative_std"] for row in rows])
     error = 100 * np.array([row["relative_std_se"] for row in rows])
     axis.errorbar(samples, spread, error, fmt="o-", capsize=3, label="measured")
-    axis.axhline(0.2, color="grey", linestyle="--", label="0.2 %")
+    axis.axhline(0.2, color="gray", linestyle="--", label="0.2 %")
     axis.set(xscale="log", yscale="log", xlabel="luminance samples")
     axis.set_ylabel("standard deviation of the mean intensity (%)")
     axis.legend()

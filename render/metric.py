@@ -5,12 +5,13 @@ and dtype. Only operations that both libraries share are used, so that one text 
 training (the derivatives are finite everywhere) and the exported ONNX graph. NaN propagates:
 clipping is written with ``where``, because the Clip operator of some runtimes swallows NaN.
 
-Axes: fiber F, bend B, site S, facet K, colour channel 3; ``...`` are any batch axes.
+Axes: fiber F, bend B, site S, facet K, color channel 3; ``...`` are any batch axes.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, Literal
@@ -26,17 +27,13 @@ class MetricConfig:
 
     Arguments:
         count_max: largest count of the camera; brighter facets are clipped to it.
-        color_distance: distance between two colours in eqs. (4.5) and (4.6).
-        zero_colour: the direction c_hat of a black facet, ``zero`` is the null vector.
         ddof: 0 divides variances by n (population), 1 by n - 1.
-        cyclic: whether the last facet and the first one are neighbours.
+        cyclic: whether the last facet and the first one are neighbors.
         exposure_counts, exposure_percentile: exposure is set once per scene, so that this
             percentile of the baseline design's counts at bend 0 has this value.
     """
 
     count_max: float = 255.0
-    color_distance: Literal["euclidean"] = "euclidean"
-    zero_colour: Literal["zero"] = "zero"
     ddof: Literal[0, 1] = 0
     cyclic: bool = True
     exposure_counts: float = 230.0
@@ -44,6 +41,13 @@ class MetricConfig:
 
 
 THESIS = MetricConfig()
+RETIRED = {"color_distance": "euclidean", "zero_colour": "zero"}
+"""Conventions that files of earlier versions name, each with the only value that it ever had."""
+
+
+def current_conventions(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a `MetricConfig` in ``stored``, without conventions that are retired."""
+    return {k: v for k, v in stored.items() if k not in RETIRED or v != RETIRED[k]}
 
 
 @dataclass(frozen=True)
@@ -162,7 +166,7 @@ def choose_lambda(counts: np.ndarray, config: MetricConfig = THESIS) -> float:
     if not (np.isfinite(intensity) and np.isfinite(hue) and intensity > 0.0 and hue > 0.0):
         raise TableError(
             f"the baseline design has mean M_theta = {intensity:g} and M_phi = {hue:g}, allowed: "
-            "both above 0; choose a baseline whose sides have different colours",
+            "both above 0; choose a baseline whose sides have different colors",
             field="lam",
             value=(intensity, hue),
         )

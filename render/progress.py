@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a long render is: ``done`` of ``total`` mutations, seconds spent and to come."""
+    """How far a long render is: ``done`` of ``total`` samples, seconds spent and to come."""
 
     done: int
     total: int
@@ -18,7 +18,7 @@ class Progress:
 
 
 class Clock:
-    """Counts mutations and says how long the rest will take."""
+    """Counts samples and says how long the rest will take."""
 
     def __init__(self, total: int, report: Callable[[Progress], None] | None) -> None:
         self.total, self.report = total, report
@@ -30,12 +30,12 @@ class Clock:
         return time.monotonic() - self.began
 
     def skip(self, count: int) -> None:
-        """Count mutations that an earlier call made."""
+        """Count samples that an earlier call made."""
         self.done += count
         self.tick(0)
 
     def tick(self, count: int) -> None:
-        """Count mutations that were made now."""
+        """Count samples that were made now."""
         self.done += count
         self.worked += count
         if self.report:

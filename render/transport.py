@@ -1,7 +1,7 @@
 """The transport table: linear radiance per facet and unit fiber power, the shared currency.
 
 Axes everywhere: ``(fiber, phi_node, bend, site, facet)``; the untouched pad (background) is
-``(fiber, phi_node, bend, site)``. Where materials depend on the colour channel, both have one more
+``(fiber, phi_node, bend, site)``. Where materials depend on the color channel, both have one more
 axis at the end, ``channel`` of size 3. Unit: radiance at the camera in 1/(mm^2 sr) per unit radiant
 power of the fiber. float64, errors are one standard deviation of the mean.
 """
@@ -100,7 +100,7 @@ class TransportTable:
 
     @property
     def by_channel(self) -> bool:
-        """Whether the materials depend on the colour channel."""
+        """Whether the materials depend on the color channel."""
         return self.T.ndim == 6
 
     def at(self, phi: Array) -> Array:

@@ -1,6 +1,6 @@
 """Fitting material, powers and camera to the reference lines.
 
-Counts at a point of fiber f, channel c, are modelled as
+Counts at a point of fiber f, channel c, are modeled as
 
     gain_c * power_f * light(material, f, bend, point) * (1 - v r^2),
 

@@ -1,6 +1,6 @@
 """How sure the fit is: noise of the photographs, and errors of the model.
 
-They are carried to the parameters by the fit's own linearisation:
+They are carried to the parameters by the fit's own linearization:
 
 - photographs: noise, enlarged where more is left than noise and model explain (Birge 1932);
 - model: its error modes (``hw.calibration.model_error``): smooth fields, or what renders leave open

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 CELL = 2.0
 """Least side (mm) of the cells that share light subpaths."""
 BLOCKS = 4
-"""Blocks along each side of a cell: half a millimetre, as the points of reference lines."""
+"""Blocks along each side of a cell: half a millimeter, as the points of reference lines."""
 LANES, LEAST_PASSES = 16384, 16
 MOST_COLUMNS, MOST_ROWS = 32, 64
 REPLICATES = 8

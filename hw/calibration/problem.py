@@ -5,7 +5,7 @@ scaled to mean 1), the logs of the gains. The data are one row per used point of
 one column per channel.
 
 The amplitudes z ~ N(0, 1) of the model's error modes A are fitted too, but need no parameters: the
-best z for residuals r minimises |r - A z|^2 + |z|^2, so r - A z and z are what is left to minimise
+best z for residuals r minimizes |r - A z|^2 + |z|^2, so r - A z and z are what is left to minimize
 (variable projection; Golub and Pereyra 2003). Its square is that of r whitened by 1 + A A^T.
 
 The roughness is held near what is known of it by one more residual, the last.

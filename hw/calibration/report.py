@@ -22,7 +22,7 @@ from render.scene.schema import Scene
 
 SHOWN = 6
 """Photographs whose curves are drawn, spread evenly over all."""
-COLOURS = ("#d43d3d", "#1f9d55", "#2f66d0")
+COLORS = ("#d43d3d", "#1f9d55", "#2f66d0")
 TITLES = {
     "reduced_scattering": "reduced scattering",
     "absorption": "absorption",
@@ -132,8 +132,8 @@ def _curves(content: ReportContent, index: int) -> str:
         on = (content.lines.line == line) & one.used
         place = content.lines.place[on]
         for channel in one.channels:
-            plot.plot(place, wanted[on, channel], color=COLOURS[channel], lw=1.4)
-            plot.plot(place, seen[on, channel], ".", color=COLOURS[channel], ms=4)
+            plot.plot(place, wanted[on, channel], color=COLORS[channel], lw=1.4)
+            plot.plot(place, seen[on, channel], ".", color=COLORS[channel], ms=4)
         plot.set_title(LINES[line], fontsize=9)
         plot.set_xlabel("mm")
         plot.grid(alpha=0.25)

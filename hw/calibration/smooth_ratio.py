@@ -1,4 +1,4 @@
-"""Rendered light over modelled light: smooth over the pad and alike for all fibers.
+"""Rendered light over modeled light: smooth over the pad and alike for all fibers.
 
 The renders' own noise is neither. So the logarithm of the ratio is taken as a Gaussian process in
 the fiber's frame (Rasmussen and Williams 2006, eq. 2.25 and 2.26): a constant of each fiber, a

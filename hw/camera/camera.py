@@ -115,7 +115,7 @@ class OpenCVCamera:
         """Return the mean of ``frames`` photographs, counts ``(row, column, 3)`` in RGB.
 
         Raises:
-            CameraError: the camera was unplugged, drops frames, or is grey.
+            CameraError: the camera was unplugged, drops frames, or is gray.
         """
         for _ in range(STALE):
             self._capture.grab()
@@ -135,8 +135,8 @@ class OpenCVCamera:
                 continue
             if frame.ndim != 3 or frame.shape[2] != 3:
                 raise CameraError(
-                    f"camera {self.source} gives frames of shape {frame.shape}, allowed: colour; "
-                    "use a colour camera",
+                    f"camera {self.source} gives frames of shape {frame.shape}, allowed: color; "
+                    "use a color camera",
                     field="camera",
                     value=frame.shape,
                 )

@@ -5,7 +5,7 @@ The lens is a TOML file, as `cv2.fisheye.calibrate` finds it::
     columns = 640
     rows = 480
     focal = [300.0, 300.0]      # pixels
-    centre = [319.5, 239.5]     # pixels
+    center = [319.5, 239.5]     # pixels
     distortion = [0.0, 0.0, 0.0, 0.0]
 """
 
@@ -23,7 +23,7 @@ from hw.errors import CaptureError
 from render.arrays import Array
 from render.scene.schema import Scene
 
-KEYS = {"columns": 1, "rows": 1, "focal": 2, "centre": 2, "distortion": 4}
+KEYS = {"columns": 1, "rows": 1, "focal": 2, "center": 2, "distortion": 4}
 
 
 @dataclass(frozen=True)
@@ -32,20 +32,20 @@ class Lens:
 
     Arguments:
         columns, rows: size of its photographs.
-        focal, centre: pixels, along x and y.
+        focal, center: pixels, along x and y.
         distortion: k1 to k4.
     """
 
     columns: int
     rows: int
     focal: tuple[float, float]
-    centre: tuple[float, float]
+    center: tuple[float, float]
     distortion: tuple[float, float, float, float]
 
     @property
     def matrix(self) -> Array:
         """The pinhole part ``(3, 3)``."""
-        (fx, fy), (cx, cy) = self.focal, self.centre
+        (fx, fy), (cx, cy) = self.focal, self.center
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
@@ -85,7 +85,7 @@ def load_lens(path: Path) -> Lens:
         int(raw["columns"]),
         int(raw["rows"]),
         tuple(raw["focal"]),
-        tuple(raw["centre"]),
+        tuple(raw["center"]),
         tuple(raw["distortion"]),
     )
 
@@ -93,7 +93,7 @@ def load_lens(path: Path) -> Lens:
 def _allowed(key: str, value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return False
-    return key in ("distortion", "centre") or value > 0
+    return key in ("distortion", "center") or value > 0
 
 
 class Dewarp:

@@ -30,7 +30,7 @@ def read_photo(path: Path) -> Array:
     as the camera gave them: a gamma is not undone here.
 
     Raises:
-        CaptureError: unreadable, not a colour image, or not finite.
+        CaptureError: unreadable, not a color image, or not finite.
     """
     try:
         content = path.read_bytes()
@@ -43,7 +43,7 @@ def read_photo(path: Path) -> Array:
         raise _unreadable(path, str(error) or "it is not an image") from None
     if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
         raise CaptureError(
-            f"{path} has shape {pixels.shape}, allowed: (rows, columns, 3); capture in colour",
+            f"{path} has shape {pixels.shape}, allowed: (rows, columns, 3); capture in color",
             field="capture",
             value=pixels.shape,
         )

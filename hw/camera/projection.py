@@ -30,7 +30,7 @@ def flat_positions(scene: Scene, bend: float, directions: Array) -> Array:
 
 
 def pad_positions(scene: Scene, bend: float, rows: int, columns: int) -> Array:
-    """Return flat x, y (mm) that pixel centres look at, ``(row, column, 2)``, NaN off the pad."""
+    """Return flat x, y (mm) that pixel centers look at, ``(row, column, 2)``, NaN off the pad."""
     row, column = np.meshgrid(np.arange(rows) + 0.5, np.arange(columns) + 0.5, indexing="ij")
     return flat_positions(scene, bend, pixel_directions(scene, columns, rows, column, row))
 

@@ -14,9 +14,9 @@ from hw.leds.lights import Lights
 from render.arrays import Array
 
 LEAST_RISE = 3.0
-"""Mean counts by which a lit colour must brighten its channel."""
+"""Mean counts by which a lit color must brighten its channel."""
 PURITY = 2.0
-"""How many times more a colour must brighten its own channel than any other."""
+"""How many times more a color must brighten its own channel than any other."""
 
 
 def self_test(camera: Camera, lights: Lights, level: float, settle: float) -> Array:
@@ -29,7 +29,7 @@ def self_test(camera: Camera, lights: Lights, level: float, settle: float) -> Ar
         settle: seconds to wait after a light was set.
 
     Raises:
-        CaptureError: room light, no light at all, swapped channels, or mixed colours.
+        CaptureError: room light, no light at all, swapped channels, or mixed colors.
     """
     lights.off()
     lights.hold(settle)
@@ -37,22 +37,22 @@ def self_test(camera: Camera, lights: Lights, level: float, settle: float) -> Ar
     check_dark(dark, "the dark frame")
     rise = np.empty((3, 3))
     fibers = len(lights.channels.leds)
-    for colour in range(3):
+    for color in range(3):
         power = np.zeros((fibers, 3))
-        power[:, colour] = level
+        power[:, color] = level
         lights.set(power)
         lights.hold(settle)
-        rise[colour] = (camera.capture() - dark).mean(axis=(0, 1))
+        rise[color] = (camera.capture() - dark).mean(axis=(0, 1))
     lights.off()
     check_channels(rise)
     return dark
 
 
 def check_channels(rise: Array) -> None:
-    """Refuse colours that arrive in the wrong channel.
+    """Refuse colors that arrive in the wrong channel.
 
     Arguments:
-        rise: ``(colour, channel)`` mean counts by which each lit colour brightens each channel.
+        rise: ``(color, channel)`` mean counts by which each lit color brightens each channel.
 
     Raises:
         CaptureError: names the order in which channels arrive.
@@ -68,7 +68,7 @@ def check_channels(rise: Array) -> None:
     if best != (0, 1, 2):
         said = ", ".join(f"{['red', 'green', 'blue'][c]} in {'RGB'[best[c]]}" for c in range(3))
         raise CaptureError(
-            f"colours arrive in the wrong channels ({said}): set --order to "
+            f"colors arrive in the wrong channels ({said}): set --order to "
             f"{''.join('rgb'[best.index(c)] for c in range(3))}, or the camera's pixel format",
             field="order",
             value=best,
@@ -77,10 +77,10 @@ def check_channels(rise: Array) -> None:
     np.fill_diagonal(others, 0.0)
     mixed = np.diag(rise) < PURITY * np.maximum(others, 0.0).max(axis=1)
     if mixed.any():
-        colour = int(np.argmax(mixed))
+        color = int(np.argmax(mixed))
         raise CaptureError(
-            f"{['red', 'green', 'blue'][colour]} light also brightens other channels by up to "
-            f"{others[colour].max() / rise[colour, colour]:.0%} of its own, allowed: at most "
-            f"{1 / PURITY:.0%}; switch the camera's colour correction off",
+            f"{['red', 'green', 'blue'][color]} light also brightens other channels by up to "
+            f"{others[color].max() / rise[color, color]:.0%} of its own, allowed: at most "
+            f"{1 / PURITY:.0%}; switch the camera's color correction off",
             field="capture",
         )

@@ -117,12 +117,12 @@ def load_record(path: Path) -> RigRecord:
     )
 
 
-def commission(prediction: Prediction, colours: Array, scene_hash: str, bend: float) -> RigRecord:
+def commission(prediction: Prediction, colors: Array, scene_hash: str, bend: float) -> RigRecord:
     """Return the record of a rig that is known to be healthy.
 
     Arguments:
         prediction: of the design.
-        colours: ``(fiber, site, 3)`` counts of each fiber alone.
+        colors: ``(fiber, site, 3)`` counts of each fiber alone.
         scene_hash: of the design's scene.
         bend: rad.
 
@@ -130,10 +130,10 @@ def commission(prediction: Prediction, colours: Array, scene_hash: str, bend: fl
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
     """
     expected = prediction.alone
-    gain = channel_gains(expected, colours)
+    gain = channel_gains(expected, colors)
     lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
     weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)
-    seen = np.einsum("fsc,fc->fs", colours / gain, weight)
+    seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     wanted = np.einsum("fsc,fc->fs", expected, weight)
     overall = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     bad = lit & ~((overall > ALLOWED[0]) & (overall < ALLOWED[1]))
@@ -142,7 +142,7 @@ def commission(prediction: Prediction, colours: Array, scene_hash: str, bend: fl
         raise CaptureError(
             f"fiber {fiber} gives {overall[fiber]:.2f} times the predicted light, allowed: "
             f"{ALLOWED[0]:g} to {ALLOWED[1]:g}; mend the rig before its record is made",
-            field="colours",
+            field="colors",
             value=float(overall[fiber]),
         )
     ratio = np.where(lit[:, None], seen / np.where(lit[:, None], wanted, 1.0), 1.0)

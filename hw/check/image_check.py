@@ -1,7 +1,7 @@
 """Naming a fault from one image of all fibers.
 
 The same Bayes' rule as for a sweep, over single faults of any fiber. What a healthy rig may differ
-by (powers, turns, the model, the camera's gains) spreads the expected colours; that spread is
+by (powers, turns, the model, the camera's gains) spreads the expected colors; that spread is
 Gaussian with a known covariance, in which a fault must stand out.
 """
 
@@ -23,7 +23,7 @@ FAULTY_POWERS = np.concatenate([[0.0], np.linspace(0.05, 0.85, 17)])
 
 def check_image(
     prediction: Prediction,
-    colours: Array,
+    colors: Array,
     tolerances: Tolerances,
     ratio: Array | None = None,
 ) -> Verdict:
@@ -31,7 +31,7 @@ def check_image(
 
     Arguments:
         prediction: of the design, at the bend of the image.
-        colours: ``(site, 3)`` counts, linear, dark frame subtracted, at any exposure.
+        colors: ``(site, 3)`` counts, linear, dark frame subtracted, at any exposure.
         tolerances: of a healthy rig.
         ratio: ``(fiber, site)`` measured over predicted light of the healthy rig.
 
@@ -39,19 +39,19 @@ def check_image(
         CaptureError: wrong shape, not finite, or dark.
     """
     sites = prediction.table.shape[2]
-    if colours.shape != (sites, 3) or not np.isfinite(colours).all():
+    if colors.shape != (sites, 3) or not np.isfinite(colors).all():
         raise CaptureError(
-            f"the image has colours of shape {colours.shape}, allowed: finite, ({sites}, 3)",
-            field="colours",
-            value=colours.shape,
+            f"the image has colors of shape {colors.shape}, allowed: finite, ({sites}, 3)",
+            field="colors",
+            value=colors.shape,
         )
     ratio = np.ones(prediction.nominal.shape) if ratio is None else ratio
     power, phi = prediction.power, prediction.phi
     turned = prediction.unit(np.clip(phi[:, None] + TURNS, 0.0, np.pi)) * ratio[:, None]
     straight = turned[:, len(TURNS) // 2]
     expected = np.einsum("fs,fc->sc", straight, power)
-    scale = _scale(expected, colours)
-    seen = colours / scale
+    scale = _scale(expected, colors)
+    seen = colors / scale
     error = float(np.sqrt(np.mean((seen - expected) ** 2)))
 
     whiten = _whitener(prediction, straight, turned, expected, scale, tolerances)
@@ -80,14 +80,14 @@ def check_image(
     )
 
 
-def _scale(expected: Array, colours: Array) -> float:
+def _scale(expected: Array, colors: Array) -> float:
     """Return the camera's overall gain: the median over what is bright enough to tell."""
     bright = expected > 0.1 * expected.max()
-    scale = float(np.median(colours[bright] / expected[bright]))
+    scale = float(np.median(colors[bright] / expected[bright]))
     if not scale > 0:
         raise CaptureError(
             "the image is dark: switch the LEDs on, take the lens cap off, or raise the exposure",
-            field="colours",
+            field="colors",
         )
     return scale
 
@@ -138,7 +138,7 @@ def _changes(straight: Array, turned: Array, power: Array, phi: float) -> dict[S
 
 
 def _unclear(residual: Array, whiten: Array, expected: Array) -> float:
-    """Return the log evidence of a wide spread of every site's colour, against that of the model.
+    """Return the log evidence of a wide spread of every site's color, against that of the model.
 
     The likelihoods above leave out the common factor of the whitening.
     """

@@ -36,9 +36,9 @@ class PowerFits:
         Where the prior is far from the likelihood, the integral starts at the prior's nearest
         power: it is tiny there, but not nothing.
         """
-        centre = np.clip(self.best, prior.low, prior.high)
+        center = np.clip(self.best, prior.low, prior.high)
         scale = np.minimum(self.spread, prior.high - prior.low)
-        power = centre[:, None] + STEPS * scale[:, None]
+        power = center[:, None] + STEPS * scale[:, None]
         inside = (power >= prior.low) & (power <= prior.high)
         log_part = (
             np.where(inside, prior.log_density(power), -np.inf)

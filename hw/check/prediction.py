@@ -60,7 +60,7 @@ class Prediction:
 def predict(checker: Checker, phi: Array, power: Array, bend: float) -> Prediction:
     """Ask the model for the background of a design at ``bend`` rad, once per design.
 
-    Light is linear, so three fibers are lit per run of the model, one per colour channel.
+    Light is linear, so three fibers are lit per run of the model, one per color channel.
     """
     nodes = chebyshev_nodes(NODES, 0.0, np.pi)
     table = checker.transport_table(nodes, np.array([bend]))

@@ -1,4 +1,4 @@
-"""The colours of the untouched pad at the sites, from a photograph."""
+"""The colors of the untouched pad at the sites, from a photograph."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class SiteSpots:
         """Pixels per site, ``(site,)``."""
         return np.array([len(pixels) for pixels in self._pixels])
 
-    def colours(self, photo: Array) -> Array:
-        """Return mean colours ``(site, 3)`` of ``photo`` ``(row, column, 3)``; NaN where unseen."""
+    def colors(self, photo: Array) -> Array:
+        """Return mean colors ``(site, 3)`` of ``photo`` ``(row, column, 3)``; NaN where unseen."""
         flat = photo.reshape(-1, 3)
         return np.stack(
             [

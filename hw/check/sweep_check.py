@@ -1,7 +1,7 @@
 """Naming faults from a sweep: every fiber alone, so every fiber is judged for itself.
 
 Bayes' rule over explicit hypotheses. With T the predicted light of a fiber's sites, b its relative
-power, d its turn and P a permutation of its colours, a site's colour is
+power, d its turn and P a permutation of its colors, a site's color is
 ``gain * P(power) * b * T(d)``, with Gaussian errors of noise and model; a record of the healthy rig
 takes the model's error out at d = 0, from where it comes back with d. The evidence of a state is
 the mean likelihood over the b, d and P that it allows.
@@ -31,7 +31,7 @@ _STEPS = np.gradient(TURNS)
 
 def check_sweep(
     prediction: Prediction,
-    colours: Array,
+    colors: Array,
     tolerances: Tolerances,
     ratio: Array | None = None,
 ) -> Verdict:
@@ -39,7 +39,7 @@ def check_sweep(
 
     Arguments:
         prediction: of the design, at the bend of the sweep.
-        colours: ``(fiber, site, 3)`` counts of each fiber alone, linear, dark frame subtracted;
+        colors: ``(fiber, site, 3)`` counts of each fiber alone, linear, dark frame subtracted;
             the camera's gain may be anything, but the same for all.
         tolerances: of a healthy rig.
         ratio: ``(fiber, site)`` measured over predicted light of the healthy rig.
@@ -48,16 +48,16 @@ def check_sweep(
         CaptureError: wrong shape, not finite, or all dark.
     """
     fibers, sites = prediction.table.shape[0], prediction.table.shape[2]
-    if colours.shape != (fibers, sites, 3) or not np.isfinite(colours).all():
+    if colors.shape != (fibers, sites, 3) or not np.isfinite(colors).all():
         raise CaptureError(
-            f"the sweep has colours of shape {colours.shape}, allowed: finite, ({fibers}, {sites}, "
+            f"the sweep has colors of shape {colors.shape}, allowed: finite, ({fibers}, {sites}, "
             "3); capture one image for each fiber of the design",
-            field="colours",
-            value=colours.shape,
+            field="colors",
+            value=colors.shape,
         )
     ratio = np.ones((fibers, sites)) if ratio is None else ratio
-    gain = channel_gains(prediction.alone * ratio[..., None], colours)
-    seen = colours / gain
+    gain = channel_gains(prediction.alone * ratio[..., None], colors)
+    seen = colors / gain
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
     expected = prediction.alone * ratio[..., None]
@@ -78,7 +78,7 @@ def check_sweep(
     return Verdict(tuple(verdicts), prediction.score, error, prediction.domain_excess)
 
 
-def channel_gains(expected: Array, colours: Array) -> Array:
+def channel_gains(expected: Array, colors: Array) -> Array:
     """Return captured over expected light per channel ``(3,)``: medians over fibers.
 
     Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
@@ -86,12 +86,12 @@ def channel_gains(expected: Array, colours: Array) -> Array:
 
     Arguments:
         expected: ``(fiber, site, 3)``.
-        colours: ``(fiber, site, 3)``.
+        colors: ``(fiber, site, 3)``.
 
     Raises:
         CaptureError: no light in any channel.
     """
-    wanted, got = expected.sum(axis=1), colours.sum(axis=1)
+    wanted, got = expected.sum(axis=1), colors.sum(axis=1)
     gains = np.full(3, np.nan)
     for channel in range(3):
         used = wanted[:, channel] > 0.05 * wanted.max()
@@ -101,7 +101,7 @@ def channel_gains(expected: Array, colours: Array) -> Array:
     if not len(found):
         raise CaptureError(
             "the sweep is dark: switch the LEDs on, take the lens cap off, or raise the exposure",
-            field="colours",
+            field="colors",
         )
     # A channel of which most fibers are dead must not divide by nothing.
     return np.where(np.isfinite(gains) & (gains > 0.1 * found.max()), gains, found.mean())

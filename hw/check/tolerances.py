@@ -33,7 +33,7 @@ class Tolerances:
         model_turned: of the model's error over all directions, as far as ``model`` leaves it out: a
             record of the healthy rig holds that error at the rig's own directions alone.
         gain: of the camera's gain per channel, relative; only one image of all fibers needs it.
-        noise: of a site's colour, in counts; it may be ``(site,)``.
+        noise: of a site's color, in counts; it may be ``(site,)``.
         fault: probability that a given fiber has a fault, before any image is seen.
         alarm: probability of a fault above which a fiber is reported.
     """
@@ -70,7 +70,7 @@ def tolerances(*, sweep: bool, starts: int, noise: Array) -> Tolerances:
     Arguments:
         sweep: every fiber alone, or one image of all.
         starts: that the record of the healthy rig averages; 0 compares with the model alone.
-        noise: of a site's colour in counts, ``(site,)`` or one for all.
+        noise: of a site's color in counts, ``(site,)`` or one for all.
     """
     if not starts:
         return Tolerances(noise=noise)

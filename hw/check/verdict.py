@@ -23,7 +23,7 @@ WORDS = {
     State.OFF: "is not lit by the design",
     State.DEAD: "is dead: check its LED, its cable and the fiber's end",
     State.DIM: "is dim: check its LED, its coupling and the fiber for a break",
-    State.SWAPPED: "has the wrong colour: check the wiring of its LED",
+    State.SWAPPED: "has the wrong color: check the wiring of its LED",
     State.MOVED: "points elsewhere: check its seat",
     State.UNCLEAR: "differs in a way that no single fault explains: clean the pad and the lens",
 }
@@ -58,7 +58,7 @@ class Verdict:
     Arguments:
         fibers: one entry per fiber.
         score: the design's predicted score, in counts.
-        counts_error: root mean square difference between captured and predicted colours after
+        counts_error: root mean square difference between captured and predicted colors after
             matching the camera's gains, in counts.
         domain_excess: 0 inside the model's trained range.
     """

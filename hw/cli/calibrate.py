@@ -47,7 +47,7 @@ def run(
     gamma: float,
     noise: float,
     materials: int,
-    mutations: int,
+    samples: int,
     as_json: bool,
 ) -> None:
     """Calibrate the scene to the sweeps in ``flat`` and ``bent`` (at ``bend`` degrees)."""
@@ -69,7 +69,7 @@ def run(
             target=target,
             noise=noise,
             materials=materials,
-            mutations=mutations,
+            samples=samples,
         )
         if as_json:
             print_json(stream, result)
@@ -88,7 +88,7 @@ def calibrate_sets(
     target: Path,
     noise: float,
     materials: int,
-    mutations: int,
+    samples: int,
 ) -> dict[str, object]:
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
@@ -102,7 +102,7 @@ def calibrate_sets(
         target: result directory.
         noise: of one pixel, counts.
         materials: how many are rendered to correct the fit, for all rigs of the same design.
-        mutations: light paths per fiber and cell of the renders that correct and confirm the fit;
+        samples: light paths per fiber and cell of the renders that correct and confirm the fit;
             0 leaves them out.
     """
     scene = load_scene(scene_name)
@@ -116,7 +116,7 @@ def calibrate_sets(
     found = fit_rig(scene, lines, measurements)
     today = date.today().isoformat()
     confirmation = None
-    if mutations:
+    if samples:
         note(
             f"Correcting the fit by renders: of {materials} materials, kept for all rigs of this "
             "design, then of what is found"
@@ -136,7 +136,7 @@ def calibrate_sets(
                     lighting.phi,
                     bends,
                     materials=materials,
-                    samples=mutations,
+                    samples=samples,
                     folder=cache_folder(),
                     progress=said,
                 )
@@ -231,5 +231,5 @@ def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
             f"{100 * confirmation['before']:.1f} %).\n"
         )
     else:
-        stream.write("Neither corrected nor confirmed by renders: --mutations 1000 does both.\n")
+        stream.write("Neither corrected nor confirmed by renders: --samples 1000 does both.\n")
     stream.write(f"Scene: {result['scene']}\nReport: {result['report']}\n")

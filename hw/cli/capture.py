@@ -24,7 +24,7 @@ from render.scene.schema import Scene, load_scene
 SETTLE = 0.15
 """Seconds between setting a light and photographing it."""
 TEST_LEVEL = 0.3
-"""Power of all LEDs of one colour in the self-test."""
+"""Power of all LEDs of one color in the self-test."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def sweep_photos(
         first = prepare(camera.capture())
         check_photo(first, scene.camera.rows, scene.camera.columns, "the photograph")
         self_test(camera, lights, TEST_LEVEL * wiring.scale, SETTLE)
-        # All fibers in all colours at once would draw three times what the design does.
+        # All fibers in all colors at once would draw three times what the design does.
         return take_sweep(
             camera,
             lights,

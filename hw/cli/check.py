@@ -92,12 +92,12 @@ def run(
         )
         ratio = None if record is None else record.ratio
         if isinstance(seen, PhotoSet):
-            colours = seen.stacked(scene.fibers.count, spots.colours)
-            check_order(prediction.alone.sum(axis=1), colours.sum(axis=1))
-            verdict = check_sweep(prediction, colours, known, ratio)
+            colors = seen.stacked(scene.fibers.count, spots.colors)
+            check_order(prediction.alone.sum(axis=1), colors.sum(axis=1))
+            verdict = check_sweep(prediction, colors, known, ratio)
             if commissioned is not None and verdict.ok:
                 _commission(
-                    commission(prediction, colours, scene.hash, angle), prediction, commissioned
+                    commission(prediction, colors, scene.hash, angle), prediction, commissioned
                 )
         else:
             if commissioned is not None:
@@ -106,9 +106,9 @@ def run(
                     "sweep",
                     field="commission",
                 )
-            colours = spots.colours(seen)
-            check_order(prediction.together, colours)
-            verdict = check_image(prediction, colours, known, ratio)
+            colors = spots.colors(seen)
+            check_order(prediction.together, colors)
+            verdict = check_image(prediction, colors, known, ratio)
         took = time.perf_counter() - began
         if as_json:
             print_json(stream, verdict.to_json())
@@ -166,7 +166,7 @@ def _write(
                 f"(confidence {100 * fiber.confidence:.1f} %)\n"
             )
     stream.write(
-        f"Colours differ from the prediction by {verdict.counts_error:.2f} counts (rms); the "
+        f"Colors differ from the prediction by {verdict.counts_error:.2f} counts (rms); the "
         f"check took {milliseconds:.0f} ms.\n"
     )
     stream.write(_reach(record, sweep))

@@ -53,7 +53,7 @@ Gamma = Annotated[
 Noise = Annotated[
     float, typer.Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")
 ]
-Mutations = Annotated[
+Samples = Annotated[
     int,
     typer.Option(min=0, help="Light paths per fiber and cell of all renders (0: no renders)."),
 ]
@@ -184,7 +184,7 @@ def calibrate(
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
     materials: Materials = 32,
-    mutations: Mutations = 1000,
+    samples: Samples = 1000,
     json: Json = False,
 ) -> None:
     """Fit the scene's material, powers and gains to photographs of single fibers."""
@@ -202,7 +202,7 @@ def calibrate(
         gamma=gamma,
         noise=noise,
         materials=materials,
-        mutations=mutations,
+        samples=samples,
         as_json=json,
     )
 
@@ -229,11 +229,11 @@ def demo(
     ] = None,
     model: Model = None,
     seed: Seed = 0,
-    rig_mutations: Annotated[
+    rig_samples: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
     ] = 2000,
     materials: Materials = 32,
-    mutations: Mutations = 1000,
+    samples: Samples = 1000,
     rays: Annotated[
         int, typer.Option(min=2000, help="Light paths of photographs that are not rendered.")
     ] = 360_000,
@@ -250,9 +250,9 @@ def demo(
         out=out,
         model=model,
         seed=seed,
-        rig_mutations=rig_mutations,
+        rig_samples=rig_samples,
         materials=materials,
-        mutations=mutations,
+        samples=samples,
         rays=rays,
         calibrate=calibrate,
         as_json=json,
@@ -282,11 +282,11 @@ def recovery(
     model: Model = None,
     rigs: Annotated[int, typer.Option(min=1, help="Number of random rigs.")] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Of the first rig; the others follow.")] = 0,
-    rig_mutations: Annotated[
+    rig_samples: Annotated[
         int, typer.Option(min=1, help="Light paths per fiber and cell of the photographs.")
     ] = 8000,
     materials: Materials = 32,
-    mutations: Mutations = 1000,
+    samples: Samples = 1000,
     json: Json = False,
 ) -> None:
     """Measure how well calibration recovers random rigs from rendered photographs."""
@@ -297,9 +297,9 @@ def recovery(
         model=model,
         rigs=rigs,
         seed=seed,
-        rig_mutations=rig_mutations,
+        rig_samples=rig_samples,
         materials=materials,
-        mutations=mutations,
+        samples=samples,
         as_json=json,
     )
 

@@ -57,9 +57,9 @@ def run(
     out: Path | None,
     model: Path | None,
     seed: int,
-    rig_mutations: int,
+    rig_samples: int,
     materials: int,
-    mutations: int,
+    samples: int,
     rays: int = RAYS,
     calibrate: bool = True,
     as_json: bool,
@@ -79,7 +79,7 @@ def run(
         secret = random_secret(scene, seed)
         if calibrate:
             note(f"The whole demonstration takes {DURATION}; --no-calibrate leaves the long parts")
-            images = _rendered(scene, secret, design, rig_mutations)
+            images = _rendered(scene, secret, design, rig_samples)
         else:
             note("Making a rig with secrets: material, powers, directions, camera")
             correction = surrogate_correction(scene, checker, design.phi, BENDS[:1])
@@ -106,7 +106,7 @@ def run(
                 target=target,
                 noise=secret.flaws.noise,
                 materials=materials,
-                mutations=mutations,
+                samples=samples,
             )
             result["truth"] = _compared(result, secret)
         result["checks"] = {name: verdict.to_json() for name, verdict in checks.items()}
@@ -118,7 +118,7 @@ def run(
 
 
 def _rendered(
-    scene: Scene, secret: Secret, design: Design, rig_mutations: int
+    scene: Scene, secret: Secret, design: Design, rig_samples: int
 ) -> NDArray[np.float32]:
     """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
     note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
@@ -130,7 +130,7 @@ def _rendered(
             design.phi,
             BENDS,
             [fibers, fibers[CALIBRATION_FIBERS[1]]],
-            samples=rig_mutations,
+            samples=rig_samples,
             progress=lambda at: meter(at.done, at.total, at.eta_seconds),
         )
 
@@ -152,16 +152,16 @@ def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Verdict]:
     noise = rig.secret.flaws.noise / np.sqrt(spots.counts * FRAMES)
     known = tolerances(sweep=True, starts=1, noise=noise)
 
-    def colours(camera: EmulatedCamera, power: Array) -> Array:
+    def colors(camera: EmulatedCamera, power: Array) -> Array:
         photos = rig.photos(camera, power, frames=FRAMES)
-        return photos.stacked(len(rig.design.phi), spots.colours)
+        return photos.stacked(len(rig.design.phi), spots.colors)
 
-    healthy = colours(rig.camera(), rig.design.power)
+    healthy = colors(rig.camera(), rig.design.power)
     record = commission(prediction, healthy, rig.scene.hash, 0.0)
     found = {}
     with Meter("Checking") as meter:
         for number, (name, camera, power) in enumerate(_faulty(rig)):
-            found[name] = check_sweep(prediction, colours(camera, power), known, record.ratio)
+            found[name] = check_sweep(prediction, colors(camera, power), known, record.ratio)
             meter(number + 1, 4)
     return found
 
@@ -185,7 +185,7 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
         ("healthy", weaker(0, 1.0), rig.design.power),
         ("fiber 4 dead", weaker(4, 0.0), rig.design.power),
         ("fiber 9 at half power", weaker(9, 0.5), rig.design.power),
-        ("fiber 12 with swapped colours", weaker(0, 1.0), swapped),
+        ("fiber 12 with swapped colors", weaker(0, 1.0), swapped),
     ]
 
 

@@ -9,7 +9,7 @@ from hw.cli.wiring import Wiring
 from hw.leds.board import dark
 from hw.leds.lights import interruptible, sweep
 from hw.leds.ports import ProtocolName, list_serial_ports, open_board, the_port
-from optimize.design.design import Design, colour_name
+from optimize.design.design import Design, color_name
 from optimize.design.design_file import load_saved
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 
@@ -51,7 +51,7 @@ def sweep_lights(path: Path, wiring: Wiring, *, seconds: float) -> None:
     with reserved_stdout() as stream, interruptible():
         design = load_saved(path).design
         with wiring.lights(len(design.phi)) as lights, Meter("Sweeping") as meter:
-            names = [colour_name(index) for index in design.colours]
+            names = [color_name(index) for index in design.colors]
             for done, fiber in enumerate(sweep(lights, design.power * wiring.scale, seconds)):
                 led = lights.channels.leds[fiber]
                 stream.write(f"fiber {fiber}, LED {led}: {names[fiber]}\n")

@@ -22,9 +22,9 @@ def run(
     model: Path | None,
     rigs: int,
     seed: int,
-    rig_mutations: int,
+    rig_samples: int,
     materials: int,
-    mutations: int,
+    samples: int,
     as_json: bool,
 ) -> None:
     """Print true and found values of every rig, and how many keep to the bound."""
@@ -48,9 +48,9 @@ def run(
                         design,
                         lines,
                         number,
-                        rig_samples=rig_mutations,
+                        rig_samples=rig_samples,
                         materials=materials,
-                        samples=mutations,
+                        samples=samples,
                         progress=said,
                     )
                 )

@@ -93,10 +93,10 @@ class LineFirmware:
         except ValueError:
             return "number"
         if word == "SET" and len(numbers) == 4:
-            led, *colour = numbers
-            if not 0 <= led < self._leds or not all(0 <= level <= 255 for level in colour):
+            led, *color = numbers
+            if not 0 <= led < self._leds or not all(0 <= level <= 255 for level in color):
                 return "range"
-            self._next[led] = colour
+            self._next[led] = color
         elif word == "SHOW" and not numbers:
             self.shown = self._next.copy()
         elif word == "OFF" and not numbers:
@@ -193,7 +193,7 @@ class AdalightFirmware:
         size = 3 * (256 * high + low + 1)
         if len(self._buffer) < 6 + size:
             return False
-        colours = np.frombuffer(self._buffer[6 : 6 + size], dtype=np.uint8).reshape(-1, 3)
-        self.shown[: len(colours)] = colours[: self._leds]
+        colors = np.frombuffer(self._buffer[6 : 6 + size], dtype=np.uint8).reshape(-1, 3)
+        self.shown[: len(colors)] = colors[: self._leds]
         self._buffer = self._buffer[6 + size :]
         return True

@@ -131,7 +131,7 @@ def rendered_images(
 ) -> NDArray[np.float32]:
     """Return the rig's true radiance per unit power as the reference renders it.
 
-    Renders of every fiber are noisy by some per cent at each millimetre, more than a camera is; so
+    Renders of every fiber are noisy by some per cent at each millimeter, more than a camera is; so
     pictures of the true material are drawn by the preview, with random numbers of the rig's own,
     and brought to the reference by the smooth ratio of both (``hw.calibration.smooth_ratio``).
     Rendered is what lies around each fiber's reference lines; far from them the ratio goes back to

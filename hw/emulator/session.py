@@ -77,7 +77,7 @@ def switched_on(
 
     Arguments:
         scene: what is known about the rig.
-        design: its directions and colours.
+        design: its directions and colors.
         secret: what is not known.
         images: ``(bend, fiber, row, column)`` true radiance per unit power.
     """

@@ -45,12 +45,12 @@ class WledBoard:
         """Set every LED of the first segment; transitions off, brightness full."""
         for first in range(0, len(levels), LEDS_PER_REQUEST):
             part = levels[first : first + LEDS_PER_REQUEST].tolist()
-            colours = [f"{red:02X}{green:02X}{blue:02X}" for red, green, blue in part]
+            colors = [f"{red:02X}{green:02X}{blue:02X}" for red, green, blue in part]
             request = {
                 "on": True,
                 "bri": 255,
                 "transition": 0,
-                "seg": {"id": SEGMENT, "on": True, "bri": 255, "i": [first, *colours]},
+                "seg": {"id": SEGMENT, "on": True, "bri": 255, "i": [first, *colors]},
                 "v": True,
             }
             self._accepted(request)

@@ -1,6 +1,6 @@
 """How well faults are found: many random rigs, each with every kind of single-fiber fault.
 
-A random rig has random directions and colours, and differs from the model as real ones do: by the
+A random rig has random directions and colors, and differs from the model as real ones do: by the
 model's own error (smooth over the pad and over directions), manufacturing tolerances, what drifts
 between two starts, the camera's gains and its noise.
 """
@@ -65,7 +65,7 @@ class RigSpread:
 
     @property
     def noise(self) -> float:
-        """Of a site's colour, in counts."""
+        """Of a site's color, in counts."""
         return float(self.pixel_noise / np.sqrt(self.pixels * self.frames))
 
 
@@ -117,15 +117,15 @@ class RandomRig:
         """Draw the rig."""
         fibers = len(prediction.phi)
         phi = rng.uniform(np.radians(20.0), np.radians(160.0), fibers)
-        colour = rng.integers(0, 3, fibers)
+        color = rng.integers(0, 3, fibers)
         self.prediction = Prediction(
-            phi, np.eye(3)[colour], prediction.nodes, prediction.table, prediction.score, 0.0
+            phi, np.eye(3)[color], prediction.nodes, prediction.table, prediction.score, 0.0
         )
         self._rng, self._spread = rng, spread
         error = _smooth_error(prediction.nodes, sites, fibers, spread, rng)
         table = prediction.table if truth is None else truth
         self._truth = Prediction(
-            phi, np.eye(3)[colour], prediction.nodes, table * np.exp(error), 0.0, 0.0
+            phi, np.eye(3)[color], prediction.nodes, table * np.exp(error), 0.0, 0.0
         )
         self._turn = spread.turn * rng.standard_normal(fibers)
         self._power = np.exp(spread.power * rng.standard_normal(fibers))
@@ -151,17 +151,17 @@ class RandomRig:
 
         def capture(fault: str, fiber: int) -> tuple[Array, Array]:
             phi, strength = self._truth.phi + turn, power.copy()
-            colours = self._truth.power.copy()
+            colors = self._truth.power.copy()
             if fault == "dead":
                 strength[fiber] = 0.0
             elif fault == "half power":
                 strength[fiber] *= 0.5
             elif fault == "swapped":
-                colours[fiber] = np.roll(colours[fiber], roll)
+                colors[fiber] = np.roll(colors[fiber], roll)
             elif fault == "10 deg off":
                 phi[fiber] += side * np.radians(10.0)
             light = self._truth.unit(np.clip(phi, 0.0, np.pi)[:, None])[:, 0] * moved
-            alone = light[..., None] * (strength[:, None] * colours)[:, None, :] * drift
+            alone = light[..., None] * (strength[:, None] * colors)[:, None, :] * drift
             together = alone.sum(axis=0) * self._gain_all
             return (
                 alone * self._gain + spread.noise * noise[0],

@@ -33,7 +33,7 @@ app = typer.Typer(
 
 
 class Method(StrEnum):
-    """How colours are searched."""
+    """How colors are searched."""
 
     GROUPED = "grouped"
     QUICK = "quick"
@@ -41,14 +41,14 @@ class Method(StrEnum):
 
 
 class Robust(StrEnum):
-    """What is maximised over sensors as they are built."""
+    """What is maximized over sensors as they are built."""
 
     QUANTILE = "quantile"
     SPREAD = "spread"
 
 
 class Procedure(StrEnum):
-    """Who optimises at level 2."""
+    """Who optimizes at level 2."""
 
     LOOP = "loop"
     THESIS = "thesis"
@@ -131,11 +131,11 @@ def verify(
     design: DesignFile,
     scene: DesignScene = None,
     model: Model = None,
-    mutations: Annotated[
-        int | None, typer.Option(min=1, help="Mutations per cell and seed (default: 200).")
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="Samples per cell and seed (default: 200).")
     ] = None,
     minutes: Annotated[
-        float | None, typer.Option(min=0.1, help="Rendering time, instead of --mutations.")
+        float | None, typer.Option(min=0.1, help="Rendering time, instead of --samples.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=2, help="Number of independent seeds.")] = 4,
     json: Json = False,
@@ -147,7 +147,7 @@ def verify(
         design,
         scene=scene,
         model=model,
-        mutations=mutations,
+        samples=samples,
         minutes=minutes,
         seeds=seeds,
         as_json=json,
@@ -169,11 +169,11 @@ def optimize(
     generations: Annotated[
         int, typer.Option(min=1, help="Generations of the thesis's CMA-ES at most.")
     ] = 20,
-    mutations: Annotated[
-        int, typer.Option(min=1, help="Mutations per cell of every candidate's render.")
+    samples: Annotated[
+        int, typer.Option(min=1, help="Samples per cell of every candidate's render.")
     ] = 96,
-    final_mutations: Annotated[
-        int, typer.Option(min=1, help="Mutations per cell and seed of the finalists' renders.")
+    final_samples: Annotated[
+        int, typer.Option(min=1, help="Samples per cell and seed of the finalists' renders.")
     ] = 192,
     final_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the finalists' renders.")] = 2,
     seed: Seed = 0,
@@ -189,8 +189,8 @@ def optimize(
         model=model,
         rounds=rounds,
         generations=generations,
-        mutations=mutations,
-        final_mutations=final_mutations,
+        samples=samples,
+        final_samples=final_samples,
         final_seeds=final_seeds,
         seed=seed,
         as_json=json,
@@ -204,9 +204,9 @@ def sensitivity(
         str | None, typer.Option(help="Scene file with the tolerances, where it is not shipped.")
     ] = None,
     model: Model = None,
-    mutations: Annotated[
+    samples: Annotated[
         int | None,
-        typer.Option(min=1, help="Check the slopes on renders with so many mutations per cell."),
+        typer.Option(min=1, help="Check the slopes on renders with so many samples per cell."),
     ] = None,
     seed: Seed = 0,
     json: Json = False,
@@ -214,7 +214,7 @@ def sensitivity(
     """Say which manufacturing tolerance costs the most score."""
     from optimize.cli import sensitivity as command
 
-    command.run(design, scene=scene, model=model, mutations=mutations, seed=seed, as_json=json)
+    command.run(design, scene=scene, model=model, samples=samples, seed=seed, as_json=json)
 
 
 @app.command()
@@ -228,14 +228,14 @@ def reconstruct(
     full_well: Annotated[
         float, typer.Option(min=1.0, help="Photoelectrons at 255 counts, for the shot noise.")
     ] = 10000.0,
-    mutations: Annotated[
+    samples: Annotated[
         int | None,
-        typer.Option(min=1, help="Use renders with so many mutations per cell instead."),
+        typer.Option(min=1, help="Use renders with so many samples per cell instead."),
     ] = None,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
-    """Recover surface normals from the colours, in degrees."""
+    """Recover surface normals from the colors, in degrees."""
     from optimize.cli import reconstruct as command
 
     command.run(
@@ -244,7 +244,7 @@ def reconstruct(
         model=model,
         read_noise=read_noise,
         full_well=full_well,
-        mutations=mutations,
+        samples=samples,
         seed=seed,
         as_json=json,
     )
@@ -257,9 +257,9 @@ def train(
         Path | None, typer.Option(help="Model folder (default: models/<scene>).")
     ] = None,
     minutes: Annotated[float, typer.Option(min=0.1, help="Rendering time.")] = 40.0,
-    mutations: Annotated[
+    samples: Annotated[
         int | None,
-        typer.Option(min=1, help="Mutations per fiber and facet: the same work on any machine."),
+        typer.Option(min=1, help="Samples per fiber and facet: the same work on any machine."),
     ] = None,
     seed: Seed = 0,
     table: Annotated[
@@ -269,7 +269,7 @@ def train(
     """Make the surrogate: render, fit, export."""
     from optimize.cli import train as command
 
-    command.run(scene, out=out, minutes=minutes, mutations=mutations, seed=seed, table=table)
+    command.run(scene, out=out, minutes=minutes, samples=samples, seed=seed, table=table)
 
 
 @app.command()
@@ -288,10 +288,10 @@ def frontier(
     ] = None,
     designs: Annotated[int, typer.Option(min=2, help="Random held-out designs.")] = 30,
     minutes: Annotated[float, typer.Option(min=3.0, help="Time for everything together.")] = 30.0,
-    mutations: Annotated[
+    samples: Annotated[
         int | None,
         typer.Option(
-            min=32, help="Mutations per cell of the reference: the same work on any machine."
+            min=32, help="Samples per cell of the reference: the same work on any machine."
         ),
     ] = None,
     seed: Seed = 0,
@@ -307,7 +307,7 @@ def frontier(
         table=table,
         designs=designs,
         minutes=minutes,
-        mutations=mutations,
+        samples=samples,
         seed=seed,
         as_json=json,
     )
@@ -323,7 +323,7 @@ def overnight(
         float | None,
         typer.Option(min=0.01, help="Time for everything, over all attempts (default: 8)."),
     ] = None,
-    mutations: Annotated[
+    samples: Annotated[
         int | None,
         typer.Option(min=1, help="A fixed amount of work instead: per cell of the table."),
     ] = None,
@@ -344,7 +344,7 @@ def overnight(
     from optimize.cli import overnight as command
 
     for first, second, both in (
-        ("--hours", "--mutations", hours is not None and mutations is not None),
+        ("--hours", "--samples", hours is not None and samples is not None),
         ("--workers", "--dask", workers is not None and dask is not None),
     ):
         if both:
@@ -353,7 +353,7 @@ def overnight(
         scene,
         out=out,
         hours=hours,
-        mutations=mutations,
+        samples=samples,
         workers=workers,
         dask=dask,
         seed=seed,
@@ -427,7 +427,7 @@ def colors(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Search the colours of a transport table."""
+    """Search the colors of a transport table."""
     from optimize.cli import colors as command
 
     command.run(

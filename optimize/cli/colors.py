@@ -1,22 +1,22 @@
-"""``tactilux colors``: the best light colours on somebody's transport table."""
+"""``tactilux colors``: the best light colors on somebody's transport table."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from optimize.design.design import Array, colour_name
+from optimize.design.design import Array, color_name
 from optimize.scoring.evaluate import TableScorer
 from optimize.ui.console import Meter, print_json, reserved_stdout
 from render.errors import TableError
 from render.transport import TransportTable, load_table
 
 if TYPE_CHECKING:
-    from optimize.search.colors.result import ColourResult
+    from optimize.search.colors.result import ColorResult
 
 
 SHOWN = 20
-"""Best colourings that programs are told."""
+"""Best colorings that programs are told."""
 
 
 def run(
@@ -28,7 +28,7 @@ def run(
     device: str | None,
     as_json: bool,
 ) -> None:
-    """Search colours on the table in ``path`` at one direction node and print the best."""
+    """Search colors on the table in ``path`` at one direction node and print the best."""
     if device is not None and method != "exact":
         raise TableError(
             f"--device is for the method exact, not {method}: leave it out", field="device"
@@ -37,36 +37,36 @@ def run(
         table = load_table(path)
         scorer = TableScorer(table)
         phi = scorer.at_node(_node(table, phi_index))
-        with Meter(f"Colours, {method}") as meter:
+        with Meter(f"Colors, {method}") as meter:
             result = _search(scorer, phi, method, seed, device, meter)
         if as_json:
             print_json(
                 stream,
                 {
                     "method": result.method,
-                    "colors": result.colours.tolist(),
+                    "colors": result.colors.tolist(),
                     "score": result.score,
                     "evaluated": result.evaluated,
                     "seconds": result.seconds,
-                    "ties": [list(colours) for colours in result.ties],
+                    "ties": [list(colors) for colors in result.ties],
                     "ties_complete": result.ties_complete,
                     "top": [
-                        {"colors": list(colours), "score": score}
-                        for colours, score in result.top[:SHOWN]
+                        {"colors": list(colors), "score": score}
+                        for colors, score in result.top[:SHOWN]
                     ],
                 },
             )
             return
-        low, high = scorer.rating(phi, scorer.power(result.colours)).interval
-        names = " ".join(colour_name(index) for index in result.colours)
+        low, high = scorer.rating(phi, scorer.power(result.colors)).interval
+        names = " ".join(color_name(index) for index in result.colors)
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
-            f"level {table.level}\n{result.evaluated} colourings in {result.seconds:.1f} s by "
+            f"level {table.level}\n{result.evaluated} colorings in {result.seconds:.1f} s by "
             f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors"
             f"{'' if result.ties_complete else ', and perhaps more'}\n"
         )
         if result.monochrome:
-            stream.write("One colour lights everything: lam does not reward colour here.\n")
+            stream.write("One color lights everything: lam does not reward color here.\n")
 
 
 def _node(table: TransportTable, phi_index: int | None) -> int:
@@ -82,17 +82,17 @@ def _node(table: TransportTable, phi_index: int | None) -> int:
 
 def _search(
     scorer: TableScorer, phi: Array, method: str, seed: int, device: str | None, meter: Meter
-) -> ColourResult:
+) -> ColorResult:
     if method == "grouped":
-        from optimize.search.colors.grouped import grouped_colours
+        from optimize.search.colors.grouped import grouped_colors
 
-        return grouped_colours(scorer, phi)
+        return grouped_colors(scorer, phi)
     if method == "quick":
-        from optimize.search.colors.quick import quick_colours
+        from optimize.search.colors.quick import quick_colors
 
-        return quick_colours(scorer, phi, seed=seed, progress=meter)
-    from optimize.search.colors.exact import exact_colours
+        return quick_colors(scorer, phi, seed=seed, progress=meter)
+    from optimize.search.colors.exact import exact_colors
 
-    return exact_colours(
+    return exact_colors(
         scorer, phi, lambda at: meter(at.done, at.total, at.eta_seconds), device=device
     )

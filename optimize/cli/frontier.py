@@ -27,7 +27,7 @@ def run(
     table: Path | None,
     designs: int,
     minutes: float,
-    mutations: int | None,
+    samples: int | None,
     seed: int,
     as_json: bool,
 ) -> None:
@@ -53,7 +53,7 @@ def run(
                 count=designs,
                 seed=seed,
                 minutes=minutes,
-                mutations=mutations,
+                samples=samples,
                 table=known,
                 report=report,
             )
@@ -76,7 +76,7 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
         title_justify="left",
     )
     table.add_column("level")
-    for heading in ("s per design", "colour error", "95 %", "rms, no noise", "S off by", "tau"):
+    for heading in ("s per design", "color error", "95 %", "rms, no noise", "S off by", "tau"):
         table.add_column(heading, justify="right")
     for row in (*found.rows, found.noise):
         low, high = row.kendall_tau_interval
@@ -92,10 +92,11 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
     Console(file=stream, width=None if stream.isatty() else 110).print(table)
     reference = found.reference
     stream.write(
-        f"Reference: PSSMLT, {reference.mutations} mutations per cell, {reference.seconds:.0f} s; "
+        f"Reference: bidirectional, MIS, {reference.samples} samples per cell, "
+        f"{reference.seconds:.0f} s; "
         f"its scores are known to {found.to_json()['reference']['score_se_median']:.2f} counts.\n"  # type: ignore[index]
         f"The model's {found.held.nominal:.0%} intervals held {found.held.counts:.1%} of facet "
-        f"colours and {found.held.score:.1%} of scores.\n"
-        f"One design alone takes {found.seconds_alone:.0f} s at {found.plan.short[-1]} mutations.\n"
+        f"colors and {found.held.score:.1%} of scores.\n"
+        f"One design alone takes {found.seconds_alone:.0f} s at {found.plan.short[-1]} samples.\n"
         f"Plot: {folder / PLOT}\nJSON: {folder / RESULT}\n"
     )

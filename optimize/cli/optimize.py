@@ -34,8 +34,8 @@ def run(
     model: Path | None,
     rounds: int,
     generations: int,
-    mutations: int,
-    final_mutations: int,
+    samples: int,
+    final_samples: int,
     final_seeds: int,
     seed: int,
     as_json: bool,
@@ -61,7 +61,7 @@ def run(
                 checker,
                 reference_renders(scene, checkpoint, meters),
                 OptimizeConfig(
-                    method, mutations, final_mutations, final_seeds, rounds, generations, seed
+                    method, samples, final_samples, final_seeds, rounds, generations, seed
                 ),
                 on_round=meters.round,
                 on_candidate=meters.candidate,
@@ -72,10 +72,10 @@ def run(
             print_json(stream, result)
         else:
             _print(stream, scene, found)
-            if len(set(found.design.colours.tolist())) == 1:
+            if len(set(found.design.colors.tolist())) == 1:
                 stream.write(
-                    "Note: The optimum is monochrome: the weight of the colour term does not "
-                    "reward colour differences in this scene.\n"
+                    "Note: The optimum is monochrome: the weight of the color term does not "
+                    "reward color differences in this scene.\n"
                 )
             stream.write(f"Design: {result['design']}\n")
 

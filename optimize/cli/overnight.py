@@ -22,7 +22,7 @@ def run(
     *,
     out: Path | None,
     hours: float | None,
-    mutations: int | None,
+    samples: int | None,
     workers: int | None,
     dask: str | None,
     seed: int,
@@ -45,7 +45,7 @@ def run(
             return DaskWorkers(workers=workers, address=dask)
 
         note(f"Everything is kept in {target}; interrupted, the same command goes on from there")
-        config = NightConfig(None if mutations else hours or 8.0, mutations, seed)
+        config = NightConfig(None if samples else hours or 8.0, samples, seed)
         try:
             night = overnight(
                 scene_name, target, config, hire=hire, lines=stream if json_lines else None

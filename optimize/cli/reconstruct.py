@@ -18,7 +18,7 @@ from render.errors import DesignError
 from surrogate.runtime.checker import Checker
 
 SEEDS = 8
-Colours = tuple[Array, Array]
+Colors = tuple[Array, Array]
 RENDER_SEED = 700
 
 
@@ -29,11 +29,11 @@ def run(
     model: Path | None,
     read_noise: float,
     full_well: float,
-    mutations: int | None,
+    samples: int | None,
     seed: int,
     as_json: bool,
 ) -> None:
-    """Recover normals from the colours of baseline and design, and print the errors."""
+    """Recover normals from the colors of baseline and design, and print the errors."""
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
         if not math.isfinite(value):
             raise DesignError(
@@ -42,21 +42,21 @@ def run(
     with reserved_stdout() as stream:
         candidate = open_candidate(path, scene)
         designs = [candidate.baseline, candidate.design]
-        if mutations is None:
+        if samples is None:
             checker = open_model(candidate.scene, model)
             pairs = [_predicted(candidate, checker, design) for design in designs]
             known = shown = pairs
         else:
-            known, shown = _rendered(candidate, designs, mutations, seed)
+            known, shown = _rendered(candidate, designs, samples, seed)
         noise = CameraNoise(read_noise, full_well)
         seeds = range(seed, seed + SEEDS)
         found = compare_reconstruction(candidate.scene, known, shown, noise, seeds)
-        level = "surrogate" if mutations is None else "reference"
+        level = "surrogate" if samples is None else "reference"
         result: dict[str, object] = {
             "level": level,
             "read_noise": read_noise,
             "full_well": full_well,
-            "mutations": mutations,
+            "samples": samples,
             **{name: entry.to_json() for name, entry in found.items()},
         }
         if as_json:
@@ -65,7 +65,7 @@ def run(
             _print(stream, path, level, noise, found)
 
 
-def _predicted(candidate: Candidate, checker: Checker, design: Design) -> Colours:
+def _predicted(candidate: Candidate, checker: Checker, design: Design) -> Colors:
     bends = np.array(candidate.scene.bending.angles)
     found = checker.run(design.phi[None], design.power[None], bends)
     facets, pad = (np.asarray(found[key][0], np.float64) for key in ("counts", "background"))
@@ -73,9 +73,9 @@ def _predicted(candidate: Candidate, checker: Checker, design: Design) -> Colour
 
 
 def _rendered(
-    candidate: Candidate, designs: list[Design], mutations: int, seed: int
-) -> tuple[list[Colours], list[Colours]]:
-    """Return colours of two independent halves of a render: to learn from, and to be shown."""
+    candidate: Candidate, designs: list[Design], samples: int, seed: int
+) -> tuple[list[Colors], list[Colors]]:
+    """Return colors of two independent halves of a render: to learn from, and to be shown."""
     from optimize.verification.renders import reference_renders
     from render.reference.llvm import ensure_llvm
 
@@ -85,7 +85,7 @@ def _rendered(
     with Meter("Rendering") as meter:
         renders = reference_renders(
             candidate.scene, checkpoint, lambda _, at: meter(at.done, at.total, at.eta_seconds)
-        )(designs, mutations=mutations, seeds=[RENDER_SEED + seed], title="baseline and design")
+        )(designs, samples=samples, seeds=[RENDER_SEED + seed], title="baseline and design")
     exposure, halves = candidate.rating.exposure, []
     for half in (slice(0, None, 2), slice(1, None, 2)):
         facets = renders.replicates[half].mean(axis=0)

@@ -15,7 +15,7 @@ from optimize.ui.output import write_atomically
 from render.metric import THESIS
 from render.scene.schema import Scene, load_scene
 
-SAMPLES = 128  # mutations per pixel at level 2, at a third of the camera's resolution: some minutes
+SAMPLES = 128  # samples per pixel at level 2, at a third of the camera's resolution: some minutes
 
 
 def run(scene_name: str, *, design: Path | None, bend: float, level: str, out: Path | None) -> None:

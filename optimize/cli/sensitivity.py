@@ -26,11 +26,11 @@ def run(
     *,
     scene: str | None,
     model: Path | None,
-    mutations: int | None,
+    samples: int | None,
     seed: int,
     as_json: bool,
 ) -> None:
-    """Print the sensitivity table; with ``mutations``, check its slopes on renders."""
+    """Print the sensitivity table; with ``samples``, check its slopes on renders."""
     with reserved_stdout() as stream:
         candidate = open_candidate(path, scene)
         sensor = candidate.scene
@@ -50,19 +50,19 @@ def run(
             "sensitivities": [sensitivity_json(entry) for entry in found],
         }
         lines = []
-        if mutations is not None:
+        if samples is not None:
             from optimize.robust.slope_check import check_slopes
             from render.reference.llvm import ensure_llvm
 
             ensure_llvm()
             exact = score_slopes(scorer, candidate.design, list(spreads), slopes)
             checkpoint = path.parent / f"{path.stem}-renders"
-            note(f"Rendering neighbours; interrupted, the same command goes on from {checkpoint}")
-            with Meter("Rendering neighbours") as meter:
+            note(f"Rendering neighbors; interrupted, the same command goes on from {checkpoint}")
+            with Meter("Rendering neighbors") as meter:
                 checked = check_slopes(
                     candidate,
                     {name: float(values.sum()) for name, values in exact.items()},
-                    mutations=mutations,
+                    samples=samples,
                     seed=RENDER_SEED + seed,
                     checkpoint=checkpoint,
                     progress=lambda at: meter(at.done, at.total, at.eta_seconds),

@@ -18,7 +18,7 @@ def run(
     *,
     out: Path | None,
     minutes: float,
-    mutations: int | None,
+    samples: int | None,
     seed: int,
     table: Path | None,
 ) -> None:
@@ -33,8 +33,8 @@ def run(
         command = ["tactilux", "train", scene_name, "--seed", str(seed)]
         if table is not None:
             command += ["--table", table.name]
-        elif mutations is not None:
-            command += ["--mutations", str(mutations)]
+        elif samples is not None:
+            command += ["--samples", str(samples)]
         else:
             command += ["--minutes", f"{minutes:g}"]
         with Stages() as stages:
@@ -43,12 +43,12 @@ def run(
                 folder,
                 seed=seed,
                 table=known,
-                config=TrainConfig(minutes=minutes, mutations=mutations),
+                config=TrainConfig(minutes=minutes, samples=samples),
                 command=shlex.join(command),
                 progress=lambda p: stages(p.stage.capitalize(), p.done, p.total, p.eta_seconds),
             )
         stream.write(
-            f"{'held-out errors':<24}{'colour, median':>15}{'score, median':>15}{'tau':>7}\n"
+            f"{'held-out errors':<24}{'color, median':>15}{'score, median':>15}{'tau':>7}\n"
         )
         for row in made.metadata.held_out:
             stream.write(

@@ -15,13 +15,13 @@ from optimize.scoring.score_scale import PARTS
 from optimize.ui.atomic import write_text
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from optimize.verification.verify import Verification, verify
-from optimize.verification.verify_budget import affordable_mutations
+from optimize.verification.verify_budget import affordable_samples
 from render.errors import RenderError
 from render.progress import Progress
 from render.reference.llvm import ensure_llvm
 from surrogate.runtime.checker import Checker
 
-MUTATIONS = 200
+SAMPLES = 200
 """Per cell and seed, unless told otherwise."""
 
 
@@ -30,15 +30,15 @@ def run(
     *,
     scene: str | None,
     model: Path | None,
-    mutations: int | None,
+    samples: int | None,
     minutes: float | None,
     seeds: int,
     as_json: bool,
 ) -> None:
     """Render, compare and print; the renders are kept beside the design and taken up again."""
-    if mutations is not None and minutes is not None:
+    if samples is not None and minutes is not None:
         raise RenderError(
-            "--mutations and --minutes both say how long to render: give one of them",
+            "--samples and --minutes both say how long to render: give one of them",
             field="minutes",
             value=minutes,
         )
@@ -47,9 +47,9 @@ def run(
         checker = open_model(candidate.scene, model)
         ensure_llvm()
         checkpoint = path.parent / f"{path.stem}-renders"
-        count = mutations or _count(candidate, minutes, seeds, checkpoint)
+        count = samples or _count(candidate, minutes, seeds, checkpoint)
         note(
-            f"Rendering the baseline and {path} with {seeds} seeds, {count} mutations per cell; "
+            f"Rendering the baseline and {path} with {seeds} seeds, {count} samples per cell; "
             f"interrupted, the same command goes on from {checkpoint}"
         )
         meters: dict[str, Meter] = {}
@@ -64,7 +64,7 @@ def run(
             found = verify(
                 candidate,
                 checker,
-                mutations=count,
+                samples=count,
                 seeds=range(1, seeds + 1),
                 checkpoint=checkpoint,
                 progress=progress,
@@ -74,7 +74,7 @@ def run(
         kept = {
             **found.to_json(),
             "level": "reference",
-            "mutations": count,
+            "samples": count,
             "design_file": str(path),
         }
         text = json.dumps(kept, indent=2, allow_nan=False) + "\n"
@@ -87,14 +87,14 @@ def run(
 
 def _count(candidate: Candidate, minutes: float | None, seeds: int, folder: Path) -> int:
     if minutes is None:
-        return MUTATIONS
+        return SAMPLES
     note("Timing two short renders")
-    return affordable_mutations(
+    return affordable_samples(
         candidate.scene,
         candidate.design.phi,
         minutes=minutes,
         seeds=seeds,
-        designs=1 if candidate.recoloured else 2,
+        designs=1 if candidate.recolored else 2,
         folder=folder,
     )
 
@@ -108,7 +108,7 @@ def _print(stream: IO[str], candidate: Candidate, checker: Checker, found: Verif
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{candidate.path}, level reference (PSSMLT)", title_justify="left")
+    table = Table(title=f"{candidate.path}, reference (bidirectional, MIS)", title_justify="left")
     table.add_column("design")
     for heading in ("score S", "95% interval", "mean M", "spread over sites", "spread over bends"):
         table.add_column(heading, justify="right")
@@ -130,8 +130,8 @@ def _print(stream: IO[str], candidate: Candidate, checker: Checker, found: Verif
         f"{found.verdict}\n"
         f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "
         f"{checker.coverage:.0%} interval of -+{checker.score_reach:.2f} {held}.\n"
-        f"{len(found.seeds)} seeds, {found.difference.replicates} replicates, {found.mutations} "
-        f"mutations per cell, {found.render_seconds:.0f} s of rendering.\n"
+        f"{len(found.seeds)} seeds, {found.difference.replicates} replicates, {found.samples} "
+        f"samples per cell, {found.render_seconds:.0f} s of rendering.\n"
     )
 
 

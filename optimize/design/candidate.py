@@ -37,8 +37,8 @@ class Candidate:
         return limits_of(self.scene).dimmed(baseline_design(self.scene))
 
     @property
-    def recoloured(self) -> bool:
-        """Whether the design differs from the baseline in its colours alone."""
+    def recolored(self) -> bool:
+        """Whether the design differs from the baseline in its colors alone."""
         return bool(np.array_equal(self.design.phi, baseline_design(self.scene).phi))
 
     @property

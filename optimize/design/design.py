@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from render.errors import DesignError
 from render.geometry.layout import fiber_edges
 from render.metric import THESIS, MetricConfig
-from render.scene.schema import COLOURS, Scene
+from render.scene.schema import COLORS, Scene
 
 Array = NDArray[np.float64]
-Colours = NDArray[np.int64]
+Colors = NDArray[np.int64]
 Level = Literal["preview", "surrogate", "reference"]
 
-# Without an LED a fiber is dark; it has no colour index.
+# Without an LED a fiber is dark; it has no color index.
 OFF = -1
 
 
@@ -51,38 +51,37 @@ class Design:
                 )
 
     @classmethod
-    def of_colours(cls, phi: Array, colours: Sequence[int] | Colours) -> Design:
-        """Return the design with one LED at full power per fiber; ``colours`` 0/1/2 = R/G/B."""
-        chosen = np.asarray(colours, dtype=np.int64)
+    def of_colors(cls, phi: Array, colors: Sequence[int] | Colors) -> Design:
+        """Return the design with one LED at full power per fiber; ``colors`` 0/1/2 = R/G/B."""
+        chosen = np.asarray(colors, dtype=np.int64)
         if chosen.ndim != 1 or ((chosen < 0) | (chosen > 2)).any():
             raise DesignError(
-                f"colours = {chosen.tolist()}, allowed: one of 0, 1, 2 (red, green, blue) per "
-                "fiber",
-                field="colours",
+                f"colors = {chosen.tolist()}, allowed: one of 0, 1, 2 (red, green, blue) per fiber",
+                field="colors",
             )
         return cls(np.asarray(phi, dtype=np.float64), np.eye(3)[chosen])
 
     @property
-    def colours(self) -> Colours:
+    def colors(self) -> Colors:
         """The strongest channel of each fiber, ``(F,)``: 0/1/2 = R/G/B, -1 for a dark fiber."""
         strongest = np.argmax(self.power, axis=1)
         return np.where(self.power.max(axis=1) > 0.0, strongest, OFF)
 
     @property
-    def colour_names(self) -> list[str]:
-        """The colour of each fiber as ``red``, ``green``, ``blue`` or ``off``."""
-        return [colour_name(index) for index in self.colours]
+    def color_names(self) -> list[str]:
+        """The color of each fiber as ``red``, ``green``, ``blue`` or ``off``."""
+        return [color_name(index) for index in self.colors]
 
 
-def colour_name(index: int) -> str:
+def color_name(index: int) -> str:
     """Return ``red``, ``green``, ``blue`` or, for -1, ``off``."""
-    return "off" if index == OFF else COLOURS[index]
+    return "off" if index == OFF else COLORS[index]
 
 
 def baseline_design(scene: Scene) -> Design:
-    """Return the design to beat: one colour per edge, every fiber normal to it (thesis 5.1)."""
-    colours = [COLOURS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
-    return Design.of_colours(np.full(scene.fibers.count, math.pi / 2), colours)
+    """Return the design to beat: one color per edge, every fiber normal to it (thesis 5.1)."""
+    colors = [COLORS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
+    return Design.of_colors(np.full(scene.fibers.count, math.pi / 2), colors)
 
 
 @dataclass(frozen=True)

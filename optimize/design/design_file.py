@@ -1,6 +1,6 @@
 """``design.json``: a design with its rating, written atomically and read strictly.
 
-Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colours`` (names), ``power``,
+Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colors`` (names), ``power``,
 ``level``, ``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
 Anything unknown, missing, out of range or made for another scene is refused.
 """
@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from optimize.design.design import Design, Level, Rating
 from optimize.ui.atomic import write_text
 from optimize.ui.provenance import package_versions
 from render.errors import DesignError
-from render.metric import MetricConfig
+from render.metric import MetricConfig, current_conventions
 from render.scene.schema import Scene
 
 
@@ -46,7 +46,7 @@ def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None 
         "scene": scene.name,
         "scene_hash": scene.hash,
         "angles_deg": np.degrees(design.phi).tolist(),
-        "colours": design.colour_names,
+        "colors": design.color_names,
         "power": design.power.tolist(),
         **_rating_to_json(rating),
         "versions": package_versions("numpy"),
@@ -130,28 +130,31 @@ class _File(BaseModel):
     scene: Annotated[str, Field(min_length=1)]
     scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
     angles_deg: Annotated[list[Angle], Field(min_length=1)]
-    colours: list[Literal["red", "green", "blue", "off"]]
+    colors: list[Literal["red", "green", "blue", "off"]]
     power: list[Annotated[list[Power], Field(min_length=3, max_length=3)]]
     level: Level | None
     score: _Score | None
     lam: Annotated[float, Field(ge=0.0)] | None
     exposure: Positive | None
-    conventions: _Conventions | None
+    conventions: Annotated[
+        _Conventions | None,
+        BeforeValidator(lambda c: current_conventions(c) if isinstance(c, dict) else c),
+    ]
     versions: dict[str, str]
 
     @model_validator(mode="after")
     def _parts_agree(self) -> _File:
-        lengths = {len(self.angles_deg), len(self.colours), len(self.power)}
+        lengths = {len(self.angles_deg), len(self.colors), len(self.power)}
         if len(lengths) > 1:
             raise ValueError(
-                f"angles_deg, colours and power have lengths {len(self.angles_deg)}, "
-                f"{len(self.colours)} and {len(self.power)}, allowed: one entry per fiber in each"
+                f"angles_deg, colors and power have lengths {len(self.angles_deg)}, "
+                f"{len(self.colors)} and {len(self.power)}, allowed: one entry per fiber in each"
             )
-        names = Design(np.zeros(len(self.power)), np.array(self.power)).colour_names
-        if names != self.colours:
-            fiber = next(i for i, name in enumerate(names) if name != self.colours[i])
+        names = Design(np.zeros(len(self.power)), np.array(self.power)).color_names
+        if names != self.colors:
+            fiber = next(i for i, name in enumerate(names) if name != self.colors[i])
             raise ValueError(
-                f"colours[{fiber}] = {self.colours[fiber]} contradicts power[{fiber}], "
+                f"colors[{fiber}] = {self.colors[fiber]} contradicts power[{fiber}], "
                 f"allowed: {names[fiber]}"
             )
         rated = [self.level, self.score, self.lam, self.exposure, self.conventions]

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array, Colours, Design
+from optimize.design.design import Array, Colors, Design
 from render.errors import DesignError
-from render.scene.schema import COLOURS, Scene
+from render.scene.schema import COLORS, Scene
 
 FORBIDDEN = 1e9
-"""Cost of a colour that a fiber must not have; above any sum of the others."""
+"""Cost of a color that a fiber must not have; above any sum of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +21,8 @@ class Limits:
     """Limits of a search.
 
     Arguments:
-        allowed: ``(F, 3)`` which colours each fiber may have.
-        most: ``(3,)`` most fibers per colour.
+        allowed: ``(F, 3)`` which colors each fiber may have.
+        most: ``(3,)`` most fibers per color.
         led_power: ``(3,)`` power of an LED that is on.
         low, high: ``(F, interval)`` rad, allowed directions; unused intervals repeat the last.
         step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
@@ -30,7 +30,7 @@ class Limits:
     """
 
     allowed: NDArray[np.bool_]
-    most: Colours
+    most: Colors
     led_power: Array
     low: Array
     high: Array
@@ -38,13 +38,13 @@ class Limits:
     continuous_power: bool
 
     @property
-    def colours_limited(self) -> bool:
-        """Whether some colouring is not allowed."""
+    def colors_limited(self) -> bool:
+        """Whether some coloring is not allowed."""
         return bool(not self.allowed.all() or (self.most < len(self.allowed)).any())
 
     @property
-    def colours_alike(self) -> bool:
-        """Whether exchanging two colours in all fibers keeps every colouring allowed."""
+    def colors_alike(self) -> bool:
+        """Whether exchanging two colors in all fibers keeps every coloring allowed."""
         return bool(self.allowed.all() and (self.most == self.most[0]).all())
 
     @property
@@ -58,20 +58,20 @@ class Limits:
         whole = (self.low[:, 0] == 0.0) & (self.high[:, -1] == math.pi)
         return bool(self.low.shape[1] > 1 or not whole.all() or self.step > 0.0)
 
-    def fits(self, colours: Colours) -> NDArray[np.bool_]:
-        """Return which of ``colours`` ``(N, F)`` are allowed."""
-        chosen = np.asarray(colours)
+    def fits(self, colors: Colors) -> NDArray[np.bool_]:
+        """Return which of ``colors`` ``(N, F)`` are allowed."""
+        chosen = np.asarray(colors)
         own = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
         used = np.stack([(chosen == c).sum(axis=1) for c in range(3)], axis=1)
         return np.asarray(own & (used <= self.most).all(axis=1))
 
-    def nearest_colours(self, wish: Array) -> Colours:
-        """Return the allowed colours ``(F,)`` of greatest total ``wish`` ``(F, 3)``.
+    def nearest_colors(self, wish: Array) -> Colors:
+        """Return the allowed colors ``(F,)`` of greatest total ``wish`` ``(F, 3)``.
 
         An assignment problem: every fiber takes one of the LEDs that there are.
 
         Raises:
-            DesignError: no colouring is allowed.
+            DesignError: no coloring is allowed.
         """
         from scipy.optimize import linear_sum_assignment
 
@@ -82,8 +82,8 @@ class Limits:
             if cost[row, column].max() < FORBIDDEN:
                 return np.asarray(slots[column], dtype=np.int64)
         raise DesignError(
-            "no choice of colours fulfils the constraints: fix fewer fibers or allow more LEDs "
-            "per colour",
+            "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
+            "per color",
             field="constraints",
         )
 
@@ -104,9 +104,9 @@ class Limits:
 
     def obeyed(self, design: Design) -> Design:
         """Return the allowed design nearest to ``design``, at full allowed power."""
-        wish = np.eye(3)[np.maximum(design.colours, 0)]
-        colours = self.nearest_colours(wish) if self.colours_limited else design.colours
-        power = np.eye(3)[colours] * self.led_power * (design.colours >= 0)[:, None]
+        wish = np.eye(3)[np.maximum(design.colors, 0)]
+        colors = self.nearest_colors(wish) if self.colors_limited else design.colors
+        power = np.eye(3)[colors] * self.led_power * (design.colors >= 0)[:, None]
         return Design(self.nearest_directions(design.phi), power)
 
     def dimmed(self, design: Design) -> Design:
@@ -139,8 +139,8 @@ def limits_of(scene: Scene) -> Limits:
         return free
     allowed = free.allowed.copy()
     for entry in given.fixed:
-        if entry.colour is not None:
-            allowed[entry.fiber] = np.arange(3) == COLOURS.index(entry.colour)
+        if entry.color is not None:
+            allowed[entry.fiber] = np.arange(3) == COLORS.index(entry.color)
     intervals = [given.intervals(fiber) for fiber in range(fibers)]
     size = max(map(len, intervals))
     padded = np.array([own + own[-1:] * (size - len(own)) for own in intervals])
@@ -153,5 +153,5 @@ def limits_of(scene: Scene) -> Limits:
         step=given.angle_step or 0.0,
         continuous_power=given.continuous_power,
     )
-    found.nearest_colours(np.zeros((fibers, 3)))
+    found.nearest_colors(np.zeros((fibers, 3)))
     return found

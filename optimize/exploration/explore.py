@@ -14,7 +14,7 @@ from optimize.design.design import Design, Rating, baseline_design
 from optimize.design.limits import limits_of
 from optimize.exploration.stages import Stage
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.joint import JointResult, SearchStep, optimise_jointly
+from optimize.search.joint import JointResult, SearchStep, optimize_jointly
 from render.chebyshev import chebyshev_nodes
 from render.geometry.layout import fiber_edges
 from render.metric import clipped_fraction, design_score
@@ -31,7 +31,7 @@ PHI_NODES = 33
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """What the quick job found: baseline, after the colours, and the result, all rated.
+    """What the quick job found: baseline, after the colors, and the result, all rated.
 
     With ``study``, the last stage is the design that was refined for tolerances or shadows.
     """
@@ -67,7 +67,7 @@ def explore(
     seed: int = 0,
     progress: Callable[[SearchStep], None] | None = None,
 ) -> Exploration:
-    """Search colours and directions from the baseline until neither moves, and rate the stages.
+    """Search colors and directions from the baseline until neither moves, and rate the stages.
 
     The search keeps to the scene's constraints; the baseline only to those of LED power.
     """
@@ -75,22 +75,22 @@ def explore(
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
     limits = limits_of(scene)
     baseline = limits.dimmed(baseline_design(scene))
-    search = optimise_jointly(
+    search = optimize_jointly(
         TableScorer(table, limits=limits),
         baseline,
         edges=fiber_edges(scene),
         seed=seed,
         progress=progress,
     )
-    coloured = next(step for step in search.history if step.stage == "quick")
+    colored = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]
     later = "the fiber directions"
     if search.score > first_round[-1]:
         later += " and the rounds after"
     chosen = [
         ("baseline", "Baseline", "", baseline),
-        ("colours", "Colours", "the colour search", coloured.design),
-        ("optimized", "Optimised", later, search.design),
+        ("colors", "Colors", "the color search", colored.design),
+        ("optimized", "Optimized", later, search.design),
     ]
     stages = tuple(rate(checker, scene, *entry) for entry in chosen)
     return Exploration(scene, checker, stages, search, seed, time.perf_counter() - began)

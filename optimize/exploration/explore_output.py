@@ -65,7 +65,7 @@ def caveats(exploration: Exploration) -> list[str]:
         f"{checker.score_reach:.2f} counts of the reference's score. A search picks the best of "
         "many candidates and so finds the surrogate's mistakes too: the true gain is likely to be "
         "smaller than shown.",
-        "Both baseline and optimised design share the surrogate's errors in part, so the interval "
+        "Both baseline and optimized design share the surrogate's errors in part, so the interval "
         "of their difference is not the sum of the two; only a verification gives it.",
         "The scene is the one described by its file. Values marked as assumed there (see "
         "tactilux describe) have not been calibrated against a real sensor.",
@@ -82,7 +82,7 @@ def _search_note(exploration: Exploration) -> str:
     rounds = search.history[-1].round
     return (
         f"{search.evaluated:,} designs in {search.seconds:.1f} s: {rounds} "
-        f"round{'s' if rounds > 1 else ''} of colours and directions, {end}."
+        f"round{'s' if rounds > 1 else ''} of colors and directions, {end}."
     )
 
 

@@ -1,4 +1,4 @@
-"""The stages of an exploration: baseline, after the colour search, after the directions."""
+"""The stages of an exploration: baseline, after the color search, after the directions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Stage:
     """A design of one stage with what the surrogate says about it.
 
     Arguments:
-        key: ``baseline``, ``colours`` or ``optimized``; names files.
+        key: ``baseline``, ``colors`` or ``optimized``; names files.
         title: for people.
         change: what this stage did, to follow "by".
         metric: M of eq. (4.6), ``(bend, site)``.

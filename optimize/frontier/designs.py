@@ -12,7 +12,7 @@ import numpy as np
 from render.arrays import Array
 from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.scene.schema import Scene
-from surrogate.training.evaluation import random_colours
+from surrogate.training.evaluation import random_colors
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class HeldOut:
 
     Arguments:
         phi: ``(design, fiber)`` rad, uniform in [0, pi].
-        power: ``(design, fiber, 3)``, one colour per fiber at full power.
+        power: ``(design, fiber, 3)``, one color per fiber at full power.
     """
 
     phi: Array
@@ -36,7 +36,7 @@ def held_out_designs(scene: Scene, count: int, seed: int) -> HeldOut:
     """Return ``count`` random designs of ``scene``; the same for the same seed."""
     rng = np.random.default_rng([seed, 11])
     fibers = scene.fibers.count
-    return HeldOut(rng.uniform(0.0, np.pi, (count, fibers)), random_colours(count, fibers, rng))
+    return HeldOut(rng.uniform(0.0, np.pi, (count, fibers)), random_colors(count, fibers, rng))
 
 
 @dataclass(frozen=True)

@@ -54,9 +54,9 @@ class Frontier:
             "rows": [row.to_json() for row in self.rows],
             "intervals": asdict(self.held),
             "reference": {
-                "level": "PSSMLT",
-                "p_large": 1.0,
-                "mutations": self.reference.mutations,
+                "level": "reference (bidirectional, MIS)",
+                "sampler": "monte-carlo",
+                "samples": self.reference.samples,
                 "seed": REFERENCE_SEED,
                 "replicates": self.reference.replicates,
                 "seconds": self.reference.seconds,
@@ -68,7 +68,7 @@ class Frontier:
                 "scores_se": self.reference.scores_se.tolist(),
                 "noise": self.noise.to_json(),
                 "short_render_of_one_design_seconds": self.seconds_alone,
-                "short_render_mutations": self.plan.short[-1],
+                "short_render_samples": self.plan.short[-1],
             },
         }
 
@@ -81,7 +81,7 @@ def measure(
     count: int,
     seed: int,
     minutes: float,
-    mutations: int | None,
+    samples: int | None,
     table: TransportTable | None,
     report: Report,
     config: TrainConfig | None = None,
@@ -94,8 +94,8 @@ def measure(
         folder: of the run.
         count: held-out designs.
         seed: of the designs.
-        minutes: of work in all, unless ``mutations`` says how much.
-        mutations: of the reference, per fiber and facet.
+        minutes: of work in all, unless ``samples`` says how much.
+        samples: of the reference, per fiber and facet.
         table: reference table for the fits; rendered here where there is none.
         report: told how far the work is.
         config: nodes and networks of the fits.
@@ -121,7 +121,7 @@ def measure(
         folder,
         seed=seed,
         minutes=minutes,
-        mutations=mutations,
+        samples=samples,
         renders_table=table is None,
     )
     renders = folder / "renders"
@@ -132,7 +132,7 @@ def measure(
     estimate = render_designs(
         scene,
         nodes,
-        mutations=plan.mutations,
+        samples=plan.samples,
         seed=REFERENCE_SEED,
         checkpoint=renders,
         progress=lambda state: rendering("Reference", state),
@@ -159,7 +159,7 @@ def measure(
         scene,
         designs,
         reference,
-        plan.samples,
+        plan.spp,
         folder / "volpath",
         lambda name, done, total: report(name, done, total, None),
     )
@@ -182,7 +182,7 @@ def _rendered_table(
         scene,
         run,
         minutes=plan.minutes,
-        mutations=plan.table_mutations,
+        samples=plan.table_samples,
         seed=seed,
         phi_count=config.phi_nodes,
         bend_count=len(scene.bending.angles),

@@ -1,4 +1,4 @@
-"""How wrong a level is: its colours and scores of the held-out designs against the reference."""
+"""How wrong a level is: its colors and scores of the held-out designs against the reference."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Row:
     Arguments:
         level: what judged the designs.
         seconds_per_design: wall time of one design, all bends.
-        facet_error_median, facet_error_p95: ``|c - c_ref| / |c_ref|`` of facet colours; the
+        facet_error_median, facet_error_p95: ``|c - c_ref| / |c_ref|`` of facet colors; the
             reference's own noise is part of them.
         facet_error_true: root mean square of the same with that noise taken out.
         score_error: median ``|S - S_ref|`` in counts.

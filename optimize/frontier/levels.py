@@ -91,7 +91,7 @@ def table_level(scene: Scene, table: TransportTable, exposure: float, setup: flo
         "transport table",
         counts,
         setup,
-        note=f"PSSMLT at {len(table.phi)} directions, interpolated; rendered once per scene",
+        note=f"rendered at {len(table.phi)} directions, interpolated; once per scene",
     )
 
 

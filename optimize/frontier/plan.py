@@ -18,11 +18,11 @@ from render.scene.schema import Scene
 
 PLAN = "plan.json"
 SHORTER = (32, 8)
-"""How many times fewer mutations the short PSSMLT rows get than the reference."""
+"""How many times fewer samples the short rendered rows get than the reference."""
 SAMPLES = (4, 16)
 """Samples per pixel of the path tracer's rows."""
 TABLE_SHARE = 2
-"""How many times fewer mutations a transport table gets, where none is given."""
+"""How many times fewer samples a transport table gets, where none is given."""
 PATH_TRACER_SHARE, FIT_SECONDS = 0.15, 120.0
 """Part of the minutes for the path tracer, and what the fits take."""
 
@@ -33,24 +33,24 @@ class FrontierPlan:
 
     Arguments:
         scene_hash, seed, designs: whose designs, which, and how many.
-        minutes: that the rest was chosen for; 0 when ``mutations`` were given.
-        mutations: per fiber and facet, of the reference.
+        minutes: that the rest was chosen for; 0 when ``samples`` were given.
+        samples: per fiber and facet, of the reference.
         short: the same, of the short rows.
-        samples: per pixel, of the path tracer's rows.
+        spp: per pixel, of the path tracer's rows.
     """
 
     scene_hash: str
     seed: int
     designs: int
     minutes: float
-    mutations: int
+    samples: int
     short: list[int]
-    samples: list[int]
+    spp: list[int]
 
     @property
-    def table_mutations(self) -> int:
-        """Mutations of a transport table, where none is given."""
-        return max(1, self.mutations // TABLE_SHARE)
+    def table_samples(self) -> int:
+        """Samples of a transport table, where none is given."""
+        return max(1, self.samples // TABLE_SHARE)
 
 
 def check_folder(folder: Path) -> None:
@@ -79,7 +79,7 @@ def make_plan(
     *,
     seed: int,
     minutes: float,
-    mutations: int | None,
+    samples: int | None,
     renders_table: bool,
 ) -> FrontierPlan:
     """Return the plan in ``folder`` when it answers the same request, or a new one.
@@ -90,38 +90,38 @@ def make_plan(
         nodes: theirs, for the trial renders.
         folder: of the run.
         seed: of the designs.
-        minutes: of rendering in all, unless ``mutations`` says it.
-        mutations: of the reference, per fiber and facet.
+        minutes: of rendering in all, unless ``samples`` says it.
+        samples: of the reference, per fiber and facet.
         renders_table: whether a transport table has to be rendered as well.
     """
     wanted = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
-    wanted |= {"minutes": minutes} if mutations is None else {"mutations": mutations}
+    wanted |= {"minutes": minutes} if samples is None else {"samples": samples}
     stored = _read(folder / PLAN)
     if stored is not None and wanted.items() <= asdict(stored).items():
         return stored
-    if mutations is None:
+    if samples is None:
         seconds = 60.0 * minutes - FIT_SECONDS
         chosen = _affordable(
             scene, nodes, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
         )
-        samples = _affordable_samples(scene, designs, PATH_TRACER_SHARE * seconds)
+        spp = _affordable_samples(scene, designs, PATH_TRACER_SHARE * seconds)
     else:
-        chosen, samples, minutes = mutations, list(SAMPLES), 0.0
+        chosen, spp, minutes = samples, list(SAMPLES), 0.0
     plan = FrontierPlan(
         scene_hash=scene.hash,
         seed=seed,
         designs=len(designs),
         minutes=minutes,
-        mutations=chosen,
+        samples=chosen,
         short=[max(1, chosen // factor) for factor in SHORTER],
-        samples=samples,
+        spp=spp,
     )
     write_text(folder / PLAN, json.dumps(asdict(plan)) + "\n")
     return plan
 
 
 def _affordable(scene: Scene, nodes: Nodes, seconds: float, *, renders_table: bool) -> int:
-    """Return the reference's mutations that fill ``seconds`` together with the shorter renders."""
+    """Return the reference's samples that fill ``seconds`` together with the shorter renders."""
     pace, bends = render_pace(scene, nodes.phi), len(scene.bending.angles)
     # The longest of the short renders is made once more with small steps, and for one design.
     parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
@@ -134,14 +134,14 @@ def _affordable_samples(scene: Scene, designs: HeldOut, seconds: float) -> list[
     """Return samples per pixel of two rows, four times apart, that fill ``seconds``."""
     tracer = PathTracer(scene, np.array(scene.bending.angles))
     spent = []
-    for samples in (1, 1, 9):
+    for spp in (1, 1, 9):
         began = time.monotonic()
-        tracer.radiance(designs.phi[0], designs.power[0], samples, seed=0)
+        tracer.radiance(designs.phi[0], designs.power[0], spp, seed=0)
         spent.append(time.monotonic() - began)
     slope = max(spent[2] - spent[1], 1e-3) / 8
     fixed = max(spent[0] - slope, 0.0)
-    samples = int((seconds / len(designs) - 2 * fixed) / (5 * slope))
-    return [max(1, samples), 4 * max(1, samples)]
+    spp = int((seconds / len(designs) - 2 * fixed) / (5 * slope))
+    return [max(1, spp), 4 * max(1, spp)]
 
 
 def _read(path: Path) -> FrontierPlan | None:

@@ -1,4 +1,4 @@
-"""The speed-accuracy plot: seconds per design against the error of facet colours."""
+"""The speed-accuracy plot: seconds per design against the error of facet colors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ GROUPS = {
     "checker": "#1f6fb2",
     "surrogate": "#1f6fb2",
     "transport": "#5b616b",
-    "PSSMLT": "#2b8a57",
+    "bidirectional": "#2b8a57",
+    "PSSMLT": "#7aa83a",
     "volpath": "#a33a5a",
 }
-"""Colour by the first word of a level's name."""
+"""Color by the first word of a level's name."""
 
 
 def draw_levels(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -31,10 +32,10 @@ def draw_levels(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
     """
     for number, row in enumerate(rows, start=1):
         first = str(row["level"]).replace(",", " ").replace(".", " ").split()[0]
-        colour = GROUPS.get(first, "black")
+        color = GROUPS.get(first, "black")
         x, y = row["seconds_per_design"], 100 * row["facet_error_median"]
-        axes.plot([x, x], [y, 100 * row["facet_error_p95"]], "-", color=colour, lw=0.8)
-        axes.plot([x], [y], "o", color=colour, markersize=6, label=f"{number}  {row['level']}")
+        axes.plot([x, x], [y, 100 * row["facet_error_p95"]], "-", color=color, lw=0.8)
+        axes.plot([x], [y], "o", color=color, markersize=6, label=f"{number}  {row['level']}")
         axes.annotate(str(number), (x, y), xytext=(0, -12), textcoords="offset points", ha="center")
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -57,10 +58,10 @@ def frontier_png(frontier: Frontier) -> bytes:
         axes.axhline(noise, color="#8a8f98", lw=0.8, ls="--", label="noise of the reference")
         axes.set_ylim(bottom=min(0.6 * noise, axes.get_ylim()[0]))
         axes.set_xlabel("seconds per design (all bends)")
-        axes.set_ylabel("error of facet colours, %\nmedian (dot) to 95th percentile")
+        axes.set_ylabel("error of facet colors, %\nmedian (dot) to 95th percentile")
         axes.set_title(
-            f"{frontier.scene.name}: {rows[0].designs} random held-out designs against PSSMLT, "
-            f"{frontier.reference.mutations} mutations per cell",
+            f"{frontier.scene.name}: {rows[0].designs} random held-out designs against the "
+            f"reference, {frontier.reference.samples} samples per cell",
             loc="left",
         )
         figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", frameon=False)

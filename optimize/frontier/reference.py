@@ -1,4 +1,4 @@
-"""The yardstick: one long PSSMLT render of all held-out designs together, with its error bars."""
+"""The yardstick: one long render of all held-out designs together, with its error bars."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.progress import Progress
+from render.reference.job import Sampler
 from render.reference.transport import Estimate, render_transport
 from render.scene.schema import Scene
 
@@ -23,13 +24,13 @@ REFERENCE_SEED, SHORT_SEED = 101, 201
 
 @dataclass(frozen=True)
 class Reference:
-    """Counts and scores of the held-out designs by PSSMLT.
+    """Counts and scores of the held-out designs at level 2.
 
     Arguments:
         counts, counts_se: ``(design, bend, site, facet, 3)`` and one standard error.
         scores, scores_se: ``(design,)``, freed of the noise's bias by the jackknife.
         exposure, lam: of the scene.
-        mutations: per fiber and facet.
+        samples: per fiber and facet.
         replicates: independent groups of chains behind the error bars.
         seconds: of the render.
     """
@@ -40,7 +41,7 @@ class Reference:
     scores_se: Array
     exposure: float
     lam: float
-    mutations: int
+    samples: int
     replicates: int
     seconds: float
 
@@ -49,10 +50,10 @@ def render_designs(
     scene: Scene,
     nodes: Nodes,
     *,
-    mutations: int,
+    samples: int,
     seed: int,
     checkpoint: Path,
-    p_large: float = 1.0,
+    sampler: Sampler = "monte-carlo",
     progress: Callable[[Progress], None] | None = None,
 ) -> Estimate:
     """Render every design of ``nodes`` at the scene's bends in one go; resumes in ``checkpoint``.
@@ -64,9 +65,9 @@ def render_designs(
         scene,
         nodes.phi,
         np.array(scene.bending.angles),
-        mutations=mutations,
+        samples=samples,
         seeds=[seed],
-        p_large=p_large,
+        sampler=sampler,
         checkpoint=checkpoint,
         progress=progress,
     )
@@ -101,7 +102,7 @@ def judge(
         scores_se=np.array([part.se for part in parts]),
         exposure=exposure,
         lam=lam,
-        mutations=int(str(estimate.settings["mutations_per_cell"])),
+        samples=int(str(estimate.settings["samples_per_cell"])),
         replicates=count,
         seconds=estimate.seconds,
     )

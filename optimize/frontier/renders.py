@@ -1,4 +1,4 @@
-"""The rendered rows: short PSSMLT runs and Mitsuba's own path tracer, resumable."""
+"""The rendered rows: short runs of the reference and Mitsuba's own path tracer, resumable."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts
 from render.progress import Progress
+from render.reference.job import Sampler
 from render.reference.transport import render_transport
 from render.scene.schema import Scene
 
 TRACER_SEED = 301
-SMALL_STEPS = 0.5
-"""Probability of large steps in the row that shows what small steps do."""
+NAMES: dict[Sampler, str] = {"monte-carlo": "bidirectional, MIS", "pssmlt": "PSSMLT"}
 
 
 def short_rows(
@@ -29,21 +29,22 @@ def short_rows(
     designs: HeldOut,
     nodes: Nodes,
     reference: Reference,
-    mutations: list[int],
+    samples: list[int],
     checkpoint: Path,
     progress: Callable[[str, Progress], None],
 ) -> list[Row]:
-    """Return one PSSMLT row per number of mutations, the last also with small steps."""
+    """Return one row of the reference per number of samples, the last also by PSSMLT."""
     rows = []
-    kinds = [(count, 1.0) for count in mutations] + [(mutations[-1], SMALL_STEPS)]
-    for number, (count, p_large) in enumerate(kinds):
-        name = f"PSSMLT, {count} mutations" + ("" if p_large == 1.0 else ", small steps")
+    kinds: list[tuple[int, Sampler]] = [(count, "monte-carlo") for count in samples]
+    kinds.append((samples[-1], "pssmlt"))
+    for number, (count, sampler) in enumerate(kinds):
+        name = f"{NAMES[sampler]}, {count} samples"
         estimate = render_designs(
             scene,
             nodes,
-            mutations=count,
+            samples=count,
             seed=SHORT_SEED + number,
-            p_large=p_large,
+            sampler=sampler,
             checkpoint=checkpoint,
             progress=lambda state, name=name: progress(name, state),  # type: ignore[misc]
         )
@@ -55,7 +56,7 @@ def short_rows(
                 found.counts,
                 seconds=found.seconds / len(designs),
                 scores=found.scores,
-                note=f"{len(designs)} designs in one render, p_large {p_large:g}",
+                note=f"{len(designs)} designs in one render",
             )
         )
     return rows
@@ -64,16 +65,16 @@ def short_rows(
 def seconds_alone(
     scene: Scene,
     designs: HeldOut,
-    mutations: int,
+    samples: int,
     checkpoint: Path,
     progress: Callable[[Progress], None],
 ) -> float:
-    """Return the seconds of a PSSMLT render of the first design by itself, compiling included."""
+    """Return the seconds of a render of the first design by itself, compiling included."""
     return render_transport(
         scene,
         designs.phi[:1].T,
         np.array(scene.bending.angles),
-        mutations=mutations,
+        samples=samples,
         seeds=[SHORT_SEED],
         checkpoint=checkpoint,
         progress=progress,
@@ -84,14 +85,14 @@ def path_tracer_rows(
     scene: Scene,
     designs: HeldOut,
     reference: Reference,
-    samples: list[int],
+    spp: list[int],
     folder: Path,
     progress: Callable[[str, int, int], None],
 ) -> list[Row]:
-    """Return one row of Mitsuba's ``volpath`` per number of samples; every design is kept."""
+    """Return one row of Mitsuba's ``volpath`` for each number of samples; every design is kept."""
     tracer = PathTracer(scene, np.array(scene.bending.angles))
     rows = []
-    for number, count in enumerate(samples):
+    for number, count in enumerate(spp):
         name = f"volpath, {count} samples a pixel"
         radiance, seconds = [], []
         for design in range(len(designs)):
@@ -120,8 +121,8 @@ def path_tracer_rows(
     return rows
 
 
-def _key(scene: Scene, phi: Array, power: Array, samples: int, seed: int) -> str:
-    digest = hashlib.sha256(f"{scene.hash} {samples} {seed}".encode())
+def _key(scene: Scene, phi: Array, power: Array, spp: int, seed: int) -> str:
+    digest = hashlib.sha256(f"{scene.hash} {spp} {seed}".encode())
     for values in (phi, power):
         digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
     return digest.hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""A fiber end of one colour, for renders of a whole design by Mitsuba's own integrators.
+"""A fiber end of one color, for renders of a whole design by Mitsuba's own integrators.
 
 Load this module after a variant is set: the class derives from that variant's emitter.
 """
@@ -14,10 +14,10 @@ from render.integrators.fiber_emitter import FiberEmitter
 
 
 class TintedFiber(FiberEmitter):
-    """The ``fiber`` emitter times a colour: ``red``, ``green`` and ``blue`` in [0, 1]."""
+    """The ``fiber`` emitter times a color: ``red``, ``green`` and ``blue`` in [0, 1]."""
 
     def __init__(self, props: Any) -> None:
-        """Read the colour; it is opaque, so that another one needs no new kernel."""
+        """Read the color; it is opaque, so that another one needs no new kernel."""
         FiberEmitter.__init__(self, props)
         self.tint = mi.Color3f([float(props.get(name, 1.0)) for name in ("red", "green", "blue")])
         dr.make_opaque(self.tint)

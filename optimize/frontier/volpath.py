@@ -33,13 +33,13 @@ class PathTracer:
         self.scene, self.bends = scene, bends
         self.masks = [facet_masks(scene, float(bend)) for bend in bends]
 
-    def radiance(self, phi: Array, power: Array, samples: int, seed: int) -> tuple[Array, float]:
+    def radiance(self, phi: Array, power: Array, spp: int, seed: int) -> tuple[Array, float]:
         """Render one design; return radiance ``(bend, site, facet, 3)`` and the seconds it took.
 
         Arguments:
             phi: ``(fiber,)`` rad.
             power: ``(fiber, 3)`` in [0, 1].
-            samples: per pixel.
+            spp: per pixel.
             seed: of all random numbers.
         """
         mi = _mitsuba()
@@ -48,9 +48,7 @@ class PathTracer:
         for number, (bend, masks) in enumerate(zip(self.bends, self.masks, strict=True)):
             scene, crop = self._loaded(mi, phi, power, float(bend), masks)
             integrator = mi.load_dict({"type": "volpath"})
-            image = np.array(
-                mi.render(scene, integrator=integrator, spp=samples, seed=seed + number)
-            )
+            image = np.array(mi.render(scene, integrator=integrator, spp=spp, seed=seed + number))
             film = np.full((masks.rows, masks.columns, 3), np.nan)
             film[crop] = image[..., :3]
             found.append(_means(film.reshape(-1, 3), masks))
@@ -71,9 +69,9 @@ class PathTracer:
             fiber: {
                 "type": "tinted_fiber",
                 "sigma_v": sigma_v,
-                **dict(zip(("red", "green", "blue"), colour.tolist(), strict=True)),
+                **dict(zip(("red", "green", "blue"), color.tolist(), strict=True)),
             }
-            for fiber, colour in enumerate(power)
+            for fiber, color in enumerate(power)
         }
         content: dict[str, Any] = {
             "type": "scene",
@@ -95,7 +93,7 @@ class PathTracer:
 
 
 def _mitsuba() -> Any:
-    """Return Mitsuba in the colour variant, with the tinted emitter registered."""
+    """Return Mitsuba in the color variant, with the tinted emitter registered."""
     mi = mitsuba(VARIANT)
     if not _registered:
         name = "optimize.frontier.tinted_fiber"

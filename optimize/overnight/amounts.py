@@ -1,4 +1,4 @@
-"""How much work a night does: fixed by a number of mutations, or fitted to hours as they pass.
+"""How much work a night does: fixed by a number of samples, or fitted to hours as they pass.
 
 Of the hours, shares go to the transport table, the fit of the surrogate, and the rounds of the
 verification loop; the final verification takes one batch of seeds after the other until the rest is
@@ -27,7 +27,7 @@ ROUNDS_MAX, ROUNDS_FIXED = 12, 3
 SEEDS_FIXED = 4
 FIT_STEPS = (200, 10_000)
 """Fewest and most steps of the networks."""
-LEAST_MUTATIONS = 4
+MIN_SAMPLES = 4
 LEAST_SHARE = 0.02
 """Part of the time that a round, or a batch of the final verification, gets at least, even where
 the stages before have used it up: with fewer paths its answer would be noise."""
@@ -39,7 +39,7 @@ class Pace:
 
     Arguments:
         fixed: seconds of a job that do not depend on its size.
-        each: seconds per mutation.
+        each: seconds per sample.
         workers: jobs at once.
     """
 
@@ -51,59 +51,59 @@ class Pace:
     def of(cls, jobs: Sequence[PadJob], seconds: Sequence[float], workers: int) -> Pace:
         """Return the pace by small jobs and larger ones of the same pads, in this order."""
         half = len(jobs) // 2
-        sizes = [sum(job.mutations for job in part) for part in (jobs[:half], jobs[half:])]
+        sizes = [sum(job.samples for job in part) for part in (jobs[:half], jobs[half:])]
         spent = [sum(seconds[:half]), sum(seconds[half:])]
         each = max(spent[1] - spent[0], 1e-3) / (sizes[1] - sizes[0])
         return cls(max(spent[0] - each * sizes[0], 0.0) / half, each, workers)
 
     def seconds(self, jobs: Sequence[PadJob]) -> float:
         """Return how long ``jobs`` take when they are rendered together."""
-        work = sum(self.fixed + self.each * job.mutations for job in jobs)
+        work = sum(self.fixed + self.each * job.samples for job in jobs)
         rounds = math.ceil(len(jobs) / self.workers)
-        largest = max(self.fixed + self.each * job.mutations for job in jobs)
+        largest = max(self.fixed + self.each * job.samples for job in jobs)
         return max(work / self.workers, largest, rounds * work / len(jobs))
 
-    def mutations(self, unit: Sequence[PadJob], per: int, seconds: float) -> int:
-        """Return the mutations per cell whose jobs take ``seconds``.
+    def samples(self, unit: Sequence[PadJob], per: int, seconds: float) -> int:
+        """Return the samples per cell whose jobs take ``seconds``.
 
         Arguments:
-            unit: the jobs of ``per`` mutations per cell.
+            unit: the jobs of ``per`` samples per cell.
             per: that number.
             seconds: of all workers together.
         """
-        paths = sum(job.mutations for job in unit) / per
+        paths = sum(job.samples for job in unit) / per
         free = seconds * min(self.workers, len(unit)) - self.fixed * len(unit)
-        return max(LEAST_MUTATIONS, int(free / (self.each * paths)))
+        return max(MIN_SAMPLES, int(free / (self.each * paths)))
 
 
 @dataclass(frozen=True)
 class Fixed:
-    """Amounts that follow from ``mutations`` of the transport table per cell."""
+    """Amounts that follow from ``samples`` of the transport table per cell."""
 
-    mutations: int
+    samples: int
 
     @property
     def passes(self) -> int:
         """Passes of the table."""
-        return max(1, math.ceil(self.mutations / 512))
+        return max(1, math.ceil(self.samples / 512))
 
     @property
     def per_pass(self) -> int:
-        """Mutations per cell and pass."""
-        return math.ceil(self.mutations / self.passes)
+        """Samples per cell and pass."""
+        return math.ceil(self.samples / self.passes)
 
     @property
     def fit_steps(self) -> int:
-        """Steps of the networks; all of them from 2000 mutations."""
+        """Steps of the networks; all of them from 2000 samples."""
         low, high = FIT_STEPS
-        return min(high, max(low, 5 * self.mutations))
+        return min(high, max(low, 5 * self.samples))
 
     @property
     def round(self) -> int:
-        """Mutations per cell of a round."""
-        return max(LEAST_MUTATIONS, self.mutations // 32)
+        """Samples per cell of a round."""
+        return max(MIN_SAMPLES, self.samples // 32)
 
     @property
     def final(self) -> int:
-        """Mutations per cell and seed of the final verification."""
-        return max(LEAST_MUTATIONS, self.mutations // 16)
+        """Samples per cell and seed of the final verification."""
+        return max(MIN_SAMPLES, self.samples // 16)

@@ -104,7 +104,7 @@ def _sentences(
         said.append(verdict.sentence("baseline", winner))
     said += [
         verdict.sentence(other, winner)
-        for other in ("runner-up", "thesis", "colours", "winner")
+        for other in ("runner-up", "thesis", "colors", "winner")
         if other in names and other != winner
     ]
     index = names.index(winner)
@@ -119,9 +119,9 @@ def _sentences(
         f"{holds} (renders ±{score.se:.2f})."
     )
     said.append(f"The verification loop stopped because {outcome.reason}.")
-    if len(set(design.colours.tolist())) == 1:
+    if len(set(design.colors.tolist())) == 1:
         said.append(
-            "The optimum is monochrome: the weight of the colour term does not reward colour "
+            "The optimum is monochrome: the weight of the color term does not reward color "
             "differences in this scene."
         )
     return tuple(said)
@@ -217,9 +217,7 @@ def _facts(
     table = shift.decided("table")
     passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, shift.number + 1))
     asked = (
-        f"{hours:g} h"
-        if hours is not None
-        else f"{shift.fixed and shift.fixed.mutations} mutations"
+        f"{hours:g} h" if hours is not None else f"{shift.fixed and shift.fixed.samples} samples"
     )
     versions = package_versions("mitsuba", "drjit", "torch", "onnxruntime", "numpy")
     return (
@@ -231,7 +229,7 @@ def _facts(
         ("Workers", str(shift.renders.workers.count)),
         (
             "Transport table",
-            f"{passes} passes, {table['mutations']} mutations per cell in the last",
+            f"{passes} passes, {table['samples']} samples per cell in the last",
         ),
         ("Rounds", str(len(outcome.rounds))),
         ("Final verification", f"{len(verdict.renders.replicates)} replicates"),

@@ -162,7 +162,7 @@ class DaskWorkers:
                 if done is not None:
                     del waiting[pending.index]
                     _cancel(pending)
-                    tick(pending.job.mutations)
+                    tick(pending.job.samples)
                     yield done
         finally:
             for pending in waiting.values():
@@ -223,7 +223,7 @@ class DaskWorkers:
                 ) from error
             self._submit(pending, arrived)
             return None
-        self._rate.append(seconds / pending.job.mutations)
+        self._rate.append(seconds / pending.job.samples)
         return Done(pending.index, PadResult(estimate, seconds), worker)
 
     def _others(self, future: Any) -> list[str] | None:
@@ -256,7 +256,7 @@ class DaskWorkers:
     def _limit(self, pending: _Pending) -> float:
         if not self._rate:
             return self.unknown
-        expected = float(np.median(self._rate)) * pending.job.mutations
+        expected = float(np.median(self._rate)) * pending.job.samples
         return max(self.patience, SLOWER * expected)
 
 

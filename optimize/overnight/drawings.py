@@ -20,7 +20,7 @@ ROLES = {
     "best": ("surrogate's best", "#b45309"),
     "uncertain": ("most uncertain", "#2f5fd0"),
     "random": ("random", "#1e9e4a"),
-    "colours": ("colours", "#0e9aa7"),
+    "colors": ("colors", "#0e9aa7"),
     "thesis": ("thesis-style", "#c2410c"),
     "runner-up": ("runner-up", "#93b4f5"),
     "winner": ("winner", "#7c3aed"),
@@ -99,8 +99,8 @@ def score_scatter(night: Night) -> Figure:
     return figure
 
 
-def colour_scatter(night: Night) -> Figure:
-    """Draw predicted against rendered facet colours of all finalists, and what is left over."""
+def color_scatter(night: Night) -> Figure:
+    """Draw predicted against rendered facet colors of all finalists, and what is left over."""
     predicted = np.concatenate([e.predicted_counts.reshape(-1, 3) for e in night.finalists])
     rendered = np.concatenate([e.counts.reshape(-1, 3) for e in night.finalists])
     noise = np.concatenate([e.counts_se.reshape(-1, 3) for e in night.finalists])
@@ -121,7 +121,7 @@ def colour_scatter(night: Night) -> Figure:
         lower.plot(middle[np.unique(level)], reach, "-", color="#1c1f24", lw=0.9)
         lower.plot(middle[np.unique(level)], -reach, "-", color="#1c1f24", lw=0.9)
         upper.set(ylabel="rendered counts")
-        lower.set(xlabel="facet colours, surrogate (counts)", ylabel="difference")
+        lower.set(xlabel="facet colors, surrogate (counts)", ylabel="difference")
         upper.legend(frameon=False, loc="upper left")
         for axes in (upper, lower):
             axes.spines[["top", "right"]].set_visible(False)
@@ -129,12 +129,12 @@ def colour_scatter(night: Night) -> Figure:
 
 
 def speed_accuracy(night: Night) -> Figure:
-    """Draw the error of facet colours of every level over its seconds per design."""
+    """Draw the error of facet colors of every level over its seconds per design."""
     with drawing(WIDTH, HEIGHT) as figure:
         axes = figure.subplots()
         draw_levels(axes, timed_levels(night))
         axes.set_xlabel("seconds per design (all bends)")
-        axes.set_ylabel("error of facet colours, %\nmedian (dot) to 95th percentile")
+        axes.set_ylabel("error of facet colors, %\nmedian (dot) to 95th percentile")
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 

@@ -28,7 +28,7 @@ MANY_SEEDS = 16
 """From so many seeds on, the mean of each is one replicate."""
 TITLES = {
     "baseline": "Baseline",
-    "colours": "Colours",
+    "colors": "Colors",
     "thesis": "Thesis-style design",
     "winner": "Winner",
     "runner-up": "Runner-up",
@@ -36,12 +36,12 @@ TITLES = {
 
 
 def chosen_finalists(
-    shift: Shift, coloured: Design, thesis: Design | None, outcome: Outcome
+    shift: Shift, colored: Design, thesis: Design | None, outcome: Outcome
 ) -> list[tuple[str, Design]]:
     """Return who is verified, by key."""
 
     def choose() -> list[dict[str, Any]]:
-        found = [("baseline", baseline_of(shift)), ("colours", coloured)]
+        found = [("baseline", baseline_of(shift)), ("colors", colored)]
         found += [("thesis", thesis)] if thesis is not None else []
         best = [entry.design for entry in outcome.contenders[:2]]
         found += list(zip(("winner", "runner-up"), best, strict=False))
@@ -96,7 +96,7 @@ def verify_finalists(
         try:
             with shift.renders.until(late):
                 found = render(
-                    designs, mutations=amount["mutations"], seeds=seeds, title="the finalists"
+                    designs, samples=amount["samples"], seeds=seeds, title="the finalists"
                 )
         except OutOfTime:
             shift.decide(f"{name} given up", lambda: True)
@@ -161,20 +161,20 @@ def handed_over(verdict: Verdict) -> str:
 
 
 def _amount(shift: Shift, designs: Sequence[Design], pace: Pace | None) -> dict[str, int]:
-    """Return mutations per cell and seed, and the seeds of a batch."""
+    """Return samples per cell and seed, and the seeds of a batch."""
 
     def choose() -> dict[str, int]:
         if shift.fixed is not None:
-            return {"mutations": shift.fixed.final, "seeds": 1}
+            return {"samples": shift.fixed.final, "seeds": 1}
         assert pace is not None  # with hours it is measured
         phi, _ = distinct_directions(designs)
         jobs = 2 * len(shift.bends)
         seeds = -(-2 * pace.workers // jobs) if pace.workers > jobs else 1
-        unit = pad_jobs(shift.scene, phi, shift.bends, mutations=64, seeds=list(range(seeds)))
+        unit = pad_jobs(shift.scene, phi, shift.bends, samples=64, seeds=list(range(seeds)))
         free = (shift.left - REPORT_SECONDS) / LEAST_BATCHES
         least = LEAST_SHARE * (shift.until - shift.began)
         seconds = max(least, min(2 * pace.fixed * jobs, free))
-        return {"mutations": pace.mutations(unit, 64, seconds), "seeds": seeds}
+        return {"samples": pace.samples(unit, 64, seconds), "seeds": seeds}
 
     found: dict[str, int] = shift.decide("final", choose)
     return found

@@ -50,13 +50,13 @@ class NightConfig:
     """What is asked for.
 
     Arguments:
-        hours: of work, over all attempts together; None where ``mutations`` are given.
-        mutations: of the transport table per cell; everything else follows from it.
+        hours: of work, over all attempts together; None where ``samples`` are given.
+        samples: of the transport table per cell; everything else follows from it.
         seed: of everything.
     """
 
     hours: float | None = 8.0
-    mutations: int | None = None
+    samples: int | None = None
     seed: int = 0
 
 
@@ -124,7 +124,7 @@ def _work(
 ) -> Night:
     limits = scene.model_dump_json(include={"constraints"})
     request = Request(
-        scene.hash, hashlib.sha256(limits.encode()).hexdigest()[:16], config.seed, config.mutations
+        scene.hash, hashlib.sha256(limits.encode()).hexdigest()[:16], config.seed, config.samples
     )
     store, ended = Store(run, request, watch.note), "error"
     workers: Workers | None = None
@@ -212,7 +212,7 @@ def _shift(
         seed=config.seed,
         number=number,
         extension=extension,
-        fixed=None if config.mutations is None else Fixed(config.mutations),
+        fixed=None if config.samples is None else Fixed(config.samples),
         until=math.inf if config.hours is None else 3600 * config.hours,
         began=began,
     )
@@ -232,10 +232,10 @@ def _shifted(shift: Shift, config: NightConfig) -> Night:
         return whole_table(shift)
 
     checker = fitted_model(shift, table)
-    coloured, best = searched(shift, checker)
+    colored, best = searched(shift, checker)
     thesis = thesis_design(shift, table, checker)
     outcome = run_loop(shift, checker, best, pace)
-    finalists = chosen_finalists(shift, coloured, thesis, outcome)
+    finalists = chosen_finalists(shift, colored, thesis, outcome)
     scale = Scale(checker.exposure, checker.lam)
     verdict, checks = verify_finalists(shift, finalists, scale, pace)
     shift.watch.stage("Report")

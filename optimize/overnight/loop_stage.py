@@ -16,9 +16,9 @@ from optimize.design.design import Design
 from optimize.design.limits import limits_of
 from optimize.exploration.explore import PHI_NODES
 from optimize.overnight.amounts import (
-    LEAST_MUTATIONS,
     LEAST_SHARE,
     LOOP_UNTIL,
+    MIN_SAMPLES,
     OVERDUE,
     ROUNDS_FIXED,
     ROUNDS_MAX,
@@ -129,15 +129,15 @@ def _config(shift: Shift, start: Design, pace: Pace | None) -> LoopConfig:
 
     def choose() -> dict[str, int]:
         if shift.fixed is not None:
-            return {"mutations": shift.fixed.round, "rounds": ROUNDS_FIXED, "seeds": 1}
+            return {"samples": shift.fixed.round, "rounds": ROUNDS_FIXED, "seeds": 1}
         assert pace is not None  # with hours it is measured
         phi, _ = distinct_directions([baseline_of(shift), start])
         seeds = min(ROUND_SEEDS, -(-pace.workers // (2 * len(shift.bends))))
-        unit = pad_jobs(shift.scene, phi, shift.bends, mutations=64, seeds=list(range(seeds)))
+        unit = pad_jobs(shift.scene, phi, shift.bends, samples=64, seeds=list(range(seeds)))
         least = LEAST_SHARE * (shift.until - shift.began)
         seconds = max(ROUND_SHARE * shift.left_until(LOOP_UNTIL), least)
-        mutations = max(LEAST_MUTATIONS, pace.mutations(unit, 64, seconds))
-        return {"mutations": mutations, "rounds": ROUNDS_MAX, "seeds": seeds}
+        samples = max(MIN_SAMPLES, pace.samples(unit, 64, seconds))
+        return {"samples": samples, "rounds": ROUNDS_MAX, "seeds": seeds}
 
     found = shift.decide("rounds", choose)
     # Every shift of every seed searches and renders with seeds of its own.

@@ -37,13 +37,13 @@ class Finalist:
     """A design that was verified by renders of its own, beside the surrogate's opinion of it.
 
     Arguments:
-        key: ``baseline``, ``colours``, ``thesis``, ``winner`` or ``runner-up``; names files.
+        key: ``baseline``, ``colors``, ``thesis``, ``winner`` or ``runner-up``; names files.
         title: for people.
         design: directions and LED powers.
         score, se: S of eq. (4.7) from renders (level reference), counts, and its standard error.
         gain, gain_se: S minus the baseline's from the same renders; None for the baseline.
         predicted, predicted_reach: the surrogate's S and the half-width of its 90 % interval.
-        counts, counts_se: rendered colours ``(bend, site, facet, 3)`` in camera counts.
+        counts, counts_se: rendered colors ``(bend, site, facet, 3)`` in camera counts.
         predicted_counts: the surrogate's, same axes.
         metric, metric_se: rendered M of eq. (4.6), ``(bend, site)``.
     """

@@ -8,7 +8,7 @@ import numpy as np
 
 from optimize.design.design import Array
 from optimize.overnight.drawings import (
-    colour_scatter,
+    color_scatter,
     convergence,
     score_scatter,
     speed_accuracy,
@@ -27,7 +27,7 @@ def night_pictures(night: Night) -> Iterator[tuple[str, bytes]]:
     """Yield ``(name, PNG)``.
 
     ``scheme-<key>``, ``metric-<key>`` (Fig. 5.1) and ``facets-<key>`` (Fig. 5.2) of all finalists,
-    ``convergence``, ``scores``, ``colours`` and, where the night has what they show, ``trade``.
+    ``convergence``, ``scores``, ``colors`` and, where the night has what they show, ``trade``.
     """
     scene = night.scene
     maps = np.stack([entry.metric for entry in night.finalists])
@@ -39,7 +39,7 @@ def night_pictures(night: Night) -> Iterator[tuple[str, bytes]]:
     if night.steps:
         yield "convergence", png_bytes(convergence(night))
     yield "scores", png_bytes(score_scatter(night))
-    yield "colours", png_bytes(colour_scatter(night))
+    yield "colors", png_bytes(color_scatter(night))
     if timed_levels(night):
         yield "trade", png_bytes(speed_accuracy(night))
 

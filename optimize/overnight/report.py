@@ -29,7 +29,7 @@ from render.errors import SceneError
 from render.geometry.indenter import BoltHead
 
 REPORT = "report.html"
-STAGES = ("baseline", "colours")
+STAGES = ("baseline", "colors")
 """What Figs. 5.1 and 5.2 show before the design that is handed over."""
 
 
@@ -62,17 +62,17 @@ def summary(night: Night) -> list[str]:
             f"Nothing that was rendered beats the baseline, which scores "
             f"{_pm(first.score, first.se)}."
         )
-    colours = night.of("colours")
+    colors = night.of("colors")
     if (
         last.key not in STAGES
-        and colours is not None
-        and colours.gain is not None
+        and colors is not None
+        and colors.gain is not None
         and last.gain is not None
-        and 0 < colours.gain < last.gain
+        and 0 < colors.gain < last.gain
     ):
         sentences.append(
-            f"Of the gain, {colours.gain:+.1f} came with the colours alone, every fiber pointing "
-            f"straight in, and {last.gain - colours.gain:+.1f} with the directions."
+            f"Of the gain, {colors.gain:+.1f} came with the colors alone, every fiber pointing "
+            f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
         )
     before, after = night.rating(first), night.rating(last)
     if last is not first:
@@ -152,10 +152,10 @@ def _context(night: Night, scaling: Scaling | None) -> dict[str, Any]:
         "bolt": _bolt(night),
         "plots": {
             name: data_uri(pictures[name])
-            for name in ("convergence", "scores", "colours", "trade")
+            for name in ("convergence", "scores", "colors", "trade")
             if name in pictures
         },
-        "colour_errors": _colour_errors(night),
+        "color_errors": _color_errors(night),
         "levels": [_level(row) for row in timed_levels(night)],
         "scaling": None if scaling is None else _scaling(scaling),
         "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
@@ -209,8 +209,8 @@ def _bolt(night: Night) -> dict[str, Any]:
     }
 
 
-def _colour_errors(night: Night) -> str:
-    """Say how far the surrogate's facet colours are from the renders, and how noisy those are."""
+def _color_errors(night: Night) -> str:
+    """Say how far the surrogate's facet colors are from the renders, and how noisy those are."""
     off, noise, lit = [], [], 0.5
     for entry in night.finalists:
         length = np.maximum(np.linalg.norm(entry.counts, axis=-1), lit)
@@ -218,9 +218,9 @@ def _colour_errors(night: Night) -> str:
         noise.append(np.linalg.norm(entry.counts_se, axis=-1) / length)
     error, spread = np.concatenate(off).ravel(), np.concatenate(noise).ravel()
     return (
-        f"Colours differ by {np.median(error):.1%} in the median and by up to "
+        f"Colors differ by {np.median(error):.1%} in the median and by up to "
         f"{np.quantile(error, 0.95):.1%} in 95% of cases; the renders' own noise is "
-        f"{np.median(spread):.1%} of a colour in the median."
+        f"{np.median(spread):.1%} of a color in the median."
     )
 
 
@@ -247,7 +247,8 @@ def _scaling(scaling: Scaling) -> dict[str, Any]:
 
 def _caveats(night: Night) -> list[str]:
     return [
-        "Scores come from physically based renders (level 2, PSSMLT) with seeds that had no part "
+        "Scores come from physically based renders (reference: bidirectional, MIS) "
+        "with seeds that had no part "
         f"in the choice. ± is one standard error from {night.replicates} independent replicates; "
         f"intervals hold 95%. What the noise of a render does to a spread is taken out of scores "
         "by the jackknife.",

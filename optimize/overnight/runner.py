@@ -25,7 +25,7 @@ class StoredRenders:
     Arguments:
         store: the run directory.
         workers: who renders.
-        signals: asked between mutations whether to stop.
+        signals: asked between samples whether to stop.
     """
 
     def __init__(self, store: Store, workers: Workers, signals: Signals) -> None:
@@ -59,7 +59,7 @@ class StoredRenders:
                 missing[job.key] = job
             else:
                 found[job.key] = known
-                clock.skip(job.mutations)
+                clock.skip(job.samples)
         todo = list(missing.values())
         with self.signals.patient() as stop_if_asked:
 

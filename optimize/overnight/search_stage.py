@@ -1,4 +1,4 @@
-"""Searches that render nothing: colours and directions on the model, the thesis's on the table."""
+"""Searches that render nothing: colors and directions on the model, the thesis's on the table."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from optimize.design.limits import limits_of
 from optimize.exploration.explore import PHI_NODES
 from optimize.overnight.shift import Shift, design_json, design_of
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.colors.grouped import grouped_colours
+from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.result import renamed_like
-from optimize.search.directions import optimise_directions, population, tied_groups
-from optimize.search.joint import SearchStep, optimise_jointly
+from optimize.search.directions import optimize_directions, population, tied_groups
+from optimize.search.joint import SearchStep, optimize_jointly
 from optimize.verification.thesis import GENERATIONS
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry.layout import fiber_edges
@@ -30,10 +30,10 @@ def baseline_of(shift: Shift) -> Design:
 
 
 def searched(shift: Shift, checker: Checker) -> tuple[Design, Design]:
-    """Return the best colours at the baseline's directions, and the best design, on the model."""
+    """Return the best colors at the baseline's directions, and the best design, on the model."""
 
     def search() -> dict[str, Any]:
-        shift.stage("Colours and directions on the surrogate", "search")
+        shift.stage("Colors and directions on the surrogate", "search")
         table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         steps: list[SearchStep] = []
 
@@ -41,24 +41,24 @@ def searched(shift: Shift, checker: Checker) -> tuple[Design, Design]:
             steps.append(step)
             shift.tell(len(steps), len(steps) + 1)
 
-        found = optimise_jointly(
+        found = optimize_jointly(
             TableScorer(table, limits=limits_of(shift.scene)),
             baseline_of(shift),
             edges=fiber_edges(shift.scene),
             seed=shift.seed,
             progress=report,
         )
-        coloured = next(step for step in found.history if step.stage == "quick")
+        colored = next(step for step in found.history if step.stage == "quick")
         return {
-            "colours": design_json(coloured.design),
+            "colors": design_json(colored.design),
             "best": design_json(found.design),
-            "scores": [coloured.score, found.score],
+            "scores": [colored.score, found.score],
             "monochrome": found.monochrome,
         }
 
     kept = shift.decide("search", search)
     shift.rated("surrogate", kept["scores"][1], checker.score_reach, "found on the surrogate")
-    return design_of(kept["colours"]), design_of(kept["best"])
+    return design_of(kept["colors"]), design_of(kept["best"])
 
 
 def thesis_design(
@@ -66,7 +66,7 @@ def thesis_design(
 ) -> Design | None:
     """Return what the thesis's procedure (4.3) makes of the reference table.
 
-    Colours in pairs at the baseline's directions, then directions tied by side and colour, by
+    Colors in pairs at the baseline's directions, then directions tied by side and color, by
     CMA-ES. None where the scene has constraints, which that procedure does not know.
     """
     if shift.scene.constraints is not None:
@@ -87,18 +87,18 @@ def thesis_design(
             lam=checker.lam,
         )
         scorer, baseline = TableScorer(own), baseline_of(shift)
-        found = grouped_colours(scorer, baseline.phi)
-        colours = renamed_like(found.colours, baseline.colours)
-        coloured = Design.of_colours(baseline.phi, colours)
-        groups = tied_groups(fiber_edges(shift.scene), colours)
-        turned = optimise_directions(
-            lambda phi: scorer.direction_scores(phi, coloured.power),
+        found = grouped_colors(scorer, baseline.phi)
+        colors = renamed_like(found.colors, baseline.colors)
+        colored = Design.of_colors(baseline.phi, colors)
+        groups = tied_groups(fiber_edges(shift.scene), colors)
+        turned = optimize_directions(
+            lambda phi: scorer.direction_scores(phi, colored.power),
             baseline.phi,
             groups=groups,
             bounds=scorer.phi_bounds,
             seed=shift.seed,
             max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
         )
-        return design_json(Design(turned.phi, coloured.power)) | {"believed": turned.score}
+        return design_json(Design(turned.phi, colored.power)) | {"believed": turned.score}
 
     return design_of(shift.decide("thesis", search))

@@ -71,13 +71,13 @@ class Request:
     Arguments:
         scene_hash: of the sensor; limits: of its constraints, which change designs but no light.
         seed: of everything.
-        mutations: of the transport table per cell; None where hours set the amount of work.
+        samples: of the transport table per cell; None where hours set the amount of work.
     """
 
     scene_hash: str
     limits: str
     seed: int
-    mutations: int | None
+    samples: int | None
 
 
 class Store:
@@ -296,7 +296,7 @@ _WORDS = {
     "scene_hash": "the scene of hash",
     "limits": "constraints of hash",
     "seed": "--seed",
-    "mutations": "--mutations",
+    "samples": "--samples",
 }
 
 

@@ -27,9 +27,9 @@ BEND_NODES = 3, 5
 """Bends of the table besides the scene's own, of a short run and of a long one: the latter's model
 knows the bends between as well."""
 LONG = 1.0, 2000
-"""Hours, or mutations, of a long run."""
+"""Hours, or samples, of a long run."""
 PILOT = (8, 200)
-"""Mutations of the trial renders: next to none, and enough paths at once for full speed."""
+"""Samples of the trial renders: next to none, and enough paths at once for full speed."""
 PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
 
 
@@ -42,11 +42,11 @@ def measured_pace(shift: Shift) -> Pace:
         seed = shift.random_seed(PILOT_PURPOSE, 0)
         jobs: list[PadJob] = []
         # The smallest ones first, so that nobody measures how long kernels take to compile.
-        for mutations in (PILOT[0], *PILOT):
+        for samples in (PILOT[0], *PILOT):
             jobs += pad_jobs(
-                shift.scene, phi, shift.bends[:1], mutations=mutations, seeds=[seed + len(jobs)]
+                shift.scene, phi, shift.bends[:1], samples=samples, seeds=[seed + len(jobs)]
             )
-        clock = Clock(sum(job.mutations for job in jobs), shift.progress)
+        clock = Clock(sum(job.samples for job in jobs), shift.progress)
         seconds = [result.seconds for job in jobs for result in shift.renders([job], clock)]
         pace = Pace.of(jobs[2:], seconds[2:], 1)
         return {"fixed": pace.fixed, "each": pace.each}
@@ -72,7 +72,7 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
 
         def affordable(first: int = first, pace: Pace | None = pace) -> list[int]:
             if first and pace is not None:
-                jobs = _jobs(shift, passes["mutations"], another(first))
+                jobs = _jobs(shift, passes["samples"], another(first))
                 # Half a pass too many is as good as half a pass too few.
                 if pace.seconds(jobs) / 2 > shift.left_until(TABLE_UNTIL):
                     return []
@@ -82,8 +82,8 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
         if not chosen:
             break
         began = shift.store.spent()
-        jobs = _jobs(shift, passes["mutations"], chosen)
-        clock = Clock(sum(job.mutations for job in jobs), shift.progress)
+        jobs = _jobs(shift, passes["samples"], chosen)
+        clock = Clock(sum(job.samples for job in jobs), shift.progress)
         late = shift.at(TABLE_UNTIL + OVERDUE) if first else None
         try:
             if shift.decided(f"table passes from {first} given up") is not None:
@@ -100,7 +100,7 @@ def render_table(shift: Shift, pace: Pace | None) -> None:
     shift.decide(
         "table",
         lambda: {
-            "mutations": passes["mutations"],
+            "samples": passes["samples"],
             "seeds": seeds,
             "pace": None if pace is None else {"fixed": pace.fixed, "each": pace.each},
         },
@@ -114,14 +114,14 @@ def seen_pace(shift: Shift) -> Pace | None:
 
 
 def whole_table(shift: Shift) -> TransportTable:
-    """Return the mean of all passes of all shifts so far, weighted by their mutations."""
+    """Return the mean of all passes of all shifts so far, weighted by their samples."""
     parts: list[tuple[int, TransportTable]] = []
     for number in range(1, shift.number + 1):
         found = shift.store.decided(f"{number}/table")
         for seed in found["seeds"]:
-            jobs = _jobs(shift, found["mutations"], [seed])
-            results = shift.renders(jobs, Clock(sum(job.mutations for job in jobs), None))
-            parts.append((found["mutations"], _table(shift.scene, jobs, results)))
+            jobs = _jobs(shift, found["samples"], [seed])
+            results = shift.renders(jobs, Clock(sum(job.samples for job in jobs), None))
+            parts.append((found["samples"], _table(shift.scene, jobs, results)))
     return _mean(parts)
 
 
@@ -133,7 +133,7 @@ def table_bends(shift: Shift) -> Array:
 
     def choose() -> int:
         if shift.fixed is not None:
-            return BEND_NODES[shift.fixed.mutations >= LONG[1]]
+            return BEND_NODES[shift.fixed.samples >= LONG[1]]
         return BEND_NODES[shift.until - shift.began >= 3600 * LONG[0]]
 
     nodes = shift.store.decide("bend nodes", choose)
@@ -143,26 +143,26 @@ def table_bends(shift: Shift) -> Array:
 
 
 def _passes(shift: Shift, pace: Pace | None) -> dict[str, int]:
-    """Return the number of passes and their mutations per cell."""
+    """Return the number of passes and their samples per cell."""
 
     def choose() -> dict[str, int]:
         if shift.fixed is not None:
-            return {"passes": shift.fixed.passes, "mutations": shift.fixed.per_pass}
+            return {"passes": shift.fixed.passes, "samples": shift.fixed.per_pass}
         assert pace is not None  # with hours it is measured
         unit = _jobs(shift, 64, [0])
         work = max(shift.left_until(TABLE_UNTIL), 1.0) * pace.workers
         shared = -(-PASSES_MIN * pace.workers // len(unit)) if pace.workers > 1 else 0
         passes = max(PASSES_MIN, shared, round(work / (JOB_SECONDS * len(unit))))
-        mutations = pace.mutations(unit, 64, work / passes / min(pace.workers, len(unit)))
-        return {"passes": passes, "mutations": mutations}
+        samples = pace.samples(unit, 64, work / passes / min(pace.workers, len(unit)))
+        return {"passes": passes, "samples": samples}
 
     found: dict[str, int] = shift.decide("passes", choose)
     return found
 
 
-def _jobs(shift: Shift, mutations: int, seeds: list[int]) -> list[PadJob]:
+def _jobs(shift: Shift, samples: int, seeds: list[int]) -> list[PadJob]:
     phi, bends = chebyshev_nodes(PHI_NODES, 0.0, np.pi), table_bends(shift)
-    jobs = pad_jobs(shift.scene, phi, bends, mutations=mutations, seeds=seeds)
+    jobs = pad_jobs(shift.scene, phi, bends, samples=samples, seeds=seeds)
     ranks = {bend: int(i >= len(shift.bends)) for i, bend in enumerate(bends.tolist())}
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
 

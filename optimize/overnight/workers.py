@@ -43,7 +43,7 @@ class Workers(Protocol):
         Arguments:
             jobs: what is rendered.
             state: where an unfinished job can be kept.
-            tick: told of mutations as they are made; called every second at least while waiting.
+            tick: told of samples as they are made; called every second at least while waiting.
         """
 
     def close(self) -> None:

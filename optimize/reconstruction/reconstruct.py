@@ -1,9 +1,9 @@
-"""Normal reconstruction: how well the rendered colours give the surface normals back, in degrees.
+"""Normal reconstruction: how well the rendered colors give the surface normals back, in degrees.
 
-The score S is a stand-in for this (thesis 4.2): a good light makes normal to colour one-to-one and
-steep. Two readers are tried. The lookup knows the colours of all normals at each site and bend, and
-takes the nearest one to the colour that it is shown. The regressor is one polynomial for the whole
-sensor: it sees colour and position, and is not told the bend.
+The score S is a stand-in for this (thesis 4.2): a good light makes normal to color one-to-one and
+steep. Two readers are tried. The lookup knows the colors of all normals at each site and bend, and
+takes the nearest one to the color that it is shown. The regressor is one polynomial for the whole
+sensor: it sees color and position, and is not told the bend.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class AngleErrors:
     regressor: Array
 
 
-class NormalColours:
-    """Colours of any normal within the indenter's cone, from those of its facets.
+class NormalColors:
+    """Colors of any normal within the indenter's cone, from those of its facets.
 
     With the azimuth a and the part r of the indenter's sine of the tilt, the counts are
     ``c_0 + r^2 (mean - c_0) + sum_k r^k (a_k cos k a + b_k sin k a)``, k = 1 .. 3: harmonics of the
-    facets' colours (eq. 4.2 has k = 1; the others are shadows), smooth at the untouched pad c_0.
+    facets' colors (eq. 4.2 has k = 1; the others are shadows), smooth at the untouched pad c_0.
     """
 
     def __init__(self, facets: Array, untouched: Array) -> None:
@@ -98,16 +98,16 @@ def reconstruct(
         seed: of normals and noise; the same seed shows two designs the same normals.
     """
     rng = np.random.default_rng([seed, 9])
-    learned, true = NormalColours(*known), NormalColours(*shown)
+    learned, true = NormalColors(*known), NormalColors(*shown)
     bends, sites = known[0].shape[:2]
     tilt, azimuth = _normals(rng, (bends, sites, SAMPLES))
-    colours = noise.seen(true.at(tilt, azimuth), rng)
+    colors = noise.seen(true.at(tilt, azimuth), rng)
     slope = np.sin(scene.indenter.slope)
     target = _vectors(slope, tilt, azimuth)
-    guess = _look_up(learned, colours, slope)
+    guess = _look_up(learned, colors, slope)
     other_tilt, other_azimuth = _normals(rng, (bends, sites, SAMPLES))
     train = noise.seen(learned.at(other_tilt, other_azimuth), rng)
-    fitted = _regress(scene, train, _vectors(slope, other_tilt, other_azimuth), colours)
+    fitted = _regress(scene, train, _vectors(slope, other_tilt, other_azimuth), colors)
     return AngleErrors(_angle(guess, target), _angle(fitted, target))
 
 
@@ -122,11 +122,11 @@ def _vectors(slope: float, tilt: Array, azimuth: Array) -> Array:
     return np.stack([x, y, -np.sqrt(1.0 - x**2 - y**2)], axis=-1)
 
 
-def _look_up(learned: NormalColours, colours: Array, slope: float) -> Array:
-    """Return the normals whose known colours are nearest to ``colours`` ``(B, S, n, 3)``."""
+def _look_up(learned: NormalColors, colors: Array, slope: float) -> Array:
+    """Return the normals whose known colors are nearest to ``colors`` ``(B, S, n, 3)``."""
     from scipy.spatial import cKDTree
 
-    bends, sites = colours.shape[:2]
+    bends, sites = colors.shape[:2]
     tilt, azimuth = np.meshgrid(
         np.linspace(0.0, 1.0, TILTS),
         2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS,
@@ -135,16 +135,16 @@ def _look_up(learned: NormalColours, colours: Array, slope: float) -> Array:
     tilt = np.broadcast_to(tilt.ravel(), (bends, sites, tilt.size))
     azimuth = np.broadcast_to(azimuth.ravel(), tilt.shape)
     table, normals = learned.at(tilt, azimuth), _vectors(slope, tilt, azimuth)
-    out = np.empty_like(colours)
+    out = np.empty_like(colors)
     for bend in range(bends):
         for site in range(sites):
-            _, index = cKDTree(table[bend, site]).query(colours[bend, site])
+            _, index = cKDTree(table[bend, site]).query(colors[bend, site])
             out[bend, site] = normals[bend, site, index]
     return out
 
 
-def _regress(scene: Scene, train: Array, normals: Array, colours: Array) -> Array:
-    """Return normals of ``colours`` by ridge regression on colour (degree 3) times position (2)."""
+def _regress(scene: Scene, train: Array, normals: Array, colors: Array) -> Array:
+    """Return normals of ``colors`` by ridge regression on color (degree 3) times position (2)."""
     where = flat_sites(scene)[:, :2] / [scene.pad.width / 2, scene.pad.length / 2]
 
     def features(counts: Array) -> Array:
@@ -157,7 +157,7 @@ def _regress(scene: Scene, train: Array, normals: Array, colours: Array) -> Arra
     gram = (known / scale).T @ (known / scale)
     right = (known / scale).T @ normals[..., :2].reshape(-1, 2)
     weights = np.linalg.solve(gram + RIDGE * len(known) * np.eye(len(gram)), right)
-    plane = ((features(colours) / scale) @ weights).reshape(*colours.shape[:3], 2)
+    plane = ((features(colors) / scale) @ weights).reshape(*colors.shape[:3], 2)
     length = np.linalg.norm(plane, axis=-1, keepdims=True)
     plane = plane / np.maximum(length, 1.0)
     height = -np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=-1), 0.0))

@@ -37,8 +37,8 @@ def compare_reconstruction(
 
     Arguments:
         scene: the sensor.
-        known: colours of baseline and design that readers learn from, see `reconstruct`.
-        shown: colours that the camera sees.
+        known: colors of baseline and design that readers learn from, see `reconstruct`.
+        shown: colors that the camera sees.
         noise: of the camera.
         seeds: independent draws of normals and noise, common to both designs.
     """

@@ -17,8 +17,8 @@ from render.scene.schema import Scene
 # What each stage of the search is called and drawn with.
 STAGES = {
     "start": ("baseline", "#1c1f24"),
-    "grouped": ("colours in pairs", "#93b4f5"),
-    "quick": ("colours, 2-opt", "#2f5fd0"),
+    "grouped": ("colors in pairs", "#93b4f5"),
+    "quick": ("colors, 2-opt", "#2f5fd0"),
     "tied": ("directions, tied", "#e0a458"),
     "free": ("directions, free", "#b45309"),
     "power": ("LED powers", "#7c3aed"),
@@ -28,7 +28,7 @@ INK = {"red": "#d1352b", "green": "#1e9e4a", "blue": "#2f5fd0", "off": "#9aa0aa"
 
 
 def scheme(scene: Scene, design: Design) -> Figure:
-    """Draw the pad from outside, tip up, with every fiber's colour, number and direction."""
+    """Draw the pad from outside, tip up, with every fiber's color, number and direction."""
     poses = flat_fiber_poses(scene)
     beams = poses.directions(design.phi, 0.0)
     half = np.array([scene.pad.width, scene.pad.length]) / 2
@@ -52,10 +52,10 @@ def scheme(scene: Scene, design: Design) -> Figure:
         )
         sites = flat_sites(scene)
         axes.plot(sites[:, 0], sites[:, 1], "o", ms=2.0, color="#b6bbc4")
-        for number, (at, beam, inward, colour) in enumerate(
-            zip(poses.position, beams, poses.inward, design.colour_names, strict=True)
+        for number, (at, beam, inward, color) in enumerate(
+            zip(poses.position, beams, poses.inward, design.color_names, strict=True)
         ):
-            ink = INK[colour]
+            ink = INK[color]
             axes.annotate(
                 "",
                 xy=tuple((at + 3.4 * beam)[:2]),

@@ -73,7 +73,7 @@ def summary(stages: Sequence[Stage]) -> list[str]:
     first, last = stages[0].rating, stages[-1].rating
     gain = last.score - first.score
     sentences = [
-        f"The optimised design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "
+        f"The optimized design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "
         f"so the surrogate predicts a gain of {gain:.1f} ({gain / abs(first.score):+.0%})."
     ]
     steps = [
@@ -97,13 +97,13 @@ def warnings(stages: Sequence[Stage]) -> list[str]:
         found.append("The search found nothing better than the baseline.")
     elif last.rating.interval[0] <= first.rating.interval[1]:
         found.append(
-            "The intervals of baseline and optimised design overlap: at this level the gain is "
+            "The intervals of baseline and optimized design overlap: at this level the gain is "
             "not certain, and only a verification can tell."
         )
     found += monochrome_warning(last.design)
     if last.domain_excess > 0:
         found.append(
-            f"The optimised design lies outside the range that the surrogate was trained on "
+            f"The optimized design lies outside the range that the surrogate was trained on "
             f"(excess {last.domain_excess:.2g}): its score is an extrapolation."
         )
     return found + clipping_warning(last.clipped)

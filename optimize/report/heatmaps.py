@@ -1,4 +1,4 @@
-"""Figures 5.1 and 5.2: the metric at every site and bend, and the facets' colours there.
+"""Figures 5.1 and 5.2: the metric at every site and bend, and the facets' colors there.
 
 Maps are drawn as one looks at the skin from outside: across to the right, the tip at the top. The
 camera looks from within and records the mirror image. Every figure is a plain matplotlib
@@ -103,7 +103,7 @@ def metric_strip(scene: Scene, metric: Array, low: float, high: float) -> Figure
 
 
 def facet_strip(scene: Scene, counts: Array) -> Figure:
-    """Draw the colours of all facets ``(bend, site, facet, 3)`` in counts, per bend (Fig. 5.2).
+    """Draw the colors of all facets ``(bend, site, facet, 3)`` in counts, per bend (Fig. 5.2).
 
     Pyramids are drawn larger than life so that their facets can be told apart; where they are on
     the pad is true.
@@ -113,11 +113,11 @@ def facet_strip(scene: Scene, counts: Array) -> Figure:
     left, right, bottom, top = _frame(scene)
     with _strip(scene) as (figure, panels):
         for axes, values in zip(panels, counts, strict=True):
-            colours = encode_srgb(values.reshape(-1, 3) / 255) / 255
+            colors = encode_srgb(values.reshape(-1, 3) / 255) / 255
             polygons = list(outlines.reshape(-1, 3, 2))
-            # Edges in the same colour close the seams that antialiasing leaves between facets.
+            # Edges in the same color close the seams that antialiasing leaves between facets.
             axes.add_collection(
-                PolyCollection(polygons, facecolors=colours, edgecolors=colours, linewidths=0.2)
+                PolyCollection(polygons, facecolors=colors, edgecolors=colors, linewidths=0.2)
             )
             axes.set(xlim=(left, right), ylim=(bottom, top), facecolor="#101114")
             axes.set_aspect("equal")

@@ -48,7 +48,7 @@ def bend_titles(scene: Scene) -> list[str]:
 def wiring_sheet(scene: Scene, design: Design, title: str, scheme: bytes) -> dict[str, Any]:
     """Return which fiber gets which LED and angle, with the drawing ``scheme``."""
     position = flat_fiber_poses(scene).position
-    edges, colours, power = fiber_edges(scene), design.colour_names, design.power.max(axis=1)
+    edges, colors, power = fiber_edges(scene), design.color_names, design.power.max(axis=1)
     return {
         "title": title,
         "scheme": data_uri(scheme),
@@ -58,10 +58,10 @@ def wiring_sheet(scene: Scene, design: Design, title: str, scheme: bytes) -> dic
                 "edge": edges[i],
                 "x": f"{position[i, 0]:.2f}",
                 "y": f"{position[i, 1]:.2f}",
-                "colour": colours[i]
-                if power[i] == 1.0 or colours[i] == "off"
-                else f"{colours[i]}, {power[i]:.0%}",
-                "ink": INK[colours[i]],
+                "color": colors[i]
+                if power[i] == 1.0 or colors[i] == "off"
+                else f"{colors[i]}, {power[i]:.0%}",
+                "ink": INK[colors[i]],
                 "angle": f"{np.degrees(design.phi[i]):.1f}°",
             }
             for i in range(scene.fibers.count)
@@ -70,11 +70,11 @@ def wiring_sheet(scene: Scene, design: Design, title: str, scheme: bytes) -> dic
 
 
 def monochrome_warning(design: Design) -> list[str]:
-    """Return a warning where one colour lights everything; usually nothing."""
-    if len(set(design.colours.tolist())) > 1:
+    """Return a warning where one color lights everything; usually nothing."""
+    if len(set(design.colors.tolist())) > 1:
         return []
     return [
-        "The optimum is monochrome: the weight of the colour term does not reward colour "
+        "The optimum is monochrome: the weight of the color term does not reward color "
         "differences in this scene, so surface azimuth will be hard to read."
     ]
 
@@ -84,6 +84,6 @@ def clipping_warning(clipped: float) -> list[str]:
     if clipped <= CLIPPED:
         return []
     return [
-        f"{clipped:.1%} of the facets saturate the camera in the optimised design; lower its "
+        f"{clipped:.1%} of the facets saturate the camera in the optimized design; lower its "
         "exposure or the LED power."
     ]

@@ -1,7 +1,7 @@
-"""How transport changes with the material: the preview of neighbouring materials.
+"""How transport changes with the material: the preview of neighboring materials.
 
 A surrogate knows one material. The preview knows any, from its slab response, and its relative
-change between neighbours is taken over: ``d log T / d p`` by central differences.
+change between neighbors is taken over: ``d log T / d p`` by central differences.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PER_FIBER = ("led_power", "fiber_angle", "sigma_v")
 
 
 @dataclass(frozen=True)
-class Neighbours:
+class Neighbors:
     """A parameter of the material and the scenes on both sides of its value.
 
     Arguments:
@@ -39,8 +39,8 @@ class Neighbours:
     step: float
 
 
-def neighbours(scene: Scene, name: str) -> Neighbours:
-    """Return the neighbours of ``scene`` in ``sigma_v``, ``scattering`` or ``diffuser_thickness``.
+def neighbors(scene: Scene, name: str) -> Neighbors:
+    """Return the neighbors of ``scene`` in ``sigma_v``, ``scattering`` or ``diffuser_thickness``.
 
     Relative parameters step in the logarithm, so that the difference is exact for powers.
     """
@@ -59,7 +59,7 @@ def neighbours(scene: Scene, name: str) -> Neighbours:
         changed = getattr(scene, part).model_copy(update={key: new})
         return scene.model_copy(update={part: changed})
 
-    return Neighbours(name, moved(-1.0), moved(1.0), STEP if relative else STEP * value)
+    return Neighbors(name, moved(-1.0), moved(1.0), STEP if relative else STEP * value)
 
 
 def material_slopes(
@@ -78,7 +78,7 @@ def material_slopes(
     """
     bends, found = np.array(scene.bending.angles), {}
     for index, name in enumerate(names):
-        around = neighbours(scene, name)
+        around = neighbors(scene, name)
         logs = []
         for side, one in enumerate((around.below, around.above)):
             with Preview(one) as preview:

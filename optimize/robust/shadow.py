@@ -3,7 +3,7 @@
 The metric presses small pyramids, which cast no shadow to speak of. Here a cylinder is pressed deep
 into the flat pad at every site. Around it, the light of a fiber is missing where the straight line
 to the fiber's glow passes through the cylinder. The penalty is the mean length of the missing
-colour, in counts, so that it compares with S.
+color, in counts, so that it compares with S.
 
 All light of a fiber is taken to come straight from its glow on the edge: light that arrives over
 the lower face or over the skin would fill the shadows a little.
@@ -42,7 +42,7 @@ class Bolt:
 
 
 class ShadowPenalty:
-    """Mean length of the colour that a bolt takes away, in counts; negated as an objective."""
+    """Mean length of the color that a bolt takes away, in counts; negated as an objective."""
 
     def __init__(self, scene: Scene, table: TransportTable, bolt: Bolt | None = None) -> None:
         """Multiply the untouched pad's light by what the bolt hides of it.
@@ -115,8 +115,8 @@ def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
         )
     azimuth = 2 * np.pi * np.arange(bolt.points) / bolt.points
     ring = (bolt.radius + bolt.distance) * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    centre = flat_sites(scene)[:, None, :2]
-    point = centre + ring
+    center = flat_sites(scene)[:, None, :2]
+    point = center + ring
     on_pad = (np.abs(point) < [scene.pad.width / 2, scene.pad.length / 2]).all(axis=-1)
     if not on_pad.any():
         raise SceneError("no point around a bolt lies on the pad: make the pad larger", field="pad")
@@ -136,7 +136,7 @@ def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
     inward = np.maximum(-(offset * normal[:, :, None, None]).sum(axis=-1), 0.0)
     weight = inward * drop / square**2
     # The line p + t (light - p) enters the bolt's outline at t1 and is then t1 drop below the skin.
-    along = (offset * (centre - point)).sum(axis=-1)
+    along = (offset * (center - point)).sum(axis=-1)
     flat = (offset**2).sum(axis=-1)
     root = along**2 - flat * ((bolt.radius + bolt.distance) ** 2 - bolt.radius**2)
     enters = (along - np.sqrt(np.maximum(root, 0.0))) / flat

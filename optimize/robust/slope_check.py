@@ -15,7 +15,7 @@ import numpy as np
 
 from optimize.design.candidate import Candidate
 from optimize.design.design import Array, Design
-from optimize.robust.material_slopes import MATERIALS, neighbours
+from optimize.robust.material_slopes import MATERIALS, neighbors
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
 from optimize.verification.renders import reference_renders
 from render.progress import Progress
@@ -58,7 +58,7 @@ def check_slopes(
     candidate: Candidate,
     exact: Mapping[str, float],
     *,
-    mutations: int,
+    samples: int,
     seed: int,
     checkpoint: Path | None,
     progress: Callable[[Progress], None] | None = None,
@@ -68,7 +68,7 @@ def check_slopes(
     Arguments:
         candidate: the design with its scene and scale.
         exact: slopes by the surrogate, per rad, mm or relative error.
-        mutations: per cell and run.
+        samples: per cell and run.
         seed: of every run.
         checkpoint: folder where an interrupted check goes on.
         progress: called as each run goes on.
@@ -82,7 +82,7 @@ def check_slopes(
         render = reference_renders(
             what.scene, checkpoint, None if progress is None else lambda _, at: progress(at)
         )
-        return render(designs, mutations=mutations, seeds=[seed], title="neighbours").replicates
+        return render(designs, samples=samples, seeds=[seed], title="neighbors").replicates
 
     def slope(pair: Array, width: float) -> JackknifeEstimate:
         """Return the difference quotient of ``pair`` ``(replicate, side, ...)``."""
@@ -98,7 +98,7 @@ def check_slopes(
         if name == "fiber_angle":
             pair, width = replicates[:, 1:], 2.0 * TURN
         elif name in MATERIALS:
-            around = neighbours(scene, name)
+            around = neighbors(scene, name)
             sides = [
                 rendered(replace(candidate, scene=one), [design])[:, 0]
                 for one in (around.below, around.above)

@@ -16,7 +16,7 @@ from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import PlainScore, ShadowPenalty
 from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.colors.quick import quick_colours
+from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import renamed_like
 from optimize.search.refinement import Objective, Weighted, refine
 from render.chebyshev import chebyshev_nodes
@@ -24,8 +24,8 @@ from render.errors import SceneError
 from render.scene.schema import Scene
 
 SEARCH_DRAWS, RATING_DRAWS = 48, 1000
-COLOURINGS = 6
-"""Best colourings of the nominal search that get directions of their own."""
+COLORINGS = 6
+"""Best colorings of the nominal search that get directions of their own."""
 Report = Callable[[str, int, int], None]
 
 
@@ -34,7 +34,7 @@ class Study:
     """Ratings of all stages beyond their nominal score.
 
     Arguments:
-        measure: what the robust search maximised; None without one.
+        measure: what the robust search maximized; None without one.
         robust: by stage key, over sensors that the search did not see.
         shadows: by stage key, the penalty in counts; shadow_weight: of it in the search.
         sensitivities: of the last stage, the dearest tolerance first.
@@ -108,11 +108,11 @@ def study(
     if shadow is not None and shadow_weight is not None:
         goal = Weighted((1.0, goal), (shadow_weight, shadow))
     best = found.stages[-1].design
-    top = quick_colours(scorer, best.phi, starts=[best.colours], seed=found.seed).top
-    colourings = [np.array(row) for row, _ in top[:COLOURINGS]]
-    if scorer.colours_alike:
-        colourings = [renamed_like(row, best.colours) for row in colourings]
-    starts = [best, *(Design(best.phi, scorer.power(row)) for row in colourings)]
+    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=found.seed).top
+    colorings = [np.array(row) for row, _ in top[:COLORINGS]]
+    if scorer.colors_alike:
+        colorings = [renamed_like(row, best.colors) for row in colorings]
+    starts = [best, *(Design(best.phi, scorer.power(row)) for row in colorings)]
     design, _ = refine(scorer, goal, starts, lambda i, n: report("Refining", i, n))
     titles = [title for title, used in (("Robust", measure), ("Shadow-aware", shadow)) if used]
     stage = rate(

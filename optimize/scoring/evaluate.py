@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from optimize.design.design import Array, Colours, Level, Rating
+from optimize.design.design import Array, Colors, Level, Rating
 from optimize.design.limits import Limits, unlimited
 from optimize.scoring.metric_kernel import kernel_constants, score_lanes
 from render.errors import TableError
@@ -50,8 +50,8 @@ class TableScorer:
     Arguments:
         table: the transport table; all its cells are finite.
         config: the conventions of the metric.
-        led_power: power of a chosen LED, ``(3,)`` per colour or ``(F, 3)`` per fiber and colour,
-            in [0, 1]; that of ``limits`` unless given. It applies wherever colours are chosen.
+        led_power: power of a chosen LED, ``(3,)`` per color or ``(F, 3)`` per fiber and color,
+            in [0, 1]; that of ``limits`` unless given. It applies wherever colors are chosen.
         limits: what searches on this scorer may choose; everything unless given.
     """
 
@@ -84,10 +84,10 @@ class TableScorer:
         design_score(site_metric(np.ones((*table.T.shape[2:5], 3)), 0.0, config), config)
 
     @property
-    def colours_alike(self) -> bool:
-        """Whether exchanging two colours in all fibers changes no score and breaks no limit."""
+    def colors_alike(self) -> bool:
+        """Whether exchanging two colors in all fibers changes no score and breaks no limit."""
         same_power = bool((self.led_power == self.led_power[:, :1]).all())
-        return same_power and self.limits.colours_alike and not self.table.by_channel
+        return same_power and self.limits.colors_alike and not self.table.by_channel
 
     @property
     def phi_bounds(self) -> tuple[float, float]:
@@ -104,9 +104,9 @@ class TableScorer:
             )
         return np.full(self.fibers, nodes[index])
 
-    def power(self, colours: Colours) -> Array:
-        """Return LED powers ``(..., F, 3)`` of ``colours`` ``(..., F)`` (0/1/2 = R/G/B)."""
-        return np.eye(3)[colours] * self.led_power
+    def power(self, colors: Colors) -> Array:
+        """Return LED powers ``(..., F, 3)`` of ``colors`` ``(..., F)`` (0/1/2 = R/G/B)."""
+        return np.eye(3)[colors] * self.led_power
 
     def light(self, phi: Array) -> Array:
         """Return counts per unit LED power, ``(F, B, S, K[, 3])``, for ``phi`` ``(F,)`` rad."""
@@ -137,14 +137,14 @@ class TableScorer:
             return np.asarray(clip_counts(np.einsum("fbskc,fc->bskc", light, power), self.config))
         return np.asarray(image_counts(light, power, 1.0, self.config))
 
-    def scores(self, colours: Colours, phi: Array) -> Array:
-        """Return S ``(N,)`` of ``colours`` ``(N, F)``, all with the same ``phi`` ``(F,)`` rad."""
+    def scores(self, colors: Colors, phi: Array) -> Array:
+        """Return S ``(N,)`` of ``colors`` ``(N, F)``, all with the same ``phi`` ``(F,)`` rad."""
         light = self.light(phi)
         tinted = "c" if self.table.by_channel else ""
         light = light.reshape(self.fibers, -1, *light.shape[4:])
-        out = np.empty(len(colours))
-        for start in range(0, len(colours), LANES):
-            power = self.power(colours[start : start + LANES])
+        out = np.empty(len(colors))
+        for start in range(0, len(colors), LANES):
+            power = self.power(colors[start : start + LANES])
             block = np.einsum(f"fx{tinted},nfc->xcn", light, power, optimize=True)
             out[start : start + LANES] = self.score_block(block)
         return out

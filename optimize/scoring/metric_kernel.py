@@ -105,8 +105,8 @@ def score_lanes(
                 square[1, lane] += deviation * deviation
         for lane in range(lanes):
             intensity = mean[0, lane] - np.sqrt(square[0, lane] * norm_freedom)
-            colour = mean[1, lane] - np.sqrt(square[1, lane] * step_freedom)
-            metric[cell, lane] = intensity + lam * colour
+            color = mean[1, lane] - np.sqrt(square[1, lane] * step_freedom)
+            metric[cell, lane] = intensity + lam * color
     _score_map(metric, bends, ddof, out)
 
 
@@ -162,7 +162,7 @@ def best_of_tile(
 ) -> int:
     """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are.
 
-    ``free`` ``(3,)`` fibers per colour may still be used; middles and suffixes use so many.
+    ``free`` ``(3,)`` fibers per color may still be used; middles and suffixes use so many.
     """
     keep, lanes = len(scores), blocks.shape[-1]
     out = np.empty(lanes, np.float32)

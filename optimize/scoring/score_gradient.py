@@ -27,7 +27,7 @@ class ScoreGradient:
         phi: ``(F,)`` counts per rad.
         power: ``(F, 3)`` counts per unit of LED power.
         light: ``(F, B, S, K)`` counts per relative change of the fiber's light in that cell, summed
-            over its colours; what any other parameter's derivative is made of.
+            over its colors; what any other parameter's derivative is made of.
     """
 
     score: float
@@ -49,7 +49,7 @@ class Differentiator:
         table = scorer.table
         if table.by_channel:
             raise TableError(
-                "derivatives need a table without an axis of channels: search its colours only",
+                "derivatives need a table without an axis of channels: search its colors only",
                 field="T",
                 value=table.T.shape,
             )

@@ -1,4 +1,4 @@
-"""Fiber directions by CMA-ES (thesis 4.3.2), all free or tied by side and colour."""
+"""Fiber directions by CMA-ES (thesis 4.3.2), all free or tied by side and color."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Array, Colours
+from optimize.design.design import Array, Colors
 from optimize.design.limits import Limits
 from render.errors import TactiluxError
 
@@ -44,13 +44,13 @@ class DirectionResult:
     history: tuple[tuple[int, float], ...]
 
 
-def tied_groups(edges: Sequence[str], colours: Colours) -> Colours:
-    """Return the group of each fiber, ``(F,)``: fibers of one side and colour share a direction.
+def tied_groups(edges: Sequence[str], colors: Colors) -> Colors:
+    """Return the group of each fiber, ``(F,)``: fibers of one side and color share a direction.
 
     >>> tied_groups(["left", "left", "tip", "tip"], np.array([0, 2, 2, 2])).tolist()
     [0, 1, 2, 2]
     """
-    keys = list(zip(edges, colours.tolist(), strict=True))
+    keys = list(zip(edges, colors.tolist(), strict=True))
     order = {key: index for index, key in enumerate(dict.fromkeys(keys))}
     return np.array([order[key] for key in keys], dtype=np.int64)
 
@@ -60,18 +60,18 @@ def population(dimensions: int) -> int:
     return 4 + int(3 * math.log(max(dimensions, 2)))
 
 
-def optimise_directions(
+def optimize_directions(
     score: BatchScore,
     start: Array,
     *,
-    groups: Colours | None = None,
+    groups: Colors | None = None,
     bounds: tuple[float, float] = HALF_TURN,
     seed: int = 0,
     max_evaluations: int = MAX_EVALUATIONS,
     limits: Limits | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> DirectionResult:
-    """Maximise ``score`` of directions by CMA-ES, from ``start`` ``(F,)`` rad.
+    """Maximize ``score`` of directions by CMA-ES, from ``start`` ``(F,)`` rad.
 
     Arguments:
         score: returns ``(N,)`` for directions ``(N, F)`` rad; anything not finite is an error.

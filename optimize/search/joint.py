@@ -1,7 +1,7 @@
-"""Colours and directions together: alternate both searches until neither moves.
+"""Colors and directions together: alternate both searches until neither moves.
 
-The thesis searches colours once, then directions once (4.3). Better directions can change which
-colours are best, so both are repeated here: grouped and 2-opt colours, tied directions, then free
+The thesis searches colors once, then directions once (4.3). Better directions can change which
+colors are best, so both are repeated here: grouped and 2-opt colors, tied directions, then free
 ones, each from the best design so far.
 """
 
@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from optimize.design.design import Colours, Design
+from optimize.design.design import Colors, Design
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.colors.grouped import grouped_colours
-from optimize.search.colors.quick import quick_colours
-from optimize.search.colors.result import ColourResult, renamed_like
-from optimize.search.directions import DirectionResult, optimise_directions, tied_groups
+from optimize.search.colors.grouped import grouped_colors
+from optimize.search.colors.quick import quick_colors
+from optimize.search.colors.result import ColorResult, renamed_like
+from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
 from optimize.search.polish import polish
 from render.errors import DesignError
 
@@ -67,11 +67,11 @@ class JointResult:
 
     @property
     def monochrome(self) -> bool:
-        """Whether one colour lights everything: then hue says nothing, and lam is too large."""
-        return len(set(self.design.colours.tolist())) == 1
+        """Whether one color lights everything: then hue says nothing, and lam is too large."""
+        return len(set(self.design.colors.tolist())) == 1
 
 
-def optimise_jointly(
+def optimize_jointly(
     scorer: TableScorer,
     start: Design,
     *,
@@ -84,11 +84,11 @@ def optimise_jointly(
     """Return the best design that alternating searches reach from ``start``.
 
     A stage without an allowed candidate is left out: where constraints break all pairs of
-    neighbours, there is no ``grouped``.
+    neighbors, there is no ``grouped``.
 
     Arguments:
         scorer: the table, conventions and limits to search with.
-        start: first design; its directions are the first ones that colours are chosen for. Where
+        start: first design; its directions are the first ones that colors are chosen for. Where
             it breaks the limits, the nearest allowed design is taken.
         edges: the side of each fiber, for the tied search; None skips that stage.
         seed: of the random starts and of CMA-ES; every round draws anew.
@@ -97,7 +97,7 @@ def optimise_jointly(
         progress: called after every stage.
     """
     limits = scorer.limits
-    if limits.colours_limited or limits.directions_limited:
+    if limits.colors_limited or limits.directions_limited:
         start = limits.obeyed(start)
     search = _Search(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
@@ -105,11 +105,11 @@ def optimise_jointly(
         before = search.score
         if number == 1:
             search.take_groups(number)
-        phi, known = search.design.phi, [search.design.colours]
-        starts = [colours for colours in known if (colours >= 0).all()]
-        search.take_colours(number, quick_colours(scorer, phi, starts=starts, seed=seed + number))
+        phi, known = search.design.phi, [search.design.colors]
+        starts = [colors for colors in known if (colors >= 0).all()]
+        search.take_colors(number, quick_colors(scorer, phi, starts=starts, seed=seed + number))
         if steerable and edges is not None:
-            groups = tied_groups(edges, search.design.colours)
+            groups = tied_groups(edges, search.design.colors)
             search.take_directions(number, "tied", groups, seed + number)
         if steerable:
             search.take_directions(number, "free", None, seed + number)
@@ -125,36 +125,36 @@ class _Search:
         self, scorer: TableScorer, start: Design, progress: Callable[[SearchStep], None] | None
     ) -> None:
         self.scorer, self.design, self.progress = scorer, start, progress
-        self.names = start.colours
+        self.names = start.colors
         self.score = scorer.score(start.phi, start.power)
         self.began = time.perf_counter()
         self.evaluated = 1
         self.history: list[SearchStep] = []
         self._record(0, "start")
 
-    def take_colours(self, number: int, found: ColourResult) -> None:
-        """Accept better colours, named so that most fibers keep the colour of the start."""
+    def take_colors(self, number: int, found: ColorResult) -> None:
+        """Accept better colors, named so that most fibers keep the color of the start."""
         self.evaluated += found.evaluated
         if found.score > self.score:
-            colours = found.colours
-            if self.scorer.colours_alike:
-                colours = renamed_like(colours, self.names)
-            self.design = Design(self.design.phi, self.scorer.power(colours))
+            colors = found.colors
+            if self.scorer.colors_alike:
+                colors = renamed_like(colors, self.names)
+            self.design = Design(self.design.phi, self.scorer.power(colors))
             self.score = found.score
         self._record(number, found.method)
 
     def take_groups(self, number: int) -> None:
-        """Search colours in pairs, where the limits leave any pairs."""
+        """Search colors in pairs, where the limits leave any pairs."""
         try:
-            self.take_colours(number, grouped_colours(self.scorer, self.design.phi))
+            self.take_colors(number, grouped_colors(self.scorer, self.design.phi))
         except DesignError:
-            if not self.scorer.limits.colours_limited:
+            if not self.scorer.limits.colors_limited:
                 raise
 
-    def take_directions(self, number: int, stage: str, groups: Colours | None, seed: int) -> None:
+    def take_directions(self, number: int, stage: str, groups: Colors | None, seed: int) -> None:
         """Search directions from the best design and accept better ones."""
         power = self.design.power
-        found: DirectionResult = optimise_directions(
+        found: DirectionResult = optimize_directions(
             lambda phi: self.scorer.direction_scores(phi, power),
             self.design.phi,
             groups=groups,

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from optimize.design.design import Array, Colours
+from optimize.design.design import Array, Colors
 from optimize.design.limits import Limits
-from optimize.search.directions import BatchScore, DirectionResult, optimise_directions
+from optimize.search.directions import BatchScore, DirectionResult, optimize_directions
 
 _ROUNDING = 1e-12
 
@@ -20,13 +20,13 @@ def limited_directions(
     start: Array,
     limits: Limits,
     *,
-    groups: Colours | None,
+    groups: Colors | None,
     bounds: tuple[float, float],
     seed: int,
     max_evaluations: int,
     progress: Callable[[int, float], None] | None,
 ) -> DirectionResult:
-    """Return the best allowed directions found; arguments as in `optimise_directions`.
+    """Return the best allowed directions found; arguments as in `optimize_directions`.
 
     Fixed fibers are no variables. The others are searched without limits, and every candidate is
     moved to the nearest allowed directions before it is scored (repair by projection). Where
@@ -46,7 +46,7 @@ def limited_directions(
         spent = time.perf_counter() - began
         return DirectionResult(start, best, 1, spent, converged=True, history=((1, best),))
     member = None if groups is None else np.unique(groups[free], return_inverse=True)[1]
-    found = optimise_directions(
+    found = optimize_directions(
         lambda part: score(whole(part)),
         start[free],
         groups=member,

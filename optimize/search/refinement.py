@@ -1,8 +1,8 @@
 """Designs that are best by another measure than S on the table: with tolerances, with shadows.
 
-Behind a diffuser the directions of one colouring have a single optimum (measured: nine starts of
+Behind a diffuser the directions of one coloring have a single optimum (measured: nine starts of
 finger20 agree to 1e-6), so exact derivatives find it in some ten steps. That makes it affordable
-to give every promising colouring its own best directions.
+to give every promising coloring its own best directions.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ STEPS = 60
 
 
 class Objective(Protocol):
-    """What is maximised, in counts."""
+    """What is maximized, in counts."""
 
     def value(self, design: Design) -> float:
         """Return the objective."""
@@ -56,7 +56,7 @@ def refine(
     """Return the best design by ``objective`` within the limits of ``scorer``, and its value.
 
     Directions are improved from every one of ``starts``; then one fiber of the best design after
-    the other takes another colour, with directions improved anew, as long as that helps.
+    the other takes another color, with directions improved anew, as long as that helps.
     """
     found = []
     for done, start in enumerate(starts):
@@ -64,7 +64,7 @@ def refine(
         if progress is not None:
             progress(done + 1, len(starts) + 1)
     best, value = max(found, key=lambda entry: entry[1])
-    while better := recoloured(scorer, objective, best):
+    while better := recolored(scorer, objective, best):
         moved = turned(scorer, objective, better)
         if moved[1] <= value:
             break
@@ -95,16 +95,16 @@ def turned(scorer: TableScorer, objective: Objective, start: Design) -> tuple[De
     return best, best_value
 
 
-def recoloured(scorer: TableScorer, objective: Objective, design: Design) -> Design | None:
-    """Return the best design that another colour of one fiber makes, None if none is better."""
+def recolored(scorer: TableScorer, objective: Objective, design: Design) -> Design | None:
+    """Return the best design that another color of one fiber makes, None if none is better."""
     best, value = None, objective.value(design)
-    for fiber, old in enumerate(design.colours):
-        for colour in set(range(3)) - {int(old)}:
-            colours = design.colours.copy()
-            colours[fiber] = colour
-            if (colours < 0).any() or not scorer.limits.fits(colours[None])[0]:
+    for fiber, old in enumerate(design.colors):
+        for color in set(range(3)) - {int(old)}:
+            colors = design.colors.copy()
+            colors[fiber] = color
+            if (colors < 0).any() or not scorer.limits.fits(colors[None])[0]:
                 continue
-            moved = Design(design.phi, scorer.power(colours))
+            moved = Design(design.phi, scorer.power(colors))
             found = objective.value(moved)
             if found > value:
                 best, value = moved, found

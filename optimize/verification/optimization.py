@@ -1,4 +1,4 @@
-"""Optimising at level 2: the verification loop, the thesis procedure, or both side by side."""
+"""Optimizing at level 2: the verification loop, the thesis procedure, or both side by side."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ class OptimizeConfig:
 
     Arguments:
         method: ``loop``, ``thesis`` or ``both``.
-        mutations: per cell and render, the same for both methods.
-        final_mutations: per cell, seed and finalist.
+        samples: per cell and render, the same for both methods.
+        final_samples: per cell, seed and finalist.
         final_seeds: independent renders of the finalists.
         rounds: of the loop; generations: of the thesis's CMA-ES; both at most.
         seed: of searches and renders.
     """
 
     method: Method = "loop"
-    mutations: int = 96
-    final_mutations: int = 192
+    samples: int = 96
+    final_samples: int = 192
     final_seeds: int = 2
     rounds: int = 4
     generations: int = GENERATIONS
@@ -116,7 +116,7 @@ def optimize(
             render,
             edges=edges,
             scale=scale,
-            mutations=config.mutations,
+            samples=config.samples,
             seed=config.seed,
             render_seed=seeds + THESIS_SEED,
             generations=config.generations,
@@ -137,7 +137,7 @@ def optimize(
         render,
         scale,
         finalists,
-        mutations=config.final_mutations,
+        samples=config.final_samples,
         seeds=[seeds + FINAL_SEED + i for i in range(config.final_seeds)],
     )
     trained = None if checker is None else checker.metadata.renderer.get("seconds")
@@ -166,6 +166,6 @@ def _run_loop(
         Refitter(scene, grid),
         limits=limits_of(scene),
         edges=fiber_edges(scene),
-        config=LoopConfig(config.mutations, config.rounds, config.seed),
+        config=LoopConfig(config.samples, config.rounds, config.seed),
         report=report,
     )

@@ -1,4 +1,4 @@
-"""What an optimisation at level 2 leaves behind: designs with rendered ratings, and its record."""
+"""What an optimization at level 2 leaves behind: designs with rendered ratings, and its record."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def optimization_to_json(scene: Scene, found: Optimization, target: Path) -> dic
         },
         "final_render_seconds": verdict.renders.seconds,
         "surrogate_training_render_seconds": found.training_seconds,
-        "monochrome": len(set(found.design.colours.tolist())) == 1,
+        "monochrome": len(set(found.design.colors.tolist())) == 1,
     }
     if found.loop is not None:
         result["loop"] = {

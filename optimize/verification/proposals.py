@@ -11,21 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array, Colours, Design
+from optimize.design.design import Array, Colors, Design
 from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws
-from optimize.search.colors.quick import quick_colours
+from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import canonical, renamed_like
-from optimize.search.joint import optimise_jointly
+from optimize.search.joint import optimize_jointly
 from optimize.search.polish import polish
 
 ALTERNATIVES = 8
-"""Next-best colourings that get directions of their own: local optima, then neighbours."""
+"""Next-best colorings that get directions of their own: local optima, then neighbors."""
 SAME_ANGLE = np.radians(1.0)
 """Directions that differ by less are the same design."""
 RUNS = (1, 2, 4)
 TWIN = 1e-4
-"""Relative difference of score below which mirrored colours mean a mirrored design."""
+"""Relative difference of score below which mirrored colors mean a mirrored design."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +62,15 @@ def propose(
         seed: of the search and of the random design.
         known: designs that were rendered before; they are not proposed again.
     """
-    best = optimise_jointly(scorer, start, edges=edges, seed=seed).design
-    top = quick_colours(scorer, best.phi, starts=[best.colours], seed=seed).top
-    colourings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
+    best = optimize_jointly(scorer, start, edges=edges, seed=seed).design
+    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
+    colorings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
     others: list[Design] = []
-    for named in [*colourings, *_recoloured(scorer, best)]:
+    for named in [*colorings, *_recolored(scorer, best)]:
         if len(others) == ALTERNATIVES:
             break
-        if scorer.colours_alike:
-            named = renamed_like(named, best.colours)
+        if scorer.colors_alike:
+            named = renamed_like(named, best.colors)
         power = scorer.power(named)
         if np.array_equal(power, best.power):
             continue
@@ -84,12 +84,12 @@ def propose(
     return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
 
 
-def _recoloured(scorer: TableScorer, best: Design) -> list[Colours]:
-    """Return the allowed colourings that differ in one fiber from ``best``, best first."""
-    if (best.colours < 0).any():
+def _recolored(scorer: TableScorer, best: Design) -> list[Colors]:
+    """Return the allowed colorings that differ in one fiber from ``best``, best first."""
+    if (best.colors < 0).any():
         return []
     fibers = np.repeat(np.arange(scorer.fibers), 2)
-    moved = np.repeat(best.colours[None], len(fibers), axis=0)
+    moved = np.repeat(best.colors[None], len(fibers), axis=0)
     rows = np.arange(len(fibers))
     moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % 2) % 3
     moved = moved[scorer.limits.fits(moved)]
@@ -102,11 +102,11 @@ def _mirror_twin(scorer: TableScorer, first: Design, second: Design) -> bool:
     Fibers are numbered around the pad, so a mirror reverses their order; equal scores say that the
     sensor is symmetric.
     """
-    if not scorer.colours_alike or (first.colours < 0).any() or (second.colours < 0).any():
+    if not scorer.colors_alike or (first.colors < 0).any() or (second.colors < 0).any():
         return False
     scores = [scorer.score(design.phi, design.power) for design in (first, second)]
-    reversed_ = canonical(first.colours[None, ::-1])[0]
-    alike = np.array_equal(reversed_, canonical(second.colours[None])[0])
+    reversed_ = canonical(first.colors[None, ::-1])[0]
+    alike = np.array_equal(reversed_, canonical(second.colors[None])[0])
     return alike and abs(scores[0] - scores[1]) < TWIN * abs(scores[1])
 
 
@@ -121,13 +121,13 @@ def described(scorer: TableScorer, role: str, design: Design) -> Proposal:
 
 
 def random_design(scorer: TableScorer, seed: int) -> Design:
-    """Return a random design; neighbouring fibers share a colour in runs of 1, 2 or 4."""
+    """Return a random design; neighboring fibers share a color in runs of 1, 2 or 4."""
     rng = np.random.default_rng([seed, 5])
     run = int(rng.choice(RUNS))
-    colours = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
+    colors = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
     low, high = scorer.phi_bounds
     phi: Array = np.asarray(rng.uniform(low, high, scorer.fibers))
-    return scorer.limits.obeyed(Design(phi, scorer.power(colours)))
+    return scorer.limits.obeyed(Design(phi, scorer.power(colors)))
 
 
 def same_design(first: Design, second: Design) -> bool:

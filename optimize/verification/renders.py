@@ -42,9 +42,9 @@ class RenderDesigns(Protocol):
     """Renders designs together, at the scene's bends."""
 
     def __call__(
-        self, designs: Sequence[Design], *, mutations: int, seeds: Sequence[int], title: str
+        self, designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
     ) -> DesignRenders:
-        """Return the renders; ``mutations`` per (fiber, facet) pair and seed."""
+        """Return the renders; ``samples`` per (fiber, facet) pair and seed."""
 
 
 def reference_renders(
@@ -60,14 +60,14 @@ def reference_renders(
     bends = np.array(scene.bending.angles)
 
     def render(
-        designs: Sequence[Design], *, mutations: int, seeds: Sequence[int], title: str
+        designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
     ) -> DesignRenders:
         phi, node = distinct_directions(designs)
         found = render_transport(
             scene,
             phi,
             bends,
-            mutations=mutations,
+            samples=samples,
             seeds=seeds,
             checkpoint=checkpoint,
             runner=runner,
@@ -88,7 +88,7 @@ def reference_renders(
 def distinct_directions(designs: Sequence[Design]) -> tuple[Array, np.ndarray]:
     """Return ``(fiber, node)`` rad without repeats, and the node of every design.
 
-    Designs that differ in their colours alone share a node: light is linear.
+    Designs that differ in their colors alone share a node: light is linear.
     """
     kept: list[Array] = []
     node = []

@@ -1,7 +1,7 @@
 """The thesis's own procedure (4.3), kept as a runnable baseline: every candidate is rendered.
 
-Colours first: one render per fiber, superposed, searched over pairs in both phases with boundary
-repair (4.3.1). Then directions tied by side and colour, by CMA-ES over renders, until the steps are
+Colors first: one render per fiber, superposed, searched over pairs in both phases with boundary
+repair (4.3.1). Then directions tied by side and color, by CMA-ES over renders, until the steps are
 small or 20 generations are over (4.3.2). Scores are plain, as there: noise biases them.
 """
 
@@ -15,9 +15,9 @@ import numpy as np
 from optimize.design.design import Array, Design
 from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_scale import Scale
-from optimize.search.colors.grouped import grouped_colours
+from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.result import renamed_like
-from optimize.search.directions import DirectionResult, optimise_directions, population, tied_groups
+from optimize.search.directions import DirectionResult, optimize_directions, population, tied_groups
 from optimize.verification.renders import DesignRenders, RenderDesigns
 from render.metric import choose_exposure, choose_lambda
 from render.transport import TransportTable
@@ -30,7 +30,7 @@ class ThesisResult:
     """What the procedure found.
 
     Arguments:
-        design: its result; coloured: after the colours alone.
+        design: its result; colored: after the colors alone.
         score: what it believes S of the result to be.
         scale: the camera and the weights that it scored with.
         directions: the direction search.
@@ -38,7 +38,7 @@ class ThesisResult:
     """
 
     design: Design
-    coloured: Design
+    colored: Design
     score: float
     scale: Scale
     directions: DirectionResult
@@ -52,33 +52,33 @@ def thesis_procedure(
     *,
     edges: Sequence[str],
     scale: Scale | None,
-    mutations: int,
+    samples: int,
     seed: int,
     render_seed: int,
     generations: int = GENERATIONS,
     report: Callable[[int, int, float], None] | None = None,
 ) -> ThesisResult:
-    """Return what grouped colours and tied directions reach on renders.
+    """Return what grouped colors and tied directions reach on renders.
 
     Arguments:
-        baseline: directions that colours are searched at, names of colours.
+        baseline: directions that colors are searched at, names of colors.
         render: renders one design.
         edges: the side of each fiber.
         scale: of the scores; None fixes it from the baseline's render (design of chapter 5.1).
-        mutations: per cell and candidate.
+        samples: per cell and candidate.
         seed: of CMA-ES.
         render_seed: of every render, so that candidates share random numbers.
         generations: of CMA-ES at most.
         report: called with candidates rendered, candidates at most, and the best score.
     """
-    first = render([baseline], mutations=mutations, seeds=[render_seed], title="single fibers")
+    first = render([baseline], samples=samples, seeds=[render_seed], title="single fibers")
     scale = scale or baseline_scale(first.replicates[:, 0].mean(axis=0), baseline.power)
     seconds, runs = first.seconds, 1
     scorer = TableScorer(_table(first, scale), scale.conventions)
-    found = grouped_colours(scorer, baseline.phi)
-    colours = renamed_like(found.colours, baseline.colours)
-    coloured = Design.of_colours(baseline.phi, colours)
-    groups = tied_groups(edges, colours)
+    found = grouped_colors(scorer, baseline.phi)
+    colors = renamed_like(found.colors, baseline.colors)
+    colored = Design.of_colors(baseline.phi, colors)
+    groups = tied_groups(edges, colors)
     limit = 1 + generations * population(int(groups.max()) + 1)
 
     def score(phi: Array) -> Array:
@@ -86,21 +86,21 @@ def thesis_procedure(
         out = []
         for row in phi:
             rendered = render(
-                [replace(coloured, phi=row)],
-                mutations=mutations,
+                [replace(colored, phi=row)],
+                samples=samples,
                 seeds=[render_seed],
                 title=f"candidate {runs} of at most {limit}",
             )
             seconds, runs = seconds + rendered.seconds, runs + 1
             transport = rendered.replicates[:, 0].mean(axis=0)
-            out.append(float(scale.parts(transport, coloured.power)[0]))
+            out.append(float(scale.parts(transport, colored.power)[0]))
         return np.array(out)
 
     def progress(evaluated: int, best: float) -> None:
         if report is not None:
             report(evaluated, limit, best)
 
-    turned = optimise_directions(
+    turned = optimize_directions(
         score,
         baseline.phi,
         groups=groups,
@@ -109,7 +109,7 @@ def thesis_procedure(
         progress=progress,
     )
     return ThesisResult(
-        Design(turned.phi, coloured.power), coloured, turned.score, scale, turned, runs, seconds
+        Design(turned.phi, colored.power), colored, turned.score, scale, turned, runs, seconds
     )
 
 

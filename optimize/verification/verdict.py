@@ -58,13 +58,13 @@ def pronounce(
     scale: Scale,
     finalists: Sequence[tuple[str, Design]],
     *,
-    mutations: int,
+    samples: int,
     seeds: Sequence[int],
 ) -> Verdict:
     """Render the ``finalists`` together and score them; ``seeds`` must be fresh ones."""
     renders = render(
         [design for _, design in finalists],
-        mutations=mutations,
+        samples=samples,
         seeds=seeds,
         title="the finalists",
     )

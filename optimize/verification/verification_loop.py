@@ -45,12 +45,12 @@ class LoopConfig:
     """How much is rendered.
 
     Arguments:
-        mutations: per cell and seed in every round.
+        samples: per cell and seed in every round.
         rounds: at most; seed: of searches and renders.
         seeds: independent renders per round, which can be made at once.
     """
 
-    mutations: int = 96
+    samples: int = 96
     rounds: int = 4
     seed: int = 0
     seeds: int = 1
@@ -240,7 +240,7 @@ class Loop:
         first = SEED_STRIDE * (self.config.seed + 1) + number
         renders = self.renderer(
             [entry.design for entry in chosen],
-            mutations=self.config.mutations,
+            samples=self.config.samples,
             seeds=[first + SEED_STEP * i for i in range(self.config.seeds)],
             title=f"round {number}",
         )

@@ -32,7 +32,7 @@ class Verification:
     surrogate_score: float
     render_seconds: float
     seeds: tuple[int, ...]
-    mutations: int
+    samples: int
 
     @property
     def verdict(self) -> str:
@@ -66,7 +66,7 @@ def verify(
     candidate: Candidate,
     model: Checker,
     *,
-    mutations: int,
+    samples: int,
     seeds: Sequence[int],
     checkpoint: Path | None = None,
     progress: Callable[[str, Progress], None] | None = None,
@@ -76,7 +76,7 @@ def verify(
     Arguments:
         candidate: what is verified.
         model: the surrogate whose prediction is checked.
-        mutations: per cell and seed.
+        samples: per cell and seed.
         seeds: common to both designs.
         checkpoint: directory from which an interrupted verification goes on.
         progress: called with the name of the design being rendered.
@@ -89,24 +89,24 @@ def verify(
             scene,
             phi[:, None],
             bends,
-            mutations=mutations,
+            samples=samples,
             seeds=seeds,
             checkpoint=checkpoint,
             progress=None if progress is None else lambda state: progress(name, state),
         )
 
     first = render("baseline", baseline.phi)
-    # Other colours need no other render: light is linear.
-    second = first if candidate.recoloured else render("design", design.phi)
+    # Other colors need no other render: light is linear.
+    second = first if candidate.recolored else render("design", design.phi)
     predicted = model.run(design.phi[None], design.power[None], bends)
     return compare(
         candidate,
         first.replicates[:, :, 0],
         second.replicates[:, :, 0],
         surrogate_score=float(predicted["score"][0]),
-        render_seconds=first.seconds + (0.0 if candidate.recoloured else second.seconds),
+        render_seconds=first.seconds + (0.0 if candidate.recolored else second.seconds),
         seeds=tuple(seeds),
-        mutations=mutations,
+        samples=samples,
     )
 
 
@@ -118,7 +118,7 @@ def compare(
     surrogate_score: float,
     render_seconds: float,
     seeds: tuple[int, ...],
-    mutations: int,
+    samples: int,
 ) -> Verification:
     """Score two sets of replicates ``(R, F, B, S, K)`` of transport, made with common seeds.
 
@@ -135,5 +135,5 @@ def compare(
         surrogate_score=surrogate_score,
         render_seconds=render_seconds,
         seeds=seeds,
-        mutations=mutations,
+        samples=samples,
     )

@@ -1,4 +1,4 @@
-"""How many mutations a verification can afford in a given time."""
+"""How many samples a verification can afford in a given time."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from render.reference.cost import render_pace
 from render.scene.schema import Scene
 
 LEAST = 4
-"""Mutations per cell, however little time there is."""
+"""Samples per cell, however little time there is."""
 
 
-def affordable_mutations(
+def affordable_samples(
     scene: Scene, phi: Array, *, minutes: float, seeds: int, designs: int, folder: Path
 ) -> int:
-    """Return the mutations per cell and seed that fill ``minutes``, at least LEAST.
+    """Return the samples per cell and seed that fill ``minutes``, at least LEAST.
 
     The choice is kept in ``folder``, so that a verification that was interrupted goes on with
     the same number instead of measuring again.
@@ -27,19 +27,19 @@ def affordable_mutations(
         phi: ``(fiber,)`` rad, for the trial renders.
         minutes: rendering time for everything together.
         seeds: independent renders per bend and design.
-        designs: how many are rendered, 1 when the other differs in colours alone.
+        designs: how many are rendered, 1 when the other differs in colors alone.
         folder: of the checkpoint.
     """
     path = folder / "plan.json"
     plan = {"scene_hash": scene.hash, "minutes": minutes, "seeds": seeds, "designs": designs}
     known = _read(path)
-    if all(known.get(key) == value for key, value in plan.items()) and "mutations" in known:
-        return int(str(known["mutations"]))
+    if all(known.get(key) == value for key, value in plan.items()) and "samples" in known:
+        return int(str(known["samples"]))
     pace = render_pace(scene, phi[:, None])
     share = (60.0 * minutes - pace.spent) / (len(scene.bending.angles) * seeds * designs)
-    mutations = max(LEAST, int((share - pace.fixed) / pace.each))
-    write_text(path, json.dumps({**plan, "mutations": mutations}) + "\n")
-    return mutations
+    samples = max(LEAST, int((share - pace.fixed) / pace.each))
+    write_text(path, json.dumps({**plan, "samples": samples}) + "\n")
+    return samples
 
 
 def _read(path: Path) -> dict[str, object]:

@@ -33,7 +33,7 @@ LIGHT_PATHS = 4
 CAMERA_STORED = 10
 LIGHT_STORED = 10
 # Fibers are chosen by slots of equal probability. This share of them falls to all fibers alike, so
-# that dim ones are known as well; the rest to near ones, which make the colours.
+# that dim ones are known as well; the rest to near ones, which make the colors.
 SLOTS, EVEN = 512, 0.4
 # Events by which the camera subpaths of one lane are apart.
 CAMERA_STRIDE = 40

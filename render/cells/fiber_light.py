@@ -37,13 +37,13 @@ class FiberLight:
         self.area = np.pi * self.radius**2
         self.peak = peak_radiance(self.sigma_v, self.area)
         self.norm = cut(self.sigma_v)
-        self.centre = mi.TensorXf(poses.position.astype(np.float32)).array
+        self.center = mi.TensorXf(poses.position.astype(np.float32)).array
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
         self.constants = mi.Float([self.radius, self.sigma_v, self.peak, self.norm])
-        dr.make_opaque(self.centre, self.beam, self.constants)
+        dr.make_opaque(self.center, self.beam, self.constants)
 
-    def _centre(self, fiber: Any) -> Any:
-        return dr.gather(mi.Point3f, self.centre, fiber)
+    def _center(self, fiber: Any) -> Any:
+        return dr.gather(mi.Point3f, self.center, fiber)
 
     def _beam(self, fiber: Any, node: Any) -> Any:
         return dr.gather(mi.Vector3f, self.beam, fiber * self.nodes + node)
@@ -57,18 +57,18 @@ class FiberLight:
         frame = mi.Frame3f(self._beam(fiber, node))
         local = sample_direction(direction[0], direction[1], sigma_v, norm)
         disk = self._constant(0) * mi.warp.square_to_uniform_disk_concentric(square)
-        origin = self._centre(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
+        origin = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
         return mi.Point3f(origin), frame.to_world(local)
 
     def weights(self, fiber: Any, o: Any, d: Any) -> list[Any]:
         """Return, per node, radiance over mixture density for rays ``(o, d)``."""
         radius, sigma_v, peak, norm = (self._constant(i) for i in range(4))
         radiance, mixture = [], mi.Float(0.0)
-        offset = o - self._centre(fiber)
+        offset = o - self._center(fiber)
         for j in range(self.nodes):
             beam = self._beam(fiber, mi.UInt32(j))
             cos = dr.dot(beam, d)
-            # Where the line meets the node's disk, seen from the disk's centre.
+            # Where the line meets the node's disk, seen from the disk's center.
             hit = offset - d * (dr.dot(offset, beam) / cos)
             # The node that drew the ray must count as hit in spite of rounding.
             inside = (cos > 1e-4) & (dr.squared_norm(hit) <= dr.square(radius * 1.0001))

@@ -1,6 +1,6 @@
 """Guiding camera subpaths from a facet towards the glow of one fiber.
 
-Most light that reaches a facet left the diffuser within a few millimetres of its fiber, on a
+Most light that reaches a facet left the diffuser within a few millimeters of its fiber, on a
 straight line or mirrored in the lower face by total internal reflection. A cosine-distributed
 direction rarely finds that spot, so half of the directions at the facet are aimed at it: at a
 point of the diffuser's inner face, or of its mirror image below the pad. The mixture density

@@ -55,7 +55,7 @@ class PictureProblem:
         dr.make_opaque(self._fiber, self._power)
 
     def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
-        """Return one deposit per lane: radiance per colour, over the bin's probability."""
+        """Return one deposit per lane: radiance per color, over the bin's probability."""
         x, y, pick, _ = camera.event(mi.UInt32(0))
         chosen = dr.minimum(mi.UInt32(pick * self.lit), self.lit - 1)
         fiber = dr.gather(mi.UInt32, self._fiber, chosen)
@@ -74,5 +74,5 @@ class PictureProblem:
         lane = dr.arange(mi.UInt32, dr.width(fiber))
         value = joined_nodes(self.pad, picks, lane, seen, light, mi.UInt32(0), aim, self.bridge)[0]
         scale = self.lit * self.bins
-        colours = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
-        return [Deposit(row * self.width + column, colours)]
+        colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
+        return [Deposit(row * self.width + column, colors)]

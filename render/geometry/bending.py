@@ -1,7 +1,7 @@
 """Bending: the flat pad rolled onto a circular arc of constant coating length.
 
 Flat pad frame (mm): x across, y from base to tip, z from the camera-side face (0) to the coating
-(thickness); the origin is the centre of the camera-side face. The world frame of every bend is
+(thickness); the origin is the center of the camera-side face. The world frame of every bend is
 the one in which the camera stands still: the pad rolls away from the plane that touches the
 coating above the camera, so that light and camera stay where they are.
 """

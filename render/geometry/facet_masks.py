@@ -66,7 +66,7 @@ def camera_rays(
 ) -> tuple[Array, Array]:
     """Return the pinhole ``(3,)`` mm and unit directions ``(rows, columns, 3)`` of all pixels.
 
-    ``offset`` is the position ``(x, y)`` within each pixel, in [0, 1]; 0.5 is its centre.
+    ``offset`` is the position ``(x, y)`` within each pixel, in [0, 1]; 0.5 is its center.
     """
     row, column = np.meshgrid(
         np.arange(rows, dtype=np.float64), np.arange(columns, dtype=np.float64), indexing="ij"
@@ -98,14 +98,14 @@ def facet_masks(
 
     A pixel belongs to a facet when all its ``samples x samples`` rays meet that facet first, and
     within the facet shrunk by ``margin`` towards its centroid. It belongs to a background spot
-    when they all meet the untouched coating within 0.7 pyramid radii of the site's centre.
+    when they all meet the untouched coating within 0.7 pyramid radii of the site's center.
     """
     columns, rows = columns or scene.camera.columns, rows or scene.camera.rows
     origin, directions = camera_rays(scene, columns, rows)
-    centre_rays = refract_into_pad(scene, bend, origin, directions.reshape(-1, 3))
-    # A pixel whose centre ray passes no site cannot have all its rays on one target.
-    close = (_gap_to_sites(scene, bend, centre_rays) < _reach(scene)).any(axis=0)
-    pixels = np.nonzero(close & centre_rays.inside)[0]
+    center_rays = refract_into_pad(scene, bend, origin, directions.reshape(-1, 3))
+    # A pixel whose center ray passes no site cannot have all its rays on one target.
+    close = (_gap_to_sites(scene, bend, center_rays) < _reach(scene)).any(axis=0)
+    pixels = np.nonzero(close & center_rays.inside)[0]
     steps = (np.arange(samples) + 0.5) / samples
     step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
     fine = pixel_directions(
@@ -191,8 +191,8 @@ def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
     flat = unbend_points(scene, point, bend)[:, :2]
     target = np.full(met.shape, -1)
     faces = scene.indenter.faces
-    for site, centre in enumerate(flat_sites(scene)[:, :2]):
-        away = np.hypot(*(flat - centre).T)
+    for site, center in enumerate(flat_sites(scene)[:, :2]):
+        away = np.hypot(*(flat - center).T)
         on_spot = met & (away <= BACKGROUND_REACH * scene.indenter.radius)
         target[on_spot] = site * (faces + 1) + faces
     return target

@@ -28,7 +28,7 @@ def peak_radiance(sigma_v: float, area: float) -> float:
 
 
 def cut(sigma_v: float) -> float:
-    """Return the share of the Rayleigh density below pi/2, to which it is normalised."""
+    """Return the share of the Rayleigh density below pi/2, to which it is normalized."""
     return float(-np.expm1(-((np.pi / 2) ** 2) / (4 * sigma_v**2)))
 
 

@@ -1,7 +1,7 @@
 """Convex bodies pressed into the pad: the pyramids of the metric, and a bolt for the eyes.
 
 A body is the intersection of half-spaces that the coating's plane cuts; its frame is that of the
-untouched pad at its centre: across, towards the tip, towards the coating. It follows the bend.
+untouched pad at its center: across, towards the tip, towards the coating. It follows the bend.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from render.geometry.layout import facet_normals, flat_sites, pyramid
 from render.scene.schema import Scene
 
 SHADOW = 4.0
-"""How far from its centre a body's shadow is drawn, in units of its radius or its depth."""
+"""How far from its center a body's shadow is drawn, in units of its radius or its depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,15 +24,15 @@ class Imprint:
     """The same body pressed into a grid of places.
 
     Arguments:
-        centre: of each body on the flat coating, ``(site, 3)`` mm, row by row.
+        center: of each body on the flat coating, ``(site, 3)`` mm, row by row.
         columns, rows, spacing: of the grid; spacing in mm.
         normal: of each face, ``(face, 3)``, unit vectors out of the body and into the pad.
-        distance: of the faces' planes from the centre, ``(face,)`` mm along their normals.
-        middle: a point of each face, ``(face, 3)`` mm from the centre.
+        distance: of the faces' planes from the center, ``(face,)`` mm along their normals.
+        middle: a point of each face, ``(face, 3)`` mm from the center.
         size: the larger one of radius and depth, mm.
     """
 
-    centre: Array
+    center: Array
     columns: int
     rows: int
     spacing: float
@@ -46,7 +46,7 @@ def pyramids(scene: Scene) -> Imprint:
     """Return the indenter at every site."""
     normal, corners = facet_normals(scene), pyramid(scene)
     return Imprint(
-        centre=flat_sites(scene),
+        center=flat_sites(scene),
         columns=scene.sites.columns,
         rows=scene.sites.rows,
         spacing=scene.sites.spacing,
@@ -105,7 +105,7 @@ def bolt(scene: Scene, head: BoltHead | None = None) -> Imprint:
     distance = np.concatenate([[head.depth], sides[1], edges[1]])
     middle = np.concatenate([[down], sides[2], edges[2]])
     return Imprint(
-        centre=np.array([[x, y, pad.thickness]]),
+        center=np.array([[x, y, pad.thickness]]),
         columns=1,
         rows=1,
         spacing=1.0,

@@ -95,7 +95,7 @@ def fiber_poses(scene: Scene, bend: float) -> FiberPoses:
 
 
 def flat_sites(scene: Scene) -> Array:
-    """Return the site centres on the flat coating, ``(site, 3)`` mm."""
+    """Return the site centers on the flat coating, ``(site, 3)`` mm."""
     sites = scene.sites
     x = sites.centre_x + (np.arange(sites.columns) - (sites.columns - 1) / 2) * sites.spacing
     y = sites.centre_y + (np.arange(sites.rows) - (sites.rows - 1) / 2) * sites.spacing

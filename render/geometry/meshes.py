@@ -99,9 +99,9 @@ def _site_faces(scene: Scene, grid: PadGrid, site: int) -> tuple[Index, Index]:
     faces_of_pyramid = scene.indenter.faces
     apex = len(grid.points) + site * (faces_of_pyramid + 1)
     base = apex + 1 + np.arange(faces_of_pyramid)
-    centre = flat_sites(scene)[site]
-    border = _border(grid, centre, site_half_width(scene))
-    outline = grid.points[border] - centre
+    center = flat_sites(scene)[site]
+    border = _border(grid, center, site_half_width(scene))
+    outline = grid.points[border] - center
     polygon = pyramid(scene)[:, 1]
     joined = _joined(_azimuth(outline), _azimuth(polygon))
     ring = np.concatenate([border, base])[joined]
@@ -110,14 +110,14 @@ def _site_faces(scene: Scene, grid: PadGrid, site: int) -> tuple[Index, Index]:
     return np.concatenate([ring, sides]), facet
 
 
-def _border(grid: PadGrid, centre: Array, half: float) -> Index:
+def _border(grid: PadGrid, center: Array, half: float) -> Index:
     """Return the coating vertices on the border of a site's cell, in order of azimuth."""
-    i0, i1 = (int(np.abs(grid.x - centre[0] - d).argmin()) for d in (-half, half))
-    j0, j1 = (int(np.abs(grid.y - centre[1] - d).argmin()) for d in (-half, half))
+    i0, i1 = (int(np.abs(grid.x - center[0] - d).argmin()) for d in (-half, half))
+    j0, j1 = (int(np.abs(grid.y - center[1] - d).argmin()) for d in (-half, half))
     i, j = np.meshgrid(np.arange(i0, i1 + 1), np.arange(j0, j1 + 1))
     edge = (i == i0) | (i == i1) | (j == j0) | (j == j1)
     border = grid.vertex(i[edge], j[edge], 1)
-    return border[np.argsort(_azimuth(grid.points[border] - centre))]
+    return border[np.argsort(_azimuth(grid.points[border] - center))]
 
 
 def _azimuth(offset: Array) -> Array:

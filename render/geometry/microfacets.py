@@ -31,7 +31,7 @@ class Meeting(NamedTuple):
 
 
 def fresnel(cos_in: Floats, eta: float) -> tuple[Floats, Floats]:
-    """Return the unpolarised reflectance and ``cos`` of refraction, both ``(...)``.
+    """Return the unpolarized reflectance and ``cos`` of refraction, both ``(...)``.
 
     ``cos_in`` >= 0 is the cosine of incidence, ``eta`` the index behind the face over the index in
     front. Under total internal reflection the reflectance is 1 and the cosine 0.

@@ -9,7 +9,7 @@ Parameters, named as in Mitsuba 0.6 where it has them:
 - ``max_depth`` (-1): greatest number of path edges; ``rr_depth`` (5).
 - ``luminance_samples`` (100000), ``p_large`` (0.6), ``chains`` (16384): Metropolis only.
 - ``replicates`` (8): independent groups, for the error bars.
-- ``error_bars`` (false): append one channel per colour with the standard error of each pixel.
+- ``error_bars`` (false): append one channel per color with the standard error of each pixel.
 
 Samples per pixel are mutations per pixel. Pixels are box-filtered.
 

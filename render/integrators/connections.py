@@ -3,7 +3,7 @@
 Light subpaths are long, joins cost ray casts, and which pair of vertices carries light is mostly
 chance. So every light subpath leaves a few vertices (``render.integrators.light_subpaths``), every
 camera subpath looks at those of many light subpaths and at some close to it
-(``render.integrators.neighbours``), glimpses (``render.integrators.proxy_weights``) leave a few of
+(``render.integrators.neighbors``), glimpses (``render.integrators.proxy_weights``) leave a few of
 them, and for each kept camera vertex one of these is drawn by its promise
 (``render.integrators.target_weights``) and stands for all: connections to a cache of light vertices
 (Davidovic et al. 2014, "Progressive light transport simulation on the GPU") that are resampled
@@ -20,7 +20,7 @@ import mitsuba as mi
 from render.integrators.camera_subpaths import CameraPart, Kept
 from render.integrators.light_subpaths import LightVertex, LightVertices, seen_from
 from render.integrators.mirror_connections import Mirrors, bridge, competing
-from render.integrators.neighbours import Nearby
+from render.integrators.neighbors import Nearby
 from render.integrators.path_limits import GLOSSY, SPARE, Limits
 from render.integrators.proxy_weights import Look, Seen, glimpse
 from render.integrators.reservoirs import Drawn, Glimpsed

@@ -114,7 +114,7 @@ class FiberEmitter(mi.Emitter):
         return dr.select(active & (local.z > 0), self._radiance(local), 0.0)
 
     def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
-        """Return no wavelengths: the emitter is grey, for mono and rgb variants."""
+        """Return no wavelengths: the emitter is gray, for mono and rgb variants."""
         return mi.Color0f(), self.eval(si, active)
 
     def bbox(self) -> Any:

@@ -67,7 +67,7 @@ class Mirrors:
         return x * p.x + y * p.y + z * p.z - offset
 
     def _liking(self, k: Any, a: Any, y: Any) -> Any:
-        """Return how likely a bridge from ``a`` to ``y`` uses mirror ``k``, not normalised."""
+        """Return how likely a bridge from ``a`` to ``y`` uses mirror ``k``, not normalized."""
         height_a, height_y = self._height(k, a), self._height(k, y)
         normal = mi.Vector3f(*self._numbers(k, 0, 3))
         way = y - 2.0 * height_y * normal - a

@@ -17,7 +17,7 @@ class LaneMemory:
     """``slots`` records per lane, shaped like the dataclass tree ``example``."""
 
     def __init__(self, example: Any, lanes: int, slots: int) -> None:
-        """Allocate, uninitialised."""
+        """Allocate, uninitialized."""
         self.lanes = lanes
         self.lane: Any = dr.arange(mi.UInt32, lanes)
         self.records = _room(example, lanes * slots)

@@ -30,7 +30,7 @@ class Beams:
             "SOFT_RADIUS": f"{fibers.diameter / 2:.6f}",
         }
         poses = flat_fiber_poses(scene)
-        # Rabinowitz and Richter's rule of degree 5 on the disk: its centre and a hexagon.
+        # Rabinowitz and Richter's rule of degree 5 on the disk: its center and a hexagon.
         azimuth = np.pi / 3 * np.arange(6)
         ring = np.sqrt(2 / 3) * fibers.diameter / 2
         along = np.concatenate([[0.0], ring * np.cos(azimuth)])

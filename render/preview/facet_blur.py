@@ -1,7 +1,7 @@
 """How the camera mixes the facets: refraction and blur by the rough lower face, per bend.
 
-Facets are slivers of a few tenths of a millimetre and the rough face blurs by a tenth, so what
-the camera sees of one facet is a mixture of its neighbours and of the coating around them.
+Facets are slivers of a few tenths of a millimeter and the rough face blurs by a tenth, so what
+the camera sees of one facet is a mixture of its neighbors and of the coating around them.
 """
 
 from __future__ import annotations

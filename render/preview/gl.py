@@ -56,7 +56,7 @@ class OSMesa:
         self._context = self._library.OSMesaCreateContextAttribs(attributes, None)
         if not self._context:
             raise OSError(f"{name} cannot make an OpenGL 3.3 context")
-        # OSMesa wants a colour buffer although everything is drawn into framebuffer objects.
+        # OSMesa wants a color buffer although everything is drawn into framebuffer objects.
         self._buffer = (ctypes.c_ubyte * 4)()
         self.__enter__()
 

@@ -35,15 +35,15 @@ class Glow:
         }
         edge = np.array([EDGES.index(name) for name in fiber_edges(scene)])
         place = flat_fiber_poses(scene).position
-        centre = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
+        center = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
         reach = np.array([_reach(scene, number) for number in range(len(EDGES))])[edge]
         # At the tip's corners the layer goes on, and its walls send light back. At the base it
         # ends: about half of what comes back there scattered back in the endless layer as well.
         walls = _wall_reflectance(scene)
         low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
         returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
-        self._keep, self._fold = _ends(response.offsets, centre, reach, returned)
-        self._along = np.clip(centre[:, None] + response.offsets, -reach[:, None], reach[:, None])
+        self._keep, self._fold = _ends(response.offsets, center, reach, returned)
+        self._along = np.clip(center[:, None] + response.offsets, -reach[:, None], reach[:, None])
         self._edge = edge
         self.position = _on_edges(scene, self._along, edge, response.heights)
 
@@ -78,21 +78,21 @@ class Glow:
         return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
 
 
-def _ends(offsets: Array, centre: Array, reach: Array, returned: Array) -> tuple[Array, Array]:
+def _ends(offsets: Array, center: Array, reach: Array, returned: Array) -> tuple[Array, Array]:
     """Return what the ends of the layer make of an endless layer's lights.
 
-    Each light stands for the cell between its neighbours. The part of a cell inside the edge is
+    Each light stands for the cell between its neighbors. The part of a cell inside the edge is
     kept, ``(fiber, offset)``; of what lies beyond an end, the part ``returned`` ``(fiber, end)``
     comes back mirrored, shared between the two lights nearest to its image, ``(fiber, to offset,
     from offset)``.
     """
     middle = 0.5 * (offsets[1:] + offsets[:-1])
-    low = centre[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
-    high = centre[:, None] + np.concatenate([middle, 2 * offsets[-1:] - middle[-1:]])
+    low = center[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
+    high = center[:, None] + np.concatenate([middle, 2 * offsets[-1:] - middle[-1:]])
     bound = reach[:, None]
     keep = np.clip(np.minimum(high, bound) - np.maximum(low, -bound), 0.0, None) / (high - low)
-    fold = np.zeros((len(centre), len(offsets), len(offsets)))
-    for fiber, (place, end) in enumerate(zip(centre, reach, strict=True)):
+    fold = np.zeros((len(center), len(offsets), len(offsets)))
+    for fiber, (place, end) in enumerate(zip(center, reach, strict=True)):
         for light in range(len(offsets)):
             for sign, first, last in (
                 (-1, low[fiber, light], min(high[fiber, light], -end)),

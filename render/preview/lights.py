@@ -24,7 +24,7 @@ class Lights(Protocol):
 
     position: ``(fiber, light, 4)``: x, y, z (mm) and the number of the edge (+ 4 for a beam).
     edge_albedo: of the pad's edges, seen from inside.
-    defines: what the shader is specialised by.
+    defines: what the shader is specialized by.
     nodes: ``(node,)`` rad when emission is the polynomial in phi through these nodes, else None.
     """
 

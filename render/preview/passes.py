@@ -136,7 +136,7 @@ class Drawing:
         return np.concatenate(parts, axis=1)
 
     def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> Pass:
-        """Return the program specialised to what it has to draw."""
+        """Return the program specialized to what it has to draw."""
         key = (fragment, bend > 0, channels, indented)
         if key not in self._passes:
             defines = dict(self._lights.defines)
@@ -173,7 +173,7 @@ class Drawing:
             "camera": (0.0, scene.camera.y, -scene.camera.distance),
             "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
             "albedo": scene.coating.albedo,
-            "site_first": tuple(pressed.centre[0]),
+            "site_first": tuple(pressed.center[0]),
             "site_step": (pressed.spacing, pressed.spacing),
             "site_count": (float(pressed.columns), float(pressed.rows)),
             "longest_shadow": SHADOW * pressed.size,

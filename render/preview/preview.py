@@ -28,7 +28,7 @@ class Preview:
     Nothing in it is fitted to the reference.
 
     Arguments:
-        scene: the sensor; the shader is specialised to what it declares.
+        scene: the sensor; the shader is specialized to what it declares.
         backend: ``osmesa`` or ``egl``; None takes the first that works.
         cache: folder of cached slab responses; None is the user's cache.
         lights: what the fibers make of the scene, instead of the cached response.

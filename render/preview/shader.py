@@ -50,12 +50,12 @@ class Pass:
     ) -> NDArray[np.float32]:
         """Return what is drawn, ``(rows, columns, components)``, row 0 at the bottom.
 
-        A uniform that the specialised shader does not use is left out.
+        A uniform that the specialized shader does not use is left out.
         """
         key = (*size, components)
         if key not in self._targets:
-            colour = self._context.texture(size, components, dtype="f4")
-            self._targets[key] = self._context.framebuffer([colour])
+            color = self._context.texture(size, components, dtype="f4")
+            self._targets[key] = self._context.framebuffer([color])
         for unit, (name, texture) in enumerate(textures.items()):
             if name in self._program:
                 texture.use(unit)

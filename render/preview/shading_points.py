@@ -59,7 +59,7 @@ def pad_points(scene: Scene, imprint: Imprint | None = None) -> PadPoints:
     Without a diffuser light leaves through the clear edges, which then have no patches.
     """
     pad, imprint = scene.pad, imprint or pyramids(scene)
-    sites = imprint.centre
+    sites = imprint.center
     longest = max(PATCH * pad.thickness, LEAST_PART * max(pad.width, pad.length))
     columns, rows = (int(np.ceil(side / longest)) for side in (pad.width, pad.length))
     x = pad.width * ((np.arange(columns) + 0.5) / columns - 0.5)

@@ -12,17 +12,17 @@ from render.reference.transport import render_transport
 from render.scene.schema import Scene
 
 TRIALS = (32, 128)
-"""Mutations per cell of the trial renders: of ``finger20``, part of a pass and several whole ones.
+"""Samples per cell of the trial renders: of ``finger20``, part of a pass and several whole ones.
 Their difference is free of the time for compiling, which the first one spends."""
 
 
 @dataclass(frozen=True)
 class RenderPace:
-    """Seconds of a render at one bend, ``fixed + each * mutations``, and of measuring them.
+    """Seconds of a render at one bend, ``fixed + each * samples``, and of measuring them.
 
     Arguments:
-        fixed: seconds that do not depend on the mutations.
-        each: seconds per mutation of every (fiber, facet) pair.
+        fixed: seconds that do not depend on the samples.
+        each: seconds per sample of every (fiber, facet) pair.
         spent: seconds of the trial renders.
     """
 
@@ -39,10 +39,10 @@ def render_pace(scene: Scene, phi: Array) -> RenderPace:
         phi: direction nodes in rad, ``(node,)`` or ``(fiber, node)``.
     """
     spent = []
-    for mutations in TRIALS:
+    for samples in TRIALS:
         began = time.monotonic()
         bend = np.array(scene.bending.angles[:1])
-        render_transport(scene, phi, bend, mutations=mutations, seeds=[0])
+        render_transport(scene, phi, bend, samples=samples, seeds=[0])
         spent.append(time.monotonic() - began)
     each = max(spent[1] - spent[0], 1e-3) / (TRIALS[1] - TRIALS[0])
     return RenderPace(max(spent[0] - each * TRIALS[0], 0.0), each, sum(spent))

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -32,9 +32,12 @@ if TYPE_CHECKING:
     from render.sampling.monte_carlo import Independent
     from render.sampling.pssmlt import Chains
 
-VERSION = 4
+VERSION = 5
+Sampler = Literal["monte-carlo", "pssmlt"]
+P_LARGE = 0.5
+"""Probability of large steps where chains fill the cells."""
 CHUNK = 8
-"""Mutations between updates of the scale and chances to save."""
+"""Samples between updates of the scale and chances to save."""
 SAVE_SECONDS = 20.0
 PILOT_FLOOR = 0.05
 """Least brightness, in units of the fiber's mean, to which dim cells are lifted."""
@@ -51,9 +54,9 @@ class PadJob:
         indented: pressed by the pyramids, or untouched.
         seed: of all random numbers.
         chains: paths at once.
-        iterations: mutations per chain, a multiple of ``chunk``.
+        iterations: samples per chain, a multiple of ``chunk``.
         replicates: independent groups of chains.
-        p_large: probability of large steps; 1 is plain bidirectional Monte Carlo.
+        sampler: plain bidirectional Monte Carlo, or Markov chains over the same paths.
     """
 
     scene: str
@@ -64,7 +67,7 @@ class PadJob:
     chains: int
     iterations: int
     replicates: int = 8
-    p_large: float = 1.0
+    sampler: Sampler = "monte-carlo"
 
     @classmethod
     def of(cls, scene: Scene, phi: Array, **rest: Any) -> PadJob:
@@ -72,14 +75,14 @@ class PadJob:
         return cls(scene_content(scene), tuple(tuple(row) for row in phi.tolist()), **rest)
 
     @property
-    def mutations(self) -> int:
-        """Mutations of all chains together: the size of the job."""
+    def samples(self) -> int:
+        """Samples of all chains together: the size of the job."""
         return self.chains * self.iterations
 
     @property
     def chunk(self) -> int:
-        """Mutations per chain between chances to save; independent paths need no more than one."""
-        return 1 if self.p_large == 1.0 else CHUNK
+        """Samples per chain between chances to save; independent paths need no more than one."""
+        return 1 if self.sampler == "monte-carlo" else CHUNK
 
     @cached_property
     def key(self) -> str:
@@ -139,7 +142,7 @@ def render_pad(
         job: what is rendered.
         state: a file that is written now and then; an interrupted run goes on from it and ends
             bit-equal.
-        tick: called with the number of mutations since the last call; those of an earlier run
+        tick: called with the number of samples since the last call; those of an earlier run
             first. What it raises ends the run, after its state is saved.
 
     Raises:
@@ -215,13 +218,13 @@ def _start(
 
     settings = Settings(
         chains=job.chains,
-        luminance_samples=max(8 * job.chains, job.mutations // 8),
-        p_large=job.p_large,
+        luminance_samples=max(8 * job.chains, job.samples // 8),
+        p_large=P_LARGE,
         replicates=job.replicates,
         seed=job.seed,
     )
     run: Chains | Independent
-    if job.p_large == 1.0:
+    if job.sampler == "monte-carlo":
         run = Independent(problem, job.chains, job.replicates, job.seed)
     else:
         run = Chains(problem, settings)

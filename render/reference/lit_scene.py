@@ -56,7 +56,7 @@ def lit_scene(
             },
         )
         content["camera"] = pinhole(scene, width, height, pixel_format="luminance")
-        # Unoptimised: the loader would merge equal emitters, and each belongs to one disk.
+        # Unoptimized: the loader would merge equal emitters, and each belongs to one disk.
         return mi.load_dict({"type": "scene", **content}, optimize=False)
 
 
@@ -73,9 +73,9 @@ def fiber_disks(
     transform = mi.ScalarTransform4f()
     disks = {}
     for i, emitter in emitters.items():
-        centre, beam = poses.position[i], beams[i]
+        center, beam = poses.position[i], beams[i]
         frame = transform.look_at(
-            origin=centre.tolist(), target=(centre + beam).tolist(), up=poses.up[i].tolist()
+            origin=center.tolist(), target=(center + beam).tolist(), up=poses.up[i].tolist()
         )
         disks[f"fiber{i}"] = {
             "type": "disk",

@@ -1,7 +1,7 @@
 """The Mitsuba scene of a sensor: meshes, dielectric faces, scattering layer and coating.
 
 Only what the scene declares is built: no diffuser, no medium; index 1, no dielectric. The body is
-black and never modelled: light that leaves the silicone is lost (thesis 3.3).
+black and never modeled: light that leaves the silicone is lost (thesis 3.3).
 """
 
 from __future__ import annotations

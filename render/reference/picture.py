@@ -1,7 +1,7 @@
-"""The picture that the camera sees, by PSSMLT: level 2 for eyes.
+"""The picture that the camera sees, by bidirectional Monte Carlo: level 2 for eyes.
 
 Fiber and film position are primary dimensions; the estimator is that of the transport cells, so
-guiding and bridges work here too, and large steps alone are the cheapest. Colours are superposed
+guiding and bridges work here too, and large steps alone are the cheapest. Colors are superposed
 inside one render, since materials do not depend on the channel. Made for the coating: the glow of
 the diffuser's own faces beside it converges slowly.
 """

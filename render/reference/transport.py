@@ -1,8 +1,8 @@
-"""The reference: transport cells by PSSMLT, with error bars, resumable at any instant.
+"""The reference: transport cells by bidirectional Monte Carlo, with error bars, resumable.
 
 Every pad (a bend, pressed by the pyramids or untouched) is one job per seed
-(``render.reference.job``). The path sampler serves all cells so evenly that small steps only
-correlate its samples: by measurement (README.md) large steps alone, ``p_large`` 1, are the
+(``render.reference.job``). The path sampler serves all cells so evenly that small steps of
+Markov chains only correlate its samples: by measurement (README.md) independent samples are the
 cheapest, and the default.
 """
 
@@ -23,14 +23,14 @@ from render.files import read_or_drop, write_npz
 from render.geometry.symmetry import mirrored, mirrors
 from render.progress import Clock, Progress
 from render.reference.error_bars import standard_error
-from render.reference.job import CHUNK, VERSION, PadJob, PadResult, render_pad
+from render.reference.job import CHUNK, VERSION, PadJob, PadResult, Sampler, render_pad
 from render.reference.llvm import VARIANT
 from render.scene.schema import Scene
 
 CHAINS_MIN, CHAINS_MAX = 64, 16384
 ITERATIONS_MIN = 24
 UNTOUCHED_SHARE = 2
-"""How many times more mutations a cell of the untouched pad gets: there are few of them."""
+"""How many times more samples a cell of the untouched pad gets: there are few of them."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class RunPads(Protocol):
     """Runs jobs: here, on other machines, or by looking up what was rendered before."""
 
     def __call__(self, jobs: Sequence[PadJob], clock: Clock) -> Sequence[PadResult]:
-        """Return the results in the order of ``jobs``; ``clock`` is told of their mutations."""
+        """Return the results in the order of ``jobs``; ``clock`` is told of their samples."""
 
 
 def render_transport(
@@ -65,10 +65,10 @@ def render_transport(
     phi: Array,
     bends: Array,
     *,
-    mutations: int,
+    samples: int,
     seeds: Sequence[int] = (1,),
     replicates: int = 8,
-    p_large: float = 1.0,
+    sampler: Sampler = "monte-carlo",
     checkpoint: Path | None = None,
     runner: RunPads | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -79,10 +79,10 @@ def render_transport(
         scene: the sensor.
         phi: direction nodes in rad, ``(node,)`` for all fibers or ``(fiber, node)``.
         bends: ``(bend,)`` rad, within [0, pi].
-        mutations: proposed mutations per (fiber, facet) pair and seed, on average.
+        samples: proposed samples per (fiber, facet) pair and seed, on average.
         seeds: independent runs; the same seeds give common random numbers between designs.
         replicates: independent chain groups per seed, for the error bars.
-        p_large: probability of large steps; 1 is plain bidirectional Monte Carlo.
+        sampler: plain bidirectional Monte Carlo, or Markov chains over the same paths.
         checkpoint: a folder; an interrupted render goes on there and ends bit-equal.
         runner: who runs the jobs instead, with checkpoints of its own (default: this process, one
             after the other).
@@ -92,11 +92,11 @@ def render_transport(
         RenderError: phi or bends out of range, or no light found.
     """
     jobs = pad_jobs(
-        scene, phi, bends, mutations=mutations, seeds=seeds, replicates=replicates, p_large=p_large
+        scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler
     )
-    clock = Clock(sum(job.mutations for job in jobs), progress)
+    clock = Clock(sum(job.samples for job in jobs), progress)
     results = (runner or run_here(checkpoint))(jobs, clock)
-    return gather(scene, jobs, results, mutations)
+    return gather(scene, jobs, results, samples)
 
 
 def run_here(checkpoint: Path | None = None) -> RunPads:
@@ -119,7 +119,7 @@ def _run(job: PadJob, folder: Path | None, clock: Clock) -> PadResult:
     finished, state = folder / f"{job.name}.npz", folder / f"{job.name}.state.npz"
     kept = read_or_drop(finished)
     if kept is not None and "estimate" in kept:
-        clock.skip(job.mutations)
+        clock.skip(job.samples)
         return PadResult.of(kept)
     result = render_pad(job, state, clock.tick)
     write_npz(finished, result.arrays())
@@ -132,25 +132,25 @@ def pad_jobs(
     phi: Array,
     bends: Array,
     *,
-    mutations: int,
+    samples: int,
     seeds: Sequence[int],
     replicates: int = 8,
-    p_large: float = 1.0,
+    sampler: Sampler = "monte-carlo",
 ) -> list[PadJob]:
     """Return the jobs of ``render_transport`` (its arguments): seed by seed, bend by bend.
 
     Raises:
         RenderError: phi or bends out of range.
     """
-    phi, bends = _validated(scene, phi, bends, mutations, seeds)
+    phi, bends = _validated(scene, phi, bends, samples, seeds)
     jobs = []
     for seed in seeds:
         for bend in bends:
             for indented in (True, False):
                 # One sample serves all facets of a site.
                 pairs = scene.sites.count * phi.shape[0]
-                total = mutations * pairs * (1 if indented else UNTOUCHED_SHARE)
-                chains, iterations = _shape(total, p_large)
+                total = samples * pairs * (1 if indented else UNTOUCHED_SHARE)
+                chains, iterations = _shape(total, sampler)
                 jobs.append(
                     PadJob.of(
                         scene,
@@ -161,14 +161,14 @@ def pad_jobs(
                         chains=chains,
                         iterations=iterations,
                         replicates=replicates,
-                        p_large=p_large,
+                        sampler=sampler,
                     )
                 )
     return jobs
 
 
 def gather(
-    scene: Scene, jobs: Sequence[PadJob], results: Sequence[PadResult], mutations: int
+    scene: Scene, jobs: Sequence[PadJob], results: Sequence[PadResult], samples: int
 ) -> Estimate:
     """Return the transport that the jobs of ``pad_jobs`` found.
 
@@ -177,7 +177,7 @@ def gather(
         jobs: every seed at every bend, pressed and untouched, all with the same nodes; seeds and
             bends in the estimate are in the order of their first job.
         results: of the jobs.
-        mutations: per (fiber, facet) pair and seed, as ``pad_jobs`` was asked for.
+        samples: per (fiber, facet) pair and seed, as ``pad_jobs`` was asked for.
     """
     bends = list(dict.fromkeys(job.bend for job in jobs))
     seeds = list(dict.fromkeys(job.seed for job in jobs))
@@ -207,10 +207,9 @@ def gather(
         background_replicates=untouched,
         seconds=sum(result.seconds for result in results),
         settings={
-            "integrator": "pssmlt",
+            "sampler": first.sampler,
             "variant": VARIANT,
-            "mutations_per_cell": mutations,
-            "p_large": first.p_large,
+            "samples_per_cell": samples,
             "seeds": seeds,
             "replicates_per_seed": first.replicates,
             "version": VERSION,
@@ -218,13 +217,13 @@ def gather(
     )
 
 
-def _shape(total: int, p_large: float) -> tuple[int, int]:
-    """Return chains and iterations for about ``total`` mutations.
+def _shape(total: int, sampler: Sampler) -> tuple[int, int]:
+    """Return chains and iterations for about ``total`` samples.
 
     Every pass is traced anew, which takes as long as thousands of paths: independent paths take
     the fewest passes. Chains need their passes, to move away from where they started.
     """
-    if p_large == 1.0:
+    if sampler == "monte-carlo":
         passes = max(1, math.ceil(total / CHAINS_MAX))
         return CHAINS_MIN * max(1, round(total / passes / CHAINS_MIN)), passes
     chains = CHAINS_MAX
@@ -234,7 +233,7 @@ def _shape(total: int, p_large: float) -> tuple[int, int]:
 
 
 def _validated(
-    scene: Scene, phi: Array, bends: Array, mutations: int, seeds: Sequence[int]
+    scene: Scene, phi: Array, bends: Array, samples: int, seeds: Sequence[int]
 ) -> tuple[Array, Array]:
     phi, bends = np.asarray(phi, dtype=np.float64), np.asarray(bends, dtype=np.float64)
     if phi.ndim == 1:
@@ -250,10 +249,10 @@ def _validated(
             raise RenderError(
                 f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name, value=values
             )
-    if mutations < 1 or not len(seeds) or len(set(seeds)) != len(seeds):
+    if samples < 1 or not len(seeds) or len(set(seeds)) != len(seeds):
         raise RenderError(
-            f"mutations = {mutations} and seeds = {list(seeds)}, allowed: at least 1 mutation "
+            f"samples = {samples} and seeds = {list(seeds)}, allowed: at least 1 sample "
             "and distinct seeds",
-            field="mutations",
+            field="samples",
         )
     return phi, bends

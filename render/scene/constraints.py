@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AliasChoices, Field
 
 from render.scene.part import Part
 from render.scene.quantities import Count, Quantity
@@ -23,10 +23,13 @@ ON_STEP = 1e-9
 
 
 class Fixed(Part):
-    """A fiber that is already mounted: its colour, its direction, or both."""
+    """A fiber that is already mounted: its color, its direction, or both."""
 
     fiber: Index
-    colour: Literal["red", "green", "blue"] | None = None
+    color: Annotated[
+        Literal["red", "green", "blue"] | None,
+        Field(validation_alias=AliasChoices("color", "colour")),  # as earlier scene files say
+    ] = None
     angle: Angle | None = None
 
 
@@ -48,7 +51,7 @@ class Forbidden(Part):
 class Constraints(Part):
     """Limits of designs; everything that is not named is free.
 
-    ``max_*`` limit the number of fibers per colour, ``power_*`` the power of an LED (1 is full),
+    ``max_*`` limit the number of fibers per color, ``power_*`` the power of an LED (1 is full),
     ``angle_step`` is the smallest step of directions from 0, ``continuous_power`` lets every fiber
     have a power of its own up to the limit.
     """
@@ -118,12 +121,12 @@ class Constraints(Part):
                 f"constraints: at most {most[0]} red, {most[1]} green and {most[2]} blue LEDs "
                 f"for {fibers} fibers cannot be fulfilled, allowed: at least {fibers} together"
             )
-        for index, colour in enumerate(("red", "green", "blue")):
-            fixed = sum(entry.colour == colour for entry in self.fixed)
+        for index, color in enumerate(("red", "green", "blue")):
+            fixed = sum(entry.color == color for entry in self.fixed)
             if fixed > most[index]:
                 yield (
-                    f"constraints fix {fixed} {colour} fibers, allowed: at most "
-                    f"max_{colour} = {most[index]}"
+                    f"constraints fix {fixed} {color} fibers, allowed: at most "
+                    f"max_{color} = {most[index]}"
                 )
         for fiber in range(fibers):
             if not self.intervals(fiber) or self.grid(fiber) == []:
@@ -132,19 +135,19 @@ class Constraints(Part):
 
     def sentences(self) -> Iterator[str]:
         """Yield the limits in words."""
-        for colour in ("red", "green", "blue"):
-            limit, power = getattr(self, f"max_{colour}"), getattr(self, f"power_{colour}")
+        for color in ("red", "green", "blue"):
+            limit, power = getattr(self, f"max_{color}"), getattr(self, f"power_{color}")
             if limit is not None:
-                yield f"at most {limit} {colour} fibers"
+                yield f"at most {limit} {color} fibers"
             if power < 1.0:
-                yield f"{colour} LEDs at {power:g} of full power at most"
+                yield f"{color} LEDs at {power:g} of full power at most"
         if self.angle_step is not None:
             yield f"directions in steps of {math.degrees(self.angle_step):g} deg"
         if self.continuous_power:
             yield "every fiber has a power of its own"
         for entry in self.fixed:
             angle = "" if entry.angle is None else f"{math.degrees(entry.angle):g} deg"
-            yield f"fiber {entry.fiber} is {' '.join(filter(None, [entry.colour, angle]))}"
+            yield f"fiber {entry.fiber} is {' '.join(filter(None, [entry.color, angle]))}"
         for gap in self.forbidden:
             who = ", ".join(map(str, gap.fibers)) if gap.fibers else "all"
             yield (

@@ -25,20 +25,20 @@ from render.scene.quantities import Count, Quantity
 from render.scene.tolerances import Tolerances
 
 Edge = Literal["left", "tip", "right"]
-Colour = Literal["red", "green", "blue"]
+Color = Literal["red", "green", "blue"]
 EDGES: tuple[Edge, ...] = ("left", "tip", "right")
-COLOURS: tuple[Colour, ...] = ("red", "green", "blue")
+COLORS: tuple[Color, ...] = ("red", "green", "blue")
 
-Millimetres = Annotated[float, Quantity("mm", 0.01, 1000.0)]
+Millimeters = Annotated[float, Quantity("mm", 0.01, 1000.0)]
 Coordinate = Annotated[float, Quantity("mm", -1000.0, 1000.0)]
 
 
 class Pad(Part):
     """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z."""
 
-    width: Millimetres
-    length: Millimetres
-    thickness: Millimetres
+    width: Millimeters
+    length: Millimeters
+    thickness: Millimeters
     index: Annotated[float, Quantity("", 1.0, 1.7)]
     roughness: Annotated[float, Quantity("", 0.0, 0.5)]
 
@@ -46,7 +46,7 @@ class Pad(Part):
 class Diffuser(Part):
     """The scattering layer on the lit edges, index-matched to the pad (Henyey-Greenstein)."""
 
-    thickness: Millimetres
+    thickness: Millimeters
     sigma_s: Annotated[float, Quantity("1/mm", 0.0, 50.0)]
     sigma_a: Annotated[float, Quantity("1/mm", 0.0, 10.0)]
     g: Annotated[float, Quantity("", -0.99, 0.99)]
@@ -97,7 +97,7 @@ class Fibers(Part):
 class Camera(Part):
     """A pinhole in air below the pad, looking at the coating (+z), image up towards the tip."""
 
-    distance: Millimetres
+    distance: Millimeters
     y: Coordinate
     field_of_view: Annotated[float, Quantity("deg", 1.0, 175.0)]
     columns: Annotated[int, Count(8, 4096)]
@@ -115,7 +115,7 @@ class Sites(Part):
 
     columns: Annotated[int, Count(1, 32)]
     rows: Annotated[int, Count(1, 64)]
-    spacing: Millimetres
+    spacing: Millimeters
     centre_x: Coordinate
     centre_y: Coordinate
 
@@ -139,11 +139,11 @@ class Indenter(Part):
 
 
 class Baseline(Part):
-    """The colour of every edge in the design that others are compared with (thesis 5.1)."""
+    """The color of every edge in the design that others are compared with (thesis 5.1)."""
 
-    left: Colour
-    tip: Colour
-    right: Colour
+    left: Color
+    tip: Color
+    right: Color
 
 
 class Scene(Part):
@@ -206,7 +206,7 @@ class Scene(Part):
         reach_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + cell
         if reach_x > self.pad.width / 2 or reach_y > self.pad.length / 2:
             problems.append(
-                f"sites: the pyramids reach {reach_x:g} x {reach_y:g} mm from the pad's centre, "
+                f"sites: the pyramids reach {reach_x:g} x {reach_y:g} mm from the pad's center, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
         if self.constraints is not None:

@@ -101,7 +101,7 @@ def _positive(spread: Spread) -> Spread:
 
 Relative = Annotated[Spread, SpreadOf(RELATIVE, 0.5), AfterValidator(_positive)]
 Degrees = Annotated[Spread, SpreadOf("deg", 30.0), AfterValidator(_positive)]
-Millimetres = Annotated[Spread, SpreadOf("mm", 2.0), AfterValidator(_positive)]
+Millimeters = Annotated[Spread, SpreadOf("mm", 2.0), AfterValidator(_positive)]
 
 
 class Tolerances(Part):
@@ -116,7 +116,7 @@ class Tolerances(Part):
     fiber_angle: Degrees | None = None
     sigma_v: Relative | None = None
     scattering: Relative | None = None
-    diffuser_thickness: Millimetres | None = None
+    diffuser_thickness: Millimeters | None = None
     camera_gain: Relative | None = None
 
     def spreads(self) -> dict[str, Spread]:

@@ -41,7 +41,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
     conformal, preview = metadata.conformal, metadata.preview
     checked = conformal["checked"]
     found = (
-        f"{checked['counts']:.1%} of facet colours and {checked['score']:.1%} of scores"
+        f"{checked['counts']:.1%} of facet colors and {checked['score']:.1%} of scores"
         if checked
         else "not checked: one direction node only"
     )
@@ -51,9 +51,10 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
         [
             f"# Surrogate of {metadata.scene}",
             "",
-            "Predicts the camera colours of every facet, with a spread, the metric and the score "
+            "Predicts the camera colors of every facet, with a spread, the metric and the score "
             "of a lighting design, from the preview and a residual that was learned from renders "
-            "of level 2.",
+            "of the reference (level 2: bidirectional path tracing with multiple importance "
+            "sampling).",
             "",
             "## How it was made",
             "",
@@ -85,8 +86,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "Every cell of these random designs was predicted by a member that did not see its "
             "fiber position, direction and bend together. The reference's own noise is part of "
             "all numbers but one: with noise of this size in both, even the reference rendered "
-            "again would show the first row. Colours: length of the difference over "
-            "length of the reference's colour. Scores in counts.",
+            "again would show the first row. Colors: length of the difference over "
+            "length of the reference's color. Scores in counts.",
             "",
             *_table(fit.levels),
             "",
@@ -136,8 +137,8 @@ def _family(metadata: ModelMetadata) -> str:
 
 def _table(rows: tuple[LevelErrors, ...]) -> list[str]:
     head = [
-        "| level | cell, median | cell, 95 % | colour, median | colour, 95 % | colour, rms "
-        "| colour, rms without noise | score, median "
+        "| level | cell, median | cell, 95 % | color, median | color, 95 % | color, rms "
+        "| color, rms without noise | score, median "
         "| score, 95 % | Kendall tau |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]

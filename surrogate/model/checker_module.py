@@ -127,7 +127,7 @@ class Lagrange(nn.Module):
 
 
 class Checker(nn.Module):
-    """From a lighting design to the colours it must produce, with their uncertainty.
+    """From a lighting design to the colors it must produce, with their uncertainty.
 
     Arguments of the constructor:
         scene: the sensor.
@@ -135,7 +135,7 @@ class Checker(nn.Module):
         residual: model of log(T_reference / T_preview), see ``networks``.
         exposure: counts per unit of radiance; lam: weight of M_phi in eq. (4.6).
         spread: ``(b0, b1)``: log of the standard deviation of one cell's residual is
-            ``b0 + b1 z``, with z the standardised log preview of the untouched pad.
+            ``b0 + b1 z``, with z the standardized log preview of the untouched pad.
     """
 
     logarithmic: Tensor
@@ -202,13 +202,13 @@ class Checker(nn.Module):
     def _scaled(self, phi: Tensor, power: Tensor, bend: Tensor, material: Tensor | None) -> Tensor:
         """Return all inputs of a design in one row, 0 to 1 inside the trained range.
 
-        ``(batch, fiber + 3 fiber + quantity + bend)``; power by colour first.
+        ``(batch, fiber + 3 fiber + quantity + bend)``; power by color first.
         """
         low, high = self.bends
         level = (bend - low) / (high - low) if high > low else bend - low
-        colours = power.transpose(1, 2).flatten(1)
+        colors = power.transpose(1, 2).flatten(1)
         if material is None or self.free is None:
-            return torch.cat([phi / math.pi, colours, level], dim=1)
+            return torch.cat([phi / math.pi, colors, level], dim=1)
         ends = np.stack([self.free.low, self.free.high])
         start, stop = np.where(self.free.logarithmic, np.log(ends), ends)
         # The logarithm of what is not positive is not finite, and gives NaN as such input does.
@@ -217,7 +217,7 @@ class Checker(nn.Module):
             (value[:, i : i + 1] - float(a)) / float(b - a)
             for i, (a, b) in enumerate(zip(start, stop, strict=True))
         ]
-        return torch.cat([phi / math.pi, colours, *columns, level], dim=1)
+        return torch.cat([phi / math.pi, colors, *columns, level], dim=1)
 
     def transport(
         self, phi: Tensor, bend: Tensor, material: Tensor | None = None
@@ -263,8 +263,8 @@ def _superposed(weight: Tensor, light: Tensor) -> Tensor:
     sums = torch.matmul(weight, light.flatten(-2))
     sums = sums.reshape(*sums.shape[:-1], bends, sites)
     lead = list(range(light.ndim - 5))
-    normal, batch, colour, bend, site = range(light.ndim - 5, light.ndim)
-    return sums.permute(*lead, batch, bend, site, normal, colour)
+    normal, batch, color, bend, site = range(light.ndim - 5, light.ndim)
+    return sums.permute(*lead, batch, bend, site, normal, color)
 
 
 def _within(x: Tensor) -> Tensor:

@@ -155,7 +155,7 @@ class Checker:
     def transport_table(self, phi: Array, bends: Array | None = None) -> TransportTable:
         """Return the transport at direction nodes ``phi`` ``(phi_node,)`` rad.
 
-        Light is linear: three fibers are lit per run, one per colour channel, at a power that
+        Light is linear: three fibers are lit per run, one per color channel, at a power that
         clips nothing. ``se`` is one standard deviation of the model's error of single cells; the
         background's is that of its site's facets, relatively.
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from render.errors import ModelError
-from render.metric import MetricConfig
+from render.metric import MetricConfig, current_conventions
 
 SCHEMA = "tactilux-checker-1"
 LICENCE = "Apache-2.0"
@@ -90,7 +90,7 @@ class ModelMetadata:
     @property
     def metric(self) -> MetricConfig:
         """The metric's conventions."""
-        return MetricConfig(**self.conventions)
+        return MetricConfig(**current_conventions(self.conventions))
 
 
 def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:

@@ -35,7 +35,7 @@ def fit_spread(
         error: out-of-fold ``T_reference / T_prediction - 1``.
         noise: standard error of the reference, relative to the prediction.
         ensemble: variance among the members.
-        brightness: the standardised log preview z.
+        brightness: the standardized log preview z.
     """
     from scipy.optimize import minimize
 

@@ -1,7 +1,7 @@
 """Errors on held-out designs: random lighting whose every cell was predicted out of fold.
 
 Transport here has the axes ``(direction, fiber, bend, site, normal)`` of the training cells; a
-design picks one direction and one colour per fiber.
+design picks one direction and one color per fiber.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Designs:
 
     Arguments:
         direction: ``(design, fiber)`` index of the direction.
-        power: ``(design, fiber, 3)``, one colour per fiber at full power.
+        power: ``(design, fiber, 3)``, one color per fiber at full power.
     """
 
     direction: np.ndarray
@@ -38,7 +38,7 @@ def random_designs(
     """Return ``count`` designs over the directions ``allowed`` ``(direction, fiber)``.
 
     A design stays within one ``block`` ``(direction,)``: a sensor is made of one material.
-    Neighbouring fibers share a colour in runs of 1, 2 or 4, as the candidates of a search do;
+    Neighboring fibers share a color in runs of 1, 2 or 4, as the candidates of a search do;
     every third design has a run length of its own.
     """
     fibers = allowed.shape[1]
@@ -49,15 +49,15 @@ def random_designs(
         np.stack([rng.choice(np.flatnonzero(ok), size=len(share)) for ok in choices.T], axis=1)
         for choices, share in zip(usable, shares, strict=True)
     ]
-    return Designs(np.concatenate(drawn), random_colours(count, fibers, rng))
+    return Designs(np.concatenate(drawn), random_colors(count, fibers, rng))
 
 
-def random_colours(count: int, fibers: int, rng: np.random.Generator) -> Array:
-    """Return powers ``(design, fiber, 3)``: one colour per fiber, in runs of 1, 2 or 4."""
-    colour = rng.integers(0, 3, size=(count, fibers))
+def random_colors(count: int, fibers: int, rng: np.random.Generator) -> Array:
+    """Return powers ``(design, fiber, 3)``: one color per fiber, in runs of 1, 2 or 4."""
+    color = rng.integers(0, 3, size=(count, fibers))
     run = np.array([1, 2, 4])[np.arange(count) % 3]
     start = (np.arange(fibers) // run[:, None]) * run[:, None]
-    return np.eye(3)[np.take_along_axis(colour, start, axis=1)]
+    return np.eye(3)[np.take_along_axis(color, start, axis=1)]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class LevelErrors:
     Arguments:
         level: what predicted.
         cell_median, cell_p95: ``|T / T_reference - 1|`` of single cells.
-        facet_median, facet_p95: ``|c - c_reference| / |c_reference|`` of facet colours.
+        facet_median, facet_p95: ``|c - c_reference| / |c_reference|`` of facet colors.
         facet_rms: root of ``sum |c - c_reference|^2 / sum |c_reference|^2``.
         facet_rms_true: the same without the reference's own noise, whose known variance is taken
             off both sums; 0 when the noise explains everything.
@@ -97,7 +97,7 @@ class Exam:
         designs: what is asked.
         exposure, lam: of the scene.
         examined: ``(direction, fiber, bend)`` cells that were held out.
-        bends: indices of the bends that colours and scores are compared at.
+        bends: indices of the bends that colors and scores are compared at.
     """
 
     reference: Array

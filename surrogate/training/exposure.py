@@ -9,13 +9,13 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.geometry.layout import fiber_edges
 from render.metric import choose_exposure, choose_lambda, image_counts
-from render.scene.schema import COLOURS, Scene
+from render.scene.schema import COLORS, Scene
 from render.transport import TransportTable
 
 
 def baseline_power(scene: Scene) -> Array:
-    """Return the power ``(fiber, 3)`` of the baseline design: one colour per edge (thesis 5.1)."""
-    index = [COLOURS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
+    """Return the power ``(fiber, 3)`` of the baseline design: one color per edge (thesis 5.1)."""
+    index = [COLORS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
     return np.asarray(np.eye(3)[index])
 
 

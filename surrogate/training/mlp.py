@@ -45,7 +45,7 @@ def fit_networks(
 ) -> NetworkEnsemble:
     """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
 
-    Minimises the weighted gamma deviance (:func:`surrogate.training.regression.deviance`).
+    Minimizes the weighted gamma deviance (:func:`surrogate.training.regression.deviance`).
     ``progress`` is called with (steps done, steps in all).
     """
     generator = torch.Generator().manual_seed(seed)

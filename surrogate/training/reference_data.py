@@ -66,7 +66,7 @@ def render_reference(
     *,
     seed: int,
     minutes: float,
-    mutations: int | None,
+    samples: int | None,
     phi_count: int,
     bend_count: int,
     materials: Array | None,
@@ -79,7 +79,7 @@ def render_reference(
         run: where plans and renders are kept.
         seed: of the renders; every material has light paths of its own.
         minutes: rendering time of all materials together.
-        mutations: per cell and material instead.
+        samples: per cell and material instead.
         phi_count: nodes in phi.
         bend_count: nodes in the bend.
         materials: ``(material, quantity)``; None renders the scene's own alone.
@@ -100,7 +100,7 @@ def render_reference(
             one,
             folder,
             minutes=minutes / len(scenes),
-            mutations=mutations,
+            samples=samples,
             seed=seed + 100 * number,
             phi_count=phi_count,
             bend_count=bend_count,

@@ -51,7 +51,7 @@ class Rows:
 
     @property
     def brightness(self) -> Array:
-        """The standardised log preview ``(direction, fiber, bend, site)`` of the untouched pad."""
+        """The standardized log preview ``(direction, fiber, bend, site)`` of the untouched pad."""
         return self.x[:, BRIGHTNESS].double().numpy().reshape(self.shape)
 
     def fold_rows(self, fold: np.ndarray) -> Tensor:

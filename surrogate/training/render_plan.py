@@ -1,4 +1,4 @@
-"""The training renders: which cells, how many mutations, and where an interrupted run goes on."""
+"""The training renders: which cells, how many samples, and where an interrupted run goes on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from render.transport import TransportTable
 from surrogate.model.preview_grid import bend_range
 
 LEAST = 8
-"""Mutations per cell, however little time there is."""
+"""Samples per cell, however little time there is."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,13 @@ class RenderPlan:
 
     Arguments:
         scene_hash: of the scene.
-        mutations: proposed mutations per (fiber, facet) pair and seed.
+        samples: proposed samples per (fiber, facet) pair and seed.
         seeds: of the independent runs.
         phi, bends: nodes in rad.
     """
 
     scene_hash: str
-    mutations: int
+    samples: int
     seeds: list[int]
     phi: list[float]
     bends: list[float]
@@ -54,14 +54,14 @@ def make_plan(
     folder: Path,
     *,
     minutes: float,
-    mutations: int | None,
+    samples: int | None,
     seed: int,
     phi_count: int,
     bend_count: int,
 ) -> RenderPlan:
-    """Return the plan in ``folder``, or a new one; ``mutations`` None fills ``minutes``.
+    """Return the plan in ``folder``, or a new one; ``samples`` None fills ``minutes``.
 
-    A stored plan is taken up only when it asks for the same scene, nodes, seed and mutations.
+    A stored plan is taken up only when it asks for the same scene, nodes, seed and samples.
     """
     phi = chebyshev_nodes(phi_count, 0.0, np.pi).tolist()
     bends = training_bends(scene, bend_count).tolist()
@@ -71,12 +71,12 @@ def make_plan(
     if (
         stored is not None
         and (stored.scene_hash, stored.seeds, stored.phi, stored.bends) == wanted
-        and mutations in (None, stored.mutations)
+        and samples in (None, stored.samples)
     ):
         return stored
-    if mutations is None:
-        mutations = _affordable(scene, np.array(phi), np.array(bends), minutes)
-    plan = RenderPlan(scene.hash, mutations, [seed + 1], phi, bends)
+    if samples is None:
+        samples = _affordable(scene, np.array(phi), np.array(bends), minutes)
+    plan = RenderPlan(scene.hash, samples, [seed + 1], phi, bends)
     _write_json(path, asdict(plan))
     return plan
 
@@ -96,7 +96,7 @@ def render_plan(
         scene,
         np.array(plan.phi),
         np.array(plan.bends),
-        mutations=plan.mutations,
+        samples=plan.samples,
         seeds=plan.seeds,
         checkpoint=folder / "reference",
         runner=runner,
@@ -121,7 +121,7 @@ def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> Transp
 
 
 def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
-    """Return the mutations that fill ``minutes``."""
+    """Return the samples that fill ``minutes``."""
     pace = render_pace(scene, phi)
     left = 60.0 * minutes - pace.spent - pace.fixed * len(bends)
     return max(LEAST, int(left / (pace.each * len(bends))))

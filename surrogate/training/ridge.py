@@ -20,7 +20,7 @@ def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> Rid
     Fisher scoring for the gamma deviance (McCullagh and Nelder 1989, 2.5): least squares for the
     working response ``z = r + y exp(-r) - 1``, which starts at log y. The target of a row is the
     weighted projection of its responses on the basis of the normal; rows count by the mean weight
-    of their cells. ``penalty`` multiplies the squared weights of the standardised features (Hoerl
+    of their cells. ``penalty`` multiplies the squared weights of the standardized features (Hoerl
     and Kennard 1970).
     """
     from sklearn.linear_model import Ridge
@@ -30,7 +30,7 @@ def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> Rid
     first, second = torch.triu_indices(inputs, inputs)
     features = quadratic(rows.x.double(), first, second).numpy()[:, 1:]
     center, scale = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-6)
-    standardised = (features - center) / scale
+    standardized = (features - center) / scale
     index = rows.fold_rows(fold).numpy()
     start = _project(rows, torch.log(torch.clamp(rows.ratio, min=LEAST_RATIO)))
     weights = []
@@ -38,8 +38,8 @@ def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> Rid
         seen, target = index != member, start
         for _ in range(1 + SCORING_STEPS):
             model = Ridge(alpha=penalty * row_weight[seen].sum())
-            model.fit(standardised[seen], target[seen], sample_weight=row_weight[seen])
-            predicted = torch.as_tensor(model.predict(standardised), dtype=torch.float32)
+            model.fit(standardized[seen], target[seen], sample_weight=row_weight[seen])
+            predicted = torch.as_tensor(model.predict(standardized), dtype=torch.float32)
             residual = expand(predicted, rows.basis)
             target = _project(rows, residual + rows.ratio * torch.exp(-residual) - 1.0)
         slope = model.coef_.T / scale[:, None]

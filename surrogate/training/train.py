@@ -43,8 +43,8 @@ class TrainConfig:
     """What is rendered and fitted.
 
     Arguments:
-        minutes: rendering time that the mutations are chosen for.
-        mutations: mutations per (fiber, facet) pair instead; the same number on any machine.
+        minutes: rendering time that the samples are chosen for.
+        samples: samples per (fiber, facet) pair instead; the same number on any machine.
         phi_nodes, bend_nodes: nodes of the reference.
         preview_nodes: nodes of the preview in phi and bend.
         materials, preview_materials: how many materials are rendered, and drawn by the preview,
@@ -53,7 +53,7 @@ class TrainConfig:
     """
 
     minutes: float = 40.0
-    mutations: int | None = None
+    samples: int | None = None
     phi_nodes: int = 11
     bend_nodes: int = 5
     preview_nodes: tuple[int, int] = (11, 9)
@@ -86,7 +86,7 @@ def train(
 ) -> Trained:
     """Make the model of ``scene`` in the folder ``out``; all its files appear together.
 
-    Deterministic for a seed, a number of mutations and a processor type.
+    Deterministic for a seed, a number of samples and a processor type.
 
     Arguments:
         scene: the sensor.
@@ -95,7 +95,7 @@ def train(
         table: a reference table with background to fit to, instead of rendering one.
         run: directory where an interrupted render goes on (default: beside ``out``); the
             finished table is ``reference.npz`` in it.
-        config: nodes, mutations and network.
+        config: nodes, samples and network.
         command: the command line, for the model card.
         progress: called as the work goes on.
 
@@ -205,7 +205,7 @@ def _reference(
         run,
         seed=seed,
         minutes=config.minutes,
-        mutations=config.mutations,
+        samples=config.samples,
         phi_count=config.phi_nodes,
         bend_count=config.bend_nodes,
         materials=None if free is None else free.samples(config.materials),

@@ -1,4 +1,4 @@
-"""Facet colours by simpler means, to compare the reference renderer's cost with.
+"""Facet colors by simpler means, to compare the reference renderer's cost with.
 
 Both return replicates ``(replicate, target)`` of the radiance of every facet with all fibers lit.
 """
@@ -63,7 +63,7 @@ def _light_tracer(scene: Any, sensor: Any, emission: Emission, stream: Any) -> t
     while active:
         head, v, arrived, escaped = advance(scene, head, active)
         v.vcm, v.vc = mi.Float(0.0), mi.Float(0.0)
-        # Facet colours are light that comes from the coating: through the face after it.
+        # Facet colors are light that comes from the coating: through the face after it.
         uv, value = project(scene, sensor, v, 1.0, arrived & ~v.delta & coated & ~v.volume)
         amount = dr.mean(value)
         total += amount

@@ -22,7 +22,7 @@ from render.reference.transport import pad_jobs
 from render.scene.schema import load_scene
 from tests.optimize.overnight.tiny import rows, start
 
-MUTATIONS = 40
+SAMPLES = 40
 """Per cell: renders of one to three seconds on two cores, as short as those of a short night."""
 OVERHEAD, RESUME = 0.02, 10.0
 
@@ -64,12 +64,12 @@ def test_what_logging_and_scheduling_add_to_renders(
 ) -> None:
     scene = load_scene("finger20")
     phi, bends = chebyshev_nodes(11, 0.0, np.pi), np.array(scene.bending.angles)
-    jobs = pad_jobs(scene, phi, bends, mutations=MUTATIONS, seeds=[1])
-    store = Store(tmp_path, Request(scene.hash, "", 0, MUTATIONS), lambda text: None)
+    jobs = pad_jobs(scene, phi, bends, samples=SAMPLES, seeds=[1])
+    store = Store(tmp_path, Request(scene.hash, "", 0, SAMPLES), lambda text: None)
     workers = Timed()
     runner = StoredRenders(store, workers, Signals())
     began = time.perf_counter()
-    results = runner(jobs, Clock(sum(job.mutations for job in jobs), None))
+    results = runner(jobs, Clock(sum(job.samples for job in jobs), None))
     added = time.perf_counter() - began - workers.seconds
     store.close("finished")
     assert len(results) == len(jobs)
@@ -93,7 +93,7 @@ def logged(run: Path) -> int:
 def test_a_killed_night_renders_again_soon(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    words = "overnight", "finger20", "--out", tmp_path, "--mutations", 256
+    words = "overnight", "finger20", "--out", tmp_path, "--samples", 256
     first = start(*words)
     while logged(tmp_path) < 3:
         assert first.poll() is None

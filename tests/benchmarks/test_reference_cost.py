@@ -1,7 +1,7 @@
-"""What a facet colour costs at level 2, against simpler renderers: squared error times seconds.
+"""What a facet color costs at level 2, against simpler renderers: squared error times seconds.
 
 Cost = squared relative error (pooled over all facets: sum of variances over sum of squared means)
-x processor seconds over two cores; it does not depend on how long a renderer runs. The colours
+x processor seconds over two cores; it does not depend on how long a renderer runs. The colors
 are those of finger20 with all fibers lit, flat. A renderer that has not yet seen its rare bright
 paths looks better than it is: the ratios for the simpler ones are lower bounds.
 """
@@ -53,7 +53,7 @@ def cost(draw: Callable[[int, int], np.ndarray], passes: int) -> tuple[float, fl
     )
 
 
-def test_the_cost_of_facet_colours(
+def test_the_cost_of_facet_colors(
     mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from render.reference.lit_scene import lit_scene

@@ -38,8 +38,8 @@ def test_a_check_and_its_recall() -> None:
     taken = []
     for _ in range(15):
         began = time.perf_counter()
-        colours = np.stack([spots.colours(photo) for photo in photos])
-        check_sweep(prediction, prediction.alone + colours, known)
+        colors = np.stack([spots.colors(photo) for photo in photos])
+        check_sweep(prediction, prediction.alone + colors, known)
         taken.append(time.perf_counter() - began)
     best = min(taken)
     print(

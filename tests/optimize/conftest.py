@@ -36,7 +36,7 @@ MODELS = Path(__file__).parents[2] / "models"
 NOISE = 0.01  # relative, of invented renders
 TITLES = {
     "baseline": "Baseline",
-    "colours": "Colours",
+    "colors": "Colors",
     "thesis": "Thesis procedure",
     "winner": "Winner",
     "runner-up": "Runner-up",
@@ -94,7 +94,7 @@ def finger20() -> Scene:
 
 @pytest.fixture(scope="session")
 def sample_stages(finger20: Scene) -> StageMaker:
-    """Make baseline, colours and optimised stages with given scores, each plus minus 3."""
+    """Make baseline, colors and optimized stages with given scores, each plus minus 3."""
     return lambda *scores: _stages(finger20, scores)
 
 
@@ -106,13 +106,13 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
     mixed = np.arange(scene.fibers.count) % 3
     designs = [
         base,
-        Design.of_colours(base.phi, mixed),
-        Design.of_colours(rng.uniform(0.5, 2.6, scene.fibers.count), mixed),
+        Design.of_colors(base.phi, mixed),
+        Design.of_colors(rng.uniform(0.5, 2.6, scene.fibers.count), mixed),
     ]
     texts = [
         ("baseline", "Baseline", ""),
-        ("colours", "Colours", "the colour search"),
-        ("optimized", "Optimised", "the fiber directions"),
+        ("colors", "Colors", "the color search"),
+        ("optimized", "Optimized", "the fiber directions"),
     ]
     return [
         Stage(
@@ -150,16 +150,16 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> Night:
     rng = np.random.default_rng(11)
     straight = np.full(20, np.pi / 2)
     # What tactilux explore finds on the shipped surrogate, to a degree.
-    colours = [0, 0, 0, 0, 2, 0, 0, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0, 0]
+    colors = [0, 0, 0, 0, 2, 0, 0, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0, 0]
     degrees = [69, 79, 102, 120, 101, 66, 154, 105, 76, 90]
     degrees += [101, 110, 106, 106, 81, 76, 105, 88, 68, 61]
     turned = np.radians(degrees)
     designs = {
         "baseline": baseline_design(finger20),
-        "colours": Design.of_colours(straight, colours),
-        "thesis": Design.of_colours(straight + 0.1, colours),
-        "winner": Design.of_colours(turned, colours),
-        "runner-up": Design.of_colours(0.5 * (straight + turned), colours),
+        "colors": Design.of_colors(straight, colors),
+        "thesis": Design.of_colors(straight + 0.1, colors),
+        "winner": Design.of_colors(turned, colors),
+        "runner-up": Design.of_colors(0.5 * (straight + turned), colors),
     }
     finalists = tuple(
         _finalist(finger20, finger20_checker, rng, key, design) for key, design in designs.items()
@@ -191,7 +191,7 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> Night:
         trade=(
             _level("preview", 0.004, 0.028, 0.087, 1.94, 0.93),
             _level("checker.onnx", 0.0006, 0.013, 0.029, 0.95, 0.96),
-            _level("PSSMLT, 96 mutations", 9.0, 0.03, 0.07, 2.4, 0.91),
+            _level("PSSMLT, 96 samples", 9.0, 0.03, 0.07, 2.4, 0.91),
         ),
         facts=(("Scene", f"finger20, {finger20.hash}"), ("Seed", "0"), ("Budget", "8 h")),
     )

@@ -110,10 +110,10 @@ def explore_report(
 ) -> Path:
     rng = np.random.default_rng(5)
     base = baseline_design(finger20)
-    mixed = Design.of_colours(base.phi, np.arange(20) % 3)
+    mixed = Design.of_colors(base.phi, np.arange(20) % 3)
     turned = Design(rng.uniform(0.5, 2.6, 20), mixed.power)
-    texts = [("baseline", "Baseline", ""), ("colours", "Colours", "the colour search")]
-    texts += [("optimized", "Optimised", "the fiber directions")]
+    texts = [("baseline", "Baseline", ""), ("colors", "Colors", "the color search")]
+    texts += [("optimized", "Optimized", "the fiber directions")]
     stages = tuple(
         rate(finger20_checker, finger20, *text, design)
         for text, design in zip(texts, (base, mixed, turned), strict=True)
@@ -150,7 +150,7 @@ def test_every_picture_of_a_report_shows(chromium: Browser, report: Path, screen
     seen = look(chromium, report, screen)
     assert seen.blank == []
     assert seen.pictures >= 3 * 3 + 6 + 2
-    # Grey levels of smooth letters, at least: the page is not blank.
+    # Gray levels of smooth letters, at least: the page is not blank.
     assert len(np.unique(seen.shot)) > 50
 
 

@@ -47,7 +47,7 @@ def test_metric_of_a_hand_computed_site() -> None:
     counts = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 15.0]])
     intensity, hue = metric_terms(counts)
     assert intensity == pytest.approx(10.0 - 5.0)
-    assert hue == pytest.approx(np.sqrt(2.0))  # both neighbour steps are equal: no spread
+    assert hue == pytest.approx(np.sqrt(2.0))  # both neighbor steps are equal: no spread
     assert site_metric(counts, 3.0) == pytest.approx(5.0 + 3.0 * np.sqrt(2.0))
 
 
@@ -65,7 +65,7 @@ def test_pairwise_metric_equals_the_plain_double_loop() -> None:
 
 @quick
 @given(counts_arrays, st.permutations([0, 1, 2]))
-def test_permuting_the_colours_changes_nothing(counts: Array, order: list[int]) -> None:
+def test_permuting_the_colors_changes_nothing(counts: Array, order: list[int]) -> None:
     assert score_of(counts[..., order]) == pytest.approx(score_of(counts), abs=1e-9)
 
 
@@ -204,5 +204,5 @@ def test_lambda_gives_both_terms_the_same_weight() -> None:
     lam = choose_lambda(counts)
     intensity, hue = metric_terms(counts)
     assert intensity.mean() == pytest.approx(lam * hue.mean())
-    with pytest.raises(TableError, match="different colours"):
+    with pytest.raises(TableError, match="different colors"):
         choose_lambda(np.ones((1, 1, 6, 3)))

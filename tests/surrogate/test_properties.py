@@ -85,7 +85,7 @@ def test_dimming_all_light_dims_counts_and_spread_and_keeps_the_hue(
 @few
 @given(seed=seeds, order=st.permutations([0, 1, 2]))
 @torch.no_grad()
-def test_colours_have_no_names(checker: Checker, scene: Scene, seed: int, order: list[int]) -> None:
+def test_colors_have_no_names(checker: Checker, scene: Scene, seed: int, order: list[int]) -> None:
     phi, power, bend = design(scene, seed)
     plain, permuted = checker(phi, power, bend), checker(phi, power[..., order], bend)
     torch.testing.assert_close(permuted.counts, plain.counts[..., order])
@@ -155,16 +155,16 @@ def test_no_light_and_too_much_light_are_finite(
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("colour", [0, 1, 2])
-def test_all_fibers_one_colour_and_a_single_fiber_are_finite(
-    checker: Checker, scene: Scene, colour: int
+@pytest.mark.parametrize("color", [0, 1, 2])
+def test_all_fibers_one_color_and_a_single_fiber_are_finite(
+    checker: Checker, scene: Scene, color: int
 ) -> None:
     phi, _, bend = design(scene, 2)
     power = torch.zeros(2, scene.fibers.count, 3)
-    power[0, :, colour] = 1.0
-    power[1, 3, colour] = 1.0
+    power[0, :, color] = 1.0
+    power[1, 3, color] = 1.0
     found = checker(phi.expand(2, -1), power, bend.expand(2, -1))
     assert all(value.isfinite().all() for value in found)
-    others = [c for c in range(3) if c != colour]
+    others = [c for c in range(3) if c != color]
     assert (found.counts[..., others] == 0).all()
-    assert (found.counts[..., colour] > 0).all()
+    assert (found.counts[..., color] > 0).all()

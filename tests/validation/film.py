@@ -29,15 +29,15 @@ def camera(
     return {"type": "perspective", "fov": fov, "to_world": to_world, "film": film}
 
 
-def grey(mi: ModuleType, value: float) -> dict[str, Any]:
-    """Return a grey reflectance or radiance in any variant."""
+def gray(mi: ModuleType, value: float) -> dict[str, Any]:
+    """Return a gray reflectance or radiance in any variant."""
     kind = "rgb" if "rgb" in str(mi.variant()) else "uniform"
     return {"type": kind, "value": value}
 
 
 def diffuse(mi: ModuleType, albedo: float) -> dict[str, Any]:
     """Return a Lambertian BSDF."""
-    return {"type": "diffuse", "reflectance": grey(mi, albedo)}
+    return {"type": "diffuse", "reflectance": gray(mi, albedo)}
 
 
 def ours(

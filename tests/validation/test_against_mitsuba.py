@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.validation.film import LONG, camera, check_same, diffuse, grey, ours, theirs
+from tests.validation.film import LONG, camera, check_same, diffuse, gray, ours, theirs
 from tests.validation.rooms import ball, glass, milk, room
 
 SPP, THEIR_SPP = (32768, 4096) if LONG else (1024, 64)
@@ -62,7 +62,7 @@ def floor_under_milk(mi: ModuleType) -> Any:
             "lamp": {
                 "type": "disk", "bsdf": black,
                 "to_world": transform.translate([0, 0, 2.4]).rotate([1, 0, 0], 180).scale(0.6),
-                "emitter": {"type": "area", "radiance": grey(mi, 10.0)},
+                "emitter": {"type": "area", "radiance": gray(mi, 10.0)},
             },
             "tube": {
                 "type": "cylinder", "p0": [0, 0, 1.4], "p1": [0, 0, 2.5], "radius": 0.61,

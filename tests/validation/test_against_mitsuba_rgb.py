@@ -1,4 +1,4 @@
-"""Coloured light in coloured media, in Mitsuba's rgb variant (a process of its own).
+"""Colored light in colored media, in Mitsuba's rgb variant (a process of its own).
 
 Mitsuba's variant can be changed only before its types are used, so no other test shares this file.
 """
@@ -24,7 +24,7 @@ def rgb() -> ModuleType:
 
 
 @pytest.mark.parametrize("kind", ["bdpt", "pssmlt"] if LONG else ["pssmlt"])
-def test_the_cornell_box_has_the_colours_that_mitsuba_finds(rgb: ModuleType, kind: str) -> None:
+def test_the_cornell_box_has_the_colors_that_mitsuba_finds(rgb: ModuleType, kind: str) -> None:
     scene = rgb.load_dict(
         rgb.cornell_box() | {"sensor": camera(rgb, [0, 0, 3.9], fov=30, target=(0, -0.3, 0))}
     )
@@ -34,16 +34,16 @@ def test_the_cornell_box_has_the_colours_that_mitsuba_finds(rgb: ModuleType, kin
 
 
 @pytest.mark.parametrize("kind", ["bdpt", "pssmlt"] if LONG else ["bdpt"])
-def test_coloured_media_have_the_colours_that_mitsuba_finds(rgb: ModuleType, kind: str) -> None:
+def test_colored_media_have_the_colors_that_mitsuba_finds(rgb: ModuleType, kind: str) -> None:
     scene = room(
         rgb, point=True, milk=ball(0.8, glass(0.3), milk(rgb)),
         fog=ball(-0.8, {"type": "null"}, milk(rgb, 1.0, -0.4)),
     )  # fmt: skip
     truth = theirs(rgb, scene, "volpath", THEIR_SPP)
-    check_same(ours(rgb, scene, kind, SPP), truth, f"coloured media, {kind}")
+    check_same(ours(rgb, scene, kind, SPP), truth, f"colored media, {kind}")
 
 
-def test_one_path_colours_every_channel_of_grey_light_alike(rgb: ModuleType) -> None:
+def test_one_path_colors_every_channel_of_gray_light_alike(rgb: ModuleType) -> None:
     towards = rgb.ScalarTransform4f().rotate([0, 1, 0], 180)
     scene = rgb.load_dict(
         {

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from render.errors import RenderError
-from tests.validation.film import camera, diffuse, grey
+from tests.validation.film import camera, diffuse, gray
 
 SMALL = {"chains": 1024, "luminance_samples": 4096}
 
@@ -27,7 +27,7 @@ def lit_plane(mono: ModuleType, **parts: Any) -> Any:
             "type": "rectangle", "to_world": mono.ScalarTransform4f().rotate([0, 1, 0], 180),
             "bsdf": diffuse(mono, 0.5),
         },
-        "lamp": {"type": "point", "position": [0, 0, -1], "intensity": grey(mono, 1.0)},
+        "lamp": {"type": "point", "position": [0, 0, -1], "intensity": gray(mono, 1.0)},
         "sensor": camera(mono, [0, 0, -3]),
     } | parts  # fmt: skip
     return mono.load_dict({key: part for key, part in content.items() if part is not None})
@@ -51,7 +51,7 @@ def other_sensor(mono: ModuleType, kind: str) -> dict[str, Any]:
 
 
 def unlit(mono: ModuleType) -> dict[str, Any]:
-    return {"type": "point", "position": [0, 0, -1], "intensity": grey(mono, 0.0)}
+    return {"type": "point", "position": [0, 0, -1], "intensity": gray(mono, 0.0)}
 
 
 def shown_by_mitsuba(mono: ModuleType, scene: Any, integrator: Any) -> str:
@@ -87,7 +87,7 @@ CASES: dict[str, tuple[Any, str, str]] = {
 DARK: dict[str, tuple[Any, str, str]] = {
     "light that is off": (lambda mono: {"lamp": unlit(mono)}, "emitter", "emits nothing: raise"),
     "light behind the plane": (
-        lambda mono: {"lamp": unlit(mono) | {"position": [0, 0, 1], "intensity": grey(mono, 1.0)}},
+        lambda mono: {"lamp": unlit(mono) | {"position": [0, 0, 1], "intensity": gray(mono, 1.0)}},
         "luminance_samples", "raise it",
     ),
 }  # fmt: skip

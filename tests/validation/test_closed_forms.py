@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.validation.film import LONG, camera, check_truth, diffuse, grey, ours
+from tests.validation.film import LONG, camera, check_truth, diffuse, gray, ours
 
 KINDS = ["bdpt", "pssmlt"] if LONG else ["bdpt"]
 SPP = 16384 if LONG else 1024
@@ -42,7 +42,7 @@ def test_every_wall_of_a_furnace_shows_what_it_emits_over_one_minus_albedo(
 ) -> None:
     room = {
         "type": "cube", "flip_normals": True, "bsdf": diffuse(mono, albedo),
-        "emitter": {"type": "area", "radiance": grey(mono, 2.0)},
+        "emitter": {"type": "area", "radiance": gray(mono, 2.0)},
     }  # fmt: skip
     scene = mono.load_dict(
         {"type": "scene", "room": room, "sensor": camera(mono, [0.3, -0.2, -0.9])}
@@ -55,7 +55,7 @@ def test_every_wall_of_a_furnace_shows_what_it_emits_over_one_minus_albedo(
 def test_max_depth_cuts_the_furnaces_series_where_it_says(mono: ModuleType, depth: int) -> None:
     room = {
         "type": "cube", "flip_normals": True, "bsdf": diffuse(mono, 0.5),
-        "emitter": {"type": "area", "radiance": grey(mono, 2.0)},
+        "emitter": {"type": "area", "radiance": gray(mono, 2.0)},
     }  # fmt: skip
     scene = mono.load_dict({"type": "scene", "room": room, "sensor": camera(mono, [0, 0, -0.9])})
     images = ours(mono, scene, "bdpt", SPP // 2, max_depth=depth)
@@ -72,7 +72,7 @@ def test_an_integrating_sphere_is_equally_bright_everywhere(mono: ModuleType, ki
                 "type": "sphere", "radius": radius, "flip_normals": True,
                 "bsdf": diffuse(mono, albedo),
             },
-            "lamp": {"type": "point", "position": [0, 0, 0], "intensity": grey(mono, intensity)},
+            "lamp": {"type": "point", "position": [0, 0, 0], "intensity": gray(mono, intensity)},
             "sensor": camera(mono, [0, 0, -1.2]),
         }
     )  # fmt: skip
@@ -95,13 +95,13 @@ def test_two_points_and_a_lamp_over_a_plane_add_up(mono: ModuleType, kind: str) 
         "lamp": {
             "type": "rectangle", "to_world": transform.translate(lamp.tolist()).scale(side),
             "bsdf": diffuse(mono, 0.0),
-            "emitter": {"type": "area", "radiance": grey(mono, radiance)},
+            "emitter": {"type": "area", "radiance": gray(mono, radiance)},
         },
         "sensor": camera(mono, [0, 0, -5], fov=40),
     }  # fmt: skip
     for i, (position, intensity) in enumerate(points):
         content[f"point{i}"] = {
-            "type": "point", "position": position, "intensity": grey(mono, intensity),
+            "type": "point", "position": position, "intensity": gray(mono, intensity),
         }  # fmt: skip
     rays = pixel_rays(8, 40)
     hit = np.array([0, 0, -5.0]) + rays * (5.0 / rays[..., 2:])
@@ -134,7 +134,7 @@ def absorber(mono: ModuleType, face: dict[str, Any], sigma_t: float, **parts: An
 
 
 def fresnel(cosine: np.ndarray, index: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reflectance of a face for unpolarised light and the cosine behind it."""
+    """Return the reflectance of a face for unpolarized light and the cosine behind it."""
     inside = np.sqrt(1 - (1 - cosine**2) / index**2)
     s = (cosine - index * inside) / (cosine + index * inside)
     p = (inside - index * cosine) / (inside + index * cosine)
@@ -146,7 +146,7 @@ def backlight(mono: ModuleType, radiance: float) -> dict[str, Any]:
     to_world = mono.ScalarTransform4f().translate([0, 0, 2]).rotate([0, 1, 0], 180).scale(500)
     return {
         "type": "rectangle", "to_world": to_world, "bsdf": diffuse(mono, 0.0),
-        "emitter": {"type": "area", "radiance": grey(mono, radiance)},
+        "emitter": {"type": "area", "radiance": gray(mono, radiance)},
     }  # fmt: skip
 
 
@@ -192,7 +192,7 @@ def test_single_scattering_in_a_slab_is_the_integral_along_the_ray(
     scene = absorber(
         mono, {"type": "null"}, sigma_t,
         medium={"albedo": albedo, "phase": {"type": "hg", "g": g}},
-        lamp={"type": "point", "position": lamp.tolist(), "intensity": grey(mono, intensity)},
+        lamp={"type": "point", "position": lamp.tolist(), "intensity": gray(mono, intensity)},
     )  # fmt: skip
     rays = pixel_rays(8, 70)
     nodes, weights = np.polynomial.legendre.leggauss(64)

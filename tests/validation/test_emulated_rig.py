@@ -32,5 +32,5 @@ def test_the_demonstration_names_its_own_faults(tmp_path: Path) -> None:
         "healthy": [],
         "fiber 4 dead": [(4, "dead")],
         "fiber 9 at half power": [(9, "dim")],
-        "fiber 12 with swapped colours": [(12, "swapped")],
+        "fiber 12 with swapped colors": [(12, "swapped")],
     }

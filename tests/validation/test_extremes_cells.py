@@ -21,7 +21,7 @@ from render.scene.schema import Scene, load_scene
 from tests.validation.film import LONG
 
 PHI = np.array([0.0, np.pi / 2, np.pi])
-MUTATIONS = 50 if LONG else 4
+SAMPLES = 50 if LONG else 4
 # One column of sites and a fiber per edge keep the cells few.
 FEW: dict[str, Any] = {
     "fibers.left": 1, "fibers.tip": 1, "fibers.right": 1, "sites.columns": 1, "sites.rows": 3,
@@ -51,7 +51,7 @@ def edited(folder: Path, **values: Any) -> Scene:
 
 
 def render(scene: Scene, bend: float = 0.0, **settings: Any) -> Estimate:
-    chosen = {"mutations": MUTATIONS, "replicates": 8} | settings
+    chosen = {"samples": SAMPLES, "replicates": 8} | settings
     return render_transport(scene, PHI, np.radians([bend]), **chosen)
 
 
@@ -93,11 +93,11 @@ def test_at_its_ends_a_value_gives_finite_cells_with_error_bars(
 
 def test_a_cell_that_no_path_has_lit_yet_does_not_claim_to_be_dark(tmp_path: Path) -> None:
     scene = edited(tmp_path, **{"pad.index": 1.0})
-    truth = render(scene, mutations=1024)
+    truth = render(scene, samples=1024)
     assert (truth.T > 0).all()
     covered = []
     for seed in range(3):
-        estimate = render(scene, mutations=4, seeds=(seed,))
+        estimate = render(scene, samples=4, seeds=(seed,))
         assert (estimate.se > 0).all()
         covered += list((2 * estimate.se >= truth.T)[estimate.T == 0])
     print(f"{len(covered)} unlit cells of {3 * truth.T.size}: covered {np.mean(covered):.1%}")
@@ -109,7 +109,7 @@ def test_a_smooth_pad_is_the_limit_of_rough_ones(tmp_path: Path) -> None:
     levels = []
     for roughness in (0.0, 0.03):
         replicates = render(
-            edited(tmp_path, **{"pad.roughness": roughness}), mutations=400, replicates=16
+            edited(tmp_path, **{"pad.roughness": roughness}), samples=400, replicates=16
         ).replicates
         level = replicates.mean(axis=(1, 2, 3, 4, 5))
         levels.append((level.mean(), stats.sem(level)))
@@ -193,7 +193,7 @@ def test_the_bound_on_events_costs_a_known_share_of_the_light_at_the_thickest_la
         for module in (light_picks, cell_paths, chains):
             monkeypatch.setattr(module, "LIGHT_EVENTS", 2 * bound)
         began = time.process_time()
-        replicates = render(scene, mutations=1600, replicates=32).background_replicates
+        replicates = render(scene, samples=1600, replicates=32).background_replicates
         level = replicates.mean(axis=(1, 2, 3, 4))
         levels.append(level.mean())
         bars.append(stats.sem(level) / level.mean())

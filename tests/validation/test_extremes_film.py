@@ -15,7 +15,7 @@ import pytest
 from scipy import stats
 
 from render.errors import RenderError
-from tests.validation.film import LONG, camera, check_same, diffuse, grey, ours, relative_bar
+from tests.validation.film import LONG, camera, check_same, diffuse, gray, ours, relative_bar
 
 SPP = 2048 if LONG else 128
 
@@ -63,7 +63,7 @@ def slab(
                 "bsdf": diffuse(mono, 0.0),
                 "emitter": {"type": "fiber", "sigma_v": sigma_v, "power": 1.0},
             },
-            "lamp": {"type": "point", "position": [-1, 1, -4], "intensity": grey(mono, 0.02)},
+            "lamp": {"type": "point", "position": [-1, 1, -4], "intensity": gray(mono, 0.02)},
             "sensor": camera(mono, [0, 0, -6], fov=35),
         }
     )  # fmt: skip
@@ -113,7 +113,7 @@ def test_a_lit_thing_outside_of_the_picture_leaves_it_exactly_black(mono: Module
         {
             "type": "scene",
             "plane": {"type": "rectangle", "bsdf": diffuse(mono, 0.5)},
-            "lamp": {"type": "point", "position": [0, 0, 1], "intensity": grey(mono, 1.0)},
+            "lamp": {"type": "point", "position": [0, 0, 1], "intensity": gray(mono, 1.0)},
             "sensor": camera(mono, [0, 0, 3], target=(0, 0, 9)),
         }
     )

@@ -31,8 +31,9 @@ SMALLER = {
 }
 LEVELS = [
     "preview", "preview + ridge", "preview + network", "checker.onnx",
-    "checker.onnx, batches of 64", "transport table", "PSSMLT, 1 mutations", "PSSMLT, 4 mutations",
-    "PSSMLT, 4 mutations, small steps", "volpath, 4 samples a pixel", "volpath, 16 samples a pixel",
+    "checker.onnx, batches of 64", "transport table", "bidirectional, MIS, 1 samples",
+    "bidirectional, MIS, 4 samples",
+    "PSSMLT, 4 samples", "volpath, 4 samples a pixel", "volpath, 16 samples a pixel",
 ]  # fmt: skip
 QUICK = TrainConfig(
     phi_nodes=5,
@@ -88,7 +89,7 @@ def frontier(
     return run
 
 
-REQUEST = ("--designs", "3", "--mutations", "32", "--table", "table.npz")
+REQUEST = ("--designs", "3", "--samples", "32", "--table", "table.npz")
 
 
 def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
@@ -105,7 +106,7 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
         assert row["score_error"] >= 0
     assert result["intervals"]["nominal"] == 0.9
     assert 0 <= result["intervals"]["counts"] <= 1
-    assert result["reference"]["mutations"] == 32
+    assert result["reference"]["samples"] == 32
     assert result["reference"]["score_se_median"] > 0
     kept = sensor / "runs" / "small3-frontier"
     assert (kept / "frontier.png").read_bytes()[:4] == b"\x89PNG"
@@ -114,7 +115,7 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
     code, out, err = frontier(*REQUEST)
     assert code == 0, err
     assert "tau" in out
-    assert "Reference: PSSMLT, 32 mutations per cell" in out
+    assert "Reference: bidirectional, MIS, 32 samples per cell" in out
     again = json.loads((kept / "frontier.json").read_text())
     assert again["reference"]["scores"] == result["reference"]["scores"]
     for before, after in zip(result["rows"], again["rows"], strict=True):

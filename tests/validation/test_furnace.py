@@ -17,7 +17,7 @@ from tests.validation.film import (
     check_same,
     check_truth,
     diffuse,
-    grey,
+    gray,
     ours,
     relative_bar,
     theirs,
@@ -36,7 +36,7 @@ def bath(mono: ModuleType, face: dict[str, Any], **parts: Any) -> Any:
             "type": "scene",
             "surroundings": {
                 "type": "sphere", "radius": 1.6, "flip_normals": True, "bsdf": diffuse(mono, 0.0),
-                "emitter": {"type": "area", "radiance": grey(mono, 1.0)},
+                "emitter": {"type": "area", "radiance": gray(mono, 1.0)},
             },
             "ball": {"type": "sphere", "bsdf": face, "interior": medium},
             # It sees nothing but the ball.

@@ -64,7 +64,7 @@ def caustics(mi: ModuleType, size: int) -> Any:
 
 
 # Few samples of rare and bright light are skewed, and Student's t is for normal numbers: pixels
-# with error bars of 10 % (pssmlt, 512 mutations, 2048 chains) were covered 88.9 % of the time.
+# with error bars of 10 % (pssmlt, 512 samples, 2048 chains) were covered 88.9 % of the time.
 CASES = [("bdpt", fog, 256)]
 if LONG:
     CASES += [("pssmlt", fog, 512), ("bdpt", caustics, 4096), ("pssmlt", caustics, 4096)]
@@ -90,16 +90,16 @@ def test_intervals_of_pixels_cover_a_longer_run(
 
 
 @pytest.mark.parametrize(
-    ("mutations", "count"), [(100 if LONG else 50, 48), (800, 48 if LONG else 12)]
+    ("samples", "count"), [(100 if LONG else 50, 48), (800, 48 if LONG else 12)]
 )
 def test_intervals_of_transport_cells_cover_a_longer_run(
-    tmp_path: Path, mutations: int, count: int
+    tmp_path: Path, samples: int, count: int
 ) -> None:
     # Facets of a site share their samples, so runs count for more than cells do.
     scene = load_scene("finger20") if LONG else edited(tmp_path)
     # Groups of lanes are as independent as seeds are, and many at once cost less.
     estimate = render_transport(
-        scene, np.array([0.5, np.pi / 2]), np.array([0.0]), mutations=mutations * count,
+        scene, np.array([0.5, np.pi / 2]), np.array([0.0]), samples=samples * count,
         replicates=REPLICATES * count,
     )  # fmt: skip
     runs = estimate.replicates.reshape(count, REPLICATES, *estimate.T.shape)
@@ -107,7 +107,7 @@ def test_intervals_of_transport_cells_cover_a_longer_run(
     means = runs.mean(axis=1)
     error = np.nanmedian(means.std(axis=0, ddof=1) / estimate.T)
     print(
-        f"transport, {mutations} mutations, {count} runs of {estimate.T.size} cells at {error:.1%}:"
+        f"transport, {samples} samples, {count} runs of {estimate.T.size} cells at {error:.1%}:"
         f" covered {found:.1%}, {coverage(runs):.1%} by their own spreads"
     )
     assert 0.90 <= found <= 0.99

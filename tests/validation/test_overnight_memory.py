@@ -39,8 +39,8 @@ def test_resident_memory_is_flat_over_many_evaluations(tmp_path: Path) -> None:
     while len(found) < EVALUATIONS:
         nodes = NODES[len(found) // 2 % len(NODES)]
         phi = rng.uniform(0.5, 2.6, (scene.fibers.count, nodes))
-        jobs = pad_jobs(scene, phi, np.array([0.0]), mutations=4, seeds=[len(found)], replicates=4)
-        runner(jobs, Clock(sum(job.mutations for job in jobs), None))
+        jobs = pad_jobs(scene, phi, np.array([0.0]), samples=4, seeds=[len(found)], replicates=4)
+        runner(jobs, Clock(sum(job.samples for job in jobs), None))
         found += [resident()] * len(jobs)
     count = store.evaluations()
     store.close("finished")

@@ -1,4 +1,4 @@
-"""All colour assignments of some light sources, scored as fast as the processor allows.
+"""All color assignments of some light sources, scored as fast as the processor allows.
 
 Light adds up, so an assignment's counts are the sum of three shorter ones: a *prefix* (one task
 per prefix), a *middle* and a *suffix*. All 3^4 middles and 3^5 suffixes are summed once; an
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array, Colours
+from optimize.design.design import Array, Colors
 from optimize.scoring.metric_kernel import Single, best_of_tile, kernel_constants
 from optimize.search.colors.quota import Quota, digits
 from render.errors import TableError
@@ -45,25 +45,25 @@ class Best:
     """The ``keep`` best assignments, best first, and how many were scored.
 
     Arguments:
-        colours: ``(keep, unit)``, 0/1/2.
+        colors: ``(keep, unit)``, 0/1/2.
         scores: ``(keep,)`` float32.
         evaluated: number of assignments scored.
     """
 
-    colours: Colours
+    colors: Colors
     scores: Single
     evaluated: int
 
 
 class Enumeration:
-    """All ``3^U`` assignments of ``units``, the counts ``(U, 3, B * S, K)`` each adds per colour.
+    """All ``3^U`` assignments of ``units``, the counts ``(U, 3, B * S, K)`` each adds per color.
 
     Arguments:
-        units: counts added to channel c by unit u when it has colour c.
+        units: counts added to channel c by unit u when it has color c.
         bends: number of bends B.
-        symmetric: colours may be renamed, so only assignments that start with colour 0 and
-            continue with colour 1 are scored (a sixth of all).
-        quota: what colours units may have; all unless given.
+        symmetric: colors may be renamed, so only assignments that start with color 0 and
+            continue with color 1 are scored (a sixth of all).
+        quota: what colors units may have; all unless given.
     """
 
     def __init__(
@@ -156,15 +156,15 @@ class Enumeration:
             return map(int, self.quota.codes(0, self.prefix))
         if not (self.symmetric and self.prefix):
             return range(3**self.prefix)
-        # Base-3 numbers below 3^(p-1) start with colour 0; those in [3^j, 2 3^j) continue with 1.
+        # Base-3 numbers below 3^(p-1) start with color 0; those in [3^j, 2 3^j) continue with 1.
         ranges = (range(3**j, 2 * 3**j) for j in range(self.prefix - 1))
         return itertools.chain([0], *ranges)
 
-    def _task(self, code: int, keep: int, threshold: np.float32) -> tuple[Single, Colours]:
+    def _task(self, code: int, keep: int, threshold: np.float32) -> tuple[Single, Colors]:
         chosen = digits(np.array([code]), self.prefix)[0]
         base = np.zeros(self._middle.shape[1:])
-        for unit, colour in enumerate(chosen):
-            base[..., colour] += self._prefix_units[unit, ..., colour]
+        for unit, color in enumerate(chosen):
+            base[..., color] += self._prefix_units[unit, ..., color]
         used = self.quota.used(np.array([code]), 0, self.prefix)[0]
         free = self.quota.most - used
         scores, codes = self.best_of_tile(base.astype(np.float32), free, keep, threshold)
@@ -174,12 +174,12 @@ class Enumeration:
         return scores, whole + code * below
 
     def best_of_tile(
-        self, base: Single, free: Colours, keep: int, threshold: np.float32
-    ) -> tuple[Single, Colours]:
+        self, base: Single, free: Colors, keep: int, threshold: np.float32
+    ) -> tuple[Single, Colors]:
         """Return scores and codes of the best assignments above ``threshold`` on top of ``base``.
 
         Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(3,)``
-        fibers per colour may still be used.
+        fibers per color may still be used.
         """
         scores, codes = np.empty(keep, np.float32), np.empty(keep, np.int64)
         count = best_of_tile(
@@ -204,8 +204,8 @@ def _all_sums(units: Array) -> Array:
     sums = np.zeros((1, *units.shape[2:], 3))
     for unit in units:
         added = np.zeros((3, *units.shape[2:], 3))
-        for colour in range(3):
-            added[colour, ..., colour] = unit[colour]
+        for color in range(3):
+            added[color, ..., color] = unit[color]
         sums = (sums[:, None] + added).reshape(-1, *sums.shape[1:])
     return sums
 

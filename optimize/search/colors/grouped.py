@@ -1,4 +1,4 @@
-"""The thesis's colour search (4.3.1): neighbours in pairs, in both phases, then odd groups.
+"""The thesis's color search (4.3.1): neighbors in pairs, in both phases, then odd groups.
 
 Fibers are numbered around the pad and treated as a ring, so that an even number gives the same
 number of pairs in both phases (3^10 assignments each for 20 fibers). With an odd number, the last
@@ -11,19 +11,19 @@ import time
 
 import numpy as np
 
-from optimize.design.design import Array, Colours
+from optimize.design.design import Array, Colors
 from optimize.scoring.evaluate import TableScorer
 from optimize.search.colors.enumeration import Enumeration
-from optimize.search.colors.exact import colour_units, grouped_units, raise_unreachable
+from optimize.search.colors.exact import color_units, grouped_units, raise_unreachable
 from optimize.search.colors.quota import Quota
-from optimize.search.colors.result import ColourResult, canonical
+from optimize.search.colors.result import ColorResult, canonical
 
 _KEEP = 8
 # Scores closer than this (relative) are the same number with other roundings.
 _ROUNDING = 1e-12
 
 
-def pair_groups(fibers: int, phase: int) -> Colours:
+def pair_groups(fibers: int, phase: int) -> Colors:
     """Return the group of each fiber, ``(F,)``: pairs (0 1)(2 3).. or, phase 1, ..(1 2)(3 4)..
 
     >>> pair_groups(6, 0).tolist(), pair_groups(6, 1).tolist()
@@ -35,14 +35,14 @@ def pair_groups(fibers: int, phase: int) -> Colours:
     return groups % (fibers // 2) if fibers % 2 == 0 else groups
 
 
-def grouped_colours(scorer: TableScorer, phi: Array) -> ColourResult:
-    """Return the best pairwise colouring for ``phi`` ``(F,)`` rad after boundary repair.
+def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
+    """Return the best pairwise coloring for ``phi`` ``(F,)`` rad after boundary repair.
 
     Raises:
-        DesignError: no colouring in pairs is within the limits of ``scorer``.
+        DesignError: no coloring in pairs is within the limits of ``scorer``.
     """
     start = time.perf_counter()
-    units = colour_units(scorer, phi)
+    units = color_units(scorer, phi)
     candidates, evaluated = [], 0
     for phase in (0, 1):
         groups = pair_groups(scorer.fibers, phase)
@@ -51,51 +51,49 @@ def grouped_colours(scorer: TableScorer, phi: Array) -> ColourResult:
             scorer.bends,
             scorer.table.lam,
             scorer.config,
-            symmetric=scorer.colours_alike,
+            symmetric=scorer.colors_alike,
             quota=Quota.of(scorer.limits, groups),
         )
         found = search.best(_KEEP)
-        candidates.append(found.colours[:, groups])
+        candidates.append(found.colors[:, groups])
         evaluated += found.evaluated
     pool = np.concatenate(candidates)
     if not len(pool):
         raise_unreachable()
-    colours = pool[int(np.argmax(scorer.scores(pool, phi)))]
-    colours, score, tried = repair_boundaries(scorer, phi, colours)
-    return ColourResult(
+    colors = pool[int(np.argmax(scorer.scores(pool, phi)))]
+    colors, score, tried = repair_boundaries(scorer, phi, colors)
+    return ColorResult(
         method="grouped",
-        colours=canonical(colours) if scorer.colours_alike else colours,
+        colors=canonical(colors) if scorer.colors_alike else colors,
         score=score,
         evaluated=evaluated + len(pool) + tried,
         seconds=time.perf_counter() - start,
     )
 
 
-def repair_boundaries(
-    scorer: TableScorer, phi: Array, colours: Colours
-) -> tuple[Colours, float, int]:
+def repair_boundaries(scorer: TableScorer, phi: Array, colors: Colors) -> tuple[Colors, float, int]:
     """Move group boundaries by single fibers while that helps, so that odd groups are reached.
 
-    At every boundary between two groups either of its two fibers may take the other's colour
-    (thesis 4.3.1); the best such change is made until none improves. Returns colours, score and
-    the number of colourings tried.
+    At every boundary between two groups either of its two fibers may take the other's color
+    (thesis 4.3.1); the best such change is made until none improves. Returns colors, score and
+    the number of colorings tried.
     """
-    score, tried = float(scorer.scores(colours[None], phi)[0]), 1
+    score, tried = float(scorer.scores(colors[None], phi)[0]), 1
     while True:
-        after = np.roll(colours, -1)
-        boundary = np.flatnonzero(colours != after)
+        after = np.roll(colors, -1)
+        boundary = np.flatnonzero(colors != after)
         if not len(boundary):
-            return colours, score, tried
-        changed = np.repeat(colours[None], 2 * len(boundary), axis=0)
+            return colors, score, tried
+        changed = np.repeat(colors[None], 2 * len(boundary), axis=0)
         rows = np.arange(len(boundary))
         changed[rows, boundary] = after[boundary]
-        changed[len(boundary) + rows, (boundary + 1) % len(colours)] = colours[boundary]
+        changed[len(boundary) + rows, (boundary + 1) % len(colors)] = colors[boundary]
         changed = changed[scorer.limits.fits(changed)]
         if not len(changed):
-            return colours, score, tried
+            return colors, score, tried
         scores = scorer.scores(changed, phi)
         tried += len(changed)
         best = int(np.argmax(scores))
         if scores[best] <= score + _ROUNDING * abs(score):
-            return colours, score, tried
-        colours, score = changed[best], float(scores[best])
+            return colors, score, tried
+        colors, score = changed[best], float(scores[best])

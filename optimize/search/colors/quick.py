@@ -1,4 +1,4 @@
-"""Fast colour search: 2-opt local search from several starts, on superposed light."""
+"""Fast color search: 2-opt local search from several starts, on superposed light."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array, Colours
+from optimize.design.design import Array, Colors
 from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.metric_kernel import kernel_constants, score_moves
 from optimize.scoring.score_noise import tied
-from optimize.search.colors.exact import colour_units
-from optimize.search.colors.result import ColourResult, canonical, ranked
+from optimize.search.colors.exact import color_units
+from optimize.search.colors.result import ColorResult, canonical, ranked
 
 RESTARTS = 24
 _LANES = 128
@@ -21,46 +21,46 @@ _LANES = 128
 _ROUNDING = 1e-12
 
 
-def quick_colours(
+def quick_colors(
     scorer: TableScorer,
     phi: Array,
     *,
-    starts: Sequence[Colours] = (),
+    starts: Sequence[Colors] = (),
     restarts: int = RESTARTS,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-) -> ColourResult:
+) -> ColorResult:
     """Return the best local optimum for ``phi`` ``(F,)`` rad.
 
-    A local optimum is a colouring that neither recolouring one fiber nor recolouring any two
+    A local optimum is a coloring that neither recoloring one fiber nor recoloring any two
     (which includes swaps) improves. Searches start from ``starts`` and from ``restarts`` random
-    colourings of ``seed``. ``progress(done, total)`` is called after every start. All are within
+    colorings of ``seed``. ``progress(done, total)`` is called after every start. All are within
     the limits of ``scorer``; starts that are not are left out.
     """
     start = time.perf_counter()
     rng = np.random.default_rng(seed)
     limits = scorer.limits
-    if limits.colours_limited:
-        # Random wishes make random allowed colourings.
+    if limits.colors_limited:
+        # Random wishes make random allowed colorings.
         wishes = rng.uniform(size=(restarts, scorer.fibers, 3))
-        random = np.array([limits.nearest_colours(wish) for wish in wishes]).reshape(restarts, -1)
-        starts = [colours for colours in starts if limits.fits(colours[None])[0]]
+        random = np.array([limits.nearest_colors(wish) for wish in wishes]).reshape(restarts, -1)
+        starts = [colors for colors in starts if limits.fits(colors[None])[0]]
     else:
         random = rng.integers(0, 3, size=(restarts, scorer.fibers))
     search = _TwoOpt(scorer, phi)
-    queue = [np.asarray(colours, dtype=np.int64) for colours in starts] + list(random)
+    queue = [np.asarray(colors, dtype=np.int64) for colors in starts] + list(random)
     optima: dict[tuple[int, ...], float] = {}
-    for done, colours in enumerate(queue):
-        optimum, score = search.climb(colours)
-        key = canonical(optimum) if scorer.colours_alike else optimum
+    for done, colors in enumerate(queue):
+        optimum, score = search.climb(colors)
+        key = canonical(optimum) if scorer.colors_alike else optimum
         optima[tuple(key.tolist())] = score
         if progress is not None:
             progress(done + 1, len(queue))
     order = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
     same = tied(scorer, phi, scorer.power(order))
-    return ColourResult(
+    return ColorResult(
         method="quick",
-        colours=order[0],
+        colors=order[0],
         score=scorer.score(phi, scorer.power(order[0])),
         evaluated=search.evaluated,
         seconds=time.perf_counter() - start,
@@ -73,53 +73,53 @@ class _TwoOpt:
     """Best-improvement search; counts are updated by differences, never summed anew."""
 
     def __init__(self, scorer: TableScorer, phi: Array) -> None:
-        self.units = colour_units(scorer, phi)
+        self.units = color_units(scorer, phi)
         self.bends = scorer.bends
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
         self.pairs = _moves(scorer.fibers)
         self.limits = scorer.limits
         self.evaluated = 0
 
-    def climb(self, colours: Colours) -> tuple[Colours, float]:
-        """Return the local optimum that best-improvement steps from ``colours`` reach."""
+    def climb(self, colors: Colors) -> tuple[Colors, float]:
+        """Return the local optimum that best-improvement steps from ``colors`` reach."""
         fibers = len(self.units)
         score = -np.inf
         while True:
             counts = np.zeros((*self.units.shape[2:], 3))
-            for unit, colour in zip(self.units, colours, strict=True):
-                counts[..., colour] += unit[colour]
-            # Move 2 f + s gives fiber f the colour s + 1 further on; the last one does nothing.
+            for unit, color in zip(self.units, colors, strict=True):
+                counts[..., color] += unit[color]
+            # Move 2 f + s gives fiber f the color s + 1 further on; the last one does nothing.
             change = np.zeros((*counts.shape, 2 * fibers + 1))
             for fiber in range(fibers):
-                old = colours[fiber]
+                old = colors[fiber]
                 for step in (0, 1):
                     new = (old + step + 1) % 3
                     change[..., old, 2 * fiber + step] = -self.units[fiber, old]
                     change[..., new, 2 * fiber + step] = self.units[fiber, new]
-            pairs = self._allowed(colours)
+            pairs = self._allowed(colors)
             scores = score_moves(counts, change, pairs, self.bends, self.constants, _LANES)
             self.evaluated += len(scores)
             best = int(np.argmax(scores))
-            # Move 0 keeps the colours.
+            # Move 0 keeps the colors.
             score = float(scores[0])
             if scores[best] <= score + _ROUNDING * abs(score):
-                return colours, score
-            colours = _moved(colours, pairs[best : best + 1])[0]
+                return colors, score
+            colors = _moved(colors, pairs[best : best + 1])[0]
 
-    def _allowed(self, colours: Colours) -> NDArray[np.int64]:
-        """Return the moves from ``colours`` that stay within the limits."""
-        if not self.limits.colours_limited:
+    def _allowed(self, colors: Colors) -> NDArray[np.int64]:
+        """Return the moves from ``colors`` that stay within the limits."""
+        if not self.limits.colors_limited:
             return self.pairs
-        return np.ascontiguousarray(self.pairs[self.limits.fits(_moved(colours, self.pairs))])
+        return np.ascontiguousarray(self.pairs[self.limits.fits(_moved(colors, self.pairs))])
 
 
-def _moved(colours: Colours, pairs: NDArray[np.int64]) -> Colours:
-    """Return ``colours`` ``(F,)`` after each of ``pairs`` ``(N, 2)`` of moves, ``(N, F)``."""
-    fibers, rows = len(colours), np.arange(len(pairs))
+def _moved(colors: Colors, pairs: NDArray[np.int64]) -> Colors:
+    """Return ``colors`` ``(F,)`` after each of ``pairs`` ``(N, 2)`` of moves, ``(N, F)``."""
+    fibers, rows = len(colors), np.arange(len(pairs))
     steps = np.zeros((len(pairs), fibers + 1), dtype=np.int64)
     for move in pairs.T:
         steps[rows, move // 2] = move % 2 + 1
-    return np.asarray((colours + steps[:, :fibers]) % 3)
+    return np.asarray((colors + steps[:, :fibers]) % 3)
 
 
 def _moves(fibers: int) -> NDArray[np.int64]:

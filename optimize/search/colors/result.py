@@ -1,4 +1,4 @@
-"""What every colour search returns, and the symmetry of colours."""
+"""What every color search returns, and the symmetry of colors."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array, Colours
+from optimize.design.design import Array, Colors
 
 
 @dataclass(frozen=True, eq=False)
-class ColourResult:
-    """The best colours that a search found on one transport table.
+class ColorResult:
+    """The best colors that a search found on one transport table.
 
     Arguments:
         method: ``grouped``, ``quick`` or ``exact``.
-        colours: ``(F,)``, 0/1/2 = R/G/B.
+        colors: ``(F,)``, 0/1/2 = R/G/B.
         score: S of eq. (4.7) in counts, float64.
         evaluated: how many assignments were scored.
         seconds: wall time.
-        ties: other colourings that the table's error bars cannot tell from the best, best first;
-            a colouring that only exchanges colour names is not another one.
+        ties: other colorings that the table's error bars cannot tell from the best, best first;
+            a coloring that only exchanges color names is not another one.
         ties_complete: False when there may be more ties than a search keeps.
-        top: the best colourings that the search kept, best first, with their float64 scores.
+        top: the best colorings that the search kept, best first, with their float64 scores.
     """
 
     method: str
-    colours: Colours
+    colors: Colors
     score: float
     evaluated: int
     seconds: float
@@ -37,31 +37,31 @@ class ColourResult:
 
     @property
     def monochrome(self) -> bool:
-        """Whether one colour lights everything: then hue says nothing, and lam is too large."""
-        return len(set(self.colours.tolist())) == 1
+        """Whether one color lights everything: then hue says nothing, and lam is too large."""
+        return len(set(self.colors.tolist())) == 1
 
 
-def canonical(colours: Colours) -> Colours:
-    """Return ``colours`` ``(..., F)`` renamed in the order in which they first appear.
+def canonical(colors: Colors) -> Colors:
+    """Return ``colors`` ``(..., F)`` renamed in the order in which they first appear.
 
-    M depends on colours through norms and distances only, so renaming them changes no score as
+    M depends on colors through norms and distances only, so renaming them changes no score as
     long as no channel has its own material or LED power.
     """
-    flat = colours.reshape(-1, colours.shape[-1])
+    flat = colors.reshape(-1, colors.shape[-1])
     renamed = np.empty_like(flat)
     for row, names in zip(renamed, flat, strict=True):
         order = {name: index for index, name in enumerate(dict.fromkeys(names.tolist()))}
         row[:] = [order[name] for name in names.tolist()]
-    return renamed.reshape(colours.shape)
+    return renamed.reshape(colors.shape)
 
 
-def ranked(colours: Colours, scores: Array) -> tuple[tuple[tuple[int, ...], float], ...]:
-    """Return ``colours`` ``(N, F)``, best first, with their ``scores`` ``(N,)``, as plain data."""
-    pairs = zip(colours.tolist(), scores.tolist(), strict=True)
+def ranked(colors: Colors, scores: Array) -> tuple[tuple[tuple[int, ...], float], ...]:
+    """Return ``colors`` ``(N, F)``, best first, with their ``scores`` ``(N,)``, as plain data."""
+    pairs = zip(colors.tolist(), scores.tolist(), strict=True)
     return tuple((tuple(row), score) for row, score in pairs)
 
 
-def renamed_like(colours: Colours, reference: Colours) -> Colours:
-    """Return ``colours`` renamed so that most fibers keep their colour of ``reference``."""
+def renamed_like(colors: Colors, reference: Colors) -> Colors:
+    """Return ``colors`` renamed so that most fibers keep their color of ``reference``."""
     names = [np.array(order) for order in itertools.permutations(range(3))]
-    return max((order[colours] for order in names), key=lambda new: int((new == reference).sum()))
+    return max((order[colors] for order in names), key=lambda new: int((new == reference).sum()))

@@ -1,4 +1,4 @@
-"""The enumeration of all colour assignments by torch, for machines with a GPU."""
+"""The enumeration of all color assignments by torch, for machines with a GPU."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Colours
+from optimize.design.design import Colors
 from optimize.scoring.metric_kernel import Single
 from optimize.search.colors.enumeration import Enumeration
 from render.errors import TactiluxError
@@ -64,8 +64,8 @@ def torch_enumeration(device: str) -> type[Enumeration]:
             return 1
 
         def best_of_tile(
-            self, base: Single, free: Colours, keep: int, threshold: np.float32
-        ) -> tuple[Single, Colours]:
+            self, base: Single, free: Colors, keep: int, threshold: np.float32
+        ) -> tuple[Single, Colors]:
             """Return the best assignments of the tile, as the kernel does."""
             middle, suffix = self._tile
             start = torch.as_tensor(base, device=chosen).reshape(middle.shape[2:])

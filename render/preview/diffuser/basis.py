@@ -39,7 +39,7 @@ def hemisphere(cosine: Array, count: int) -> Array:
 
 
 def linear_weights(x: Array, nodes: Array) -> Array:
-    """Return ``(x, node)`` weights that share ``x`` between its neighbours; ends hold the rest."""
+    """Return ``(x, node)`` weights that share ``x`` between its neighbors; ends hold the rest."""
     cell = np.clip(np.searchsorted(nodes, x) - 1, 0, len(nodes) - 2)
     part = np.clip((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0.0, 1.0)
     weights = np.zeros((len(x), len(nodes)))

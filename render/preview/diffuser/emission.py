@@ -74,8 +74,8 @@ def launch(
     direction = turn(axes[node], np.cos(angle), rng).astype(np.float64)
     radius = 0.5 * beam.diameter * np.sqrt(rng.random(count))
     azimuth = 2 * np.pi * rng.random(count)
-    centre = np.array([0.0, -beam.gap, beam.height])
-    origin = centre + radius[:, None] * (
+    center = np.array([0.0, -beam.gap, beam.height])
+    origin = center + radius[:, None] * (
         np.cos(azimuth)[:, None] * s + np.sin(azimuth)[:, None] * t
     )
     inward = direction[:, 1] > 1e-6
@@ -84,7 +84,7 @@ def launch(
     hit[:, 1] = 0.0
     arrives = inward & (hit[:, 2] > 0) & (hit[:, 2] < slab.height)
     origin, direction, hit = origin[arrives], direction[arrives], hit[arrives]
-    weight = _radiance_of_nodes(beam, axes, origin - centre, direction)
+    weight = _radiance_of_nodes(beam, axes, origin - center, direction)
     weight /= weight.mean(axis=1, keepdims=True) * count
     met = meet(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
     straight = np.ones(len(hit), dtype=bool)
@@ -98,7 +98,7 @@ def _radiance_of_nodes(beam: Beam, axes: Array, offset: Array, direction: Array)
     """Return the radiance ``(photon, node)`` that each node's fiber end sends along each ray."""
     cos = direction @ axes.T
     safe = np.where(np.abs(cos) > 1e-9, cos, 1e-9)
-    # Where the ray's line meets the node's disk, seen from the disk's centre.
+    # Where the ray's line meets the node's disk, seen from the disk's center.
     disk = offset[:, None] - direction[:, None] * ((offset @ axes.T) / safe)[..., None]
     # The node that drew the ray must count as hit in spite of rounding.
     inside = (cos > 0) & (np.einsum("pni,pni->pn", disk, disk) <= (beam.diameter / 2) ** 2 * 1.0001)

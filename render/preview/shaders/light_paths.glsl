@@ -21,8 +21,8 @@ float reflectance(float cos_in) {
     float squared = 1.0 - refractive_index * refractive_index * (1.0 - cos_in * cos_in);
     float cos_out = sqrt(max(squared, 0.0));
     vec2 inner = vec2(refractive_index, 1.0) * cos_in, outer = vec2(1.0, refractive_index) * cos_out;
-    vec2 polarised = (inner - outer) / (inner + outer);
-    return squared > 0.0 ? 0.5 * dot(polarised, polarised) : 1.0;
+    vec2 polarized = (inner - outer) / (inner + outer);
+    return squared > 0.0 ? 0.5 * dot(polarized, polarized) : 1.0;
 }
 
 // 1 / d^2, levelling off within SOFT_RADIUS, the cell of the glow that one point light stands for.

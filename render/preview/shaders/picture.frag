@@ -12,7 +12,7 @@ uniform sampler2D indirect;   // interreflected irradiance on the coating, over 
 #ifdef FACES
 uniform vec3 site_first;      // flat position of the first site
 uniform vec2 site_step, site_count;
-uniform float longest_shadow;  // mm from a pyramid's centre
+uniform float longest_shadow;  // mm from a pyramid's center
 uniform sampler2D facet_indirect;  // (facet, site)
 #endif
 

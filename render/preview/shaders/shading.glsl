@@ -75,8 +75,8 @@ struct Light {
 
 #ifdef FACES
 
-uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its centre
-// The coating's point from the nearest pyramid's centre; beyond shadow_reach nothing is tested.
+uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its center
+// The coating's point from the nearest pyramid's center; beyond shadow_reach nothing is tested.
 vec3 from_pyramid;
 float shadow_reach = 0.0;
 

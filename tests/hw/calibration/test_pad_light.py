@@ -43,11 +43,11 @@ def test_it_agrees_with_the_references_own_cells() -> None:
         scene, np.full(20, np.pi / 2), np.array([0.6]), [LIT], samples=150, seed=1
     )
     wanted, wanted_error = reference_cells(scene, 0.6)
-    centres = flat_sites(scene)[:, :2]
+    centers = flat_sites(scene)[:, :2]
     offsets = np.mgrid[-1:2, -1:2].reshape(2, -1).T * light.cell / light.blocks
     misses, errors = [], []
     for fiber in LIT:
-        found = [light.at(0, fiber, centres + offset) for offset in offsets]
+        found = [light.at(0, fiber, centers + offset) for offset in offsets]
         values, own = np.mean(found, axis=0)
         misses.append((values - wanted[fiber]) / np.hypot(own, wanted_error[fiber]))
         errors.append(own / values)

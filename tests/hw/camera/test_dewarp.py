@@ -18,7 +18,7 @@ LENS = """
 columns = 640
 rows = 480
 focal = [200.0, 200.0]
-centre = [319.5, 239.5]
+center = [319.5, 239.5]
 distortion = [0.05, -0.01, 0.002, 0.0]
 """
 
@@ -31,7 +31,7 @@ def lens_file(tmp_path: Path, text: str = LENS) -> Path:
 
 def test_every_direction_lands_where_the_pinhole_has_it(tmp_path: Path) -> None:
     lens = load_lens(lens_file(tmp_path))
-    # A photograph whose colour says in which direction each pixel of the fisheye looks.
+    # A photograph whose color says in which direction each pixel of the fisheye looks.
     x, y = (np.arange(640) - 319.5) / 200, (np.arange(480) - 239.5) / 200
     radius = np.hypot(*np.meshgrid(x, y))
     theta = np.linspace(0, 1.6, 4000)

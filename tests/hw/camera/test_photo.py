@@ -63,7 +63,7 @@ def test_a_pickle_is_not_opened(tmp_path: Path) -> None:
         read_photo(tmp_path / "a.npy")
 
 
-def test_a_grey_photograph_is_refused(tmp_path: Path) -> None:
+def test_a_gray_photograph_is_refused(tmp_path: Path) -> None:
     Image.fromarray(PIXELS[..., 0]).save(tmp_path / "a.png")
     with pytest.raises(CaptureError, match="not RGB"):
         read_photo(tmp_path / "a.png")

@@ -49,7 +49,7 @@ def test_spots_lie_about_the_renderers_own(bend: float) -> None:
         seen[:] = 0.0
         seen[masks.of(site, masks.facets)] = 1.0
         photo = np.repeat(seen.reshape(SCENE.camera.rows, SCENE.camera.columns, 1), 3, 2)
-        inside = spots.colours(photo)[:, 0] * spots.counts
+        inside = spots.colors(photo)[:, 0] * spots.counts
         # All pixels of the site's own spot lie in ours, and in no other site's.
         assert inside[site] == pytest.approx(seen.sum())
         assert np.delete(inside, site).sum() == 0

@@ -11,7 +11,7 @@ from hw.errors import CaptureError
 GOOD = np.array([[50.0, 4.0, 1.0], [3.0, 60.0, 5.0], [0.0, 6.0, 40.0]])
 
 
-def test_colours_in_their_own_channels_pass() -> None:
+def test_colors_in_their_own_channels_pass() -> None:
     check_channels(GOOD)
 
 
@@ -26,8 +26,8 @@ def test_a_cycle_of_channels_is_undone_by_the_order_that_is_named() -> None:
         check_channels(np.roll(GOOD, 1, axis=1))
 
 
-def test_mixed_colours_are_refused() -> None:
-    with pytest.raises(CaptureError, match="colour correction"):
+def test_mixed_colors_are_refused() -> None:
+    with pytest.raises(CaptureError, match="color correction"):
         check_channels(GOOD + 45.0)
 
 

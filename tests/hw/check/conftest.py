@@ -21,5 +21,5 @@ def checker() -> Checker:
 
 @pytest.fixture(scope="session")
 def prediction(checker: Checker) -> Prediction:
-    """Ask for a design in three colours, every fiber at 70 deg."""
+    """Ask for a design in three colors, every fiber at 70 deg."""
     return predict(checker, np.radians(np.full(20, 70.0)), np.eye(3)[np.arange(20) % 3], 0.0)

@@ -16,11 +16,11 @@ GAINS = np.array([1.3, 0.7, 1.0])
 ORDERS = [order for order in itertools.permutations(range(3)) if order != (0, 1, 2)]
 
 
-def noisy(colours: Array) -> Array:
-    return colours * GAINS + 0.3 * np.random.default_rng(0).standard_normal(colours.shape)
+def noisy(colors: Array) -> Array:
+    return colors * GAINS + 0.3 * np.random.default_rng(0).standard_normal(colors.shape)
 
 
-def test_colours_in_their_own_channels_pass(prediction: Prediction) -> None:
+def test_colors_in_their_own_channels_pass(prediction: Prediction) -> None:
     check_order(prediction.alone.sum(axis=1), noisy(prediction.alone.sum(axis=1)))
     check_order(prediction.together, noisy(prediction.together))
 
@@ -32,17 +32,17 @@ def test_another_order_is_refused(prediction: Prediction, order: tuple[int, ...]
             check_order(expected, noisy(expected)[:, list(order)])
 
 
-def test_it_says_where_each_colour_is(prediction: Prediction) -> None:
+def test_it_says_where_each_color_is(prediction: Prediction) -> None:
     with pytest.raises(CaptureError, match="red in B, green in G, blue in R"):
         check_order(prediction.together, noisy(prediction.together)[:, ::-1])
 
 
 @pytest.mark.parametrize("fiber", [0, 9, 15])
 def test_one_swapped_fiber_is_left_to_the_check(prediction: Prediction, fiber: int) -> None:
-    colours = prediction.alone.copy()
-    colours[fiber] = np.roll(colours[fiber], 1, axis=-1)
-    check_order(prediction.alone.sum(axis=1), noisy(colours.sum(axis=1)))
-    check_order(prediction.together, noisy(colours.sum(axis=0)))
+    colors = prediction.alone.copy()
+    colors[fiber] = np.roll(colors[fiber], 1, axis=-1)
+    check_order(prediction.alone.sum(axis=1), noisy(colors.sum(axis=1)))
+    check_order(prediction.together, noisy(colors.sum(axis=0)))
 
 
 def test_white_light_has_no_order(prediction: Prediction) -> None:

@@ -16,13 +16,13 @@ from render.files import write_npz
 
 def test_a_record_holds_the_measured_ratio(prediction: Prediction, tmp_path: Path) -> None:
     error = np.exp(0.1 * np.random.default_rng(1).standard_normal((20, 15)))
-    colours = 3.0 * prediction.alone * error[..., None]
-    commission(prediction, colours, "0" * 16, 0.0).save(tmp_path / "rig.npz")
+    colors = 3.0 * prediction.alone * error[..., None]
+    commission(prediction, colors, "0" * 16, 0.0).save(tmp_path / "rig.npz")
     record = load_record(tmp_path / "rig.npz")
     ratio = record.ratio / error
     # The gains are medians, so only the overall factor is free.
-    for colour in range(3):
-        own = ratio[prediction.power[:, colour] > 0]
+    for color in range(3):
+        own = ratio[prediction.power[:, color] > 0]
         np.testing.assert_allclose(own, own.mean(), rtol=1e-9)
     record.check_fits(prediction, "0" * 16, 0.0)
 
@@ -43,8 +43,8 @@ def test_records_of_several_starts_average_what_drifts(
     kept = load_record(tmp_path / "rig.npz")
     assert kept.starts == 4
     # Gains are medians, so only the overall factor is free; half the drift of one start is left.
-    for colour in range(3):
-        own = np.log(kept.ratio / true)[prediction.power[:, colour] > 0]
+    for color in range(3):
+        own = np.log(kept.ratio / true)[prediction.power[:, color] > 0]
         assert np.std(own) == pytest.approx(0.01, rel=0.15)
 
 
@@ -60,10 +60,10 @@ def test_a_record_of_something_else_is_refused(
 
 
 def test_a_rig_with_a_dead_fiber_is_not_recorded(prediction: Prediction) -> None:
-    colours = prediction.alone.copy()
-    colours[4] = 0.0
+    colors = prediction.alone.copy()
+    colors[4] = 0.0
     with pytest.raises(CaptureError, match="fiber 4"):
-        commission(prediction, colours, "0" * 16, 0.0)
+        commission(prediction, colors, "0" * 16, 0.0)
 
 
 def test_rubbish_is_no_record(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""One image of all fibers shows what is large: dead, dim and wrongly coloured fibers."""
+"""One image of all fibers shows what is large: dead, dim and wrongly colored fibers."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ def test_a_healthy_image_is_healthy_at_any_exposure(prediction: Prediction) -> N
 
 @pytest.mark.parametrize("fiber", [1, 5, 9, 16])
 def test_a_dead_fiber_is_named(prediction: Prediction, fiber: int) -> None:
-    colours = prediction.together - prediction.alone[fiber]
-    verdict = check_image(prediction, colours, FINE)
+    colors = prediction.together - prediction.alone[fiber]
+    verdict = check_image(prediction, colors, FINE)
     assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.DEAD)]
 
 
 @pytest.mark.parametrize("fiber", [3, 9])
-def test_a_swapped_colour_is_named(prediction: Prediction, fiber: int) -> None:
+def test_a_swapped_color_is_named(prediction: Prediction, fiber: int) -> None:
     own = prediction.alone[fiber]
-    colours = prediction.together - own + np.roll(own, 1, axis=-1)
-    verdict = check_image(prediction, colours, FINE)
+    colors = prediction.together - own + np.roll(own, 1, axis=-1)
+    verdict = check_image(prediction, colors, FINE)
     assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.SWAPPED)]
 
 
 def test_what_no_single_fault_explains_is_unclear(prediction: Prediction) -> None:
-    colours = prediction.together * np.where(np.arange(15) % 2, 1.0, 0.6)[:, None]
-    verdict = check_image(prediction, colours, FINE)
+    colors = prediction.together * np.where(np.arange(15) % 2, 1.0, 0.6)[:, None]
+    verdict = check_image(prediction, colors, FINE)
     assert not verdict.ok
     assert {one.state for one in verdict.faults} == {State.UNCLEAR}
 

@@ -48,7 +48,7 @@ def test_a_weak_fiber_is_named(
 
 
 @pytest.mark.parametrize("fiber", [0, 9, 19])
-def test_a_swapped_colour_is_named(prediction: Prediction, fiber: int) -> None:
+def test_a_swapped_color_is_named(prediction: Prediction, fiber: int) -> None:
     power = prediction.power.copy()
     power[fiber] = np.roll(power[fiber], 1)
     verdict = check_sweep(prediction, seen(prediction, power), FINE)
@@ -80,16 +80,16 @@ def test_a_turn_is_named_though_the_model_errs_in_what_it_does_to_the_light(
     error = FINE.model_when_turned(turn)[fiber]
     assert error > 0.007
     for draw in range(6):
-        colours = exact.copy()
-        colours[fiber] *= 1 + error * np.random.default_rng(draw).choice([-1, 1], (15, 1))
-        verdict = check_sweep(prediction, colours, FINE)
+        colors = exact.copy()
+        colors[fiber] *= 1 + error * np.random.default_rng(draw).choice([-1, 1], (15, 1))
+        verdict = check_sweep(prediction, colors, FINE)
         assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.MOVED)]
 
 
 def test_dirt_before_some_sites_is_not_called_a_fault_of_a_fiber(prediction: Prediction) -> None:
-    colours = seen(prediction)
-    colours[6, ::2] *= 0.4
-    verdict = check_sweep(prediction, colours, FINE)
+    colors = seen(prediction)
+    colors[6, ::2] *= 0.4
+    verdict = check_sweep(prediction, colors, FINE)
     assert verdict.fibers[6].state is State.UNCLEAR
 
 
@@ -115,9 +115,9 @@ def test_a_fiber_that_the_design_leaves_dark_is_not_judged(prediction: Predictio
 
 def test_the_models_own_error_cancels_against_a_record(prediction: Prediction) -> None:
     error = np.exp(0.1 * np.random.default_rng(0).standard_normal((20, 15)))
-    colours = seen(prediction) * error[..., None]
-    assert not check_sweep(prediction, colours, FINE).ok
-    assert check_sweep(prediction, colours, FINE, error).ok
+    colors = seen(prediction) * error[..., None]
+    assert not check_sweep(prediction, colors, FINE).ok
+    assert check_sweep(prediction, colors, FINE, error).ok
 
 
 def test_darkness_is_one_sentence(prediction: Prediction) -> None:
@@ -132,13 +132,13 @@ def test_another_shape_is_refused(prediction: Prediction, shape: tuple[int, ...]
 
 
 def test_values_that_are_not_finite_are_refused(prediction: Prediction) -> None:
-    colours = seen(prediction)
-    colours[0, 0, 0] = np.nan
+    colors = seen(prediction)
+    colors[0, 0, 0] = np.nan
     with pytest.raises(CaptureError, match="finite"):
-        check_sweep(prediction, colours, FINE)
+        check_sweep(prediction, colors, FINE)
 
 
 def test_gains_ignore_dead_fibers(prediction: Prediction) -> None:
-    colours = seen(prediction)
-    colours[[0, 1, 2]] = 0.0
-    np.testing.assert_allclose(channel_gains(prediction.alone, colours), GAIN)
+    colors = seen(prediction)
+    colors[[0, 1, 2]] = 0.0
+    np.testing.assert_allclose(channel_gains(prediction.alone, colors), GAIN)

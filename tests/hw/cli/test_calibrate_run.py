@@ -54,7 +54,7 @@ def test_photographs_become_a_calibrated_scene(
         for photos, name in ((sets[0], "flat"), (sets[1], "bent"), (additive, "additive"))
     )
     result = tactilux("hw", "calibrate", "--flat", flat, "--bent", bent, "--linearity", sums,
-                      "--mutations", "0", "--out", tmp_path / "out", "--json")  # fmt: skip
+                      "--samples", "0", "--out", tmp_path / "out", "--json")  # fmt: skip
     assert result.code == 0, result.err
     said = json.loads(result.out)
     assert said["material"]["reduced_scattering"]["value"] == pytest.approx(1.3, rel=0.1)
@@ -71,6 +71,6 @@ def test_photographs_become_a_calibrated_scene(
     assert json.loads((tmp_path / "out" / "calibration.json").read_text()) == said
     # Running it again replaces its own result, and prints a table for people.
     again = tactilux("hw", "calibrate", "--flat", flat, "--bent", bent, "--linearity", sums,
-                     "--mutations", "0", "--out", tmp_path / "out")  # fmt: skip
+                     "--samples", "0", "--out", tmp_path / "out")  # fmt: skip
     assert again.code == 0
     assert "g and sigma_s cannot be separated" in again.out

@@ -24,7 +24,7 @@ def test_the_demonstration_recovers_the_rigs_secrets(
         "hw.cli.demo.rendered_images",
         lambda scene, secret, *_, **__: toy_images(scene, secret.material.array(), ROWS, COLUMNS),
     )
-    result = tactilux("hw", "demo", "--mutations", "0", "--out", tmp_path / "demo", "--json")
+    result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")
     assert result.code == 0, result.err
     assert "The whole demonstration takes" in result.err
     said = json.loads(result.out)
@@ -32,7 +32,7 @@ def test_the_demonstration_recovers_the_rigs_secrets(
         "healthy": True,
         "fiber 4 dead": False,
         "fiber 9 at half power": False,
-        "fiber 12 with swapped colours": False,
+        "fiber 12 with swapped colors": False,
     }
     truth = {row["name"]: row for row in said["truth"]}
     for name in ("reduced_scattering", "absorption", "sigma_v"):

@@ -23,8 +23,8 @@ SCENE = load_scene("finger20")
 @pytest.fixture
 def design(tmp_path: Path) -> Path:
     """Write a design whose fibers are red, green and blue in turn."""
-    colours = (np.arange(20) % 3).tolist()
-    save_design(tmp_path / "design.json", Design.of_colours(np.full(20, np.pi / 2), colours), SCENE)
+    colors = (np.arange(20) % 3).tolist()
+    save_design(tmp_path / "design.json", Design.of_colors(np.full(20, np.pi / 2), colors), SCENE)
     return tmp_path / "design.json"
 
 

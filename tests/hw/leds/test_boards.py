@@ -24,7 +24,7 @@ from tests.hw.conftest import Plug
 
 PROTOCOLS = [name.value for name in ProtocolName]
 ROOT = Path(__file__).parents[3]
-COLOURS: Levels = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
+COLORS: Levels = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
 
 
 def opened(port: Path, protocol: str = "lines", **options: float) -> LineBoard:
@@ -36,8 +36,8 @@ def opened(port: Path, protocol: str = "lines", **options: float) -> LineBoard:
 def test_the_board_shows_what_it_is_told(plug: Plug, protocol: str) -> None:
     rig = plug(protocol)
     board = opened(rig.port, protocol)
-    board.show(COLOURS)
-    assert rig.wait_for(COLOURS)
+    board.show(COLORS)
+    assert rig.wait_for(COLORS)
     board.show(dark(20))
     assert rig.wait_for(dark(20))
     board.close()
@@ -49,8 +49,8 @@ def test_one_fault_is_overcome(plug: Plug, protocol: str, fault: str) -> None:
     rig = plug(protocol)
     board = opened(rig.port, protocol)
     setattr(rig.faults, fault, 1)
-    board.show(COLOURS)
-    assert rig.wait_for(COLOURS)
+    board.show(COLORS)
+    assert rig.wait_for(COLORS)
     board.close()
 
 
@@ -59,7 +59,7 @@ def test_an_acknowledgement_of_another_request_does_not_count(plug: Plug) -> Non
     board = opened(rig.port)
     rig.faults.wrong = 100
     with pytest.raises(LinkError, match="did not answer"):
-        board.show(COLOURS)
+        board.show(COLORS)
     board.close()
 
 
@@ -73,7 +73,7 @@ def test_a_board_that_stops_answering_is_told_in_time(
     setattr(rig.faults, fault, 10_000)
     began = time.monotonic()
     with pytest.raises((LinkError, ProtocolError), match="LED board on"):
-        board.show(COLOURS)
+        board.show(COLORS)
     assert time.monotonic() - began < 5.0
     board.close()
 
@@ -82,8 +82,8 @@ def test_one_wrong_acknowledgement_is_overcome(plug: Plug) -> None:
     rig = plug()
     board = opened(rig.port)
     rig.faults.wrong = 1
-    board.show(COLOURS)
-    assert rig.wait_for(COLOURS)
+    board.show(COLORS)
+    assert rig.wait_for(COLORS)
     board.close()
 
 
@@ -92,7 +92,7 @@ def test_an_acknowledgement_of_less_light_is_told(plug: Plug) -> None:
     board = opened(rig.port, "wled")
     rig.faults.refuse = "brightness limit"
     with pytest.raises(ProtocolError, match="bri = 128, allowed: on at 255"):
-        board.show(COLOURS)
+        board.show(COLORS)
     board.close()
 
 
@@ -101,7 +101,7 @@ def test_a_refusal_is_told_at_once(plug: Plug) -> None:
     board = opened(rig.port)
     rig.faults.refuse = "overheated"
     with pytest.raises(ProtocolError, match="overheated"):
-        board.show(COLOURS)
+        board.show(COLORS)
     board.close()
 
 
@@ -110,7 +110,7 @@ def test_lasting_noise_on_the_line_is_told_as_such(plug: Plug) -> None:
     board = opened(rig.port)
     rig.faults.corrupt = 100
     with pytest.raises(ProtocolError, match="shorten the cable"):
-        board.show(COLOURS)
+        board.show(COLORS)
     board.close()
 
 
@@ -123,7 +123,7 @@ def test_pulling_the_cable_in_the_middle_of_a_frame_is_noticed(plug: Plug, proto
     def show_for_a_while() -> None:
         # Without acknowledgements the loss shows at the next frame.
         for _ in range(50):
-            board.show(COLOURS)
+            board.show(COLORS)
             time.sleep(0.01)
 
     with pytest.raises(UnpluggedError, match="gone"):
@@ -137,8 +137,8 @@ def test_two_programs_cannot_share_a_port(plug: Plug, protocol: str) -> None:
     board = opened(rig.port, protocol)
     with pytest.raises(PortError, match="in use by another program"):
         opened(rig.port, protocol)
-    board.show(COLOURS)
-    assert rig.wait_for(COLOURS)
+    board.show(COLORS)
+    assert rig.wait_for(COLORS)
     board.close()
 
 
@@ -155,8 +155,8 @@ def test_another_program_cannot_take_the_port(plug: Plug) -> None:
     assert done.returncode == 2
     assert "in use by another program: end that program first" in done.stderr
     assert done.stderr.count("\n") == 1
-    board.show(COLOURS)
-    assert rig.wait_for(COLOURS)
+    board.show(COLORS)
+    assert rig.wait_for(COLORS)
     board.close()
 
 
@@ -170,7 +170,7 @@ def test_a_silent_device_is_no_board() -> None:
     os.close(slave)
 
 
-def test_a_board_of_another_protocol_is_recognised(plug: Plug) -> None:
+def test_a_board_of_another_protocol_is_recognized(plug: Plug) -> None:
     rig = plug("adalight")
     link = SerialLink(str(rig.port), timeout=0.1)
     with pytest.raises(PortError, match="no tactilux-led board"):
@@ -217,9 +217,9 @@ def test_a_forbidden_port_says_which_group_to_join() -> None:
 def test_the_watchdog_darkens_a_board_that_hears_nothing(plug: Plug) -> None:
     rig = plug()
     board = opened(rig.port)
-    board.show(COLOURS)
+    board.show(COLORS)
     board._request("WDT 100")
-    assert rig.wait_for(COLOURS)
+    assert rig.wait_for(COLORS)
     assert rig.wait_for(dark(20), 1.0)
     board.close()
 

@@ -92,7 +92,7 @@ def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explo
     assert {item.name for item in (explored.place / "runs").iterdir()} == {"small8-explore"}
     names = {item.name for item in (explored.place / "runs" / "small8-explore").iterdir()}
     pictures = {f"{kind}-{stage}.png" for kind in ("scheme", "metric", "facets")
-                for stage in ("baseline", "colours", "optimized")}  # fmt: skip
+                for stage in ("baseline", "colors", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
     texts = {"design.json", "baseline.json", "report.html", "result.json"}
     assert names == pictures | texts | {"convergence.png"}
@@ -106,7 +106,7 @@ def test_again_with_the_same_seed_it_finds_the_same_design_and_prints_a_table(
     again = tactilux("explore", small_scene, "--model", small_model, "--out", target)
     assert again.code == 0
     assert (target / "design.json").read_bytes() == before
-    for word in ("Baseline", "Colours", "Optimised", "surrogate", "report.html"):
+    for word in ("Baseline", "Colors", "Optimized", "surrogate", "report.html"):
         assert word in again.out
 
 
@@ -134,7 +134,7 @@ max_red = 2
 power_green = { value = 0.5, source = "driver" }
 [[constraints.fixed]]
 fiber = 4
-colour = "blue"
+color = "blue"
 angle = { value = 70.0, unit = "deg", source = "mounted" }
 [tolerances]
 led_power = { distribution = "normal", deviation = 0.1, unit = "relative", source = "x" }
@@ -145,12 +145,12 @@ fiber_angle = { distribution = "uniform", deviation = 4.0, unit = "deg", source 
     done = tactilux(*words, "--out", "run", "--json")
     assert done.code == 0, done.err
     study = json.loads(done.out)["study"]
-    assert set(study["robust"]) == {"baseline", "colours", "optimized", "refined"}
+    assert set(study["robust"]) == {"baseline", "colors", "optimized", "refined"}
     assert study["shadow_penalty"]["refined"] <= study["shadow_penalty"]["optimized"]
     assert {entry["name"] for entry in study["sensitivities"]} == {"led_power", "fiber_angle"}
     design = json.loads((tmp_path / "run" / "design.json").read_text())
-    assert design["colours"].count("red") <= 2
-    assert design["colours"][4] == "blue"
+    assert design["colors"].count("red") <= 2
+    assert design["colors"][4] == "blue"
     assert design["angles_deg"][4] == pytest.approx(70.0)
     assert max(power[1] for power in design["power"]) <= 0.5
     assert "sensors as built" in (tmp_path / "run" / "report.html").read_text()

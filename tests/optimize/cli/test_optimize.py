@@ -16,7 +16,7 @@ def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:
     command = ["optimize", small_scene, "--model", small_model, "--out", "run", "--rounds", 1]
-    command += ["--mutations", 2, "--final-mutations", 2, "--final-seeds", 1]
+    command += ["--samples", 2, "--final-samples", 2, "--final-seeds", 1]
     first = tactilux(*command, "--json")
     assert first.code == 0, first.err
     result = json.loads(first.out)

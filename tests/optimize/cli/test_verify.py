@@ -22,11 +22,11 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
 ) -> None:
     scene, checker = load_scene(small_scene), Checker.load(small_model)
     base = baseline_design(scene)
-    recoloured = Design.of_colours(base.phi, (base.colours + [0, 0, 1, 0, 0, 0, 0, 2]) % 3)
+    recolored = Design.of_colors(base.phi, (base.colors + [0, 0, 1, 0, 0, 0, 0, 2]) % 3)
     rating = Rating("surrogate", 50.0, (45.0, 55.0), 70.0, 12.0, 8.0, checker.lam, checker.exposure)
-    save_design(tmp_path / "design.json", recoloured, scene, rating)
+    save_design(tmp_path / "design.json", recolored, scene, rating)
     command = ["verify", "design.json", "--scene", small_scene, "--model", small_model]
-    command += ["--mutations", 4, "--seeds", 2, "--json"]
+    command += ["--samples", 4, "--seeds", 2, "--json"]
 
     first = tactilux(*command)
     assert first.code == 0, first.err

@@ -10,22 +10,22 @@ from render.errors import DesignError
 from render.scene.schema import load_scene
 
 
-def test_the_baseline_has_one_colour_per_edge_and_points_inwards() -> None:
+def test_the_baseline_has_one_color_per_edge_and_points_inwards() -> None:
     design = baseline_design(load_scene("finger20"))
-    assert design.colour_names == ["red"] * 8 + ["blue"] * 4 + ["green"] * 8
+    assert design.color_names == ["red"] * 8 + ["blue"] * 4 + ["green"] * 8
     np.testing.assert_array_equal(design.phi, np.full(20, np.pi / 2))
     np.testing.assert_array_equal(design.power.sum(axis=1), np.ones(20))
 
 
 def test_a_fiber_without_power_is_off() -> None:
     design = Design(np.zeros(2), np.array([[0.0, 0.0, 0.0], [0.2, 0.5, 0.1]]))
-    assert design.colour_names == ["off", "green"]
+    assert design.color_names == ["off", "green"]
 
 
 @pytest.mark.parametrize("angle", [-0.01, 3.15, np.nan, np.inf])
 def test_directions_outside_the_half_turn_are_refused(angle: float) -> None:
     with pytest.raises(DesignError, match=r"phi\[1\] = .*allowed: 0 to pi rad"):
-        Design.of_colours(np.array([0.0, angle]), [0, 1])
+        Design.of_colors(np.array([0.0, angle]), [0, 1])
 
 
 def test_powers_outside_0_to_1_are_refused() -> None:
@@ -33,10 +33,10 @@ def test_powers_outside_0_to_1_are_refused() -> None:
         Design(np.zeros(2), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.5]]))
 
 
-def test_wrong_shapes_and_unknown_colours_are_refused() -> None:
+def test_wrong_shapes_and_unknown_colors_are_refused() -> None:
     with pytest.raises(DesignError, match="power has shape"):
         Design(np.zeros(3), np.eye(3)[:2])
     with pytest.raises(DesignError, match="phi has shape"):
         Design(np.zeros((3, 1)), np.eye(3))
     with pytest.raises(DesignError, match="allowed: one of 0, 1, 2"):
-        Design.of_colours(np.zeros(2), [0, 3])
+        Design.of_colors(np.zeros(2), [0, 3])

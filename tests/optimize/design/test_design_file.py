@@ -52,16 +52,16 @@ def test_a_design_survives_the_round_trip(tmp_path: Path, scene: Scene) -> None:
 
 
 def test_directions_at_both_limits_survive_exactly(tmp_path: Path, scene: Scene) -> None:
-    design = Design.of_colours(np.tile([0.0, np.pi], 10), [0] * 20)
+    design = Design.of_colors(np.tile([0.0, np.pi], 10), [0] * 20)
     save_design(tmp_path / "design.json", design, scene)
     loaded = load_design(tmp_path / "design.json", scene)
     np.testing.assert_array_equal(loaded.phi, design.phi)
     assert load_saved(tmp_path / "design.json").rating is None
 
 
-def test_the_file_names_colours_and_degrees(path: Path) -> None:
+def test_the_file_names_colors_and_degrees(path: Path) -> None:
     content = json.loads(path.read_text())
-    assert content["colours"][8] == "blue"
+    assert content["colors"][8] == "blue"
     assert content["angles_deg"][0] == 90.0
     assert content["conventions"]["ddof"] == 0
     assert content["score"]["interval"] == [88.0, 92.0]
@@ -75,7 +75,7 @@ def test_a_design_for_another_scene_is_refused(path: Path, scene: Scene) -> None
 
 def test_a_design_with_another_number_of_fibers_is_refused(tmp_path: Path, scene: Scene) -> None:
     with pytest.raises(DesignError, match="has 3 fibers, allowed: 20"):
-        save_design(tmp_path / "design.json", Design.of_colours(np.zeros(3), [0, 1, 2]), scene)
+        save_design(tmp_path / "design.json", Design.of_colors(np.zeros(3), [0, 1, 2]), scene)
     assert not (tmp_path / "design.json").exists()
 
 
@@ -88,8 +88,8 @@ def test_a_design_with_another_number_of_fibers_is_refused(tmp_path: Path, scene
         (lambda c: c["angles_deg"].__setitem__(0, float("nan")), r"angles_deg\[0\] = nan"),
         (lambda c: c["power"][5].__setitem__(1, 1.2), r"power\[5\]\[1\] = 1.2.*at most 1"),
         (lambda c: c["angles_deg"].pop(), "lengths 19, 20 and 20, allowed: one entry per fiber"),
-        (lambda c: c["colours"].__setitem__(2, "blue"), r"colours\[2\] = blue contradicts"),
-        (lambda c: c["colours"].__setitem__(2, "pink"), r"colours\[2\] = 'pink'"),
+        (lambda c: c["colors"].__setitem__(2, "blue"), r"colors\[2\] = blue contradicts"),
+        (lambda c: c["colors"].__setitem__(2, "pink"), r"colors\[2\] = 'pink'"),
         (lambda c: c.update(notes="x"), "unknown key notes"),
         (lambda c: c["conventions"].update(notes="x"), "unknown key conventions.notes"),
         (lambda c: c["conventions"].update(ddof=7), "conventions.ddof = 7"),

@@ -13,11 +13,11 @@ import pytest
 from optimize.design.design import Design
 from optimize.design.limits import Limits, limits_of, unlimited
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.colors.exact import exact_colours
-from optimize.search.colors.grouped import grouped_colours
-from optimize.search.colors.quick import quick_colours
-from optimize.search.directions import optimise_directions
-from optimize.search.joint import optimise_jointly
+from optimize.search.colors.exact import exact_colors
+from optimize.search.colors.grouped import grouped_colors
+from optimize.search.colors.quick import quick_colors
+from optimize.search.directions import optimize_directions
+from optimize.search.joint import optimize_jointly
 from optimize.search.polish import polish
 from render.errors import DesignError
 from render.scene.constraints import Constraints, Fixed
@@ -30,14 +30,14 @@ FIBERS = 7
 
 def limited(*, fixed: dict[int, int] | None = None, most: tuple[int, ...] = (9, 9, 9)) -> Limits:
     allowed = np.ones((FIBERS, 3), dtype=bool)
-    for fiber, colour in (fixed or {}).items():
-        allowed[fiber] = np.arange(3) == colour
+    for fiber, color in (fixed or {}).items():
+        allowed[fiber] = np.arange(3) == color
     return replace(unlimited(FIBERS), allowed=allowed, most=np.array(most))
 
 
 def best_allowed(scorer: TableScorer, phi: np.ndarray) -> float:
-    colours = np.array(list(itertools.product(range(3), repeat=FIBERS)))
-    return float(scorer.scores(colours[scorer.limits.fits(colours)], phi).max())
+    colors = np.array(list(itertools.product(range(3), repeat=FIBERS)))
+    return float(scorer.scores(colors[scorer.limits.fits(colors)], phi).max())
 
 
 @pytest.mark.parametrize(
@@ -50,35 +50,35 @@ def best_allowed(scorer: TableScorer, phi: np.ndarray) -> float:
         limited(fixed={6: 0, 1: 0}, most=(2, 3, 3)),
     ],
 )
-def test_searches_find_the_best_allowed_colours(make_table: MakeTable, limits: Limits) -> None:
+def test_searches_find_the_best_allowed_colors(make_table: MakeTable, limits: Limits) -> None:
     scorer = TableScorer(make_table(FIBERS, 5, 2, 3, 5), limits=limits)
     phi = np.linspace(0.6, 2.4, FIBERS)
     best = best_allowed(scorer, phi)
-    for search in (exact_colours, quick_colours):
+    for search in (exact_colors, quick_colors):
         found = search(scorer, phi)
-        assert limits.fits(found.colours[None])[0]
+        assert limits.fits(found.colors[None])[0]
         assert found.score == pytest.approx(best, rel=1e-9)
-        assert all(limits.fits(np.array(colours)[None])[0] for colours, _ in found.top)
+        assert all(limits.fits(np.array(colors)[None])[0] for colors, _ in found.top)
 
 
 def test_pairs_keep_to_the_limits(make_table: MakeTable) -> None:
     limits = limited(fixed={0: 2}, most=(3, 3, 3))
     scorer = TableScorer(make_table(FIBERS), limits=limits)
-    assert limits.fits(grouped_colours(scorer, scorer.at_node(2)).colours[None])[0]
+    assert limits.fits(grouped_colors(scorer, scorer.at_node(2)).colors[None])[0]
 
 
 def test_pairs_that_cannot_be_are_said_to_be_impossible(make_table: MakeTable) -> None:
     limits = limited(fixed=dict(enumerate([0, 1, 2, 0, 1, 2, 0])))
     scorer = TableScorer(make_table(FIBERS), limits=limits)
-    with pytest.raises(DesignError, match="no choice of colours"):
-        grouped_colours(scorer, scorer.at_node(2))
-    start = Design.of_colours(scorer.at_node(2), [0] * FIBERS)
-    found = optimise_jointly(scorer, start)
-    assert found.design.colours.tolist() == [0, 1, 2, 0, 1, 2, 0]
+    with pytest.raises(DesignError, match="no choice of colors"):
+        grouped_colors(scorer, scorer.at_node(2))
+    start = Design.of_colors(scorer.at_node(2), [0] * FIBERS)
+    found = optimize_jointly(scorer, start)
+    assert found.design.colors.tolist() == [0, 1, 2, 0, 1, 2, 0]
 
 
 def test_contradicting_constraints_are_refused(finger20: Scene) -> None:
-    fixed = tuple(Fixed(fiber=i, colour="red") for i in range(3))
+    fixed = tuple(Fixed(fiber=i, color="red") for i in range(3))
     scene = finger20.model_copy(
         update={"constraints": Constraints(max_red=3, max_green=0, max_blue=16, fixed=fixed)}
     )
@@ -98,7 +98,7 @@ def test_directions_stay_where_they_can_be_mounted(make_table: MakeTable, step: 
     limits = forbidding(step)
     scorer = TableScorer(make_table(FIBERS), limits=limits)
     power = np.eye(3)[np.arange(FIBERS) % 3]
-    found = optimise_directions(
+    found = optimize_directions(
         lambda phi: scorer.direction_scores(phi, power),
         np.full(FIBERS, 1.5),
         bounds=scorer.phi_bounds,
@@ -112,7 +112,7 @@ def test_directions_stay_where_they_can_be_mounted(make_table: MakeTable, step: 
         steps = np.delete(found.phi, 2) / step
         assert steps == pytest.approx(steps.round(), abs=1e-9)
         free = replace(limits, step=0.0)
-        better = optimise_directions(
+        better = optimize_directions(
             lambda phi: scorer.direction_scores(phi, power),
             np.full(FIBERS, 1.5),
             bounds=scorer.phi_bounds,
@@ -132,8 +132,8 @@ def test_no_limit_changes_nothing(make_table: MakeTable) -> None:
         TableScorer(make_table(FIBERS)),
         TableScorer(make_table(FIBERS), limits=unlimited(FIBERS)),
     )
-    start = Design.of_colours(plain.at_node(2), [0, 0, 1, 1, 2, 2, 2])
-    first, second = (optimise_jointly(scorer, start, seed=3) for scorer in (plain, open_))
+    start = Design.of_colors(plain.at_node(2), [0, 0, 1, 1, 2, 2, 2])
+    first, second = (optimize_jointly(scorer, start, seed=3) for scorer in (plain, open_))
     assert first.score == second.score
     assert first.design.phi.tolist() == second.design.phi.tolist()
 
@@ -142,7 +142,7 @@ def test_continuous_power_never_loses_and_keeps_to_the_limit(make_table: MakeTab
     limits = replace(unlimited(FIBERS), led_power=np.array([0.8, 0.9, 0.7]), continuous_power=True)
     scorer = TableScorer(make_table(FIBERS), limits=limits)
     start = Design(scorer.at_node(2), scorer.power(np.arange(FIBERS) % 3))
-    found = optimise_jointly(scorer, start)
+    found = optimize_jointly(scorer, start)
     assert found.history[-1].stage == "power"
     assert found.score >= found.history[-2].score
     assert (found.design.power <= limits.led_power + 1e-12).all()
@@ -151,7 +151,7 @@ def test_continuous_power_never_loses_and_keeps_to_the_limit(make_table: MakeTab
 
 def test_polish_climbs_from_any_start(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(FIBERS))
-    start = Design.of_colours(np.full(FIBERS, 0.4), np.arange(FIBERS) % 3)
+    start = Design.of_colors(np.full(FIBERS, 0.4), np.arange(FIBERS) % 3)
     found = polish(scorer, start)
     assert found.score > scorer.score(start.phi, start.power)
     assert found.score == scorer.score(found.design.phi, found.design.power)

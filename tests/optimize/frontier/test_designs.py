@@ -21,7 +21,7 @@ def test_the_same_seed_gives_the_same_designs_and_another_one_others(finger20: S
     assert (first.phi != other.phi).all()
 
 
-def test_every_fiber_of_a_design_has_one_colour(finger20: Scene) -> None:
+def test_every_fiber_of_a_design_has_one_color(finger20: Scene) -> None:
     designs = held_out_designs(finger20, 30, 0)
     assert len(designs) == 30
     assert ((designs.phi >= 0) & (designs.phi <= np.pi)).all()

@@ -37,7 +37,7 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
         scores_se=np.full(60, noise),
         exposure=checker.exposure,
         lam=checker.lam,
-        mutations=1,
+        samples=1,
         replicates=10_000,
         seconds=1.0,
     )

@@ -14,7 +14,7 @@ from render.scene.schema import Scene
 
 def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:
     designs = held_out_designs(scene, count, 0)
-    wanted = {"seed": 0, "minutes": 30.0, "mutations": 320} | request
+    wanted = {"seed": 0, "minutes": 30.0, "samples": 320} | request
     return make_plan(
         scene,
         designs,
@@ -25,24 +25,24 @@ def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> Frontier
     )
 
 
-def test_given_mutations_fix_all_other_work(finger20: Scene, tmp_path: Path) -> None:
+def test_given_samples_fix_all_other_work(finger20: Scene, tmp_path: Path) -> None:
     made = plan(finger20, tmp_path)
-    assert (made.mutations, made.short, made.samples) == (320, [10, 40], [4, 16])
-    assert made.table_mutations == 160
+    assert (made.samples, made.short, made.spp) == (320, [10, 40], [4, 16])
+    assert made.table_samples == 160
 
 
 def test_the_same_request_takes_the_stored_plan_up(finger20: Scene, tmp_path: Path) -> None:
     first = plan(finger20, tmp_path)
     stored = (tmp_path / PLAN).read_text().replace("[4, 16]", "[2, 8]")
     (tmp_path / PLAN).write_text(stored)
-    assert plan(finger20, tmp_path).samples == [2, 8]
-    assert plan(finger20, tmp_path, count=4).samples == first.samples
+    assert plan(finger20, tmp_path).spp == [2, 8]
+    assert plan(finger20, tmp_path, count=4).spp == first.spp
 
 
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"scene_hash": "x"}', '{"a": 1}'])
 def test_a_damaged_plan_is_made_again(finger20: Scene, tmp_path: Path, content: str) -> None:
     (tmp_path / PLAN).write_text(content)
-    assert plan(finger20, tmp_path).mutations == 320
+    assert plan(finger20, tmp_path).samples == 320
 
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ SEEDS = 2
 
 
 def attempt(run: Path, scene: Scene) -> None:
-    """Begin the run, or go on with it; its state is kept after every eight mutations."""
+    """Begin the run, or go on with it; its state is kept after every eight samples."""
     render.reference.job.SAVE_SECONDS = 0.0
     with writing(run), locked(run):
         store = Store(run, request_of(scene), lambda text: print(text, file=sys.stderr))
@@ -33,7 +33,7 @@ def attempt(run: Path, scene: Scene) -> None:
             renders.kind = "1/table"
             seeds = store.decide("seeds", lambda: [job.seed for job in jobs])
             assert seeds == [job.seed for job in jobs]
-            renders(jobs, Clock(sum(job.mutations for job in jobs), None))
+            renders(jobs, Clock(sum(job.samples for job in jobs), None))
         finally:
             store.close("stopped")
 

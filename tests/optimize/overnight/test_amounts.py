@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.overnight.amounts import FIT_STEPS, LEAST_MUTATIONS, Fixed, Pace
+from optimize.overnight.amounts import FIT_STEPS, MIN_SAMPLES, Fixed, Pace
 from render.reference.job import PadJob
 from render.reference.transport import pad_jobs
 from render.scene.schema import Scene
@@ -13,12 +13,12 @@ from render.scene.schema import Scene
 PHI, BENDS = np.array([np.pi / 2]), np.array([0.0, 0.5])
 
 
-def jobs_of(scene: Scene, mutations: int) -> list[PadJob]:
-    return pad_jobs(scene, PHI, BENDS, mutations=mutations, seeds=[0])
+def jobs_of(scene: Scene, samples: int) -> list[PadJob]:
+    return pad_jobs(scene, PHI, BENDS, samples=samples, seeds=[0])
 
 
 def seconds_of(jobs: list[PadJob], fixed: float, each: float) -> list[float]:
-    return [fixed + each * job.mutations for job in jobs]
+    return [fixed + each * job.samples for job in jobs]
 
 
 def test_the_pace_is_found_from_small_and_large_jobs(finger20: Scene) -> None:
@@ -29,11 +29,9 @@ def test_the_pace_is_found_from_small_and_large_jobs(finger20: Scene) -> None:
 
 
 @pytest.mark.parametrize("seconds", [30.0, 300.0, 3000.0])
-def test_mutations_fill_the_seconds_that_they_are_asked_for(
-    finger20: Scene, seconds: float
-) -> None:
+def test_samples_fill_the_seconds_that_they_are_asked_for(finger20: Scene, seconds: float) -> None:
     pace = Pace(0.7, 2e-5, 1)
-    chosen = pace.mutations(jobs_of(finger20, 64), 64, seconds)
+    chosen = pace.samples(jobs_of(finger20, 64), 64, seconds)
     assert pace.seconds(jobs_of(finger20, chosen)) == pytest.approx(seconds, rel=0.1)
 
 
@@ -48,7 +46,7 @@ def test_workers_share_the_jobs_but_no_job_is_split(finger20: Scene) -> None:
 
 def test_without_time_the_least_is_rendered(finger20: Scene) -> None:
     pace = Pace(1.0, 1e-3, 1)
-    assert pace.mutations(jobs_of(finger20, 64), 64, -5.0) == LEAST_MUTATIONS
+    assert pace.samples(jobs_of(finger20, 64), 64, -5.0) == MIN_SAMPLES
 
 
 def test_a_fixed_amount_of_work_grows_with_what_is_asked_for() -> None:

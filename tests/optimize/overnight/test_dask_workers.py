@@ -68,7 +68,7 @@ def rendered(
         names.append(done.worker)
         if meanwhile is not None:
             meanwhile(len(found))
-    assert sum(ticks) == sum(job.mutations for job in jobs)
+    assert sum(ticks) == sum(job.samples for job in jobs)
     return [found[index] for index in range(len(jobs))], names
 
 

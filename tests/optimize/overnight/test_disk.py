@@ -112,7 +112,7 @@ def test_a_read_only_directory_is_one_sentence_and_status_still_reads_it(
 ) -> None:
     run = tmp_path / "mounted"
     run.mkdir()
-    again = " ".join(command("overnight", folder / "tiny.toml", "--out", run, "--mutations", 8))
+    again = " ".join(command("overnight", folder / "tiny.toml", "--out", run, "--samples", 8))
     status = " ".join(command("status", run))
     done = in_namespace(
         f"""

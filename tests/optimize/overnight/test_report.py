@@ -80,11 +80,11 @@ def test_the_summary_states_gain_and_interval(finished_night: Night) -> None:
     assert f"the gain is 30.0 ({30 / base:+.0%}), and its 95% interval reaches from 27.9" in text[0]
 
 
-def test_the_summary_says_what_came_with_colours_and_what_with_directions(
+def test_the_summary_says_what_came_with_colors_and_what_with_directions(
     finished_night: Night,
 ) -> None:
-    night = changed(won_by(finished_night, 30.0, 1.0), "colours", gain=24.0, gain_se=1.0)
-    assert any("+24.0 came with the colours" in text for text in summary(night))
+    night = changed(won_by(finished_night, 30.0, 1.0), "colors", gain=24.0, gain_se=1.0)
+    assert any("+24.0 came with the colors" in text for text in summary(night))
     assert any("+6.0 with the directions" in text for text in summary(night))
 
 
@@ -125,7 +125,7 @@ def test_a_better_finalist_than_the_winner_is_told(finished_night: Night) -> Non
 def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: Night) -> None:
     night = won_by(finished_night, 39.0, 1.0)
     winner = night.finalist("winner")
-    red = Design.of_colours(winner.design.phi, [0] * 20)
+    red = Design.of_colors(winner.design.phi, [0] * 20)
     found = warnings(changed(night, "winner", design=red, counts=np.full_like(winner.counts, 255)))
     assert "monochrome" in found[0]
     assert "saturate" in found[1]
@@ -160,7 +160,7 @@ def test_levels_without_a_time_or_an_error_are_not_drawn(finished_night: Night) 
         trade=(*finished_night.trade, {"level": "guess", "seconds_per_design": None}),
     )
     names = [row["level"] for row in timed_levels(night)]
-    assert names == ["checker.onnx", "preview", "PSSMLT, 96 mutations"]
+    assert names == ["checker.onnx", "preview", "PSSMLT, 96 samples"]
 
 
 def test_convergence_shows_every_rendered_design_with_its_error_bar(finished_night: Night) -> None:
@@ -191,6 +191,6 @@ def test_the_report_states_the_time_of_more_workers(
     assert "Simulated from this night's 60 renders" in text.replace("&#39;", "'")
 
 
-def test_colours_that_won_nothing_get_no_part_of_the_gain(finished_night: Night) -> None:
-    night = changed(won_by(finished_night, 30.0, 1.0), "colours", gain=-4.0, gain_se=1.0)
-    assert not any("came with the colours" in text for text in summary(night))
+def test_colors_that_won_nothing_get_no_part_of_the_gain(finished_night: Night) -> None:
+    night = changed(won_by(finished_night, 30.0, 1.0), "colors", gain=-4.0, gain_se=1.0)
+    assert not any("came with the colors" in text for text in summary(night))

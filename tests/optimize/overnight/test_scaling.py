@@ -213,7 +213,7 @@ def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tmp_path: Pa
     first, *others = tiny_jobs(scene, 2)
     for kind, jobs in (("1/trial", [first]), ("1/table", others)):
         renders.kind = kind
-        renders(jobs, Clock(sum(job.mutations for job in jobs), None))
+        renders(jobs, Clock(sum(job.samples for job in jobs), None))
     store.close("stopped")
     done = tactilux("status", folder, "--scaling", "--json")
     assert done.code == 0, done.err

@@ -176,10 +176,10 @@ def test_a_decision_is_made_once(opened: Opener) -> None:
 
     def choose() -> dict[str, float]:
         made.append(1)
-        return {"mutations": 0.1 + 0.2}
+        return {"samples": 0.1 + 0.2}
 
-    assert opened().decide("1/plan", choose) == {"mutations": 0.1 + 0.2}
-    assert opened().decide("1/plan", choose) == {"mutations": 0.1 + 0.2}
+    assert opened().decide("1/plan", choose) == {"samples": 0.1 + 0.2}
+    assert opened().decide("1/plan", choose) == {"samples": 0.1 + 0.2}
     assert len(made) == 1
 
 
@@ -202,7 +202,7 @@ def test_time_is_that_of_all_attempts_and_does_not_follow_the_clock_on_the_wall(
         ({"scene_hash": "0" * 16}, "the scene of hash"),
         ({"limits": "x"}, "constraints"),
         ({"seed": 5}, "--seed 0, asked for is 5"),
-        ({"mutations": None}, "--mutations 8, asked for is None"),
+        ({"samples": None}, "--samples 8, asked for is None"),
     ],
 )
 def test_a_run_of_something_else_is_refused_and_left_alone(

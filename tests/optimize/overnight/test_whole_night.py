@@ -26,7 +26,7 @@ from optimize.overnight.store import RENDERS
 from tests.long import LONG
 from tests.optimize.overnight.tiny import ROOT, rows, start, write_tiny
 
-MUTATIONS = 8
+SAMPLES = 8
 KILLED_IN = ("Surrogate", "Round 2")
 if LONG:
     KILLED_IN = ("Transport table", *KILLED_IN, "Final verification")
@@ -59,7 +59,7 @@ def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Unbroken:
     folder = tmp_path_factory.mktemp("night")
     scene, run = write_tiny(folder), folder / "run"
     began = time.monotonic()
-    process = start("overnight", scene, "--out", run, "--mutations", MUTATIONS, "--json-lines")
+    process = start("overnight", scene, "--out", run, "--samples", SAMPLES, "--json-lines")
     out, said = process.communicate()
     assert process.returncode == 0, said
     return Unbroken(
@@ -86,7 +86,7 @@ def outcome(run: Path) -> dict[str, object]:
 def test_the_night_is_complete_and_its_files_load(unbroken: Unbroken) -> None:
     night = Night.load(unbroken.run)
     keys = [entry.key for entry in night.finalists]
-    assert keys == ["baseline", "colours", "thesis", "winner", "runner-up"]
+    assert keys == ["baseline", "colors", "thesis", "winner", "runner-up"]
     assert all(np.isfinite(entry.score) and entry.se > 0 for entry in night.finalists)
     assert night.winner in keys
     assert {step.stage for step in night.steps} == {"rounds", "final"}
@@ -127,7 +127,7 @@ def test_a_finished_night_with_a_damaged_file_is_mended_from_its_renders(
     run = tmp_path / "run"
     shutil.copytree(unbroken.run, run)
     (run / ARRAYS).write_bytes((run / ARRAYS).read_bytes()[:-100])
-    mended = tactilux("overnight", unbroken.scene, "--out", run, "--mutations", MUTATIONS)
+    mended = tactilux("overnight", unbroken.scene, "--out", run, "--samples", SAMPLES)
     assert mended.code == 0, mended.err
     assert "is not the file that night.json was written with" in mended.err
     assert outcome(run) == outcome(unbroken.run)
@@ -151,7 +151,7 @@ def test_interrupts_kills_and_a_jumping_clock_change_nothing(
 
     def attempt(shift: float) -> subprocess.Popen[str]:
         """Start the night with the clock on the wall shifted by so many seconds."""
-        words = ["overnight", str(unbroken.scene), "--out", str(run), "--mutations", str(MUTATIONS)]
+        words = ["overnight", str(unbroken.scene), "--out", str(run), "--samples", str(SAMPLES)]
         return subprocess.Popen(
             [sys.executable, "-c", CLOCK, str(shift), *words],
             cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
@@ -188,7 +188,7 @@ def test_a_second_process_refuses_and_names_the_first(
     tactilux: Run, unbroken: Unbroken, tmp_path: Path
 ) -> None:
     run = tmp_path / "run"
-    words = ("overnight", unbroken.scene, "--out", run, "--mutations", MUTATIONS)
+    words = ("overnight", unbroken.scene, "--out", run, "--samples", SAMPLES)
     first = start(*words)
     try:
         wait_for(run, "Transport table", first)

@@ -43,7 +43,7 @@ def write_tiny(folder: Path) -> Path:
 def tiny_jobs(scene: Scene, seeds: int, iterations: int = 16) -> list[PadJob]:
     """Return two jobs per seed, each of some chunks."""
     phi, bends = np.array([np.pi / 2]), np.array([0.0])
-    jobs = pad_jobs(scene, phi, bends, mutations=4, seeds=list(range(1, seeds + 1)), replicates=4)
+    jobs = pad_jobs(scene, phi, bends, samples=4, seeds=list(range(1, seeds + 1)), replicates=4)
     return [PadJob(**{**vars_of(job), "iterations": iterations}) for job in jobs]
 
 

@@ -74,7 +74,7 @@ def test_the_summary_says_how_much_was_won_and_by_what(
 ) -> None:
     html = render_report(content(finger20, sample_stages(30, 42, 50)))
     assert "gain of 20.0 (+67%)" in html
-    assert "+12.0 by the colour search and +8.0 by the fiber directions" in html
+    assert "+12.0 by the color search and +8.0 by the fiber directions" in html
 
 
 def test_a_sure_gain_needs_no_warning(sample_stages: StageMaker) -> None:
@@ -104,6 +104,6 @@ def test_extrapolation_and_clipping_are_told(
 def test_a_monochrome_optimum_is_flagged(sample_stages: StageMaker) -> None:
     stages = sample_stages(30, 40, 50)
     design = stages[-1].design
-    one = type(design).of_colours(design.phi, [0] * 20)
+    one = type(design).of_colors(design.phi, [0] * 20)
     stages[-1] = replace(stages[-1], design=one)
     assert any("monochrome" in text for text in warnings(stages))

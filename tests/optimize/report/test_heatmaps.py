@@ -33,12 +33,12 @@ def test_every_site_is_written_where_it_lies_on_the_pad(finger20: Scene) -> None
         assert image.get_array()[0, 0] == values[0]
 
 
-def test_every_facet_has_its_colour(finger20: Scene) -> None:
+def test_every_facet_has_its_color(finger20: Scene) -> None:
     counts = np.zeros((3, 15, 10, 3))
     counts[1, 4, 7] = [255, 0, 0]
     figure = facet_strip(finger20, counts)
-    colours = figure.axes[1].collections[0].get_facecolor()
-    assert np.argwhere(colours[:, 0] == 1.0).ravel().tolist() == [4 * 10 + 7]
+    colors = figure.axes[1].collections[0].get_facecolor()
+    assert np.argwhere(colors[:, 0] == 1.0).ravel().tolist() == [4 * 10 + 7]
 
 
 def test_equal_content_gives_equal_bytes(finger20: Scene) -> None:

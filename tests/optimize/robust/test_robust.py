@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design
-from optimize.robust.material_slopes import neighbours
+from optimize.robust.material_slopes import neighbors
 from optimize.robust.robust import RobustScore, rate_robustly
 from optimize.robust.sensitivity import score_slopes, sensitivities
 from optimize.robust.shadow import Bolt, PlainScore, ShadowPenalty, hidden_part
@@ -50,7 +50,7 @@ def slopes(scorer: TableScorer) -> dict[str, np.ndarray]:
 
 @pytest.fixture
 def design() -> Design:
-    return Design.of_colours(np.linspace(0.7, 2.2, FIBERS), np.arange(FIBERS) % 3)
+    return Design.of_colors(np.linspace(0.7, 2.2, FIBERS), np.arange(FIBERS) % 3)
 
 
 def test_without_errors_every_sensor_is_the_one_drawn(scorer: TableScorer, design: Design) -> None:
@@ -135,14 +135,14 @@ def test_the_dearest_tolerance_comes_first(
     assert power.deviation == pytest.approx(power.low_loss / 1.28, rel=0.5)
 
 
-def test_neighbouring_materials_lie_on_both_sides(finger20: Scene) -> None:
+def test_neighboring_materials_lie_on_both_sides(finger20: Scene) -> None:
     assert finger20.diffuser is not None
-    around = neighbours(finger20, "diffuser_thickness")
+    around = neighbors(finger20, "diffuser_thickness")
     low, high = around.below.diffuser, around.above.diffuser
     assert low is not None
     assert high is not None
     assert high.thickness - low.thickness == pytest.approx(2 * around.step)
-    assert neighbours(finger20, "sigma_v").above.fibers.sigma_v > finger20.fibers.sigma_v
+    assert neighbors(finger20, "sigma_v").above.fibers.sigma_v > finger20.fibers.sigma_v
     assert around.above.hash != finger20.hash
 
 
@@ -191,7 +191,7 @@ def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: S
         background=transport.mean(axis=-1), background_se=np.zeros(shape[:-1]),
     )  # fmt: skip
     penalty, h = ShadowPenalty(finger20, table), 1e-6
-    design = Design.of_colours(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
+    design = Design.of_colors(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
     value, slope = penalty.gradient(design)
     assert value < 0.0
     for fiber in (0, 9, 15):

@@ -29,14 +29,14 @@ def test_the_score_is_the_metric_of_superposed_light(make_table: MakeTable) -> N
     assert 0.0 <= details.clipped <= 1.0
 
 
-def test_many_colours_and_directions_score_as_one_by_one(make_table: MakeTable) -> None:
+def test_many_colors_and_directions_score_as_one_by_one(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(), led_power=np.array([1.0, 0.8, 0.5]))
     rng = np.random.default_rng(2)
-    colours = rng.integers(0, 3, (150, 8))
+    colors = rng.integers(0, 3, (150, 8))
     phi = np.pi * rng.random((150, 8))
     np.testing.assert_allclose(
-        scorer.scores(colours, phi[0]),
-        [scorer.score(phi[0], scorer.power(row)) for row in colours],
+        scorer.scores(colors, phi[0]),
+        [scorer.score(phi[0], scorer.power(row)) for row in colors],
         rtol=1e-12,
     )
     power = rng.random((8, 3)) * (rng.random((8, 3)) < 0.6)
@@ -54,11 +54,11 @@ def test_no_light_scores_zero(make_table: MakeTable) -> None:
     assert scorer.direction_scores(scorer.at_node(0)[None], dark).tolist() == [0.0]
 
 
-def test_colours_are_exchangeable_only_with_equal_led_powers(make_table: MakeTable) -> None:
+def test_colors_are_exchangeable_only_with_equal_led_powers(make_table: MakeTable) -> None:
     table = make_table()
-    assert TableScorer(table).colours_alike
-    assert TableScorer(table, led_power=np.tile(np.linspace(0, 1, 8)[:, None], 3)).colours_alike
-    assert not TableScorer(table, led_power=np.array([1.0, 1.0, 0.9])).colours_alike
+    assert TableScorer(table).colors_alike
+    assert TableScorer(table, led_power=np.tile(np.linspace(0, 1, 8)[:, None], 3)).colors_alike
+    assert not TableScorer(table, led_power=np.array([1.0, 1.0, 0.9])).colors_alike
 
 
 def test_directions_outside_the_table_are_refused(make_table: MakeTable) -> None:

@@ -34,11 +34,11 @@ def test_they_equal_finite_differences(
         step = h * np.eye(6)[fiber]
         slope = (scorer.score(phi + step, power) - scorer.score(phi - step, power)) / (2 * h)
         assert found.phi[fiber] == pytest.approx(slope, rel=1e-4, abs=1e-4)
-        for colour in range(3):
+        for color in range(3):
             move = np.zeros((6, 3))
-            move[fiber, colour] = h
+            move[fiber, color] = h
             slope = (scorer.score(phi, power + move) - scorer.score(phi, power - move)) / (2 * h)
-            assert found.power[fiber, colour] == pytest.approx(slope, rel=1e-4, abs=1e-4)
+            assert found.power[fiber, color] == pytest.approx(slope, rel=1e-4, abs=1e-4)
 
 
 def test_light_says_what_a_relative_change_of_cells_does(make_table: MakeTable) -> None:

@@ -16,8 +16,8 @@ MakeTable = Callable[..., TransportTable]
 
 
 def lighting(scorer: TableScorer) -> tuple[np.ndarray, np.ndarray]:
-    colours = np.arange(scorer.fibers) * 3 // scorer.fibers
-    return np.full(scorer.fibers, 1.0), scorer.power(colours)
+    colors = np.arange(scorer.fibers) * 3 // scorer.fibers
+    return np.full(scorer.fibers, 1.0), scorer.power(colors)
 
 
 def test_small_errors_spread_the_score_as_linear_propagation_says(make_table: MakeTable) -> None:
@@ -64,7 +64,7 @@ def test_noise_lowers_scores(make_table: MakeTable) -> None:
     assert score_draws(scorer, phi, power[None]).mean() < scorer.score(phi, power)
 
 
-def test_renamed_colours_tie_and_a_dim_lighting_does_not(make_table: MakeTable) -> None:
+def test_renamed_colors_tie_and_a_dim_lighting_does_not(make_table: MakeTable) -> None:
     for error in (0.0, 0.01):
         scorer = TableScorer(make_table(error=error))
         phi, best = lighting(scorer)

@@ -78,7 +78,7 @@ def pretended(table: TransportTable, noise: float, strength: float = BASE) -> Re
     """Return what renders from the table times a bias, with noise that designs share in part."""
 
     def render(
-        designs: Sequence[Design], *, mutations: int, seeds: Sequence[int], title: str
+        designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
     ) -> DesignRenders:
         rng = np.random.default_rng(list(seeds))
         shape = (REPLICATES * len(seeds), *table.T.shape[:1], *table.T.shape[2:])
@@ -93,7 +93,7 @@ def pretended(table: TransportTable, noise: float, strength: float = BASE) -> Re
             pad = np.einsum("fj,fjbs->fbs", weights, table.background) * factor
             pads.append(pad * (1.0 + common[..., 0]))
         return DesignRenders(
-            tuple(designs), np.stack(facets, axis=1), np.stack(pads, axis=1), float(mutations)
+            tuple(designs), np.stack(facets, axis=1), np.stack(pads, axis=1), float(samples)
         )
 
     return render
@@ -133,7 +133,7 @@ def test_the_loop_finds_what_the_surrogate_alone_does_not(
         pretended(table, 0.01),
         Refitter(small, grid),
         edges=edges,
-        config=LoopConfig(mutations=5, rounds=3),
+        config=LoopConfig(samples=5, rounds=3),
     )
     truth = replace(table, T=table.T * biased(table.phi, BASE)[:, None, None, None])
     scorer, alone = TableScorer(truth), found.rounds[0].proposals[1]
@@ -158,7 +158,7 @@ def test_a_right_surrogate_needs_no_second_round(
         pretended(table, 0.003, strength=0.0),
         Refitter(small, grid),
         edges=fiber_edges(small),
-        config=LoopConfig(mutations=5, rounds=4),
+        config=LoopConfig(samples=5, rounds=4),
     )
     assert len(found.rounds) == 1
     assert found.rounds[0].agreement.tau == 1.0
@@ -174,8 +174,8 @@ def test_proposals_are_new_and_differ(small: Scene, table: TransportTable) -> No
         scorer, base, edges=fiber_edges(small), seed=4, known=[entry.design for entry in first]
     )
     assert not again
-    twin = first[0].design.colours[::-1]
-    other = first[1].design.colours
+    twin = first[0].design.colors[::-1]
+    other = first[1].design.colors
     assert canonical(twin[None]).tolist() != canonical(other[None]).tolist()
     assert not same_design(random_design(scorer, 1), random_design(scorer, 2))
 
@@ -183,9 +183,9 @@ def test_proposals_are_new_and_differ(small: Scene, table: TransportTable) -> No
 def test_designs_of_equal_directions_share_a_node() -> None:
     phi = np.full(4, 1.0)
     designs = [
-        Design.of_colours(phi, [0, 1, 2, 0]),
-        Design.of_colours(phi + 0.1, [0, 1, 2, 0]),
-        Design.of_colours(phi, [2, 1, 0, 0]),
+        Design.of_colors(phi, [0, 1, 2, 0]),
+        Design.of_colors(phi + 0.1, [0, 1, 2, 0]),
+        Design.of_colors(phi, [2, 1, 0, 0]),
     ]
     nodes, which = distinct_directions(designs)
     assert nodes.shape == (4, 2)
@@ -213,14 +213,14 @@ def test_the_thesis_procedure_renders_every_candidate(small: Scene, table: Trans
 
     baseline, edges = baseline_design(small), fiber_edges(small)
     found = thesis_procedure(
-        baseline, counted, edges=edges, scale=None, mutations=7, seed=1, render_seed=3,
+        baseline, counted, edges=edges, scale=None, samples=7, seed=1, render_seed=3,
         generations=3,
     )  # fmt: skip
     assert found.runs == len(calls) == found.directions.evaluated + 1
     assert found.seconds == 7.0 * len(calls)
     assert found.score > found.scale.parts(table.at(baseline.phi), baseline.power)[0]
-    keys = list(zip(edges, found.design.colours.tolist(), strict=True))
-    for key in set(keys):  # fibers of one side and colour share a direction
+    keys = list(zip(edges, found.design.colors.tolist(), strict=True))
+    for key in set(keys):  # fibers of one side and color share a direction
         own = [phi for phi, other in zip(found.design.phi, keys, strict=True) if other == key]
         assert len(set(own)) == 1
 
@@ -231,7 +231,7 @@ def test_the_verdict_tells_a_gain_from_a_tie(small: Scene, table: TransportTable
     same = Design(base.phi + 1e-4, base.power)
     found = pronounce(
         pretended(table, 0.02), scale, [("baseline", base), ("dim", dim), ("same", same)],
-        mutations=3, seeds=[1, 2],
+        samples=3, seeds=[1, 2],
     )  # fmt: skip
     assert found.sentence("dim", "baseline").startswith("The baseline is better than the dim")
     assert "tie" in found.sentence("baseline", "same")

@@ -50,7 +50,7 @@ def judged(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) ->
         surrogate_score=SURROGATE,
         render_seconds=1.0,
         seeds=(1, 2),
-        mutations=8,
+        samples=8,
     )
 
 
@@ -77,9 +77,9 @@ def test_noise_alone_is_called_a_tie(finger20: Scene, other: Design) -> None:
     assert "tie" in found.verdict
 
 
-def test_equal_noise_of_a_recoloured_design_cancels_in_the_difference(finger20: Scene) -> None:
+def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: Scene) -> None:
     base = baseline_design(finger20)
-    swapped = Design.of_colours(base.phi, (base.colours + 1) % 3)
+    swapped = Design.of_colors(base.phi, (base.colors + 1) % 3)
     replicates = noisy(light(finger20), 0.3, 1)
     found = compare(
         candidate(finger20, swapped),
@@ -88,7 +88,7 @@ def test_equal_noise_of_a_recoloured_design_cancels_in_the_difference(finger20: 
         surrogate_score=SURROGATE,
         render_seconds=1.0,
         seeds=(1, 2),
-        mutations=8,
+        samples=8,
     )
     assert found.baseline.score.se > 0.1
     assert found.difference.value == pytest.approx(0.0, abs=1e-6)
@@ -132,5 +132,5 @@ def test_a_facet_that_the_camera_cannot_see_is_an_error(finger20: Scene, other: 
             surrogate_score=SURROGATE,
             render_seconds=1.0,
             seeds=(1, 2),
-            mutations=8,
+            samples=8,
         )

@@ -39,18 +39,18 @@ def axis(mono: ModuleType, bridge: Bridge, scene: Scene, bend: float) -> np.ndar
     ]
 
 
-def polar(centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return directions about ``centre``, their solid angles and their angles to it."""
+def polar(center: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return directions about ``center``, their solid angles and their angles to it."""
     edges = np.concatenate([[0.0], np.geomspace(1e-4, np.pi / 2, RINGS)])
     theta = 0.5 * (edges[1:] + edges[:-1])
     phi = 2 * np.pi * np.arange(SECTORS) / SECTORS
     solid = (np.cos(edges[:-1]) - np.cos(edges[1:])) * 2 * np.pi / SECTORS
-    helper = np.eye(3)[np.abs(centre).argmin()]
-    u = np.cross(centre, helper)
+    helper = np.eye(3)[np.abs(center).argmin()]
+    u = np.cross(center, helper)
     u /= np.linalg.norm(u)
-    v = np.cross(centre, u)
+    v = np.cross(center, u)
     ring = np.cos(phi)[:, None] * u + np.sin(phi)[:, None] * v
-    d = np.cos(theta)[:, None, None] * centre + np.sin(theta)[:, None, None] * ring
+    d = np.cos(theta)[:, None, None] * center + np.sin(theta)[:, None, None] * ring
     return d.reshape(-1, 3), np.repeat(solid, SECTORS), np.repeat(theta, SECTORS)
 
 
@@ -59,8 +59,8 @@ def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
     mono: ModuleType, scene: Scene, bend: float
 ) -> None:
     bridge = Bridge(scene, bend)
-    centre = axis(mono, bridge, scene, bend)
-    d, solid, theta = polar(centre / np.linalg.norm(centre))
+    center = axis(mono, bridge, scene, bend)
+    d, solid, theta = polar(center / np.linalg.norm(center))
     a, y = points(mono, scene, bend, len(d))
     density = np.array(
         bridge.density(a, y, mono.Vector3f(np.ascontiguousarray(d.T).astype(np.float32)))
@@ -73,7 +73,7 @@ def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
     rng = np.random.default_rng(1)
     u, v = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(2))
     drawn = np.array(bridge.sample(a, y, u, v), dtype=np.float64).T
-    angles = np.arccos(np.clip(drawn @ centre / np.linalg.norm(centre), -1, 1))
+    angles = np.arccos(np.clip(drawn @ center / np.linalg.norm(center), -1, 1))
     for limit in (0.05, 0.1, 0.2, 0.5):
         expected = share[theta < limit].sum()
         error = np.sqrt(expected * (1 - expected) / COUNT)

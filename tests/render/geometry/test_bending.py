@@ -53,8 +53,8 @@ def test_the_coating_is_an_arc_of_the_total_angle(bend: float) -> None:
     radius = 1 / curvature(SCENE, bend)
     y = np.linspace(-15, 15, 50)
     arc = bend_points(SCENE, np.stack([0 * y, y, 0 * y + 4.0], axis=-1), bend)
-    centre = np.array([0.0, SCENE.camera.y, 4.0 + radius])
-    np.testing.assert_allclose(np.linalg.norm(arc - centre, axis=1), radius)
+    center = np.array([0.0, SCENE.camera.y, 4.0 + radius])
+    np.testing.assert_allclose(np.linalg.norm(arc - center, axis=1), radius)
     ends = bend_frames(SCENE, y[[0, -1]], bend)[:, :, 1]
     assert np.arccos(ends[0] @ ends[1]) == pytest.approx(bend)
 

@@ -46,7 +46,7 @@ def test_every_face_is_one_of_a_convex_body(scene: Scene, make: object) -> None:
 
 def test_the_pyramids_are_those_of_the_layout(scene: Scene) -> None:
     body = pyramids(scene)
-    np.testing.assert_array_equal(body.centre, flat_sites(scene))
+    np.testing.assert_array_equal(body.center, flat_sites(scene))
     corners = pyramid(scene)
     away = np.einsum("kci,ki->kc", corners, body.normal) - body.distance[:, None]
     np.testing.assert_allclose(away, 0.0, atol=1e-12)
@@ -62,7 +62,7 @@ def test_a_bolt_is_as_wide_and_deep_as_its_head(scene: Scene) -> None:
 
 
 def test_a_bolt_stands_at_the_row_of_sites_nearest_to_the_base(scene: Scene) -> None:
-    np.testing.assert_allclose(bolt(scene).centre, [[0.0, -3.0, scene.pad.thickness]])
+    np.testing.assert_allclose(bolt(scene).center, [[0.0, -3.0, scene.pad.thickness]])
 
 
 def test_a_bolt_that_does_not_fit_is_refused(scene: Scene) -> None:

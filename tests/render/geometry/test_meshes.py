@@ -117,17 +117,17 @@ def test_a_flat_untouched_pad_needs_two_coating_triangles() -> None:
 @pytest.mark.parametrize("indented", [True, False])
 def test_coating_normals_point_into_the_pad(bend: float, indented: bool) -> None:
     coating = pad_meshes(SCENE, bend, indented).coating
-    centre = coating.triangles_center
+    center = coating.triangles_center
     axis_height = SCENE.pad.thickness + (SCENE.pad.length / bend if bend else 1e9)
-    outwards = (centre - [0.0, SCENE.camera.y, axis_height]) * [0.0, 1.0, 1.0]
+    outwards = (center - [0.0, SCENE.camera.y, axis_height]) * [0.0, 1.0, 1.0]
     assert (np.einsum("fi,fi->f", outwards, coating.face_normals) > 0).all()
 
 
 def test_interface_normals_point_from_the_diffuser_into_the_pad() -> None:
     interface = pad_meshes(SCENE, 0.0, True).interface
     assert interface is not None
-    centre, normal = interface.triangles_center, interface.face_normals
-    left, right = centre[:, 0] < -8.99, centre[:, 0] > 8.99
+    center, normal = interface.triangles_center, interface.face_normals
+    left, right = center[:, 0] < -8.99, center[:, 0] > 8.99
     np.testing.assert_allclose(normal[left], [[1, 0, 0]] * left.sum(), atol=1e-12)
     np.testing.assert_allclose(normal[right], [[-1, 0, 0]] * right.sum(), atol=1e-12)
     tip = ~(left | right)

@@ -88,7 +88,7 @@ def test_without_a_bounce_a_lit_plane_stays_exactly_black(mono: ModuleType) -> N
     assert (image(mono, plane(mono), 64, type="bdpt", max_depth=1) == 0).all()
 
 
-def test_error_bars_append_one_channel_per_colour(mono: ModuleType) -> None:
+def test_error_bars_append_one_channel_per_color(mono: ModuleType) -> None:
     scene = plane(mono)
     bare = mono.load_dict({"type": "bdpt"})
     assert np.array(bare.render(scene, spp=64)).shape == (SIZE, SIZE, 1)

@@ -133,7 +133,7 @@ assert abs(r / g - 2) < 1e-3 and abs(b / g - 0.5) < 1e-3
 """
 
 
-def test_the_emitter_is_grey_in_the_rgb_variant() -> None:
+def test_the_emitter_is_gray_in_the_rgb_variant() -> None:
     done = subprocess.run(
         [sys.executable, "-c", RGB], capture_output=True, text=True, timeout=120, check=False
     )

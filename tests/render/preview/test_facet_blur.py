@@ -31,16 +31,16 @@ def test_a_smooth_face_shows_every_facet_alone(scene: Scene, bend: float) -> Non
     np.testing.assert_array_equal(weights[:, ~np.eye(weights.shape[1], dtype=bool)], 0.0)
 
 
-def test_a_rough_face_mixes_neighbours_but_loses_no_light(scene: Scene) -> None:
+def test_a_rough_face_mixes_neighbors_but_loses_no_light(scene: Scene) -> None:
     smooth = view_weights(with_roughness(scene, 0.0), 0.0)
     rough = view_weights(scene, 0.0)
     np.testing.assert_allclose(rough.sum(axis=-1), smooth.sum(axis=-1), rtol=0.01)
     facets = np.arange(scene.indenter.faces)
     diagonal = rough[:, facets, facets]
-    neighbour = rough[:, facets, (facets + 1) % scene.indenter.faces]
+    neighbor = rough[:, facets, (facets + 1) % scene.indenter.faces]
     assert (diagonal < 0.9 * smooth[:, facets, facets]).all()
-    assert (neighbour > 0).all()
-    assert (neighbour < diagonal).all()
+    assert (neighbor > 0).all()
+    assert (neighbor < diagonal).all()
 
 
 def test_the_untouched_site_is_seen_as_itself(scene: Scene) -> None:

@@ -9,9 +9,9 @@ from render.errors import GraphicsError
 from render.preview import gl
 
 FRAGMENT = """#version 330 core
-out vec4 colour;
+out vec4 color;
 void main() {
-    colour = vec4(sin(0.1 * gl_FragCoord.xy), exp(-gl_FragCoord.x), 1e-20 * gl_FragCoord.y);
+    color = vec4(sin(0.1 * gl_FragCoord.xy), exp(-gl_FragCoord.x), 1e-20 * gl_FragCoord.y);
 }
 """
 VERTEX = """#version 330 core

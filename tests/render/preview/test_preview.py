@@ -43,8 +43,8 @@ def transport(preview: Preview) -> tuple[np.ndarray, np.ndarray]:
 
 
 def baseline(scene: Scene) -> np.ndarray:
-    colour = {"left": (1, 0, 0), "tip": (0, 0, 1), "right": (0, 1, 0)}
-    return np.array([colour[edge] for edge in fiber_edges(scene)], dtype=float)
+    color = {"left": (1, 0, 0), "tip": (0, 0, 1), "right": (0, 1, 0)}
+    return np.array([color[edge] for edge in fiber_edges(scene)], dtype=float)
 
 
 def test_every_cell_is_finite_and_lit(transport: tuple[np.ndarray, np.ndarray]) -> None:
@@ -120,11 +120,11 @@ def test_a_picture_shows_the_transport_of_the_untouched_pad(
     image = preview.picture(phi, power, bend, 200, 200, indented=False)
     _, background = preview.transport(np.array([np.pi / 2]), np.array([bend]))
     expected = np.einsum("fs,fc->sc", background[:, 0, 0], power)
-    centre = scene.sites.count // 2
-    column, row = _pixel(scene, flat_sites(scene)[centre], 200)
+    center = scene.sites.count // 2
+    column, row = _pixel(scene, flat_sites(scene)[center], 200)
     if bend == 0.0:
-        np.testing.assert_allclose(image[row, column], expected[centre], rtol=0.05)
-    assert image[row, column].sum() == pytest.approx(expected[centre].sum(), rel=0.1)
+        np.testing.assert_allclose(image[row, column], expected[center], rtol=0.05)
+    assert image[row, column].sum() == pytest.approx(expected[center].sum(), rel=0.1)
 
 
 def _pixel(scene: Scene, point: np.ndarray, size: int) -> tuple[int, int]:

@@ -16,12 +16,12 @@ def test_the_pace_is_the_slope_between_two_renders_and_the_rest(
     clock, rendered = [0.0], []
     real = pace.render_transport
 
-    def counted(*args: object, mutations: int, **rest: object) -> object:
+    def counted(*args: object, samples: int, **rest: object) -> object:
         # Real renders of a known duration: 3 s and 0.5 s per mutation of every cell.
         steps: list[Progress] = []
-        found = real(*args, mutations=mutations, progress=steps.append, **rest)  # type: ignore[arg-type]
+        found = real(*args, samples=samples, progress=steps.append, **rest)  # type: ignore[arg-type]
         rendered.append(steps[-1].total)
-        clock[0] += 3.0 + 0.5 * mutations
+        clock[0] += 3.0 + 0.5 * samples
         return found
 
     monkeypatch.setattr(pace, "TRIALS", (2, 6))

@@ -24,7 +24,7 @@ def scene() -> Scene:
 @pytest.fixture(scope="module")
 def jobs(scene: Scene) -> list[PadJob]:
     phi = np.array([np.pi / 2, 1.0])
-    return pad_jobs(scene, phi, np.array([0.0]), mutations=4, seeds=(1,), replicates=4)
+    return pad_jobs(scene, phi, np.array([0.0]), samples=4, seeds=(1,), replicates=4)
 
 
 @pytest.mark.parametrize("name", shipped_scenes())
@@ -71,7 +71,7 @@ def test_everything_that_changes_the_result_changes_the_key(jobs: list[PadJob]) 
         replace(job, chains=2 * job.chains),
         replace(job, iterations=2 * job.iterations),
         replace(job, replicates=2),
-        replace(job, p_large=0.5),
+        replace(job, sampler="pssmlt"),
     ]
     assert len({job.key, *(one.key for one in changed)}) == len(changed) + 1
     assert len({one.name for one in changed}) == len(changed)
@@ -82,13 +82,13 @@ def test_the_name_of_a_scene_has_no_part_in_the_key(scene: Scene, jobs: list[Pad
     assert replace(jobs[0], scene=scene_content(renamed)).key == jobs[0].key
 
 
-def test_jobs_that_travelled_and_ran_backwards_gather_to_the_same_estimate(
+def test_jobs_that_traveled_and_ran_backwards_gather_to_the_same_estimate(
     scene: Scene, jobs: list[PadJob]
 ) -> None:
     results = [render_pad(PadJob.from_json(job.to_json())) for job in reversed(jobs)]
     found = gather(scene, jobs, results[::-1], 4)
     phi, bends = np.array([np.pi / 2, 1.0]), np.array([0.0])
-    whole = render_transport(scene, phi, bends, mutations=4, seeds=(1,), replicates=4)
+    whole = render_transport(scene, phi, bends, samples=4, seeds=(1,), replicates=4)
     np.testing.assert_array_equal(found.replicates, whole.replicates)
     np.testing.assert_array_equal(found.background_replicates, whole.background_replicates)
     assert found.settings == whole.settings
@@ -105,5 +105,5 @@ def test_a_run_that_is_stopped_saves_its_state_first(jobs: list[PadJob], tmp_pat
     ticks: list[int] = []
     resumed = render_pad(job, state, ticks.append)
     assert ticks[0] == job.chains
-    assert sum(ticks) == job.mutations
+    assert sum(ticks) == job.samples
     np.testing.assert_array_equal(resumed.estimate, render_pad(job).estimate)

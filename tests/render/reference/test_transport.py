@@ -15,7 +15,7 @@ from render.reference.transport import Estimate, render_transport
 from render.scene.schema import Scene, load_scene
 
 PHI, BENDS = np.array([np.pi / 2]), np.array([0.0])
-TINY: dict[str, Any] = {"mutations": 4, "seeds": (1,), "replicates": 4}
+TINY: dict[str, Any] = {"samples": 4, "seeds": (1,), "replicates": 4}
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_directions_and_bends_out_of_range_are_named(
     assert caught.value.field == named
 
 
-@pytest.mark.parametrize("bad", [{"mutations": 0}, {"seeds": ()}, {"seeds": (1, 1)}])
+@pytest.mark.parametrize("bad", [{"samples": 0}, {"seeds": ()}, {"seeds": (1, 1)}])
 def test_settings_that_give_no_independent_runs_are_refused(
     scene: Scene, bad: dict[str, Any]
 ) -> None:

@@ -71,16 +71,16 @@ def test_a_fixed_direction_needs_not_be_on_a_step(scene_with: Callable[[str], Sc
     ("more", "sentence"),
     [
         ("max_red = 5\nmax_green = 5\nmax_blue = 5", "at least 20 together"),
-        ("max_red = 0\n[[constraints.fixed]]\nfiber = 1\ncolour = 'red'", "at most max_red = 0"),
-        ("[[constraints.fixed]]\nfiber = 20\ncolour = 'red'", "fiber 20, allowed: 0 to 19"),
+        ("max_red = 0\n[[constraints.fixed]]\nfiber = 1\ncolor = 'red'", "at most max_red = 0"),
+        ("[[constraints.fixed]]\nfiber = 20\ncolor = 'red'", "fiber 20, allowed: 0 to 19"),
         (FORBID % (0, 180), "no direction for fiber 0"),
         (FORBID % (0, 90) + FORBID % (90, 180), "no direction for fiber 0"),
         (FORBID % (90, 90), "allowed: low below high"),
         ("max_red = -1", "allowed: 0 to 192"),
-        ("colour_order = 'rgb'", "unknown key constraints.colour_order"),
+        ("color_order = 'rgb'", "unknown key constraints.color_order"),
         (
-            "[[constraints.fixed]]\nfiber = 1\ncolour = 'red'\n"
-            "[[constraints.fixed]]\nfiber = 1\ncolour = 'blue'",
+            "[[constraints.fixed]]\nfiber = 1\ncolor = 'red'\n"
+            "[[constraints.fixed]]\nfiber = 1\ncolor = 'blue'",
             "names fiber 1 twice",
         ),
     ],

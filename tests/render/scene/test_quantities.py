@@ -21,7 +21,7 @@ class Probe(BaseModel):
     number: Annotated[int, Count(1, 64)] = 1
 
 
-def millimetres(value: object) -> dict[str, object]:
+def millimeters(value: object) -> dict[str, object]:
     return {"value": value, "unit": "mm", "source": "assumed"}
 
 
@@ -33,7 +33,7 @@ def message(**raw: Any) -> str:
 
 def test_lengths_stay_and_angles_become_radians() -> None:
     degrees = {"value": 45.0, "unit": "deg", "source": "assumed"}
-    probe = Probe(length=millimetres(18), angle=degrees, number=3)
+    probe = Probe(length=millimeters(18), angle=degrees, number=3)
     assert probe.length == 18.0
     assert isinstance(probe.length, float)
     assert probe.angle == math.pi / 4
@@ -51,21 +51,21 @@ def test_an_empty_list_is_refused() -> None:
 
 @pytest.mark.parametrize("value", [0.4999, 20.0001, math.nan, math.inf, -math.inf])
 def test_values_outside_the_range_are_refused_with_the_whole_range(value: float) -> None:
-    assert message(length=millimetres(value)) == "allowed: 0.5 to 20 mm"
+    assert message(length=millimeters(value)) == "allowed: 0.5 to 20 mm"
 
 
 @pytest.mark.parametrize("value", [0.5, 20.0])
 def test_the_ends_of_the_range_are_allowed(value: float) -> None:
-    assert Probe(length=millimetres(value)).length == value
+    assert Probe(length=millimeters(value)).length == value
 
 
 @pytest.mark.parametrize("value", ["18", True, None, [18.0]])
 def test_only_numbers_are_numbers(value: object) -> None:
-    assert message(length=millimetres(value))
+    assert message(length=millimeters(value))
 
 
 def test_an_enormous_whole_number_is_refused_not_overflowed() -> None:
-    assert message(length=millimetres(10**400))
+    assert message(length=millimeters(10**400))
 
 
 def test_minus_zero_is_zero() -> None:

@@ -49,7 +49,7 @@ def test_a_scene_is_read_from_any_path(tmp_path: Path) -> None:
 
 
 def test_an_unknown_key_is_named(tmp_path: Path) -> None:
-    assert "unknown key pad.colour" in refusal(tmp_path, ("[pad]", '[pad]\ncolour = "red"'))
+    assert "unknown key pad.color" in refusal(tmp_path, ("[pad]", '[pad]\ncolor = "red"'))
     assert "unknown key lens" in refusal(tmp_path, ("[pad]", "[lens]\nk = 1\n[pad]"))
 
 

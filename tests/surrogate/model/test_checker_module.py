@@ -98,7 +98,7 @@ def test_half_the_exposure_halves_counts_and_spread(scene: Scene, grid: PreviewG
 
 
 @torch.no_grad()
-def test_permuted_colours_permute_the_counts_and_leave_the_score(
+def test_permuted_colors_permute_the_counts_and_leave_the_score(
     checker: Checker, scene: Scene
 ) -> None:
     phi, power, bend = _design(scene)

@@ -51,7 +51,7 @@ def free_model(sensor: Scene, tmp_path_factory: pytest.TempPathFactory) -> Train
     """A model from real renders of a few samples: what `tactilux train` makes, in small."""
     network = NetworkConfig(width=8, steps=200, batch=256)
     config = TrainConfig(
-        mutations=300,
+        samples=300,
         phi_nodes=5,
         bend_nodes=2,
         preview_nodes=(5, 3),

@@ -41,10 +41,10 @@ def _edit(folder: Path, change: str) -> Path:
     elif change == "renamed":
         for value in [model.graph.output[0], *model.graph.node]:
             if isinstance(value, onnx.ValueInfoProto):
-                value.name = "colours"
+                value.name = "colors"
             else:
-                value.output[:] = ["colours" if n == "counts" else n for n in value.output]
-                value.input[:] = ["colours" if n == "counts" else n for n in value.input]
+                value.output[:] = ["colors" if n == "counts" else n for n in value.output]
+                value.input[:] = ["colors" if n == "counts" else n for n in value.input]
     (folder / MODEL_FILE).write_bytes(model.SerializeToString())
     return folder / MODEL_FILE
 

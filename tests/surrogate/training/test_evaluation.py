@@ -54,7 +54,7 @@ def test_a_common_factor_is_the_error_of_every_facet(exam: Exam) -> None:
     assert grade.kendall_tau > 0.9
 
 
-def test_a_design_is_lit_by_its_own_directions_and_colours(exam: Exam) -> None:
+def test_a_design_is_lit_by_its_own_directions_and_colors(exam: Exam) -> None:
     counts = exam.counts(exam.reference)
     direction, power = exam.designs.direction[7], exam.designs.power[7]
     light = np.stack([exam.reference[direction[f], f, ..., :-1] for f in range(SHAPE[1])])
@@ -84,11 +84,11 @@ def test_a_design_is_of_one_material() -> None:
     assert set(block[some.direction].ravel()) == {0}
 
 
-def test_neighbouring_fibers_share_colours_in_runs() -> None:
+def test_neighboring_fibers_share_colors_in_runs() -> None:
     designs = random_designs(3, np.ones((2, 8), dtype=bool), np.zeros(2), np.random.default_rng(1))
-    colour = designs.power.argmax(axis=-1)
-    assert (colour[1, 0::2] == colour[1, 1::2]).all()
-    assert (colour[2, :4] == colour[2, 0]).all()
+    color = designs.power.argmax(axis=-1)
+    assert (color[1, 0::2] == color[1, 1::2]).all()
+    assert (color[2, :4] == color[2, 0]).all()
     assert (designs.power.sum(axis=-1) == 1).all()
 
 

@@ -14,7 +14,7 @@ from render.transport import TransportTable
 from surrogate.training.exposure import baseline_power, fix_scale
 
 
-def test_every_edge_of_the_baseline_has_its_colour(scene: Scene) -> None:
+def test_every_edge_of_the_baseline_has_its_color(scene: Scene) -> None:
     assert baseline_power(scene).argmax(axis=1).tolist() == [0, 0, 0, 2, 2, 1, 1, 1]
 
 

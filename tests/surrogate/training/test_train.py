@@ -91,10 +91,10 @@ def test_training_bends_include_the_scenes_own(make_scene: Callable[..., Scene])
 
 
 def test_an_interrupted_run_keeps_its_plan(scene: Scene, tmp_path: Path) -> None:
-    def plan(seed: int, mutations: int | None) -> int:
-        made = make_plan(scene, tmp_path, minutes=0.1, mutations=mutations, seed=seed,
+    def plan(seed: int, samples: int | None) -> int:
+        made = make_plan(scene, tmp_path, minutes=0.1, samples=samples, seed=seed,
                          phi_count=3, bend_count=3)  # fmt: skip
-        return made.mutations
+        return made.samples
 
     assert plan(0, 77) == 77
     assert plan(0, None) == 77

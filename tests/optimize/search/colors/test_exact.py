@@ -12,7 +12,7 @@ import pytest
 from optimize.design.limits import unlimited
 from optimize.scoring.evaluate import TableScorer
 from optimize.search.colors.enumeration import SearchProgress
-from optimize.search.colors.exact import exact_colours
+from optimize.search.colors.exact import exact_colors
 from render.errors import TableError, TactiluxError
 from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.transport import TransportTable
@@ -21,9 +21,9 @@ MakeTable = Callable[..., TransportTable]
 
 
 def brute_force(scorer: TableScorer, phi: np.ndarray) -> tuple[float, np.ndarray]:
-    colours = np.array(list(itertools.product(range(3), repeat=scorer.fibers)))
+    colors = np.array(list(itertools.product(range(3), repeat=scorer.fibers)))
     table, best = scorer.table, []
-    for part in np.array_split(colours, -(-len(colours) // 5000)):
+    for part in np.array_split(colors, -(-len(colors) // 5000)):
         if table.by_channel:
             light = table.exposure * table.at(phi)
             mixed = np.einsum("fbskc,nfc->nbskc", light, scorer.power(part))
@@ -46,28 +46,28 @@ def test_it_equals_brute_force(
     table = make_table(fibers, 3, bends, sites, facets, lam=60.0, seed=fibers)
     scorer = TableScorer(table)
     phi = np.linspace(0.5, 2.5, fibers)
-    result = exact_colours(scorer, phi)
+    result = exact_colors(scorer, phi)
     score, _ = brute_force(scorer, phi)
     assert result.score == pytest.approx(score, rel=1e-12)
-    assert scorer.score(phi, scorer.power(result.colours)) == result.score
+    assert scorer.score(phi, scorer.power(result.colors)) == result.score
 
 
 def test_ten_fibers_need_a_sixth_of_the_evaluations(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(11, sites=2, bends=1, facets=3))
-    result = exact_colours(scorer, scorer.at_node(0))
+    result = exact_colors(scorer, scorer.at_node(0))
     assert result.evaluated == 2 * 3**9  # prefixes (0 0) and (0 1)
-    assert result.colours[0] == 0
+    assert result.colors[0] == 0
 
 
 def test_different_led_powers_switch_the_symmetry_off(make_table: MakeTable) -> None:
     led_power = np.array([0.4, 1.0, 0.7])
     scorer = TableScorer(make_table(10, 3, 2, 2, 4, lam=60.0), led_power=led_power)
     phi = scorer.at_node(1)
-    result = exact_colours(scorer, phi)
-    score, colours = brute_force(scorer, phi)
+    result = exact_colors(scorer, phi)
+    score, colors = brute_force(scorer, phi)
     assert result.evaluated == 3**10
     assert result.score == pytest.approx(score, rel=1e-12)
-    assert result.colours.tolist() == colours.tolist()
+    assert result.colors.tolist() == colors.tolist()
 
 
 def test_materials_that_depend_on_the_channel_switch_the_symmetry_off(
@@ -78,27 +78,27 @@ def test_materials_that_depend_on_the_channel_switch_the_symmetry_off(
     light = table.T[..., None] * tint
     scorer = TableScorer(replace(table, T=light, se=0.01 * light))
     phi = scorer.at_node(1)
-    result = exact_colours(scorer, phi)
-    score, colours = brute_force(scorer, phi)
+    result = exact_colors(scorer, phi)
+    score, colors = brute_force(scorer, phi)
     assert result.evaluated == 3**10
     assert result.score == pytest.approx(score, rel=1e-12)
-    assert result.colours.tolist() == colours.tolist()
-    power = scorer.power(result.colours)
+    assert result.colors.tolist() == colors.tolist()
+    power = scorer.power(result.colors)
     assert scorer.direction_scores(phi[None], power)[0] == pytest.approx(score, rel=1e-12)
-    grey = replace(table, T=np.repeat(table.T[..., None], 3, axis=-1),
+    gray = replace(table, T=np.repeat(table.T[..., None], 3, axis=-1),
                    se=np.zeros((*table.T.shape, 3)))  # fmt: skip
-    plain, tinted = TableScorer(table), TableScorer(grey)
-    assert exact_colours(tinted, phi).score == pytest.approx(exact_colours(plain, phi).score)
+    plain, tinted = TableScorer(table), TableScorer(gray)
+    assert exact_colors(tinted, phi).score == pytest.approx(exact_colors(plain, phi).score)
 
 
 def test_the_list_of_the_best_is_in_order_and_scored_in_float64(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(8))
-    found = exact_colours(scorer, scorer.at_node(2))
+    found = exact_colors(scorer, scorer.at_node(2))
     scores = [score for _, score in found.top]
-    assert found.top[0] == (tuple(found.colours.tolist()), pytest.approx(found.score))
+    assert found.top[0] == (tuple(found.colors.tolist()), pytest.approx(found.score))
     assert scores == sorted(scores, reverse=True)
     assert len(found.top) > 20
-    again = scorer.scores(np.array([colours for colours, _ in found.top]), scorer.at_node(2))
+    again = scorer.scores(np.array([colors for colors, _ in found.top]), scorer.at_node(2))
     assert again.tolist() == scores
 
 
@@ -109,7 +109,7 @@ def test_torch_finds_the_same(make_table: MakeTable) -> None:
         TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0), limits=limits),
     ):
         phi = scorer.at_node(1)
-        own, other = exact_colours(scorer, phi), exact_colours(scorer, phi, device="cpu")
+        own, other = exact_colors(scorer, phi), exact_colors(scorer, phi, device="cpu")
         assert other.score == pytest.approx(own.score, rel=1e-12)
         assert other.evaluated == own.evaluated
         assert [score for _, score in other.top[:20]] == pytest.approx(
@@ -120,7 +120,7 @@ def test_torch_finds_the_same(make_table: MakeTable) -> None:
 def test_a_device_that_is_not_there_is_named(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(4))
     with pytest.raises(TactiluxError, match="leave --device out"):
-        exact_colours(scorer, scorer.at_node(1), device="abacus")
+        exact_colors(scorer, scorer.at_node(1), device="abacus")
 
 
 def test_two_identical_fibers_make_an_exact_tie(make_table: MakeTable) -> None:
@@ -129,9 +129,9 @@ def test_two_identical_fibers_make_an_exact_tie(make_table: MakeTable) -> None:
     transport[1] = transport[0]
     scorer = TableScorer(replace(table, T=transport))
     phi = np.full(6, 1.0)
-    result = exact_colours(scorer, phi)
-    mirrored = result.colours[[1, 0, 2, 3, 4, 5]]
-    if result.colours[0] != result.colours[1]:
+    result = exact_colors(scorer, phi)
+    mirrored = result.colors[[1, 0, 2, 3, 4, 5]]
+    if result.colors[0] != result.colors[1]:
         assert len(result.ties) == 1
         assert scorer.score(phi, scorer.power(mirrored)) == pytest.approx(result.score, rel=1e-12)
     else:
@@ -142,28 +142,28 @@ def test_large_errors_make_more_ties(make_table: MakeTable) -> None:
     ties = []
     for error in (0.0, 0.02, 0.3):
         scorer = TableScorer(make_table(8, error=error))
-        ties.append(len(exact_colours(scorer, scorer.at_node(2)).ties))
+        ties.append(len(exact_colors(scorer, scorer.at_node(2)).ties))
     assert ties[0] <= ties[1] < ties[2]
 
 
 def test_when_all_assignments_tie_it_says_that_there_may_be_more(make_table: MakeTable) -> None:
     dark = make_table(10, lam=1.0)
     scorer = TableScorer(replace(dark, T=np.zeros_like(dark.T), se=np.zeros_like(dark.T)))
-    result = exact_colours(scorer, scorer.at_node(0))
+    result = exact_colors(scorer, scorer.at_node(0))
     assert result.score == 0.0
     assert not result.ties_complete
 
 
-def test_a_heavy_weight_on_brightness_gives_one_colour_and_says_so(make_table: MakeTable) -> None:
+def test_a_heavy_weight_on_brightness_gives_one_color_and_says_so(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(7, lam=0.0))
-    assert exact_colours(scorer, scorer.at_node(2)).monochrome
-    assert not exact_colours(TableScorer(make_table(7)), scorer.at_node(2)).monochrome
+    assert exact_colors(scorer, scorer.at_node(2)).monochrome
+    assert not exact_colors(TableScorer(make_table(7)), scorer.at_node(2)).monochrome
 
 
 def test_progress_reaches_the_total(make_table: MakeTable) -> None:
     seen: list[SearchProgress] = []
     scorer = TableScorer(make_table(12, sites=1, bends=1, facets=3))
-    result = exact_colours(scorer, scorer.at_node(0), seen.append)
+    result = exact_colors(scorer, scorer.at_node(0), seen.append)
     assert seen[-1].done == seen[-1].total == result.evaluated
     assert seen[-1].eta_seconds == 0.0
     assert seen[-1].rate > 0.0
@@ -172,7 +172,7 @@ def test_progress_reaches_the_total(make_table: MakeTable) -> None:
 def test_hopeless_and_overflowing_searches_are_refused(make_table: MakeTable) -> None:
     many = TableScorer(make_table(27, nodes=1, sites=1, bends=1, facets=3))
     with pytest.raises(TactiluxError, match="allowed: at most 26; use the method quick"):
-        exact_colours(many, many.at_node(0))
+        exact_colors(many, many.at_node(0))
     bright = TableScorer(replace(make_table(4), exposure=1e60))
     with pytest.raises(TableError, match="exceeds the range of float32"):
-        exact_colours(bright, bright.at_node(0))
+        exact_colors(bright, bright.at_node(0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.colors.grouped import grouped_colours, pair_groups, repair_boundaries
+from optimize.search.colors.grouped import grouped_colors, pair_groups, repair_boundaries
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -29,11 +29,11 @@ def best_of_pairs(scorer: TableScorer, phi: np.ndarray) -> tuple[float, np.ndarr
 def test_it_is_the_repaired_best_of_both_phases(make_table: MakeTable, fibers: int) -> None:
     scorer = TableScorer(make_table(fibers, lam=60.0))
     phi = scorer.at_node(2)
-    result = grouped_colours(scorer, phi)
-    pairs, colours = best_of_pairs(scorer, phi)
+    result = grouped_colors(scorer, phi)
+    pairs, colors = best_of_pairs(scorer, phi)
     assert result.score >= pairs * (1 - 1e-12)
-    assert result.score == pytest.approx(repair_boundaries(scorer, phi, colours)[1], rel=1e-12)
-    assert result.score == pytest.approx(scorer.score(phi, scorer.power(result.colours)))
+    assert result.score == pytest.approx(repair_boundaries(scorer, phi, colors)[1], rel=1e-12)
+    assert result.score == pytest.approx(scorer.score(phi, scorer.power(result.colors)))
 
 
 @pytest.mark.parametrize("fibers", [1, 2, 5, 6])

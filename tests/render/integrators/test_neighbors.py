@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from render.integrators.light_subpaths import LightVertex
-from render.integrators.neighbours import WINDOW, Nearby
+from render.integrators.neighbors import WINDOW, Nearby
 from render.integrators.proxy_weights import Seen
 from render.integrators.vertex_cache import Ensemble
 

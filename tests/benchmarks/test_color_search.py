@@ -14,8 +14,8 @@ import pytest
 from optimize.design.design import Design
 from optimize.scoring.evaluate import TableScorer
 from optimize.search.colors.enumeration import Enumeration
-from optimize.search.colors.exact import colour_units, exact_colours
-from optimize.search.joint import optimise_jointly
+from optimize.search.colors.exact import color_units, exact_colors
+from optimize.search.joint import optimize_jointly
 from render.chebyshev import chebyshev_nodes
 from render.transport import TransportTable
 
@@ -36,9 +36,9 @@ def report(capsys: pytest.CaptureFixture[str], what: str, seconds: float, allowe
         print(f"\n{what}: {seconds:.3g} s, {seconds / allowed:.2f} of the allowed {allowed:g} s")
 
 
-def test_all_colours_of_20_fibers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_colors_of_20_fibers(capsys: pytest.CaptureFixture[str]) -> None:
     scorer = TableScorer(wavy_table(20))
-    units = colour_units(scorer, scorer.at_node(6))
+    units = color_units(scorer, scorer.at_node(6))
     search = Enumeration(units, 3, scorer.table.lam, scorer.config, symmetric=True)
     search.best(8, limit=1)
     start = time.process_time()
@@ -48,20 +48,20 @@ def test_all_colours_of_20_fibers(capsys: pytest.CaptureFixture[str]) -> None:
     report(capsys, f"exact search of 3^20 on {CORES} cores, from {done} of them", seconds, 600.0)
 
 
-def test_all_colours_of_14_fibers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_colors_of_14_fibers(capsys: pytest.CaptureFixture[str]) -> None:
     scorer = TableScorer(wavy_table(14))
-    warm = exact_colours(scorer, scorer.at_node(6))
+    warm = exact_colors(scorer, scorer.at_node(6))
     start = time.process_time()
-    again = exact_colours(scorer, scorer.at_node(6))
+    again = exact_colors(scorer, scorer.at_node(6))
     report(capsys, "exact search of 3^14, processor time", time.process_time() - start, 2.0)
     assert again.score == warm.score
 
 
 def test_the_whole_search_of_20_fibers(capsys: pytest.CaptureFixture[str]) -> None:
     scorer = TableScorer(wavy_table(20))
-    design = Design.of_colours(np.full(20, np.pi / 2), [0] * 8 + [2] * 4 + [1] * 8)
+    design = Design.of_colors(np.full(20, np.pi / 2), [0] * 8 + [2] * 4 + [1] * 8)
     edges = ["left"] * 8 + ["tip"] * 4 + ["right"] * 8
     start = time.perf_counter()
-    found = optimise_jointly(scorer, design, edges=edges)
-    report(capsys, "colours and directions together", time.perf_counter() - start, 20.0)
+    found = optimize_jointly(scorer, design, edges=edges)
+    report(capsys, "colors and directions together", time.perf_counter() - start, 20.0)
     assert found.score >= scorer.score(design.phi, design.power)
