@@ -1,4 +1,4 @@
-"""Emulated boards behind real serial ports."""
+"""Emulated boards behind real serial ports, and the shipped model's prediction for a design."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hw.check.prediction import Prediction, predict
 from hw.emulator.board import EmulatedBoard
 from hw.emulator.faults import Faults
 from hw.leds.ports import ProtocolName
+from surrogate.runtime.checker import Checker
 
+MODEL = Path(__file__).parents[2] / "models" / "finger20"
 Plug = Callable[..., EmulatedBoard]
 
 
@@ -26,3 +30,15 @@ def plug(tmp_path: Path) -> Iterator[Plug]:
             return stack.enter_context(board)
 
         yield one
+
+
+@pytest.fixture(scope="session")
+def checker() -> Checker:
+    """Load the shipped model."""
+    return Checker.load(MODEL, threads=2)
+
+
+@pytest.fixture(scope="session")
+def prediction(checker: Checker) -> Prediction:
+    """Ask for a design in three colors, every fiber at 70 deg."""
+    return predict(checker, np.radians(np.full(20, 70.0)), np.eye(3)[np.arange(20) % 3], 0.0)
