@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from optimize.overnight.night import Night
 from optimize.overnight.report import write_report
+from optimize.overnight.result import OvernightResult
 from optimize.ui.console import reserved_stdout
 from optimize.ui.output import OutputError
 
@@ -13,9 +13,9 @@ from optimize.ui.output import OutputError
 def run(directory: Path) -> None:
     """Write ``report.html`` into the run directory and say where it is."""
     with reserved_stdout() as stream:
-        night = Night.load(directory)
+        result = OvernightResult.load(directory)
         try:
-            path = write_report(night, directory)
+            path = write_report(result, directory)
         except OSError as error:
             raise OutputError(
                 f"{directory} cannot be written ({error.strerror}): copy the run directory to a "

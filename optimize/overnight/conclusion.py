@@ -8,46 +8,46 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.overnight.final_stage import TITLES, handed_over
-from optimize.overnight.loop_stage import Outcome
-from optimize.overnight.night import Finalist, Night, Step
-from optimize.overnight.shift import Shift
+from optimize.overnight.context import RunContext
+from optimize.overnight.final_stage import TITLES, choose_winner
+from optimize.overnight.loop_stage import LoopOutcome
+from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.ui.provenance import package_versions
 from optimize.verification.verdict import Verdict
 from render.metric import site_metric
 from surrogate.runtime.checker import Checker
 from surrogate.runtime.model_file import MODEL_FILE, sha256
 
-TIMED = 20
+TIMED_RUNS = 20
 """Designs whose median time is that of a level."""
 
 
-def concluded(
-    shift: Shift,
+def conclude(
+    context: RunContext,
     checker: Checker,
-    outcome: Outcome,
+    loop_outcome: LoopOutcome,
     verdict: Verdict,
     checks: Sequence[tuple[int, Verdict]],
     hours: float | None,
-) -> Night:
+) -> OvernightResult:
     """Return the night that is over."""
-    winner = handed_over(verdict)
-    return Night(
-        scene=shift.scene,
+    winner = choose_winner(verdict)
+    return OvernightResult(
+        scene=context.scene,
         scale=verdict.scale,
         replicates=len(verdict.renders.replicates),
         finalists=tuple(
-            _finalist(shift, checker, verdict, index) for index in range(len(verdict.names))
+            _finalist(context, checker, verdict, index) for index in range(len(verdict.names))
         ),
         winner=winner,
-        verdict=_sentences(shift, checker, outcome, verdict, winner),
-        steps=_steps(shift, outcome, checks, checker),
-        trade=_trade(shift, checker, outcome),
-        facts=_facts(shift, outcome, verdict, hours),
+        verdict=_sentences(context, checker, loop_outcome, verdict, winner),
+        steps=_steps(context, loop_outcome, checks, checker),
+        trade=_trade(context, checker, loop_outcome),
+        facts=_facts(context, loop_outcome, verdict, hours),
     )
 
 
-def _finalist(shift: Shift, checker: Checker, verdict: Verdict, index: int) -> Finalist:
+def _finalist(context: RunContext, checker: Checker, verdict: Verdict, index: int) -> Finalist:
     name, design = verdict.names[index], verdict.renders.designs[index]
     replicates = verdict.renders.replicates[:, index]
     scale, score = verdict.scale, verdict.measured[index].score
@@ -55,7 +55,7 @@ def _finalist(shift: Shift, checker: Checker, verdict: Verdict, index: int) -> F
     counts = scale.counts(replicates.mean(axis=0), design.power)
     # The error bar is the one before clipping: a clipped channel would seem to be known exactly.
     light = scale.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
-    predicted = _predicted(shift, checker, design)
+    predicted = _predicted(context, checker, design)
     gain = None if name == "baseline" else verdict.gain("baseline", name)
     return Finalist(
         key=name,
@@ -75,8 +75,8 @@ def _finalist(shift: Shift, checker: Checker, verdict: Verdict, index: int) -> F
     )
 
 
-def _predicted(shift: Shift, checker: Checker, design: Design) -> dict[str, Array]:
-    found = checker.run(design.phi[None], design.power[None], shift.bends)
+def _predicted(context: RunContext, checker: Checker, design: Design) -> dict[str, Array]:
+    found = checker.run(design.phi[None], design.power[None], context.bends)
     return {name: np.asarray(value[0], dtype=np.float64) for name, value in found.items()}
 
 
@@ -97,7 +97,7 @@ def _metric_se(verdict: Verdict, index: int) -> Array:
 
 
 def _sentences(
-    shift: Shift, checker: Checker, outcome: Outcome, verdict: Verdict, winner: str
+    context: RunContext, checker: Checker, loop_outcome: LoopOutcome, verdict: Verdict, winner: str
 ) -> tuple[str, ...]:
     names, said = verdict.names, []
     if winner != "baseline":
@@ -109,7 +109,7 @@ def _sentences(
     ]
     index = names.index(winner)
     design, score = verdict.renders.designs[index], verdict.of(winner).score
-    off = float(_predicted(shift, checker, design)["score"]) - score.value
+    off = float(_predicted(context, checker, design)["score"]) - score.value
     reach = checker.score_reach
     # The renders' own error bar (90 %) is part of what the surrogate may be off by.
     allowed = float(np.hypot(reach, 1.645 * score.se))
@@ -118,7 +118,7 @@ def _sentences(
         f"The surrogate is off by {off:+.2f} for the {winner}: its 90% interval of ±{reach:.2f} "
         f"{holds} (renders ±{score.se:.2f})."
     )
-    said.append(f"The verification loop stopped because {outcome.reason}.")
+    said.append(f"The verification loop stopped because {loop_outcome.reason}.")
     if len(set(design.colors.tolist())) == 1:
         said.append(
             "The optimum is monochrome: the weight of the color term does not reward color "
@@ -128,49 +128,61 @@ def _sentences(
 
 
 def _steps(
-    shift: Shift, outcome: Outcome, checks: Sequence[tuple[int, Verdict]], checker: Checker
-) -> tuple[Step, ...]:
-    spent = shift.store.render_seconds_by_kind()
-    before = sum(seconds for kind, seconds in spent.items() if _precedes_rounds(kind, shift.number))
+    context: RunContext,
+    loop_outcome: LoopOutcome,
+    checks: Sequence[tuple[int, Verdict]],
+    checker: Checker,
+) -> tuple[ConvergencePoint, ...]:
+    spent = context.store.render_seconds_by_kind()
+    before = sum(
+        seconds for kind, seconds in spent.items() if _precedes_rounds(kind, context.number)
+    )
     steps = []
-    for done in outcome.rounds:
+    for done in loop_outcome.rounds:
         before += done.seconds
         steps += [
-            Step("rounds", done.number, entry.role, before, m.score.value, m.score.se,
+            ConvergencePoint("rounds", done.number, entry.role, before, m.score.value, m.score.se,
                  entry.predicted)
             for entry, m in zip(done.proposals, done.measured, strict=True)
         ]  # fmt: skip
     for number, verdict in checks:
         for index, name in enumerate(verdict.names):
             score = verdict.measured[index].score
-            predicted = _predicted(shift, checker, verdict.renders.designs[index])["score"]
+            predicted = _predicted(context, checker, verdict.renders.designs[index])["score"]
             steps.append(
-                Step("final", number, name, before + verdict.renders.seconds, score.value,
-                     score.se, float(predicted))
-            )  # fmt: skip
+                ConvergencePoint(
+                    "final",
+                    number,
+                    name,
+                    before + verdict.renders.seconds,
+                    score.value,
+                    score.se,
+                    float(predicted),
+                )
+            )
     return tuple(steps)
 
 
 def _precedes_rounds(kind: str, number: int) -> bool:
-    shift, _, stage = kind.partition("/")
-    return int(shift) < number or (int(shift) == number and stage in ("trial", "table"))
+    period, _, stage = kind.partition("/")
+    return int(period) < number or (int(period) == number and stage in ("trial", "table"))
 
 
 def _trade(
-    shift: Shift, checker: Checker, outcome: Outcome
+    context: RunContext, checker: Checker, loop_outcome: LoopOutcome
 ) -> tuple[dict[str, float | str | None], ...]:
     """Return speed and accuracy by level: the model's held-out errors and measured times."""
     held = {str(row["level"]): row for row in checker.metadata.held_out}
-    rendered = [done.seconds / len(done.proposals) for done in outcome.rounds]
-    phi = np.full((1, shift.scene.fibers.count), np.pi / 2)
-    power = np.ones((1, shift.scene.fibers.count, 3))
+    rendered = [done.seconds / len(done.proposals) for done in loop_outcome.rounds]
+    phi = np.full((1, context.scene.fibers.count), np.pi / 2)
+    power = np.ones((1, context.scene.fibers.count, 3))
 
     def model() -> None:
-        checker.run(phi, power, shift.bends)
+        checker.run(phi, power, context.bends)
 
     kind = str(checker.metadata.residual["kind"])
     rows: list[tuple[str, str, float]] = [
-        ("preview", "preview", _preview_seconds(shift)),
+        ("preview", "preview", _preview_seconds(context)),
         ("surrogate", kind, _median_seconds(model)),
     ]
     if rendered:
@@ -189,13 +201,13 @@ def _trade(
     )
 
 
-def _preview_seconds(shift: Shift) -> float:
+def _preview_seconds(context: RunContext) -> float:
     from render.preview.preview import Preview
 
-    with Preview(shift.scene) as preview:
+    with Preview(context.scene) as preview:
 
         def draw() -> None:
-            preview.transport(np.array([np.pi / 2]), shift.bends)
+            preview.transport(np.array([np.pi / 2]), context.bends)
 
         return _median_seconds(draw)
 
@@ -203,7 +215,7 @@ def _preview_seconds(shift: Shift) -> float:
 def _median_seconds(work: Callable[[], None]) -> float:
     work()
     spent = []
-    for _ in range(TIMED):
+    for _ in range(TIMED_RUNS):
         began = time.perf_counter()
         work()
         spent.append(time.perf_counter() - began)
@@ -211,27 +223,29 @@ def _median_seconds(work: Callable[[], None]) -> float:
 
 
 def _facts(
-    shift: Shift, outcome: Outcome, verdict: Verdict, hours: float | None
+    context: RunContext, loop_outcome: LoopOutcome, verdict: Verdict, hours: float | None
 ) -> tuple[tuple[str, str], ...]:
-    store, scene = shift.store, shift.scene
-    table = shift.decided("table")
-    passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, shift.number + 1))
+    store, scene = context.store, context.scene
+    table = context.decided("table")
+    passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, context.number + 1))
     asked = (
-        f"{hours:g} h" if hours is not None else f"{shift.fixed and shift.fixed.samples} samples"
+        f"{hours:g} h"
+        if hours is not None
+        else f"{context.fixed and context.fixed.samples} samples"
     )
     versions = package_versions("mitsuba", "drjit", "torch", "onnxruntime", "numpy")
     return (
         ("Scene", f"{scene.name}, {scene.hash}"),
-        ("Seed", str(shift.seed)),
+        ("Seed", str(context.seed)),
         ("Asked for", asked),
         ("Time worked", f"{store.spent() / 3600:.3f} h"),
         ("Rendering", f"{store.render_seconds():.0f} s in {store.evaluations()} renders"),
-        ("Workers", str(shift.renders.workers.count)),
+        ("Workers", str(context.renders.workers.count)),
         (
             "Transport table",
             f"{passes} passes, {table['samples']} samples per cell in the last",
         ),
-        ("Rounds", str(len(outcome.rounds))),
+        ("Rounds", str(len(loop_outcome.rounds))),
         ("Final verification", f"{len(verdict.renders.replicates)} replicates"),
         ("Surrogate", sha256((store.run / "model" / MODEL_FILE).read_bytes())),
         ("Exposure, lambda", f"{verdict.scale.exposure:.6g}, {verdict.scale.lam:.6g}"),

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from optimize.overnight.errors import RunError
-from optimize.overnight.workers import Done
+from optimize.overnight.workers import FinishedJob
 from render.errors import RenderError, TactiluxError
 from render.reference.job import PadJob, PadResult, render_pad
 
@@ -132,7 +132,7 @@ class DaskWorkers:
         jobs: Sequence[PadJob],
         state: Callable[[PadJob], Path],
         tick: Callable[[int], None],
-    ) -> Iterator[Done]:
+    ) -> Iterator[FinishedJob]:
         """Yield the results as they come; unfinished jobs of a worker are not kept.
 
         No more jobs are out than there are workers: what waits behind a worker that hangs would
@@ -195,7 +195,7 @@ class DaskWorkers:
 
     def _result(
         self, pending: _Pending, future: Any, arrived: queue.SimpleQueue[tuple[_Pending, Any]]
-    ) -> Done | None:
+    ) -> FinishedJob | None:
         """Return what a future brings; None when its job had to be given out again."""
         from distributed import KilledWorker
 
@@ -224,7 +224,7 @@ class DaskWorkers:
             self._submit(pending, arrived)
             return None
         self._rate.append(seconds / pending.job.samples)
-        return Done(pending.index, PadResult(estimate, seconds), worker)
+        return FinishedJob(pending.index, PadResult(estimate, seconds), worker)
 
     def _others(self, future: Any) -> list[str] | None:
         """Return the workers that do not hold the result of ``future``, None if all do."""

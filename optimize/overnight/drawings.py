@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from optimize.design.design import Array
 from optimize.frontier.plot import draw_levels
-from optimize.overnight.night import Night, Step
+from optimize.overnight.result import ConvergencePoint, OvernightResult
 from optimize.report.drawings import INK
 from optimize.report.heatmaps import drawing
 
@@ -28,9 +28,9 @@ ROLES = {
 OTHER = ("other", "#9aa0aa")
 
 
-def convergence(night: Night) -> Figure:
+def convergence(result: OvernightResult) -> Figure:
     """Draw every rendered score over the render time, with 95 % intervals and predictions."""
-    steps = night.steps
+    steps = result.steps
     seconds = np.array([step.render_seconds for step in steps])
     unit, name = (3600.0, "hours") if seconds.max() > 7200 else (60.0, "minutes")
     with drawing(WIDTH, HEIGHT) as figure:
@@ -42,7 +42,7 @@ def convergence(night: Night) -> Figure:
             axes.errorbar(
                 at[mine],
                 [steps[i].score for i in mine],
-                [night.reach * steps[i].se for i in mine],
+                [result.reach * steps[i].se for i in mine],
                 fmt="o",
                 ms=4.5,
                 lw=1.0,
@@ -54,10 +54,10 @@ def convergence(night: Night) -> Figure:
         axes.plot([], [], "x", ms=5, mew=1.0, color=SOFT, label="predicted")
         moments, best = _best_by_then(steps)
         axes.step(moments / unit, best, where="post", color="#b6bbc4", lw=1.2, zorder=1)
-        for entry in (night.finalists[0], night.finalist(night.winner)):
-            half = night.reach * entry.se
+        for entry in (result.finalists[0], result.finalist(result.winner)):
+            half = result.reach * entry.se
             band = axes.axhspan(entry.score - half, entry.score + half, lw=0, zorder=0)
-            band.set_facecolor("#e6e8ec" if entry is night.finalists[0] else "#fdebd0")
+            band.set_facecolor("#e6e8ec" if entry is result.finalists[0] else "#fdebd0")
         axes.set(xlabel=f"{name} of rendering", ylabel="score S")
         axes.spines[["top", "right"]].set_visible(False)
         figure.legend(
@@ -66,16 +66,16 @@ def convergence(night: Night) -> Figure:
     return figure
 
 
-def score_scatter(night: Night) -> Figure:
+def score_scatter(result: OvernightResult) -> Figure:
     """Draw predicted against rendered scores of all designs that were rendered."""
     with drawing(WIDTH, HEIGHT) as figure:
         axes = figure.subplots()
-        steps = night.steps
+        steps = result.steps
         if steps:
             axes.errorbar(
                 [step.predicted for step in steps],
                 [step.score for step in steps],
-                [night.reach * step.se for step in steps],
+                [result.reach * step.se for step in steps],
                 fmt="o",
                 ms=3.5,
                 lw=0.8,
@@ -83,10 +83,10 @@ def score_scatter(night: Night) -> Figure:
                 label="during the search",
             )
         axes.errorbar(
-            [entry.predicted for entry in night.finalists],
-            [entry.score for entry in night.finalists],
-            [night.reach * entry.se for entry in night.finalists],
-            [entry.predicted_reach for entry in night.finalists],
+            [entry.predicted for entry in result.finalists],
+            [entry.score for entry in result.finalists],
+            [result.reach * entry.se for entry in result.finalists],
+            [entry.predicted_reach for entry in result.finalists],
             fmt="s",
             ms=5,
             lw=1.2,
@@ -99,11 +99,11 @@ def score_scatter(night: Night) -> Figure:
     return figure
 
 
-def color_scatter(night: Night) -> Figure:
+def color_scatter(result: OvernightResult) -> Figure:
     """Draw predicted against rendered facet colors of all finalists, and what is left over."""
-    predicted = np.concatenate([e.predicted_counts.reshape(-1, 3) for e in night.finalists])
-    rendered = np.concatenate([e.counts.reshape(-1, 3) for e in night.finalists])
-    noise = np.concatenate([e.counts_se.reshape(-1, 3) for e in night.finalists])
+    predicted = np.concatenate([e.predicted_counts.reshape(-1, 3) for e in result.finalists])
+    rendered = np.concatenate([e.counts.reshape(-1, 3) for e in result.finalists])
+    noise = np.concatenate([e.counts_se.reshape(-1, 3) for e in result.finalists])
     with drawing(WIDTH, HEIGHT) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
         for channel, name in enumerate(("red", "green", "blue")):
@@ -117,7 +117,7 @@ def color_scatter(night: Night) -> Figure:
         edges = np.linspace(predicted.min(), predicted.max(), 9)
         middle, level = 0.5 * (edges[1:] + edges[:-1]), np.digitize(predicted, edges[1:-1])
         spread = [np.sqrt((noise[level == i] ** 2).mean()) for i in np.unique(level)]
-        reach = night.reach * np.array(spread)
+        reach = result.reach * np.array(spread)
         lower.plot(middle[np.unique(level)], reach, "-", color="#1c1f24", lw=0.9)
         lower.plot(middle[np.unique(level)], -reach, "-", color="#1c1f24", lw=0.9)
         upper.set(ylabel="rendered counts")
@@ -128,21 +128,21 @@ def color_scatter(night: Night) -> Figure:
     return figure
 
 
-def speed_accuracy(night: Night) -> Figure:
+def speed_accuracy(result: OvernightResult) -> Figure:
     """Draw the error of facet colors of every level over its seconds per design."""
     with drawing(WIDTH, HEIGHT) as figure:
         axes = figure.subplots()
-        draw_levels(axes, timed_levels(night))
+        draw_levels(axes, timed_levels(result))
         axes.set_xlabel("seconds per design (all bends)")
         axes.set_ylabel("error of facet colors, %\nmedian (dot) to 95th percentile")
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
-def timed_levels(night: Night) -> list[dict[str, float | str | None]]:
+def timed_levels(result: OvernightResult) -> list[dict[str, float | str | None]]:
     """Return the rows of the trade that can be drawn, from quick to slow."""
     needed = ("seconds_per_design", "facet_error_median", "facet_error_p95")
-    rows = [dict(row) for row in night.trade if all(row.get(key) for key in needed)]
+    rows = [dict(row) for row in result.trade if all(row.get(key) for key in needed)]
     return sorted(rows, key=lambda row: float(row["seconds_per_design"] or 0.0))
 
 
@@ -156,7 +156,7 @@ def _side_by_side(at: Array) -> Array:
     return shifted
 
 
-def _best_by_then(steps: tuple[Step, ...]) -> tuple[Array, Array]:
+def _best_by_then(steps: tuple[ConvergencePoint, ...]) -> tuple[Array, Array]:
     """Return the seconds at which something was rendered, and the best score of those renders.
 
     Not the best of all so far: that would be the luckiest of the noisy ones at the beginning.

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.overnight.amounts import LEAST_SHARE, REPORT_SECONDS, SEEDS_FIXED, Pace
-from optimize.overnight.loop_stage import Outcome
+from optimize.overnight.budget import FIXED_SEEDS, MIN_SHARE, REPORT_SECONDS, CostModel
+from optimize.overnight.context import RunContext, design_json, design_of, extended
+from optimize.overnight.loop_stage import LoopOutcome
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
-from optimize.overnight.shift import Shift, design_json, design_of, extended
 from optimize.scoring.measure import measure
 from optimize.scoring.score_scale import Scale
 from optimize.verification.renders import DesignRenders, distinct_directions, reference_renders
@@ -23,7 +23,7 @@ from optimize.verification.verdict import Verdict
 from render.reference.transport import pad_jobs
 
 FINAL_PURPOSE = 3
-LEAST_BATCHES = 3
+MIN_BATCHES = 3
 MANY_SEEDS = 16
 """From so many seeds on, the mean of each is one replicate."""
 TITLES = {
@@ -35,81 +35,86 @@ TITLES = {
 }
 
 
-def chosen_finalists(
-    shift: Shift, colored: Design, thesis: Design | None, outcome: Outcome
+def choose_finalists(
+    context: RunContext, colored: Design, thesis: Design | None, loop_outcome: LoopOutcome
 ) -> list[tuple[str, Design]]:
     """Return who is verified, by key."""
 
     def choose() -> list[dict[str, Any]]:
-        found = [("baseline", baseline_of(shift)), ("colors", colored)]
+        found = [("baseline", baseline_of(context)), ("colors", colored)]
         found += [("thesis", thesis)] if thesis is not None else []
-        best = [entry.design for entry in outcome.contenders[:2]]
+        best = [entry.design for entry in loop_outcome.contenders[:2]]
         found += list(zip(("winner", "runner-up"), best, strict=False))
         return [{"key": key, "design": design_json(design)} for key, design in found]
 
-    kept = shift.decide("finalists", choose)
+    kept = context.decide("finalists", choose)
     return [(entry["key"], design_of(entry["design"])) for entry in kept]
 
 
 def verify_finalists(
-    shift: Shift, finalists: Sequence[tuple[str, Design]], scale: Scale, pace: Pace | None
+    context: RunContext,
+    finalists: Sequence[tuple[str, Design]],
+    scale: Scale,
+    cost: CostModel | None,
 ) -> tuple[Verdict, list[tuple[int, Verdict]]]:
     """Return the verdict of all seeds, and those of the first 1, 2, 4, ... seeds.
 
     The finalists were chosen before the first of these seeds, so those of extensions are pooled.
 
     Arguments:
-        shift: the shift.
+        context: of the run.
         finalists: designs by key, the baseline first.
         scale: of the scores.
-        pace: of renders; None for a fixed amount of work.
+        cost: of renders; None for a fixed amount of work.
     """
     designs = [design for _, design in finalists]
-    amount = _amount(shift, designs, pace)
+    amount = _amount(context, designs, cost)
     render = reference_renders(
-        shift.scene, None, lambda _, state: shift.progress(state), runner=shift.renders
+        context.scene, None, lambda _, state: context.progress(state), runner=context.renders
     )
     pooled = _Pool(finalists, scale)
     checks: list[tuple[int, Verdict]] = []
     longest, number, extension = 0.0, 0, 0
     while True:
-        began = shift.store.spent()
+        began = context.store.spent()
         name = extended(f"final batch {number + 1}", extension)
 
         def another(number: int = number, longest: float = longest) -> list[int]:
-            if shift.fixed is not None and number == SEEDS_FIXED:
+            if context.fixed is not None and number == FIXED_SEEDS:
                 return []
             # The last batch may end as much too late as it would end too early without it.
-            if number and longest / 2 > shift.left - REPORT_SECONDS:
+            if number and longest / 2 > context.seconds_left - REPORT_SECONDS:
                 return []
             first = number * amount["seeds"]
-            return [shift.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
+            return [context.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
 
-        seeds = shift.decide(name, another)
-        if not seeds or shift.decided(f"{name} given up") is not None:
-            if extension == shift.extension:
+        seeds = context.decide(name, another)
+        if not seeds or context.decided(f"{name} given up") is not None:
+            if extension == context.extension:
                 break
             extension += 1
             continue
-        shift.stage("Final verification", "final")
-        late = None if shift.fixed is not None or not number else shift.until - REPORT_SECONDS / 2
+        context.stage("Final verification", "final")
+        late = (
+            None if context.fixed is not None or not number else context.until - REPORT_SECONDS / 2
+        )
         try:
-            with shift.renders.until(late):
+            with context.renders.until(late):
                 found = render(
                     designs, samples=amount["samples"], seeds=seeds, title="the finalists"
                 )
         except OutOfTime:
-            shift.decide(f"{name} given up", lambda: True)
+            context.decide(f"{name} given up", lambda: True)
             break
         pooled.add(found, len(seeds))
         number += 1
-        longest = max(longest, shift.store.spent() - began)
+        longest = max(longest, context.store.spent() - began)
         if number & (number - 1) == 0:
             checks.append((number, pooled.verdict()))
-            _rate(shift, checks[-1][1])
+            _rate(context, checks[-1][1])
     if checks[-1][0] != number:
         checks.append((number, pooled.verdict()))
-    _rate(shift, checks[-1][1])
+    _rate(context, checks[-1][1])
     return checks[-1][1], checks
 
 
@@ -147,7 +152,7 @@ class _Pool:
         return Verdict(self.names, measured, renders, self.scale)
 
 
-def handed_over(verdict: Verdict) -> str:
+def choose_winner(verdict: Verdict) -> str:
     """Return the key of the design that is handed over.
 
     The winner of the rounds, unless fresh renders show that another finalist is better by more
@@ -160,27 +165,29 @@ def handed_over(verdict: Verdict) -> str:
     return chosen
 
 
-def _amount(shift: Shift, designs: Sequence[Design], pace: Pace | None) -> dict[str, int]:
+def _amount(
+    context: RunContext, designs: Sequence[Design], cost: CostModel | None
+) -> dict[str, int]:
     """Return samples per cell and seed, and the seeds of a batch."""
 
     def choose() -> dict[str, int]:
-        if shift.fixed is not None:
-            return {"samples": shift.fixed.final, "seeds": 1}
-        assert pace is not None  # with hours it is measured
+        if context.fixed is not None:
+            return {"samples": context.fixed.final, "seeds": 1}
+        assert cost is not None  # with hours it is measured
         phi, _ = distinct_directions(designs)
-        jobs = 2 * len(shift.bends)
-        seeds = -(-2 * pace.workers // jobs) if pace.workers > jobs else 1
-        unit = pad_jobs(shift.scene, phi, shift.bends, samples=64, seeds=list(range(seeds)))
-        free = (shift.left - REPORT_SECONDS) / LEAST_BATCHES
-        least = LEAST_SHARE * (shift.until - shift.began)
-        seconds = max(least, min(2 * pace.fixed * jobs, free))
-        return {"samples": pace.samples(unit, 64, seconds), "seeds": seeds}
+        jobs = 2 * len(context.bends)
+        seeds = -(-2 * cost.workers // jobs) if cost.workers > jobs else 1
+        unit = pad_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+        free = (context.seconds_left - REPORT_SECONDS) / MIN_BATCHES
+        least = MIN_SHARE * (context.until - context.began)
+        seconds = max(least, min(2 * cost.fixed * jobs, free))
+        return {"samples": cost.samples(unit, 64, seconds), "seeds": seeds}
 
-    found: dict[str, int] = shift.decide("final", choose)
+    found: dict[str, int] = context.decide("final", choose)
     return found
 
 
-def _rate(shift: Shift, verdict: Verdict) -> None:
-    name = handed_over(verdict)
+def _rate(context: RunContext, verdict: Verdict) -> None:
+    name = choose_winner(verdict)
     low, high = verdict.of(name).score.interval()
-    shift.rated("reference", verdict.of(name).score.value, (high - low) / 2, name)
+    context.keep_best("reference", verdict.of(name).score.value, (high - low) / 2, name)

@@ -2,7 +2,7 @@
 
 Every stage asks the record first, so the job may be ended at any instant and asked for again. With
 some more hours than a finished run has worked, its finalists get more seeds, which are pooled with
-those that they had. With so many more that all stages gain, another shift refines: more passes of
+those that they had. With so many more that all stages gain, another period refines: more passes of
 the table, the model fitted to all of them, rounds from the contenders so far, and fresh seeds for
 the verdict.
 """
@@ -17,36 +17,36 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from optimize.overnight.amounts import Fixed
-from optimize.overnight.conclusion import concluded
+from optimize.overnight.budget import FixedBudget
+from optimize.overnight.conclusion import conclude
+from optimize.overnight.context import RunContext, extended
 from optimize.overnight.errors import RunError, writing
-from optimize.overnight.final_stage import chosen_finalists, verify_finalists
+from optimize.overnight.final_stage import choose_finalists, verify_finalists
 from optimize.overnight.lock import LOCK, locked
 from optimize.overnight.loop_stage import run_loop
-from optimize.overnight.model_stage import fitted_model
-from optimize.overnight.night import SCENE, Night, NightError, keep_scene
+from optimize.overnight.model_stage import fit_model
 from optimize.overnight.report import REPORT, write_report
+from optimize.overnight.result import SCENE, OvernightResult, ResultError, keep_scene
+from optimize.overnight.run_log import LOG, RunLog, Signals, Stopped
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import write_scaling
-from optimize.overnight.search_stage import searched, thesis_design
-from optimize.overnight.shift import Shift, extended
-from optimize.overnight.store import RECORD, Request, Store
-from optimize.overnight.table_stage import measured_pace, render_table, seen_pace, whole_table
-from optimize.overnight.watch import LOG, Signals, Stopped, Watch
+from optimize.overnight.search_stage import search_designs, thesis_design
+from optimize.overnight.store import RECORD, RunRequest, Store
+from optimize.overnight.table_stage import measure_cost, observed_cost, pooled_table, render_table
 from optimize.overnight.workers import Workers
 from optimize.scoring.score_scale import Scale
 from render.errors import SceneError
 from render.scene.schema import Scene, load_scene
 from render.transport import TransportTable
 
-WORTH = 1.05
+EXTEND_FACTOR = 1.05
 """Hours beyond what was worked by less than this factor change nothing."""
-REFINES = 1.8
-"""From this factor on another shift refines; a shorter one would know less than the first did."""
+REFINE_FACTOR = 1.8
+"""From this factor on another period refines; a shorter one would know less than the first did."""
 
 
 @dataclass(frozen=True)
-class NightConfig:
+class OvernightConfig:
     """What is asked for.
 
     Arguments:
@@ -63,18 +63,18 @@ class NightConfig:
 def overnight(
     scene_name: str,
     run: Path,
-    config: NightConfig,
+    config: OvernightConfig,
     *,
-    hire: Callable[[], Workers],
+    make_workers: Callable[[], Workers],
     lines: IO[str] | None = None,
-) -> Night:
+) -> OvernightResult:
     """Do the job in ``run`` and return the finished night.
 
     Arguments:
         scene_name: a shipped scene, or a file.
         run: the run directory, new or of an earlier call.
         config: what is asked for.
-        hire: starts who renders, after everything else has been checked.
+        make_workers: starts who renders, after everything else has been checked.
         lines: where progress goes as JSON lines.
 
     Raises:
@@ -86,12 +86,12 @@ def overnight(
     with writing(run):
         run.mkdir(parents=True, exist_ok=True)
         with locked(run):
-            signals, watch = Signals(), Watch(run, lines)
+            signals, log = Signals(), RunLog(run, lines)
             try:
                 with signals.caught():
-                    return _work(scene, scene_name, run, config, hire, signals, watch)
+                    return _work(scene, scene_name, run, config, make_workers, signals, log)
             finally:
-                watch.close()
+                log.close()
 
 
 def check_directory(run: Path) -> None:
@@ -117,39 +117,39 @@ def _work(
     scene: Scene,
     scene_name: str,
     run: Path,
-    config: NightConfig,
-    hire: Callable[[], Workers],
+    config: OvernightConfig,
+    make_workers: Callable[[], Workers],
     signals: Signals,
-    watch: Watch,
-) -> Night:
+    log: RunLog,
+) -> OvernightResult:
     limits = scene.model_dump_json(include={"constraints"})
-    request = Request(
+    request = RunRequest(
         scene.hash, hashlib.sha256(limits.encode()).hexdigest()[:16], config.seed, config.samples
     )
-    store, ended = Store(run, request, watch.note), "error"
+    store, ended = Store(run, request, log.note), "error"
     workers: Workers | None = None
     try:
         _keep_scene(run, scene_name, scene)
-        number, extension, finished = _place(store, config)
+        number, extension, finished = _position(store, config)
         if finished:
             ended = "finished"
             try:
-                night = Night.load(run)
-            except NightError as error:
-                watch.note(f"{error}; doing so now")
+                result = OvernightResult.load(run)
+            except ResultError as error:
+                log.note(f"{error}; doing so now")
             else:
-                watch.note(f"{run} is finished: ask for more hours, or for another --out")
+                log.note(f"{run} is finished: ask for more hours, or for another --out")
                 if not (run / REPORT).is_file():
-                    write_report(night, run)
-                return night
-        workers = hire()
-        shift = _shift(scene, store, workers, signals, watch, config, number, extension)
-        night = _shifted(shift, config)
+                    write_report(result, run)
+                return result
+        workers = make_workers()
+        context = _context(scene, store, workers, signals, log, config, number, extension)
+        result = _run_stages(context, config)
         ended = "finished"
-        return night
+        return result
     except Stopped as stop:
         ended = "stopped"
-        watch.note(f"Stopped; give the same command again to go on: {run}")
+        log.note(f"Stopped; give the same command again to go on: {run}")
         raise stop
     finally:
         if workers is not None:
@@ -167,85 +167,85 @@ def _keep_scene(run: Path, scene_name: str, scene: Scene) -> None:
     keep_scene(run, scene_name)
 
 
-def _place(store: Store, config: NightConfig) -> tuple[int, int, bool]:
-    """Return the shift to work in, how often it was extended, and whether nothing is left to do."""
+def _position(store: Store, config: OvernightConfig) -> tuple[int, int, bool]:
+    """Return the working period, how often it was extended, and whether nothing remains to do."""
     number = 1
     while store.decided(f"{number + 1}/hours") is not None:
         number += 1
-    ends = _ends(store, number)
+    ends = _finish_count(store, number)
     if not ends or store.decided(extended(f"{number}/hours", ends)) is not None:
         return number, ends, False
     factor = 0.0 if config.hours is None else 3600 * config.hours / store.spent()
-    if factor >= REFINES:
+    if factor >= REFINE_FACTOR:
         return number + 1, 0, False
-    return (number, ends, False) if factor > WORTH else (number, ends - 1, True)
+    return (number, ends, False) if factor > EXTEND_FACTOR else (number, ends - 1, True)
 
 
-def _ends(store: Store, number: int) -> int:
-    """Return how often a shift has come to its end, extensions included."""
+def _finish_count(store: Store, number: int) -> int:
+    """Return how often a period has come to its end, extensions included."""
     ends = 0
     while store.decided(extended(f"{number}/finished", ends)) is not None:
         ends += 1
     return ends
 
 
-def _shift(
+def _context(
     scene: Scene,
     store: Store,
     workers: Workers,
     signals: Signals,
-    watch: Watch,
-    config: NightConfig,
+    log: RunLog,
+    config: OvernightConfig,
     number: int,
     extension: int,
-) -> Shift:
+) -> RunContext:
     began = 0.0
     if number > 1:
-        last = _ends(store, number - 1) - 1
+        last = _finish_count(store, number - 1) - 1
         began = store.decided(extended(f"{number - 1}/finished", last))["spent"]
     store.decide(extended(f"{number}/hours", extension), lambda: {"hours": config.hours})
-    shift = Shift(
+    context = RunContext(
         scene=scene,
         store=store,
         renders=StoredRenders(store, workers, signals),
-        watch=watch,
+        log=log,
         seed=config.seed,
         number=number,
         extension=extension,
-        fixed=None if config.samples is None else Fixed(config.samples),
+        fixed=None if config.samples is None else FixedBudget(config.samples),
         until=math.inf if config.hours is None else 3600 * config.hours,
         began=began,
     )
-    watch.record = lambda stage, done, total, eta: store.progress(
-        stage, done, total, eta, shift.best
+    log.record = lambda stage, done, total, eta: store.progress(
+        stage, done, total, eta, context.best
     )
-    return shift
+    return context
 
 
-def _shifted(shift: Shift, config: NightConfig) -> Night:
-    """Return the night after all stages of the shift."""
-    render_table(shift, None if shift.fixed is not None else measured_pace(shift))
-    pace = seen_pace(shift)
+def _run_stages(context: RunContext, config: OvernightConfig) -> OvernightResult:
+    """Return the night after all stages of the period."""
+    render_table(context, None if context.fixed is not None else measure_cost(context))
+    cost = observed_cost(context)
 
     @cache
     def table() -> TransportTable:
-        return whole_table(shift)
+        return pooled_table(context)
 
-    checker = fitted_model(shift, table)
-    colored, best = searched(shift, checker)
-    thesis = thesis_design(shift, table, checker)
-    outcome = run_loop(shift, checker, best, pace)
-    finalists = chosen_finalists(shift, colored, thesis, outcome)
+    checker = fit_model(context, table)
+    colored, best = search_designs(context, checker)
+    thesis = thesis_design(context, table, checker)
+    loop_outcome = run_loop(context, checker, best, cost)
+    finalists = choose_finalists(context, colored, thesis, loop_outcome)
     scale = Scale(checker.exposure, checker.lam)
-    verdict, checks = verify_finalists(shift, finalists, scale, pace)
-    shift.watch.stage("Report")
-    night = concluded(shift, checker, outcome, verdict, checks, config.hours)
-    night.save(shift.store.run)
-    write_scaling(shift.store.run)
-    write_report(night, shift.store.run)
-    spent = shift.store.spent()
-    shift.decide(extended("finished", shift.extension), lambda: {"spent": spent})
-    shift.watch.record("Finished", 1, 1, 0.0)
-    for sentence in night.verdict:
-        shift.watch.note(sentence)
-    return night
+    verdict, checks = verify_finalists(context, finalists, scale, cost)
+    context.log.stage("Report")
+    result = conclude(context, checker, loop_outcome, verdict, checks, config.hours)
+    result.save(context.store.run)
+    write_scaling(context.store.run)
+    write_report(result, context.store.run)
+    spent = context.store.spent()
+    context.decide(extended("finished", context.extension), lambda: {"spent": spent})
+    context.log.record("Finished", 1, 1, 0.0)
+    for sentence in result.verdict:
+        context.log.note(sentence)
+    return result

@@ -15,18 +15,18 @@ import numpy as np
 from optimize.design.design import Design
 from optimize.design.limits import limits_of
 from optimize.exploration.explore import PHI_NODES
-from optimize.overnight.amounts import (
-    LEAST_SHARE,
+from optimize.overnight.budget import (
+    FIXED_ROUNDS,
     LOOP_UNTIL,
+    MAX_ROUNDS,
     MIN_SAMPLES,
-    OVERDUE,
-    ROUNDS_FIXED,
-    ROUNDS_MAX,
-    Pace,
+    MIN_SHARE,
+    OVERTIME_SHARE,
+    CostModel,
 )
+from optimize.overnight.context import RunContext, design_json, design_of
 from optimize.overnight.runner import OutOfTime
 from optimize.overnight.search_stage import baseline_of
-from optimize.overnight.shift import Shift, design_json, design_of
 from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.verification.proposals import Proposal
 from optimize.verification.renders import distinct_directions, reference_renders
@@ -41,17 +41,17 @@ from surrogate.training.refit import Correction, Refitter
 
 ROUND_SHARE = 0.3
 """Part of the loop's time that the renders of one round take."""
-USED = "its share of the time is used"
+TIME_USED = "its share of the time is used"
 ROUND_SEEDS = 4
 """Seeds of a round at most: jobs that can be rendered at once."""
 
 
-class Outcome:
+class LoopOutcome:
     """What the loop found.
 
     Arguments:
         rounds: as they were rendered.
-        contenders: of all shifts, best first.
+        contenders: of all periods, best first.
         reason: why it stopped.
     """
 
@@ -59,40 +59,42 @@ class Outcome:
         self.rounds, self.contenders, self.reason = rounds, contenders, reason
 
 
-def run_loop(shift: Shift, checker: Checker, start: Design, pace: Pace | None) -> Outcome:
+def run_loop(
+    context: RunContext, checker: Checker, start: Design, cost: CostModel | None
+) -> LoopOutcome:
     """Render rounds until the surrogate has nothing better to propose, or the time is over.
 
     Arguments:
-        shift: the shift; what earlier ones found takes part.
+        context: of the run; what earlier ones found takes part.
         checker: the surrogate.
         start: the best design on it, where the first search begins.
-        pace: of renders; None for a fixed amount of work.
+        cost: of renders; None for a fixed amount of work.
     """
-    config = _config(shift, start, pace)
+    config = _config(context, start, cost)
     loop = Loop(
         checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)),
-        baseline_of(shift),
+        baseline_of(context),
         reference_renders(
-            shift.scene, None, lambda _, state: shift.progress(state), runner=shift.renders
+            context.scene, None, lambda _, state: context.progress(state), runner=context.renders
         ),
-        _LateRefitter(shift, checker),
-        fiber_edges(shift.scene),
+        _LateRefitter(context, checker),
+        fiber_edges(context.scene),
         config,
-        limits_of(shift.scene),
+        limits_of(context.scene),
         start,
     )
-    loop.contenders = _known(shift)
+    loop.contenders = _known(context)
     rounds: list[Rendered] = []
     reason = f"the {config.rounds} rounds ran out"
     took = 0.0
     for number in range(1, config.rounds + 1):
-        began = shift.store.spent()
+        began = context.store.spent()
 
         def propose(number: int = number, took: float = took) -> dict[str, Any]:
-            if number > 1 and took / 2 > shift.left_until(LOOP_UNTIL):
-                return {"stop": USED}
-            shift.stage(f"Round {number}", f"round {number}")
-            shift.tell(0, 1)
+            if number > 1 and took / 2 > context.seconds_until(LOOP_UNTIL):
+                return {"stop": TIME_USED}
+            context.stage(f"Round {number}", f"round {number}")
+            context.show(0, 1)
             if loop.runs:
                 loop.refit()
             found = loop.proposals(number)
@@ -100,61 +102,61 @@ def run_loop(shift: Shift, checker: Checker, start: Design, pace: Pace | None) -
                 return {"stop": CONVERGED}
             return {"proposals": [_proposal_json(entry) for entry in found]}
 
-        decided = shift.decide(f"round {number}", propose)
-        decided = shift.decided(f"round {number} given up") or decided
+        decided = context.decide(f"round {number}", propose)
+        decided = context.decided(f"round {number} given up") or decided
         if "stop" in decided:
             reason = decided["stop"]
             break
-        shift.stage(f"Round {number}", f"round {number}")
-        late = shift.at(LOOP_UNTIL + OVERDUE) if rounds else None
+        context.stage(f"Round {number}", f"round {number}")
+        late = context.deadline(LOOP_UNTIL + OVERTIME_SHARE) if rounds else None
         try:
-            with shift.renders.until(late):
+            with context.renders.until(late):
                 done = loop.render(number, [_proposal_of(entry) for entry in decided["proposals"]])
         except OutOfTime:
-            reason = shift.decide(f"round {number} given up", lambda: {"stop": USED})["stop"]
+            reason = context.decide(f"round {number} given up", lambda: {"stop": TIME_USED})["stop"]
             break
         rounds.append(done)
-        took = max(shift.store.spent() - began, took)
-        _tell_round(shift, done)
+        took = max(context.store.spent() - began, took)
+        _tell_round(context, done)
         best = max(zip(done.measured, done.proposals, strict=True), key=lambda m: m[0].score.value)
         low, high = best[0].score.interval()
-        shift.rated("reference", best[0].score.value, (high - low) / 2, f"round {number}")
+        context.keep_best("reference", best[0].score.value, (high - low) / 2, f"round {number}")
     ranking = loop.ranking()
-    shift.decide("contenders", lambda: [_contender_json(entry) for entry in ranking])
-    return Outcome(rounds, ranking, reason)
+    context.decide("contenders", lambda: [_contender_json(entry) for entry in ranking])
+    return LoopOutcome(rounds, ranking, reason)
 
 
-def _config(shift: Shift, start: Design, pace: Pace | None) -> LoopConfig:
+def _config(context: RunContext, start: Design, cost: CostModel | None) -> LoopConfig:
     """Return how much a round renders."""
 
     def choose() -> dict[str, int]:
-        if shift.fixed is not None:
-            return {"samples": shift.fixed.round, "rounds": ROUNDS_FIXED, "seeds": 1}
-        assert pace is not None  # with hours it is measured
-        phi, _ = distinct_directions([baseline_of(shift), start])
-        seeds = min(ROUND_SEEDS, -(-pace.workers // (2 * len(shift.bends))))
-        unit = pad_jobs(shift.scene, phi, shift.bends, samples=64, seeds=list(range(seeds)))
-        least = LEAST_SHARE * (shift.until - shift.began)
-        seconds = max(ROUND_SHARE * shift.left_until(LOOP_UNTIL), least)
-        samples = max(MIN_SAMPLES, pace.samples(unit, 64, seconds))
-        return {"samples": samples, "rounds": ROUNDS_MAX, "seeds": seeds}
+        if context.fixed is not None:
+            return {"samples": context.fixed.round, "rounds": FIXED_ROUNDS, "seeds": 1}
+        assert cost is not None  # with hours it is measured
+        phi, _ = distinct_directions([baseline_of(context), start])
+        seeds = min(ROUND_SEEDS, -(-cost.workers // (2 * len(context.bends))))
+        unit = pad_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+        least = MIN_SHARE * (context.until - context.began)
+        seconds = max(ROUND_SHARE * context.seconds_until(LOOP_UNTIL), least)
+        samples = max(MIN_SAMPLES, cost.samples(unit, 64, seconds))
+        return {"samples": samples, "rounds": MAX_ROUNDS, "seeds": seeds}
 
-    found = shift.decide("rounds", choose)
-    # Every shift of every seed searches and renders with seeds of its own.
-    return LoopConfig(seed=64 * shift.seed + shift.number, **found)
+    found = context.decide("rounds", choose)
+    # Every period of every seed searches and renders with seeds of its own.
+    return LoopConfig(seed=64 * context.seed + context.number, **found)
 
 
 class _LateRefitter:
     """The refitter, made when it is needed: drawing its grid takes longer than a run may wait."""
 
-    def __init__(self, shift: Shift, checker: Checker) -> None:
-        self.shift, self.checker = shift, checker
+    def __init__(self, context: RunContext, checker: Checker) -> None:
+        self.context, self.checker = context, checker
 
     @cached_property
     def _refitter(self) -> Refitter:
         preview = self.checker.metadata.preview
-        grid = draw_grid(self.shift.scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
-        return Refitter(self.shift.scene, grid)
+        grid = draw_grid(self.context.scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
+        return Refitter(self.context.scene, grid)
 
     def fit(self, runs: Any) -> Correction:
         return self._refitter.fit(runs)
@@ -163,25 +165,25 @@ class _LateRefitter:
         return self._refitter.apply(correction, table)
 
 
-def _tell_round(shift: Shift, done: Rendered) -> None:
-    said = shift.decided(f"round {done.number} said")
+def _tell_round(context: RunContext, done: Rendered) -> None:
+    said = context.decided(f"round {done.number} said")
     if said is not None:
         return
-    shift.watch.note(f"Round {done.number}: {done.agreement.shown}")
+    context.log.note(f"Round {done.number}: {done.agreement.shown}")
     for entry, measured in zip(done.proposals, done.measured, strict=True):
         score = measured.score
-        shift.watch.note(
+        context.log.note(
             f"  {entry.role}: predicted {entry.predicted:.2f}, rendered {score.value:.2f} "
             f"± {score.se:.2f}"
         )
-    shift.decide(f"round {done.number} said", lambda: True)
+    context.decide(f"round {done.number} said", lambda: True)
 
 
-def _known(shift: Shift) -> list[Contender]:
-    """Return the contenders of the shift before this one."""
-    if shift.number == 1:
+def _known(context: RunContext) -> list[Contender]:
+    """Return the contenders of the period before this one."""
+    if context.number == 1:
         return []
-    kept = shift.store.decided(f"{shift.number - 1}/contenders")
+    kept = context.store.decided(f"{context.number - 1}/contenders")
     return [
         Contender(
             entry["role"],

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from optimize.overnight.amounts import FIT_STEPS, MODEL_UNTIL
-from optimize.overnight.shift import Shift
+from optimize.overnight.budget import FIT_STEPS, MODEL_UNTIL
+from optimize.overnight.context import RunContext
 from optimize.overnight.store import TABLE
 from render.errors import ModelError
 from render.transport import TransportTable
@@ -21,49 +21,49 @@ from surrogate.runtime.model_file import MODEL_FILE, sha256
 
 MODEL = "model"
 TRIAL_STEPS = 60
-SPLITS = 1.9
+HELD_OUT_FACTOR = 1.9
 """The networks for held-out fibers, directions and bends take about this many times the steps."""
-AROUND = 30.0
+FIT_OVERHEAD_SECONDS = 30.0
 """Seconds of a fit around the networks: the preview's grid, ridge, errors, export."""
 
 
-def fitted_model(shift: Shift, table: Callable[[], TransportTable]) -> Checker:
+def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Checker:
     """Return the surrogate that is fitted to ``table``, which is read only where it is needed."""
-    folder = shift.store.run / MODEL
-    known = shift.decided("model")
+    folder = context.store.run / MODEL
+    known = context.decided("model")
     if known is not None:
-        found = _whole(shift, known["sha256"])
+        found = _whole(context, known["sha256"])
         if found is not None:
             return found
-        shift.watch.note(f"{folder} is missing or damaged: the surrogate is fitted again")
+        context.log.note(f"{folder} is missing or damaged: the surrogate is fitted again")
         for item in folder.glob("*") if folder.is_dir() else ():
             item.unlink()
     from surrogate.training.train import TrainConfig, TrainProgress, train
 
-    shift.stage("Surrogate", "surrogate")
-    steps = shift.decide("fit", lambda: {"steps": _steps(shift, table())})["steps"]
+    context.stage("Surrogate", "surrogate")
+    steps = context.decide("fit", lambda: {"steps": _steps(context, table())})["steps"]
     config = TrainConfig()
     network = replace(config.fit.network, steps=steps)
 
     def progress(state: TrainProgress) -> None:
         eta = None if np.isnan(state.eta_seconds) else state.eta_seconds
-        shift.tell(state.done, state.total, eta)
+        context.show(state.done, state.total, eta)
 
     began = time.monotonic()
     train(
         # The table is of the scene's own material, whatever it leaves free.
-        shift.scene.model_copy(update={"free": None}),
+        context.scene.model_copy(update={"free": None}),
         folder,
-        seed=shift.seed,
+        seed=context.seed,
         table=table(),
-        run=shift.store.run / TABLE,
+        run=context.store.run / TABLE,
         config=replace(config, fit=replace(config.fit, network=network)),
-        command=f"tactilux overnight {shift.scene.name} --seed {shift.seed}",
+        command=f"tactilux overnight {context.scene.name} --seed {context.seed}",
         progress=progress,
     )
     digest = sha256((folder / MODEL_FILE).read_bytes())
-    shift.decide("model", lambda: {"sha256": digest, "seconds": time.monotonic() - began})
-    made = _whole(shift, shift.decided("model")["sha256"])
+    context.decide("model", lambda: {"sha256": digest, "seconds": time.monotonic() - began})
+    made = _whole(context, context.decided("model")["sha256"])
     if made is None:
         raise ModelError(
             f"{folder} was fitted again to the same renders and came out different: this is "
@@ -73,24 +73,24 @@ def fitted_model(shift: Shift, table: Callable[[], TransportTable]) -> Checker:
     return made
 
 
-def _whole(shift: Shift, digest: str) -> Checker | None:
+def _whole(context: RunContext, digest: str) -> Checker | None:
     """Return the model in the run directory if it is the one of that SHA-256."""
-    folder = shift.store.run / MODEL
+    folder = context.store.run / MODEL
     try:
         if sha256((folder / MODEL_FILE).read_bytes()) != digest:
             return None
-        return Checker.load(folder, shift.scene.hash)
+        return Checker.load(folder, context.scene.hash)
     except (OSError, ModelError):
         return None
 
 
-def _steps(shift: Shift, table: TransportTable) -> int:
+def _steps(context: RunContext, table: TransportTable) -> int:
     """Return the steps that fit the time, after timing a few on data of the same size."""
-    if shift.fixed is not None:
-        return shift.fixed.fit_steps
+    if context.fixed is not None:
+        return context.fixed.fit_steps
     low, high = FIT_STEPS
-    per_step = SPLITS * _seconds_per_step(table)
-    free = shift.left_until(MODEL_UNTIL) - AROUND
+    per_step = HELD_OUT_FACTOR * _seconds_per_step(table)
+    free = context.seconds_until(MODEL_UNTIL) - FIT_OVERHEAD_SECONDS
     return min(high, max(low, int(free / per_step)))
 
 

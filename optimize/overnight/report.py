@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from optimize.overnight.drawings import timed_levels
-from optimize.overnight.night import Finalist, Night
-from optimize.overnight.pictures import bolt_pictures, night_pictures
+from optimize.overnight.pictures import bolt_pictures, report_pictures
+from optimize.overnight.result import Finalist, OvernightResult
 from optimize.overnight.scaling import Scaling, load_scaling, scaling_rows, scaling_words
 from optimize.report.page import (
     bend_titles,
@@ -33,24 +33,24 @@ STAGES = ("baseline", "colors")
 """What Figs. 5.1 and 5.2 show before the design that is handed over."""
 
 
-def write_report(night: Night, run: Path) -> Path:
+def write_report(result: OvernightResult, run: Path) -> Path:
     """Write ``report.html`` into ``run`` atomically and return its path."""
     path = run / REPORT
-    write_text(path, render_night(night, load_scaling(run)))
+    write_text(path, render_report(result, load_scaling(run)))
     return path
 
 
-def render_night(night: Night, scaling: Scaling | None = None) -> str:
+def render_report(result: OvernightResult, scaling: Scaling | None = None) -> str:
     """Return the report as HTML with every picture inside as a data URI."""
-    return render_page("night.html.j2", _context(night, scaling))
+    return render_page("overnight.html.j2", _context(result, scaling))
 
 
-def summary(night: Night) -> list[str]:
+def summary(result: OvernightResult) -> list[str]:
     """Return the outcome in words: how much better, where it comes from, who says so."""
-    first, last = night.finalists[0], night.finalist(night.winner)
+    first, last = result.finalists[0], result.finalist(result.winner)
     sentences = []
     if last.gain is not None and last.gain_se is not None:
-        low, high = _interval(night, last.gain, last.gain_se)
+        low, high = _interval(result, last.gain, last.gain_se)
         sentences.append(
             f"The design scores {_pm(last.score, last.se)}; the baseline scores "
             f"{_pm(first.score, first.se)}. Rendered with the same seeds, the gain is "
@@ -62,7 +62,7 @@ def summary(night: Night) -> list[str]:
             f"Nothing that was rendered beats the baseline, which scores "
             f"{_pm(first.score, first.se)}."
         )
-    colors = night.of("colors")
+    colors = result.of("colors")
     if (
         last.key not in STAGES
         and colors is not None
@@ -74,30 +74,30 @@ def summary(night: Night) -> list[str]:
             f"Of the gain, {colors.gain:+.1f} came with the colors alone, every fiber pointing "
             f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
         )
-    before, after = night.rating(first), night.rating(last)
+    before, after = result.rating(first), result.rating(last)
     if last is not first:
         over_bends = (
             f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
-            if len(night.scene.bending.angles) > 1
+            if len(result.scene.bending.angles) > 1
             else ""
         )
         sentences.append(
             f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
             f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
         )
-    held = sum(prediction_holds(entry) for entry in night.finalists)
+    held = sum(prediction_holds(entry) for entry in result.finalists)
     sentences.append(
         f"The surrogate said {last.predicted:.1f} for this design; its 90% interval held for "
-        f"{held} of {len(night.finalists)} finalists."
+        f"{held} of {len(result.finalists)} finalists."
     )
     return sentences
 
 
-def warnings(night: Night) -> list[str]:
+def warnings(result: OvernightResult) -> list[str]:
     """Return what makes the result doubtful, most important first; usually nothing."""
-    last, found = night.finalist(night.winner), []
+    last, found = result.finalist(result.winner), []
     if last.gain is not None and last.gain_se is not None:
-        low, high = _interval(night, last.gain, last.gain_se)
+        low, high = _interval(result, last.gain, last.gain_se)
         if high < 0:
             found.append("The renders say that the baseline is better: this design is not one.")
         elif low <= 0:
@@ -108,8 +108,8 @@ def warnings(night: Night) -> list[str]:
         found += monochrome_warning(last.design)
     others = [
         entry
-        for entry in night.finalists
-        if entry is not last and entry.score > last.score + night.reach * last.se
+        for entry in result.finalists
+        if entry is not last and entry.score > last.score + result.reach * last.se
     ]
     if others:
         found.append(
@@ -124,49 +124,49 @@ def prediction_holds(entry: Finalist) -> bool:
     return abs(entry.predicted - entry.score) <= reach
 
 
-def _context(night: Night, scaling: Scaling | None) -> dict[str, Any]:
-    scene, last = night.scene, night.finalist(night.winner)
-    pictures = dict(night_pictures(night))
+def _context(result: OvernightResult, scaling: Scaling | None) -> dict[str, Any]:
+    scene, last = result.scene, result.finalist(result.winner)
+    pictures = dict(report_pictures(result))
     shown = list(dict.fromkeys([*STAGES, last.key]))
-    stages = [entry for key in shown if (entry := night.of(key)) is not None]
-    others = [entry for entry in night.finalists if entry not in stages]
+    stages = [entry for key in shown if (entry := result.of(key)) is not None]
+    others = [entry for entry in result.finalists if entry not in stages]
 
     def stage(entry: Finalist) -> dict[str, str]:
-        return {**_row(night, entry), **stage_pictures(pictures, entry.key)}
+        return {**_row(result, entry), **stage_pictures(pictures, entry.key)}
 
-    metric_se = np.stack([entry.metric_se for entry in night.finalists])
+    metric_se = np.stack([entry.metric_se for entry in result.finalists])
     return {
         "scene": scene.name,
         "scene_hash": scene.hash,
         "title": last.title,
-        "lam": f"{night.scale.lam:.4g}",
-        "summary": summary(night),
-        "warnings": warnings(night),
-        "verdict": night.verdict,
-        "finalists": [{**_row(night, entry), "best": entry is last} for entry in night.finalists],
+        "lam": f"{result.scale.lam:.4g}",
+        "summary": summary(result),
+        "warnings": warnings(result),
+        "verdict": result.verdict,
+        "finalists": [{**_row(result, entry), "best": entry is last} for entry in result.finalists],
         "bends": bend_titles(scene),
         "stages": [stage(entry) for entry in stages],
         "others": [stage(entry) for entry in others],
         "metric_se": f"{np.median(metric_se):.2g}",
         "metric_se_most": f"{metric_se.max():.2g}",
-        "bolt": _bolt(night),
+        "bolt": _bolt(result),
         "plots": {
             name: data_uri(pictures[name])
             for name in ("convergence", "scores", "colors", "trade")
             if name in pictures
         },
-        "color_errors": _color_errors(night),
-        "levels": [_level(row) for row in timed_levels(night)],
+        "color_errors": _color_errors(result),
+        "levels": [_level(row) for row in timed_levels(result)],
         "scaling": None if scaling is None else _scaling(scaling),
         "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
-        "caveats": _caveats(night),
-        "facts": night.facts,
+        "caveats": _caveats(result),
+        "facts": result.facts,
     }
 
 
-def _row(night: Night, entry: Finalist) -> dict[str, str]:
+def _row(result: OvernightResult, entry: Finalist) -> dict[str, str]:
     """Return the figures of one finalist as text."""
-    rating = night.rating(entry)
+    rating = result.rating(entry)
     gain = ""
     if entry.gain is not None and entry.gain_se is not None:
         gain = _pm(entry.gain, entry.gain_se, "+")
@@ -184,35 +184,35 @@ def _row(night: Night, entry: Finalist) -> dict[str, str]:
     }
 
 
-def _bolt(night: Night) -> dict[str, Any]:
+def _bolt(result: OvernightResult) -> dict[str, Any]:
     """Return Fig. 5.3, or why there is none."""
     head = BoltHead()
     try:
-        drawn = bolt_pictures(night)
+        drawn = bolt_pictures(result)
     except SceneError as error:
         return {"rows": [], "titles": [], "why_not": str(error)}
     keys = list(dict.fromkeys(key for key, _ in drawn))
     return {
-        "titles": [night.finalist(key).title for key in keys],
+        "titles": [result.finalist(key).title for key in keys],
         "rows": [
             {
                 "bend": bend,
                 "pictures": [
-                    {"title": night.finalist(key).title, "data": data_uri(drawn[key, index])}
+                    {"title": result.finalist(key).title, "data": data_uri(drawn[key, index])}
                     for key in keys
                 ],
             }
-            for index, bend in enumerate(bend_titles(night.scene))
+            for index, bend in enumerate(bend_titles(result.scene))
         ],
         "radius": f"{2 * head.radius:g}",
         "depth": f"{head.depth:g}",
     }
 
 
-def _color_errors(night: Night) -> str:
+def _color_errors(result: OvernightResult) -> str:
     """Say how far the surrogate's facet colors are from the renders, and how noisy those are."""
     off, noise, lit = [], [], 0.5
-    for entry in night.finalists:
+    for entry in result.finalists:
         length = np.maximum(np.linalg.norm(entry.counts, axis=-1), lit)
         off.append(np.linalg.norm(entry.predicted_counts - entry.counts, axis=-1) / length)
         noise.append(np.linalg.norm(entry.counts_se, axis=-1) / length)
@@ -245,11 +245,11 @@ def _scaling(scaling: Scaling) -> dict[str, Any]:
     return {"rows": rows, "note": scaling_words(scaling)}
 
 
-def _caveats(night: Night) -> list[str]:
+def _caveats(result: OvernightResult) -> list[str]:
     return [
         "Scores come from physically based renders (reference: bidirectional, MIS) "
         "with seeds that had no part "
-        f"in the choice. ± is one standard error from {night.replicates} independent replicates; "
+        f"in the choice. ± is one standard error from {result.replicates} independent replicates; "
         f"intervals hold 95%. What the noise of a render does to a spread is taken out of scores "
         "by the jackknife.",
         "The gain is that of paired renders: noise which both designs share cancels, so its error "
@@ -260,8 +260,8 @@ def _caveats(night: Night) -> list[str]:
     ]
 
 
-def _interval(night: Night, value: float, se: float) -> tuple[float, float]:
-    return value - night.reach * se, value + night.reach * se
+def _interval(result: OvernightResult, value: float, se: float) -> tuple[float, float]:
+    return value - result.reach * se, value + result.reach * se
 
 
 def _pm(value: float, reach: float, sign: str = "") -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
-from optimize.overnight.watch import Signals
 from optimize.overnight.workers import Workers
 from render.progress import Clock
 from render.reference.job import PadJob, PadResult

@@ -6,7 +6,7 @@ Assumptions, all of them:
 - Jobs are cut as they were in the run and given out in their order, each to the worker that is free
   first (list scheduling; Graham 1969 bounds it by twice the optimum).
 - A stage begins when all renders of the one before are kept; within a stage nothing waits.
-- Results come home one after the other, in ``Transfer.handling`` seconds each; workers go on
+- Results come home one after the other, in ``TransferCost.handling`` seconds each; workers go on
   meanwhile. Jobs themselves are some kilobytes of text and cost the latency.
 - Everything else that the run did (trial renders, which follow each other, fits, searches, the
   report) takes as long as it took.
@@ -26,17 +26,17 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from optimize.design.design import Array
-from optimize.overnight.amounts import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TABLE_UNTIL
+from optimize.overnight.budget import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TABLE_UNTIL
 from optimize.overnight.loop_stage import ROUND_SHARE
-from optimize.overnight.night import NightError
+from optimize.overnight.result import ResultError
 from optimize.overnight.store import RECORD
-from optimize.overnight.transfer import Transfer, measure_transfer
+from optimize.overnight.transfer import TransferCost, measure_transfer
 from optimize.ui.atomic import write_text
 from optimize.ui.console import clock
 
 SCALING = "scaling.json"
 WORKERS = (1, 2, 8, 64)
-GROWS = ("table", "final")
+GROWING_STAGES = ("table", "final")
 """Stages that render more when there is more time."""
 TRIAL = "trial"
 """The stage whose renders are made one by one, to see how fast they are."""
@@ -52,7 +52,7 @@ class StageRenders:
 
 
 @dataclass(frozen=True)
-class Row:
+class ScalingRow:
     """One number of workers.
 
     Arguments:
@@ -81,13 +81,13 @@ class Scaling:
         hours: of the planned night that the rows are about; None for the run itself.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ScalingRow, ...]
     renders: int
     render_seconds: float
     serial_seconds: float
     longest: float
     size: int
-    transfer: Transfer
+    transfer: TransferCost
     measured_workers: int
     hours: float | None = None
 
@@ -108,7 +108,7 @@ def load_scaling(run: Path) -> Scaling | None:
     """Return what ``write_scaling`` kept in ``run``, None where it did not.
 
     Raises:
-        NightError: the file is damaged.
+        ResultError: the file is damaged.
     """
     path = run / SCALING
     try:
@@ -116,7 +116,7 @@ def load_scaling(run: Path) -> Scaling | None:
     except FileNotFoundError:
         return None
     except (OSError, ValidationError) as error:
-        raise NightError(
+        raise ResultError(
             f"{path} is damaged ({str(error).splitlines()[0]}): delete it, the next night that "
             "ends here measures anew",
             field="scaling",
@@ -132,7 +132,7 @@ def scaling_of(run: Path, scratch: Path, hours: float | None = None) -> Scaling:
         hours: of a night as one worker would plan it, instead of what the run did.
 
     Raises:
-        NightError: nothing was rendered, or the record cannot be read.
+        ResultError: nothing was rendered, or the record cannot be read.
     """
     stages, worked, rendered_by = _read(run)
     sizes = np.concatenate([stage.size for stage in stages])
@@ -170,7 +170,7 @@ def planned_stages(measured: Sequence[StageRenders], hours: float) -> list[Stage
 
 
 def simulated(
-    stages: Sequence[StageRenders], worked: float, rendered_by: int, transfer: Transfer
+    stages: Sequence[StageRenders], worked: float, rendered_by: int, transfer: TransferCost
 ) -> Scaling:
     """Return the times for all ``WORKERS``.
 
@@ -190,7 +190,7 @@ def simulated(
         way = transfer if workers > 1 else None
         spans = [makespan(stage, workers, way) for stage in stages]
         total = serial + sum(spans)
-        rows.append(Row(workers, total, alone / total, _more(stages, workers, way)))
+        rows.append(ScalingRow(workers, total, alone / total, _more(stages, workers, way)))
     return Scaling(
         tuple(rows),
         len(seconds),
@@ -233,7 +233,7 @@ def scaling_words(scaling: Scaling) -> str:
     )
 
 
-def makespan(stage: StageRenders, workers: int, transfer: Transfer | None) -> float:
+def makespan(stage: StageRenders, workers: int, transfer: TransferCost | None) -> float:
     """Return the seconds from the first job given out to the last result kept.
 
     ``transfer`` None: the jobs stay in this process.
@@ -251,9 +251,9 @@ def makespan(stage: StageRenders, workers: int, transfer: Transfer | None) -> fl
     return kept
 
 
-def _more(stages: Sequence[StageRenders], workers: int, transfer: Transfer | None) -> float:
+def _more(stages: Sequence[StageRenders], workers: int, transfer: TransferCost | None) -> float:
     """Return how many times the growing stages fit into the time that one worker takes for them."""
-    growing = [stage for stage in stages if stage.name in GROWS]
+    growing = [stage for stage in stages if stage.name in GROWING_STAGES]
     alone = sum(float(stage.seconds.sum()) for stage in growing)
     handled = sum(float(transfer.handling(stage.size).sum()) for stage in growing if transfer)
     return min(float(workers), alone / max(handled, 1e-9))
@@ -263,7 +263,7 @@ def _read(run: Path) -> tuple[list[StageRenders], float, int]:
     """Return the stages of ``run``, the seconds worked, and how many workers rendered.
 
     Raises:
-        NightError: nothing was rendered, or the record cannot be read.
+        ResultError: nothing was rendered, or the record cannot be read.
     """
     path = run / RECORD
     try:
@@ -277,7 +277,7 @@ def _read(run: Path) -> tuple[list[StageRenders], float, int]:
         finally:
             db.close()
     except sqlite3.Error as error:
-        raise NightError(f"{path} cannot be read ({error})", field="run", value=str(run)) from None
+        raise ResultError(f"{path} cannot be read ({error})", field="run", value=str(run)) from None
     kinds: dict[str, list[tuple[Any, ...]]] = {}
     for row in rows:
         kinds.setdefault(row[0], []).append(row)
@@ -291,7 +291,7 @@ def _read(run: Path) -> tuple[list[StageRenders], float, int]:
         if not kind.endswith(f"/{TRIAL}")
     ]
     if not stages:
-        raise NightError(
+        raise ResultError(
             f"{path} has no renders to learn from yet: ask again when the transport table is "
             "being rendered",
             field="run",
@@ -304,7 +304,7 @@ def _size(path: Path) -> int:
     try:
         return path.stat().st_size
     except OSError as error:
-        raise NightError(
+        raise ResultError(
             f"{path} cannot be read ({error.strerror}): go on with tactilux overnight, which "
             "renders it anew",
             field="run",

@@ -11,7 +11,7 @@ import numpy as np
 from optimize.design.design import Design, baseline_design
 from optimize.design.limits import limits_of
 from optimize.exploration.explore import PHI_NODES
-from optimize.overnight.shift import Shift, design_json, design_of
+from optimize.overnight.context import RunContext, design_json, design_of
 from optimize.scoring.evaluate import TableScorer
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.result import renamed_like
@@ -24,28 +24,28 @@ from render.transport import TransportTable
 from surrogate.runtime.checker import Checker
 
 
-def baseline_of(shift: Shift) -> Design:
+def baseline_of(context: RunContext) -> Design:
     """Return the design to beat."""
-    return limits_of(shift.scene).dimmed(baseline_design(shift.scene))
+    return limits_of(context.scene).dimmed(baseline_design(context.scene))
 
 
-def searched(shift: Shift, checker: Checker) -> tuple[Design, Design]:
+def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Design]:
     """Return the best colors at the baseline's directions, and the best design, on the model."""
 
     def search() -> dict[str, Any]:
-        shift.stage("Colors and directions on the surrogate", "search")
+        context.stage("Colors and directions on the surrogate", "search")
         table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         steps: list[SearchStep] = []
 
         def report(step: SearchStep) -> None:
             steps.append(step)
-            shift.tell(len(steps), len(steps) + 1)
+            context.show(len(steps), len(steps) + 1)
 
         found = optimize_jointly(
-            TableScorer(table, limits=limits_of(shift.scene)),
-            baseline_of(shift),
-            edges=fiber_edges(shift.scene),
-            seed=shift.seed,
+            TableScorer(table, limits=limits_of(context.scene)),
+            baseline_of(context),
+            edges=fiber_edges(context.scene),
+            seed=context.seed,
             progress=report,
         )
         colored = next(step for step in found.history if step.stage == "quick")
@@ -56,49 +56,49 @@ def searched(shift: Shift, checker: Checker) -> tuple[Design, Design]:
             "monochrome": found.monochrome,
         }
 
-    kept = shift.decide("search", search)
-    shift.rated("surrogate", kept["scores"][1], checker.score_reach, "found on the surrogate")
+    kept = context.decide("search", search)
+    context.keep_best("surrogate", kept["scores"][1], checker.score_reach, "found on the surrogate")
     return design_of(kept["colors"]), design_of(kept["best"])
 
 
 def thesis_design(
-    shift: Shift, table: Callable[[], TransportTable], checker: Checker
+    context: RunContext, table: Callable[[], TransportTable], checker: Checker
 ) -> Design | None:
     """Return what the thesis's procedure (4.3) makes of the reference table.
 
     Colors in pairs at the baseline's directions, then directions tied by side and color, by
     CMA-ES. None where the scene has constraints, which that procedure does not know.
     """
-    if shift.scene.constraints is not None:
+    if context.scene.constraints is not None:
         return None
 
     def search() -> dict[str, Any]:
-        shift.stage("Thesis-style design on the table", "thesis")
+        context.stage("Thesis-style design on the table", "thesis")
         rendered = table()
-        at_bends = interpolation_weights(rendered.bends, shift.bends)
+        at_bends = interpolation_weights(rendered.bends, context.bends)
         own = replace(
             rendered,
             T=np.einsum("ab,fjbsk->fjask", at_bends, rendered.T),
             se=np.einsum("ab,fjbsk->fjask", at_bends, rendered.se),
-            bends=shift.bends,
+            bends=context.bends,
             background=None,
             background_se=None,
             exposure=checker.exposure,
             lam=checker.lam,
         )
-        scorer, baseline = TableScorer(own), baseline_of(shift)
+        scorer, baseline = TableScorer(own), baseline_of(context)
         found = grouped_colors(scorer, baseline.phi)
         colors = renamed_like(found.colors, baseline.colors)
         colored = Design.of_colors(baseline.phi, colors)
-        groups = tied_groups(fiber_edges(shift.scene), colors)
+        groups = tied_groups(fiber_edges(context.scene), colors)
         turned = optimize_directions(
             lambda phi: scorer.direction_scores(phi, colored.power),
             baseline.phi,
             groups=groups,
             bounds=scorer.phi_bounds,
-            seed=shift.seed,
+            seed=context.seed,
             max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
         )
         return design_json(Design(turned.phi, colored.power)) | {"believed": turned.score}
 
-    return design_of(shift.decide("thesis", search))
+    return design_of(context.decide("thesis", search))

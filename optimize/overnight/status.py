@@ -14,7 +14,7 @@ from optimize.overnight.store import RECORD, check_request
 
 
 @dataclass(frozen=True)
-class Status:
+class RunStatus:
     """How far a run is.
 
     Arguments:
@@ -44,7 +44,7 @@ class Status:
         return asdict(self)
 
 
-def status_of(run: Path) -> Status:
+def status_of(run: Path) -> RunStatus:
     """Return how far the run in ``run`` is.
 
     Raises:
@@ -83,7 +83,7 @@ def _opened(run: Path) -> sqlite3.Connection:
     return db
 
 
-def _read(db: sqlite3.Connection, working: str | None) -> Status:
+def _read(db: sqlite3.Connection, working: str | None) -> RunStatus:
     (evaluations, render_seconds) = db.execute(
         "SELECT COUNT(DISTINCT key), TOTAL(seconds) FROM evaluations"
     ).fetchone()
@@ -92,7 +92,7 @@ def _read(db: sqlite3.Connection, working: str | None) -> Status:
     row = db.execute("SELECT stage, done, total, eta, best FROM progress").fetchone()
     stage, done, total, eta, best = row or ("", 0.0, 1.0, None, None)
     ended = {"": "lost", "finished": "finished"}.get(last[0] if last else "stopped", "stopped")
-    return Status(
+    return RunStatus(
         state="running" if working else ended,
         stage=stage,
         share=done / total if total else 0.0,

@@ -65,7 +65,7 @@ CREATE TABLE progress (
 
 
 @dataclass(frozen=True)
-class Request:
+class RunRequest:
     """What a run directory is for; another seed, or a fixed amount of work, is another run.
 
     Arguments:
@@ -83,7 +83,7 @@ class Request:
 class Store:
     """An open run directory, see the module; only the holder of its lock may open it."""
 
-    def __init__(self, run: Path, request: Request, note: Callable[[str], None]) -> None:
+    def __init__(self, run: Path, request: RunRequest, note: Callable[[str], None]) -> None:
         """Open or begin the record of ``run``; ``note`` is told of damaged renders.
 
         Raises:
@@ -100,7 +100,7 @@ class Store:
             self._db.close()
             raise
 
-    def _open(self, request: Request) -> None:
+    def _open(self, request: RunRequest) -> None:
         run = self.run
         _check_whole(self._db)
         if self._db.execute("SELECT name FROM sqlite_master").fetchall():
@@ -119,7 +119,7 @@ class Store:
             (os.getpid(), socket.gethostname(), _now()),
         ).lastrowid
 
-    def _create(self, request: Request) -> None:
+    def _create(self, request: RunRequest) -> None:
         meta = {"schema": SCHEMA, "tactilux": program_version(), "request": asdict(request)}
         rows = "".join(
             f"INSERT INTO meta VALUES ('{name}', '{json.dumps(value)}');"
@@ -254,7 +254,7 @@ class Store:
         )  # fmt: skip
 
 
-def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> None:
+def check_request(run: Path, db: sqlite3.Connection, wanted: RunRequest | None) -> None:
     """Refuse a record of another version or another request; ``wanted`` None takes any request.
 
     Raises:
@@ -309,9 +309,9 @@ def _check_whole(db: sqlite3.Connection) -> None:
 def _sweep(run: Path) -> None:
     """Take away what a killed process had not finished writing."""
     for folder in (run, run / RENDERS, run / STATES, run / TABLE):
-        for left in folder.glob(".*"):
-            if _UNFINISHED.fullmatch(left.name):
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
+        for seconds_left in folder.glob(".*"):
+            if _UNFINISHED.fullmatch(seconds_left.name):
+                shutil.rmtree(seconds_left) if seconds_left.is_dir() else seconds_left.unlink()
 
 
 def _write(path: Path, content: bytes) -> None:

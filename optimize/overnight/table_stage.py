@@ -10,9 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from optimize.design.design import Array
-from optimize.overnight.amounts import JOB_SECONDS, OVERDUE, PASSES_MIN, TABLE_UNTIL, Pace
+from optimize.overnight.budget import (
+    JOB_SECONDS,
+    MIN_PASSES,
+    OVERTIME_SHARE,
+    TABLE_UNTIL,
+    CostModel,
+)
+from optimize.overnight.context import RunContext
 from optimize.overnight.runner import OutOfTime
-from optimize.overnight.shift import Shift
 from optimize.scoring.measure import check_seen
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
@@ -33,143 +39,143 @@ PILOT = (8, 200)
 PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
 
 
-def measured_pace(shift: Shift) -> Pace:
+def measure_cost(context: RunContext) -> CostModel:
     """Return how fast renders are here, by trial renders at the first bend."""
 
     def trial() -> dict[str, float]:
-        shift.stage("Trial renders", "trial")
+        context.stage("Trial renders", "trial")
         phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
-        seed = shift.random_seed(PILOT_PURPOSE, 0)
+        seed = context.random_seed(PILOT_PURPOSE, 0)
         jobs: list[PadJob] = []
         # The smallest ones first, so that nobody measures how long kernels take to compile.
         for samples in (PILOT[0], *PILOT):
             jobs += pad_jobs(
-                shift.scene, phi, shift.bends[:1], samples=samples, seeds=[seed + len(jobs)]
+                context.scene, phi, context.bends[:1], samples=samples, seeds=[seed + len(jobs)]
             )
-        clock = Clock(sum(job.samples for job in jobs), shift.progress)
-        seconds = [result.seconds for job in jobs for result in shift.renders([job], clock)]
-        pace = Pace.of(jobs[2:], seconds[2:], 1)
-        return {"fixed": pace.fixed, "each": pace.each}
+        clock = Clock(sum(job.samples for job in jobs), context.progress)
+        seconds = [result.seconds for job in jobs for result in context.renders([job], clock)]
+        cost = CostModel.of(jobs[2:], seconds[2:], 1)
+        return {"fixed": cost.fixed, "each": cost.each}
 
-    found = shift.decide("pace", trial)
-    return Pace(found["fixed"], found["each"], shift.renders.workers.count)
+    found = context.decide("pace", trial)
+    return CostModel(found["fixed"], found["each"], context.renders.workers.count)
 
 
-def render_table(shift: Shift, pace: Pace | None) -> None:
-    """Render this shift's passes."""
-    if shift.decided("table") is not None:
+def render_table(context: RunContext, cost: CostModel | None) -> None:
+    """Render this period's passes."""
+    if context.decided("table") is not None:
         return
-    passes = _passes(shift, pace)
-    shift.stage("Transport table", "table")
+    passes = _passes(context, cost)
+    context.stage("Transport table", "table")
     seeds: list[int] = []
-    group = max(1, 2 * shift.renders.workers.count // (2 * len(table_bends(shift))))
+    group = max(1, 2 * context.renders.workers.count // (2 * len(table_bends(context))))
     while len(seeds) < passes["passes"]:
         first = len(seeds)
 
         def another(first: int = first) -> list[int]:
             last = min(first + group, passes["passes"])
-            return [shift.random_seed(TABLE_PURPOSE, i) for i in range(first, last)]
+            return [context.random_seed(TABLE_PURPOSE, i) for i in range(first, last)]
 
-        def affordable(first: int = first, pace: Pace | None = pace) -> list[int]:
-            if first and pace is not None:
-                jobs = _jobs(shift, passes["samples"], another(first))
+        def affordable(first: int = first, cost: CostModel | None = cost) -> list[int]:
+            if first and cost is not None:
+                jobs = _jobs(context, passes["samples"], another(first))
                 # Half a pass too many is as good as half a pass too few.
-                if pace.seconds(jobs) / 2 > shift.left_until(TABLE_UNTIL):
+                if cost.seconds(jobs) / 2 > context.seconds_until(TABLE_UNTIL):
                     return []
             return another(first)
 
-        chosen = shift.decide(f"table passes from {first}", affordable)
+        chosen = context.decide(f"table passes from {first}", affordable)
         if not chosen:
             break
-        began = shift.store.spent()
-        jobs = _jobs(shift, passes["samples"], chosen)
-        clock = Clock(sum(job.samples for job in jobs), shift.progress)
-        late = shift.at(TABLE_UNTIL + OVERDUE) if first else None
+        began = context.store.spent()
+        jobs = _jobs(context, passes["samples"], chosen)
+        clock = Clock(sum(job.samples for job in jobs), context.progress)
+        late = context.deadline(TABLE_UNTIL + OVERTIME_SHARE) if first else None
         try:
-            if shift.decided(f"table passes from {first} given up") is not None:
+            if context.decided(f"table passes from {first} given up") is not None:
                 break
-            with shift.renders.until(late):
-                shift.renders(jobs, clock)
+            with context.renders.until(late):
+                context.renders(jobs, clock)
         except OutOfTime:
-            shift.decide(f"table passes from {first} given up", lambda: True)
+            context.decide(f"table passes from {first} given up", lambda: True)
             break
-        if pace is not None and clock.worked == clock.total:
+        if cost is not None and clock.worked == clock.total:
             # From here on what was seen counts, not what the trial promised.
-            pace = _corrected(pace, jobs, shift.store.spent() - began)
+            cost = _corrected(cost, jobs, context.store.spent() - began)
         seeds += chosen
-    shift.decide(
+    context.decide(
         "table",
         lambda: {
             "samples": passes["samples"],
             "seeds": seeds,
-            "pace": None if pace is None else {"fixed": pace.fixed, "each": pace.each},
+            "pace": None if cost is None else {"fixed": cost.fixed, "each": cost.each},
         },
     )
 
 
-def seen_pace(shift: Shift) -> Pace | None:
-    """Return the pace that the table's renders had; None for a fixed amount of work."""
-    found = shift.decided("table")["pace"]
-    return None if found is None else Pace(**found, workers=shift.renders.workers.count)
+def observed_cost(context: RunContext) -> CostModel | None:
+    """Return the cost that the table's renders had; None for a fixed amount of work."""
+    found = context.decided("table")["pace"]
+    return None if found is None else CostModel(**found, workers=context.renders.workers.count)
 
 
-def whole_table(shift: Shift) -> TransportTable:
-    """Return the mean of all passes of all shifts so far, weighted by their samples."""
+def pooled_table(context: RunContext) -> TransportTable:
+    """Return the mean of all passes of all periods so far, weighted by their samples."""
     parts: list[tuple[int, TransportTable]] = []
-    for number in range(1, shift.number + 1):
-        found = shift.store.decided(f"{number}/table")
+    for number in range(1, context.number + 1):
+        found = context.store.decided(f"{number}/table")
         for seed in found["seeds"]:
-            jobs = _jobs(shift, found["samples"], [seed])
-            results = shift.renders(jobs, Clock(sum(job.samples for job in jobs), None))
-            parts.append((found["samples"], _table(shift.scene, jobs, results)))
+            jobs = _jobs(context, found["samples"], [seed])
+            results = context.renders(jobs, Clock(sum(job.samples for job in jobs), None))
+            parts.append((found["samples"], _table(context.scene, jobs, results)))
     return _mean(parts)
 
 
-def table_bends(shift: Shift) -> Array:
+def table_bends(context: RunContext) -> Array:
     """Return the bends of the table in rad, in order of value: the scene's own ones first.
 
-    The first shift chooses, because all passes must have the same.
+    The first period chooses, because all passes must have the same.
     """
 
     def choose() -> int:
-        if shift.fixed is not None:
-            return BEND_NODES[shift.fixed.samples >= LONG[1]]
-        return BEND_NODES[shift.until - shift.began >= 3600 * LONG[0]]
+        if context.fixed is not None:
+            return BEND_NODES[context.fixed.samples >= LONG[1]]
+        return BEND_NODES[context.until - context.began >= 3600 * LONG[0]]
 
-    nodes = shift.store.decide("bend nodes", choose)
-    own = shift.bends
-    between = [b for b in training_bends(shift.scene, nodes) if np.abs(own - b).min() > 1e-6]
+    nodes = context.store.decide("bend nodes", choose)
+    own = context.bends
+    between = [b for b in training_bends(context.scene, nodes) if np.abs(own - b).min() > 1e-6]
     return np.concatenate([own, between])
 
 
-def _passes(shift: Shift, pace: Pace | None) -> dict[str, int]:
+def _passes(context: RunContext, cost: CostModel | None) -> dict[str, int]:
     """Return the number of passes and their samples per cell."""
 
     def choose() -> dict[str, int]:
-        if shift.fixed is not None:
-            return {"passes": shift.fixed.passes, "samples": shift.fixed.per_pass}
-        assert pace is not None  # with hours it is measured
-        unit = _jobs(shift, 64, [0])
-        work = max(shift.left_until(TABLE_UNTIL), 1.0) * pace.workers
-        shared = -(-PASSES_MIN * pace.workers // len(unit)) if pace.workers > 1 else 0
-        passes = max(PASSES_MIN, shared, round(work / (JOB_SECONDS * len(unit))))
-        samples = pace.samples(unit, 64, work / passes / min(pace.workers, len(unit)))
+        if context.fixed is not None:
+            return {"passes": context.fixed.passes, "samples": context.fixed.per_pass}
+        assert cost is not None  # with hours it is measured
+        unit = _jobs(context, 64, [0])
+        work = max(context.seconds_until(TABLE_UNTIL), 1.0) * cost.workers
+        shared = -(-MIN_PASSES * cost.workers // len(unit)) if cost.workers > 1 else 0
+        passes = max(MIN_PASSES, shared, round(work / (JOB_SECONDS * len(unit))))
+        samples = cost.samples(unit, 64, work / passes / min(cost.workers, len(unit)))
         return {"passes": passes, "samples": samples}
 
-    found: dict[str, int] = shift.decide("passes", choose)
+    found: dict[str, int] = context.decide("passes", choose)
     return found
 
 
-def _jobs(shift: Shift, samples: int, seeds: list[int]) -> list[PadJob]:
-    phi, bends = chebyshev_nodes(PHI_NODES, 0.0, np.pi), table_bends(shift)
-    jobs = pad_jobs(shift.scene, phi, bends, samples=samples, seeds=seeds)
-    ranks = {bend: int(i >= len(shift.bends)) for i, bend in enumerate(bends.tolist())}
+def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[PadJob]:
+    phi, bends = chebyshev_nodes(PHI_NODES, 0.0, np.pi), table_bends(context)
+    jobs = pad_jobs(context.scene, phi, bends, samples=samples, seeds=seeds)
+    ranks = {bend: int(i >= len(context.bends)) for i, bend in enumerate(bends.tolist())}
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
 
 
-def _corrected(pace: Pace, jobs: list[PadJob], seconds: float) -> Pace:
-    ratio = seconds / pace.seconds(jobs)
-    return Pace(pace.fixed * ratio, pace.each * ratio, pace.workers)
+def _corrected(cost: CostModel, jobs: list[PadJob], seconds: float) -> CostModel:
+    ratio = seconds / cost.seconds(jobs)
+    return CostModel(cost.fixed * ratio, cost.each * ratio, cost.workers)
 
 
 def _table(scene: Scene, jobs: list[PadJob], results: list[PadResult]) -> TransportTable:

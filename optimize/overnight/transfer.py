@@ -20,7 +20,7 @@ NETWORK = 112e6
 
 
 @dataclass(frozen=True)
-class Transfer:
+class TransferCost:
     """Seconds of a job besides its rendering, in the process that gives out the jobs.
 
     Arguments:
@@ -41,11 +41,11 @@ class Transfer:
         return np.asarray(self.latency + size / slower + size / self.store)
 
 
-def measure_transfer(folder: Path, size: int) -> Transfer:
+def measure_transfer(folder: Path, size: int) -> TransferCost:
     """Send and keep arrays of ``size`` bytes; ``folder`` is on the disk that results go to."""
     noise = np.random.default_rng(0).random(max(size // 8, 1))
     latency, whole = asyncio.run(_sent(noise))
-    return Transfer(latency, noise.nbytes / max(whole - latency, 1e-9), _kept(folder, noise))
+    return TransferCost(latency, noise.nbytes / max(whole - latency, 1e-9), _kept(folder, noise))
 
 
 async def _sent(array: Array) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from render.reference.job import PadJob, PadResult, render_pad
 
 
 @dataclass(frozen=True, eq=False)
-class Done:
+class FinishedJob:
     """A finished job: its place among those asked for, its result, and who rendered it."""
 
     index: int
@@ -37,7 +37,7 @@ class Workers(Protocol):
         jobs: Sequence[PadJob],
         state: Callable[[PadJob], Path],
         tick: Callable[[int], None],
-    ) -> Iterator[Done]:
+    ) -> Iterator[FinishedJob]:
         """Yield the results as they come, in any order.
 
         Arguments:
@@ -50,7 +50,7 @@ class Workers(Protocol):
         """End what was started."""
 
 
-class Here:
+class LocalWorker:
     """This process, one job after the other on all its cores; unfinished jobs go on later."""
 
     count = 1
@@ -60,13 +60,13 @@ class Here:
         jobs: Sequence[PadJob],
         state: Callable[[PadJob], Path],
         tick: Callable[[int], None],
-    ) -> Iterator[Done]:
+    ) -> Iterator[FinishedJob]:
         """Yield the results in order."""
         for index, job in enumerate(jobs):
             result = render_pad(job, state(job), tick)
             # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
             gc.collect()
-            yield Done(index, result, "here")
+            yield FinishedJob(index, result, "here")
 
     def close(self) -> None:
         """Nothing was started."""

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optimize.overnight.run_log import Signals
 from optimize.overnight.runner import StoredRenders
-from optimize.overnight.store import RECORD, STATES, Request, Store
-from optimize.overnight.watch import Signals
-from optimize.overnight.workers import Done, Here
+from optimize.overnight.store import RECORD, STATES, RunRequest, Store
+from optimize.overnight.workers import FinishedJob, LocalWorker
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
 from render.reference.job import PadJob
@@ -40,13 +40,13 @@ class Timed:
         jobs: Sequence[PadJob],
         state: Callable[[PadJob], Path],
         tick: Callable[[int], None],
-    ) -> Iterator[Done]:
+    ) -> Iterator[FinishedJob]:
         def outside(count: int) -> None:
             self.seconds += time.perf_counter()
             tick(count)
             self.seconds -= time.perf_counter()
 
-        rendered = Here().render(jobs, state, outside)
+        rendered = LocalWorker().render(jobs, state, outside)
         while True:
             self.seconds -= time.perf_counter()
             done = next(rendered, None)
@@ -65,7 +65,7 @@ def test_what_logging_and_scheduling_add_to_renders(
     scene = load_scene("finger20")
     phi, bends = chebyshev_nodes(11, 0.0, np.pi), np.array(scene.bending.angles)
     jobs = pad_jobs(scene, phi, bends, samples=SAMPLES, seeds=[1])
-    store = Store(tmp_path, Request(scene.hash, "", 0, SAMPLES), lambda text: None)
+    store = Store(tmp_path, RunRequest(scene.hash, "", 0, SAMPLES), lambda text: None)
     workers = Timed()
     runner = StoredRenders(store, workers, Signals())
     began = time.perf_counter()

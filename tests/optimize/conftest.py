@@ -12,10 +12,10 @@ import pytest
 
 from optimize.design.design import Array, Design, Rating, baseline_design
 from optimize.exploration.stages import Stage
-from optimize.overnight.night import Finalist, Night, Step, keep_scene
 from optimize.overnight.report import write_report
+from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
 from optimize.overnight.scaling import Scaling, StageRenders, keep_scaling, simulated
-from optimize.overnight.transfer import Transfer
+from optimize.overnight.transfer import TransferCost
 from optimize.scoring.score_scale import Scale
 from render.chebyshev import chebyshev_nodes
 from render.metric import (
@@ -145,7 +145,7 @@ def finger20_checker(finger20: Scene) -> Checker:
 
 
 @pytest.fixture(scope="session")
-def finished_night(finger20: Scene, finger20_checker: Checker) -> Night:
+def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResult:
     """Return a night of five finalists and two rounds."""
     rng = np.random.default_rng(11)
     straight = np.full(20, np.pi / 2)
@@ -173,11 +173,13 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> Night:
     )
     rows = list(zip(("baseline", "best", "uncertain", "random"), finalists, strict=False))
     steps = tuple(
-        Step("search", number, role, 600.0 * number, entry.score - 4 / number, 1.5, entry.predicted)
+        ConvergencePoint(
+            "search", number, role, 600.0 * number, entry.score - 4 / number, 1.5, entry.predicted
+        )
         for number in (1, 2)
         for role, entry in rows
     )
-    return Night(
+    return OvernightResult(
         scene=finger20,
         scale=Scale(finger20_checker.exposure, finger20_checker.lam),
         replicates=16,
@@ -203,23 +205,25 @@ def night_scaling() -> Scaling:
     seconds = np.random.default_rng(3).uniform(25.0, 35.0, 60)
     stages = [StageRenders("table", seconds[:40], np.full(40, 2e6))]
     stages += [StageRenders("final", seconds[40:], np.full(20, 1e6))]
-    return simulated(stages, 2400.0, 1, Transfer(2e-4, 1e9, 8e7))
+    return simulated(stages, 2400.0, 1, TransferCost(2e-4, 1e9, 8e7))
 
 
 @pytest.fixture(scope="session")
 def night_report(
-    finished_night: Night, night_scaling: Scaling, tmp_path_factory: pytest.TempPathFactory
+    finished_night: OvernightResult,
+    night_scaling: Scaling,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """Return the report of the night, made from its files."""
     run = tmp_path_factory.mktemp("night")
     keep_scene(run, "finger20")
     finished_night.save(run)
     keep_scaling(run, night_scaling)
-    return write_report(Night.load(run), run)
+    return write_report(OvernightResult.load(run), run)
 
 
 @pytest.fixture
-def run_directory(tmp_path: Path, finished_night: Night) -> Path:
+def run_directory(tmp_path: Path, finished_night: OvernightResult) -> Path:
     """Return a directory in which the night is kept."""
     run = tmp_path / "run"
     keep_scene(run, "finger20")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from optimize.overnight.run_log import Signals
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.store import Store
-from optimize.overnight.watch import Signals
-from optimize.overnight.workers import Here
+from optimize.overnight.workers import LocalWorker
 from render.progress import Clock
 from render.reference.transport import pad_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene
@@ -35,7 +35,7 @@ def test_resident_memory_is_flat_over_many_evaluations(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     found: list[int] = []
     store = Store(tmp_path, request_of(scene), lambda text: None)
-    runner = StoredRenders(store, Here(), Signals())
+    runner = StoredRenders(store, LocalWorker(), Signals())
     while len(found) < EVALUATIONS:
         nodes = NODES[len(found) // 2 % len(NODES)]
         phi = rng.uniform(0.5, 2.6, (scene.fibers.count, nodes))

@@ -11,10 +11,10 @@ from pathlib import Path
 import render.reference.job
 from optimize.overnight.errors import RunError, writing
 from optimize.overnight.lock import locked
+from optimize.overnight.run_log import Signals
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.store import Store
-from optimize.overnight.watch import Signals
-from optimize.overnight.workers import Here
+from optimize.overnight.workers import LocalWorker
 from render.progress import Clock
 from render.scene.schema import Scene, load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs
@@ -29,7 +29,7 @@ def attempt(run: Path, scene: Scene) -> None:
         store = Store(run, request_of(scene), lambda text: print(text, file=sys.stderr))
         try:
             jobs = tiny_jobs(scene, SEEDS)
-            renders = StoredRenders(store, Here(), Signals())
+            renders = StoredRenders(store, LocalWorker(), Signals())
             renders.kind = "1/table"
             seeds = store.decide("seeds", lambda: [job.seed for job in jobs])
             assert seeds == [job.seed for job in jobs]

@@ -15,7 +15,7 @@ import pytest
 
 from optimize.overnight.dask_workers import DaskWorkers
 from optimize.overnight.errors import RunError
-from optimize.overnight.workers import Here
+from optimize.overnight.workers import LocalWorker
 from render.errors import RenderError
 from render.reference.job import PadJob
 from render.scene.schema import Scene
@@ -41,7 +41,9 @@ def jobs(scene: Scene) -> list[PadJob]:
 @pytest.fixture(scope="module")
 def alone(jobs: list[PadJob]) -> list[np.ndarray]:
     """Return what one process renders."""
-    done = Here().render(jobs, lambda job: Path("/nonexistent") / job.key, lambda count: None)
+    done = LocalWorker().render(
+        jobs, lambda job: Path("/nonexistent") / job.key, lambda count: None
+    )
     return [entry.result.estimate for entry in done]
 
 

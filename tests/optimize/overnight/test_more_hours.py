@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.overnight.job import REFINES, NightConfig, overnight
-from optimize.overnight.night import Night
+from optimize.overnight.job import REFINE_FACTOR, OvernightConfig, overnight
+from optimize.overnight.result import OvernightResult
 from optimize.overnight.status import status_of
-from optimize.overnight.workers import Here
+from optimize.overnight.workers import LocalWorker
 from tests.optimize.overnight.tiny import rows, write_tiny
 
 SECONDS = 12.0
@@ -28,8 +28,10 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
     monkeypatch.setattr("optimize.overnight.job.write_report", lambda night, run: None)
     scene, run = write_tiny(tmp_path), tmp_path / "run"
 
-    def night(seconds: float) -> Night:
-        return overnight(str(scene), run, NightConfig(hours=seconds / 3600), hire=Here)
+    def night(seconds: float) -> OvernightResult:
+        return overnight(
+            str(scene), run, OvernightConfig(hours=seconds / 3600), make_workers=LocalWorker
+        )
 
     first = night(SECONDS)
     kept = batches(run)
@@ -37,7 +39,7 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
     assert night(SECONDS).finalists[0].score == first.finalists[0].score
     assert batches(run) == kept
 
-    more = night(0.5 * (1 + REFINES) * status_of(run).seconds)
+    more = night(0.5 * (1 + REFINE_FACTOR) * status_of(run).seconds)
     for before, after in zip(first.finalists, more.finalists, strict=True):
         np.testing.assert_allclose(after.design.phi, before.design.phi)
     added = batches(run)[len(kept) :]

@@ -13,22 +13,22 @@ import pytest
 
 from optimize.design.design import Design
 from optimize.overnight.drawings import convergence, timed_levels
-from optimize.overnight.night import Night
 from optimize.overnight.pictures import bolt_pictures
-from optimize.overnight.report import render_night, summary, warnings
+from optimize.overnight.report import render_report, summary, warnings
+from optimize.overnight.result import OvernightResult
 from optimize.overnight.scaling import Scaling, keep_scaling, scaling_rows
 from render.errors import SceneError
 
 Run = Callable[..., Any]
 
 
-def changed(night: Night, key: str, **values: Any) -> Night:
+def changed(night: OvernightResult, key: str, **values: Any) -> OvernightResult:
     """Return the night with one finalist changed."""
     finalists = [replace(e, **values) if e.key == key else e for e in night.finalists]
     return replace(night, finalists=tuple(finalists))
 
 
-def won_by(night: Night, gain: float, se: float) -> Night:
+def won_by(night: OvernightResult, gain: float, se: float) -> OvernightResult:
     return changed(night, "winner", gain=gain, gain_se=se, score=night.finalists[0].score + gain)
 
 
@@ -55,7 +55,7 @@ def test_a_report_that_cannot_be_written_is_one_sentence(
     tactilux: Run, run_directory: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Drawing the report takes seconds, and it is written after that.
-    monkeypatch.setattr("optimize.overnight.report.render_night", lambda *_: "<html>")
+    monkeypatch.setattr("optimize.overnight.report.render_report", lambda *_: "<html>")
     (run_directory / "report.html").mkdir()
     done = tactilux("report", run_directory)
     assert done.code == 2
@@ -73,7 +73,7 @@ def test_a_directory_without_a_night_is_bad_input(tactilux: Run, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_summary_states_gain_and_interval(finished_night: Night) -> None:
+def test_the_summary_states_gain_and_interval(finished_night: OvernightResult) -> None:
     text = summary(won_by(finished_night, 30.0, 1.0))
     base = finished_night.finalists[0].score
     # Student's t with 15 degrees of freedom.
@@ -81,21 +81,21 @@ def test_the_summary_states_gain_and_interval(finished_night: Night) -> None:
 
 
 def test_the_summary_says_what_came_with_colors_and_what_with_directions(
-    finished_night: Night,
+    finished_night: OvernightResult,
 ) -> None:
     night = changed(won_by(finished_night, 30.0, 1.0), "colors", gain=24.0, gain_se=1.0)
     assert any("+24.0 came with the colors" in text for text in summary(night))
     assert any("+6.0 with the directions" in text for text in summary(night))
 
 
-def test_the_summary_counts_the_predictions_that_held(finished_night: Night) -> None:
+def test_the_summary_counts_the_predictions_that_held(finished_night: OvernightResult) -> None:
     winner = finished_night.finalist("winner")
     off = changed(finished_night, "winner", predicted=winner.score + 5.0)
     said = f"said {winner.score + 5:.1f} for this design; its 90% interval held for 4 of 5"
     assert said in summary(off)[-1]
 
 
-def test_a_night_that_found_nothing_says_so(finished_night: Night) -> None:
+def test_a_night_that_found_nothing_says_so(finished_night: OvernightResult) -> None:
     night = replace(
         finished_night, finalists=finished_night.finalists[:1], winner="baseline", verdict=()
     )
@@ -103,7 +103,7 @@ def test_a_night_that_found_nothing_says_so(finished_night: Night) -> None:
     assert warnings(night) == []
 
 
-def test_a_sure_gain_needs_no_warning(finished_night: Night) -> None:
+def test_a_sure_gain_needs_no_warning(finished_night: OvernightResult) -> None:
     assert warnings(won_by(finished_night, 39.0, 1.0)) == []
 
 
@@ -112,17 +112,17 @@ def test_a_sure_gain_needs_no_warning(finished_night: Night) -> None:
     [(1.0, 1.0, "more hours"), (-9.0, 1.0, "the baseline is better")],
 )
 def test_a_gain_that_is_not_sure_is_told(
-    finished_night: Night, gain: float, se: float, word: str
+    finished_night: OvernightResult, gain: float, se: float, word: str
 ) -> None:
     assert word in warnings(won_by(finished_night, gain, se))[0]
 
 
-def test_a_better_finalist_than_the_winner_is_told(finished_night: Night) -> None:
+def test_a_better_finalist_than_the_winner_is_told(finished_night: OvernightResult) -> None:
     night = changed(won_by(finished_night, 39.0, 1.0), "thesis", score=500.0)
     assert "Thesis procedure scored higher" in warnings(night)[0]
 
 
-def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: Night) -> None:
+def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: OvernightResult) -> None:
     night = won_by(finished_night, 39.0, 1.0)
     winner = night.finalist("winner")
     red = Design.of_colors(winner.design.phi, [0] * 20)
@@ -132,29 +132,29 @@ def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: Night) -> 
 
 
 def test_text_is_escaped_and_a_bare_night_still_has_a_report(
-    finished_night: Night, monkeypatch: pytest.MonkeyPatch
+    finished_night: OvernightResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def too_small(night: Night) -> dict[tuple[str, int], bytes]:
+    def too_small(night: OvernightResult) -> dict[tuple[str, int], bytes]:
         raise SceneError("a bolt does not fit")
 
     # Drawing a bolt takes seconds, and what stands in its place is tested here.
     monkeypatch.setattr("optimize.overnight.report.bolt_pictures", too_small)
     night = replace(finished_night, steps=(), trade=(), facts=(("Model", "<fitted>"),))
-    html = render_night(night)
+    html = render_report(night)
     assert "&lt;fitted&gt;" in html
     assert "No picture: a bolt does not fit." in html
     assert "Convergence" not in html
     assert "Speed and accuracy" not in html
 
 
-def test_a_pad_too_small_for_a_bolt_is_refused(finished_night: Night) -> None:
+def test_a_pad_too_small_for_a_bolt_is_refused(finished_night: OvernightResult) -> None:
     scene = finished_night.scene
     narrow = scene.model_copy(update={"pad": scene.pad.model_copy(update={"width": 6.0})})
     with pytest.raises(SceneError, match="does not fit into the pad"):
         bolt_pictures(replace(finished_night, scene=narrow))
 
 
-def test_levels_without_a_time_or_an_error_are_not_drawn(finished_night: Night) -> None:
+def test_levels_without_a_time_or_an_error_are_not_drawn(finished_night: OvernightResult) -> None:
     night = replace(
         finished_night,
         trade=(*finished_night.trade, {"level": "guess", "seconds_per_design": None}),
@@ -163,7 +163,9 @@ def test_levels_without_a_time_or_an_error_are_not_drawn(finished_night: Night) 
     assert names == ["checker.onnx", "preview", "PSSMLT, 96 samples"]
 
 
-def test_convergence_shows_every_rendered_design_with_its_error_bar(finished_night: Night) -> None:
+def test_convergence_shows_every_rendered_design_with_its_error_bar(
+    finished_night: OvernightResult,
+) -> None:
     (axes,) = convergence(finished_night).axes
     bars = [part for part in axes.containers if hasattr(part, "has_yerr") and part.has_yerr]
     shown = sorted(float(y) for bar in bars for y in bar.lines[0].get_ydata())
@@ -173,7 +175,7 @@ def test_convergence_shows_every_rendered_design_with_its_error_bar(finished_nig
 
 
 def test_finalists_and_verdict_are_shown_as_they_are(
-    night_report: Path, finished_night: Night
+    night_report: Path, finished_night: OvernightResult
 ) -> None:
     html = night_report.read_text()
     for entry in finished_night.finalists:
@@ -191,6 +193,6 @@ def test_the_report_states_the_time_of_more_workers(
     assert "Simulated from this night's 60 renders" in text.replace("&#39;", "'")
 
 
-def test_colors_that_won_nothing_get_no_part_of_the_gain(finished_night: Night) -> None:
+def test_colors_that_won_nothing_get_no_part_of_the_gain(finished_night: OvernightResult) -> None:
     night = changed(won_by(finished_night, 30.0, 1.0), "colors", gain=-4.0, gain_se=1.0)
     assert not any("came with the colors" in text for text in summary(night))

@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optimize.overnight.night import NightError
+from optimize.overnight.result import ResultError
+from optimize.overnight.run_log import Signals
 from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import (
     StageRenders,
@@ -28,16 +29,15 @@ from optimize.overnight.scaling import (
     write_scaling,
 )
 from optimize.overnight.store import Store
-from optimize.overnight.transfer import Transfer, measure_transfer
-from optimize.overnight.watch import Signals
-from optimize.overnight.workers import Here
+from optimize.overnight.transfer import TransferCost, measure_transfer
+from optimize.overnight.workers import LocalWorker
 from render.progress import Clock
 from render.scene.schema import load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs, write_tiny
 
 Run = Callable[..., Any]
 
-FREE = Transfer(0.0, 1e15, 1e15, 1e15)
+FREE = TransferCost(0.0, 1e15, 1e15, 1e15)
 
 
 def stage(name: str, *seconds: float, size: float = 1e6) -> StageRenders:
@@ -59,15 +59,15 @@ def test_equal_jobs_take_as_many_rounds_as_they_must() -> None:
 
 
 def test_results_that_come_home_at_once_wait_for_each_other() -> None:
-    slow = Transfer(0.5, 1e6, 1e6, 1e15)
+    slow = TransferCost(0.5, 1e6, 1e6, 1e15)
     # Given out after 0.5 s, rendered in 10 s, then 0.5 + 1 + 1 s for each of eight results.
     assert makespan(stage("final", *[10.0] * 8), 8, slow) == pytest.approx(10.5 + 8 * 2.5)
 
 
 def test_the_slower_of_loopback_and_network_counts() -> None:
     size = np.array([1e6])
-    assert Transfer(0.0, 1e8, 1e15, 1e6).handling(size)[0] == pytest.approx(1.0)
-    assert Transfer(0.0, 1e6, 1e15, 1e8).handling(size)[0] == pytest.approx(1.0)
+    assert TransferCost(0.0, 1e8, 1e15, 1e6).handling(size)[0] == pytest.approx(1.0)
+    assert TransferCost(0.0, 1e6, 1e15, 1e8).handling(size)[0] == pytest.approx(1.0)
 
 
 def test_one_worker_takes_what_the_run_took() -> None:
@@ -200,7 +200,7 @@ def test_what_was_simulated_is_kept_and_read_again(run: Path) -> None:
 def test_a_damaged_file_is_refused(run: Path, content: str) -> None:
     write_scaling(run)
     (run / "scaling.json").write_text(content)
-    with pytest.raises(NightError, match=r"scaling\.json is damaged"):
+    with pytest.raises(ResultError, match=r"scaling\.json is damaged"):
         load_scaling(run)
 
 
@@ -209,7 +209,7 @@ def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tmp_path: Pa
     folder.mkdir()
     scene = load_scene(write_tiny(tmp_path))
     store = Store(folder, request_of(scene), print)
-    renders = StoredRenders(store, Here(), Signals())
+    renders = StoredRenders(store, LocalWorker(), Signals())
     first, *others = tiny_jobs(scene, 2)
     for kind, jobs in (("1/trial", [first]), ("1/table", others)):
         renders.kind = kind
@@ -235,7 +235,7 @@ def test_a_run_without_renders_says_so(run: Path, tmp_path: Path) -> None:
     with sqlite3.connect(run / "run.sqlite") as db:
         db.execute("DELETE FROM evaluations")
     db.close()
-    with pytest.raises(NightError, match="no renders"):
+    with pytest.raises(ResultError, match="no renders"):
         scaling_of(run, run)
-    with pytest.raises(NightError, match="cannot be read"):
+    with pytest.raises(ResultError, match="cannot be read"):
         scaling_of(tmp_path / "none", tmp_path)

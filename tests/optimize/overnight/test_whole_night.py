@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.overnight.night import ARRAYS, DESIGNS, NIGHT, Night
+from optimize.overnight.result import ARRAYS, DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RENDERS
 from tests.long import LONG
@@ -36,7 +36,7 @@ import sys, time
 shift, real = float(sys.argv.pop(1)), time.time
 time.time = lambda: real() + shift
 import optimize.overnight.job
-optimize.overnight.job.write_report = lambda night, run: None
+optimize.overnight.job.write_report = lambda result, run: None
 from hw.cli.cli import main
 main()
 """
@@ -84,7 +84,7 @@ def outcome(run: Path) -> dict[str, object]:
 
 
 def test_the_night_is_complete_and_its_files_load(unbroken: Unbroken) -> None:
-    night = Night.load(unbroken.run)
+    night = OvernightResult.load(unbroken.run)
     keys = [entry.key for entry in night.finalists]
     assert keys == ["baseline", "colors", "thesis", "winner", "runner-up"]
     assert all(np.isfinite(entry.score) and entry.se > 0 for entry in night.finalists)

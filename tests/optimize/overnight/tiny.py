@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.overnight.store import RECORD, Request
+from optimize.overnight.store import RECORD, RunRequest
 from render.reference.job import PadJob
 from render.reference.transport import pad_jobs
 from render.scene.schema import Scene, load_scene
@@ -52,9 +52,9 @@ def vars_of(job: PadJob) -> dict[str, object]:
     return {name: getattr(job, name) for name in PadJob.__dataclass_fields__}
 
 
-def request_of(scene: Scene) -> Request:
+def request_of(scene: Scene) -> RunRequest:
     """Return what a run of ``scene`` with a fixed amount of work is for."""
-    return Request(scene.hash, "", 0, 8)
+    return RunRequest(scene.hash, "", 0, 8)
 
 
 def command(*words: object) -> list[str]:

@@ -28,7 +28,7 @@ SCENE, ARRAYS, NIGHT, DESIGNS = "scene.toml", "night.npz", "night.json", "design
 CONFIDENCE = 0.95
 
 
-class NightError(TactiluxError):
+class ResultError(TactiluxError):
     """The files of a finished night are missing, damaged, or of another version."""
 
 
@@ -70,7 +70,7 @@ class Finalist:
 
 
 @dataclass(frozen=True)
-class Step:
+class ConvergencePoint:
     """One rendered design of one round: a point of the convergence plot.
 
     Arguments:
@@ -91,7 +91,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Night:
+class OvernightResult:
     """Everything that the report of a night shows.
 
     Arguments:
@@ -113,7 +113,7 @@ class Night:
     finalists: tuple[Finalist, ...]
     winner: str
     verdict: tuple[str, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[ConvergencePoint, ...]
     trade: tuple[Mapping[str, float | str | None], ...]
     facts: tuple[tuple[str, str], ...]
 
@@ -147,7 +147,7 @@ class Night:
         Equal nights make equal bytes. ``scene.toml`` must be there (see `keep_scene`).
 
         Raises:
-            NightError: ``run`` has no scene file, or another scene's.
+            ResultError: ``run`` has no scene file, or another scene's.
             DesignError: a number that is not finite.
         """
         self._check(run)
@@ -180,16 +180,16 @@ class Night:
         write_text(run / NIGHT, file.model_dump_json(by_alias=True, indent=1) + "\n")
 
     @classmethod
-    def load(cls, run: Path) -> Night:
+    def load(cls, run: Path) -> OvernightResult:
         """Return the night in ``run``.
 
         Raises:
-            NightError: says in one sentence which file is missing, damaged or foreign.
+            ResultError: says in one sentence which file is missing, damaged or foreign.
         """
         file = _read(run)
         scene = load_scene(run / SCENE)
         if scene.hash != file.scene_hash:
-            raise NightError(
+            raise ResultError(
                 f"{run / NIGHT} was made for the scene of hash {file.scene_hash}, but "
                 f"{run / SCENE} has hash {scene.hash}: run tactilux overnight in a new directory",
                 field="scene_hash",
@@ -197,30 +197,30 @@ class Night:
                 allowed=scene.hash,
             )
         arrays = read_npz(run / ARRAYS)
-        night = cls(
+        result = cls(
             scene=scene,
             scale=_scale(run),
             replicates=file.replicates,
             finalists=tuple(_finalist(run, scene, entry, arrays) for entry in file.finalists),
             winner=file.winner,
             verdict=tuple(file.verdict),
-            steps=tuple(Step(**dict(step)) for step in file.steps),
+            steps=tuple(ConvergencePoint(**dict(step)) for step in file.steps),
             trade=tuple(file.trade),
             facts=tuple((name, value) for name, value in file.facts),
         )
-        night._check(run)
-        return night
+        result._check(run)
+        return result
 
     def _check(self, run: Path) -> None:
         """Refuse what a report could not show."""
         keys = [entry.key for entry in self.finalists]
         if not keys or keys[0] != "baseline" or len(set(keys)) < len(keys):
-            raise NightError(
+            raise ResultError(
                 f"the finalists are {keys}, allowed: the baseline first, each once",
                 field="finalists",
             )
         if self.winner not in keys:
-            raise NightError(
+            raise ResultError(
                 f"winner = {self.winner!r}, allowed: one of {', '.join(keys)}", field="winner"
             )
         cells = (len(self.scene.bending.angles), self.scene.sites.count)
@@ -228,13 +228,13 @@ class Night:
             for name in _ARRAYS:
                 shape, found = _shape(name, cells, self.scene), getattr(entry, name)
                 if found.shape != shape or not np.isfinite(found).all():
-                    raise NightError(
+                    raise ResultError(
                         f"{name} of {entry.key} has shape {found.shape}, allowed: finite values of "
                         f"shape {shape}",
                         field=name,
                     )
         if not (run / SCENE).is_file() or load_scene(run / SCENE).hash != self.scene.hash:
-            raise NightError(
+            raise ResultError(
                 f"{run / SCENE} is missing or holds another scene than {self.scene.name} of hash "
                 f"{self.scene.hash}: run tactilux overnight in a new directory",
                 field="scene",
@@ -299,7 +299,7 @@ def _read(run: Path) -> _File:
     try:
         file = _File.model_validate_json(path.read_bytes())
     except OSError as error:
-        raise NightError(
+        raise ResultError(
             f"{path} cannot be read ({error.strerror}): a report needs a night that has come to "
             "its end, go on with tactilux overnight",
             field="run",
@@ -309,14 +309,14 @@ def _read(run: Path) -> _File:
         raise _refusal(str(path), error) from None
     wanted = {ARRAYS, SCENE, *(f"{DESIGNS}/{entry.key}.json" for entry in file.finalists)}
     if set(file.files) != wanted:
-        raise NightError(f"{path} does not name the files that belong to it", field="files")
+        raise ResultError(f"{path} does not name the files that belong to it", field="files")
     for name, digest in file.files.items():
         try:
             whole = _sha256(run / name) == digest
         except OSError:
             whole = False
         if not whole:
-            raise NightError(
+            raise ResultError(
                 f"{run / name} is missing or is not the file that {NIGHT} was written with: go on "
                 "with tactilux overnight, which writes it anew from the renders",
                 field="files",
@@ -329,7 +329,7 @@ def _scale(run: Path) -> Scale:
     path = run / DESIGNS / "baseline.json"
     rating = load_saved(path).rating
     if rating is None:
-        raise NightError(f"{path} has no rating: it is no finalist's", field="score")
+        raise ResultError(f"{path} has no rating: it is no finalist's", field="score")
     return Scale(rating.exposure, rating.lam, rating.conventions)
 
 
@@ -341,7 +341,7 @@ def _finalist(
     for name in _ARRAYS:
         array = arrays.get(f"{entry.key}/{name}")
         if array is None or array.dtype != np.float64:
-            raise NightError(f"{run / ARRAYS} has no float64 array {entry.key}/{name}", field=name)
+            raise ResultError(f"{run / ARRAYS} has no float64 array {entry.key}/{name}", field=name)
         found[name] = array
     return Finalist(**dict(entry), **found, design=design)
 
@@ -354,12 +354,12 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _refusal(origin: str, error: ValidationError) -> NightError:
+def _refusal(origin: str, error: ValidationError) -> ResultError:
     problems = error.errors(include_url=False)
     words = [
         f"{'.'.join(map(str, item['loc'])) or 'the file'}: {item['msg']}" for item in problems[:3]
     ]
-    return NightError(
+    return ResultError(
         f"{origin} is not a valid record of a night: {'; '.join(words)}",
         field=".".join(map(str, problems[0]["loc"])),
     )

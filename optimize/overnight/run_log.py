@@ -29,7 +29,7 @@ class Stopped(KeyboardInterrupt):
         self.code = 128 + number
 
 
-class Watch:
+class RunLog:
     """Tells terminal, log and programs of the same events.
 
     Arguments:

@@ -15,26 +15,26 @@ from render.reference.job import PadJob
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""
-OVERDUE = 0.04
+OVERTIME_SHARE = 0.04
 """What is still rendering when so much more of the time is over is given up for the next stage."""
 REPORT_SECONDS = 8.0
 """What the end of a night takes: measuring finalists and writing files and report."""
 JOB_SECONDS = 90.0
 """A render of the table lasts about so long: what a worker that dies can lose."""
-PASSES_MIN = 3
+MIN_PASSES = 3
 """A table is rendered in so many passes at least, so that a slow machine can do with fewer."""
-ROUNDS_MAX, ROUNDS_FIXED = 12, 3
-SEEDS_FIXED = 4
+MAX_ROUNDS, FIXED_ROUNDS = 12, 3
+FIXED_SEEDS = 4
 FIT_STEPS = (200, 10_000)
 """Fewest and most steps of the networks."""
 MIN_SAMPLES = 4
-LEAST_SHARE = 0.02
+MIN_SHARE = 0.02
 """Part of the time that a round, or a batch of the final verification, gets at least, even where
 the stages before have used it up: with fewer paths its answer would be noise."""
 
 
 @dataclass(frozen=True)
-class Pace:
+class CostModel:
     """How fast renders are here.
 
     Arguments:
@@ -48,8 +48,8 @@ class Pace:
     workers: int
 
     @classmethod
-    def of(cls, jobs: Sequence[PadJob], seconds: Sequence[float], workers: int) -> Pace:
-        """Return the pace by small jobs and larger ones of the same pads, in this order."""
+    def of(cls, jobs: Sequence[PadJob], seconds: Sequence[float], workers: int) -> CostModel:
+        """Return the cost by small jobs and larger ones of the same pads, in this order."""
         half = len(jobs) // 2
         sizes = [sum(job.samples for job in part) for part in (jobs[:half], jobs[half:])]
         spent = [sum(seconds[:half]), sum(seconds[half:])]
@@ -77,7 +77,7 @@ class Pace:
 
 
 @dataclass(frozen=True)
-class Fixed:
+class FixedBudget:
     """Amounts that follow from ``samples`` of the transport table per cell."""
 
     samples: int

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from optimize.design.design_file import load_saved
-from optimize.overnight.night import Finalist, Night, NightError, keep_scene
+from optimize.overnight.result import Finalist, OvernightResult, ResultError, keep_scene
 from render.scene.schema import load_scene, scene_text
 
 
 def refusal(run: Path) -> str:
-    with pytest.raises(NightError) as caught:
-        Night.load(run)
+    with pytest.raises(ResultError) as caught:
+        OvernightResult.load(run)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -29,8 +29,10 @@ def rewrite(path: Path, edit: Callable[[Any], object]) -> None:
     path.write_text(json.dumps(content))
 
 
-def test_a_night_survives_the_round_trip(run_directory: Path, finished_night: Night) -> None:
-    loaded = Night.load(run_directory)
+def test_a_night_survives_the_round_trip(
+    run_directory: Path, finished_night: OvernightResult
+) -> None:
+    loaded = OvernightResult.load(run_directory)
     for name in ("scene", "scale", "replicates", "winner", "verdict", "steps", "trade", "facts"):
         assert getattr(loaded, name) == getattr(finished_night, name)
     for was, found in zip(finished_night.finalists, loaded.finalists, strict=True):
@@ -42,7 +44,7 @@ def test_a_night_survives_the_round_trip(run_directory: Path, finished_night: Ni
 
 
 def test_equal_nights_make_equal_bytes(
-    run_directory: Path, tmp_path: Path, finished_night: Night
+    run_directory: Path, tmp_path: Path, finished_night: OvernightResult
 ) -> None:
     other = tmp_path / "other"
     keep_scene(other, "finger20")
@@ -58,7 +60,7 @@ def test_the_scene_keeps_its_comments_and_sources(run_directory: Path) -> None:
 
 
 def test_every_finalist_has_a_design_file_with_its_rendered_rating(
-    run_directory: Path, finished_night: Night
+    run_directory: Path, finished_night: OvernightResult
 ) -> None:
     for entry in finished_night.finalists:
         rating = load_saved(run_directory / "designs" / f"{entry.key}.json").rating
@@ -122,20 +124,20 @@ def test_a_forged_record_is_refused(
     ],
 )
 def test_impossible_numbers_are_not_written(
-    tmp_path: Path, finished_night: Night, change: dict[str, Any], word: str
+    tmp_path: Path, finished_night: OvernightResult, change: dict[str, Any], word: str
 ) -> None:
     keep_scene(tmp_path, "finger20")
     first, *others = finished_night.finalists
-    with pytest.raises(NightError, match=word):
+    with pytest.raises(ResultError, match=word):
         replace(finished_night, finalists=(replace(first, **change), *others)).save(tmp_path)
     assert not (tmp_path / "night.json").exists()
 
 
 def test_a_night_is_not_put_into_the_directory_of_another_scene(
-    run_directory: Path, finished_night: Night
+    run_directory: Path, finished_night: OvernightResult
 ) -> None:
     path = run_directory / "scene.toml"
     path.write_text(path.read_text().replace("value = 0.6, source", "value = 0.5, source"))
     assert load_scene(path).hash != finished_night.scene.hash
-    with pytest.raises(NightError, match="another scene"):
+    with pytest.raises(ResultError, match="another scene"):
         finished_night.save(run_directory)
