@@ -21,9 +21,15 @@ from optimize.scoring.score_gradient import Differentiator
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites
+from render.geometry.microfacets import fresnel
+from render.preview.beams import BEAM_MARK
+from render.preview.diffuser.cache import beam_of
 from render.preview.lights import make_lights
 from render.scene.schema import Scene
 from render.transport import TransportTable
+
+GLOW_MEAN, BEAM_PEAK = 0, 3
+"""Where a light's emission holds the isotropic term of a glow and the peak intensity of a beam."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,8 @@ def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
 
     ``(fiber, phi_node, site, point)`` in [0, 1]; NaN for points beyond the pad. ``phi`` is
     ``(phi_node,)`` rad. The glow's lights weigh by their diffuse radiance, the cosines at both ends
-    and the inverse square of the distance.
+    and the inverse square of the distance. The end points of a bare fiber send nearly the same
+    towards a point, so only beside a glow the direction and the losses of a beam count.
 
     Raises:
         SceneError: the bolt is deeper than the pad, or no point lies on it.
@@ -122,15 +129,15 @@ def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
         raise SceneError("no point around a bolt lies on the pad: make the pad larger", field="pad")
     lights = make_lights(scene)
     position = lights.position[..., :3]
-    # (node, fiber, light): the isotropic term of a glow, the last number (the peak) of a beam.
+    # (node, fiber, light, n); a light is a beam for all fibers or for none.
     emission = lights.emission(np.repeat(phi[:, None], len(position), axis=1))
-    term = 0 if scene.diffuser else 3
-    strength = np.maximum(emission[..., term], 0.0)
+    beam = lights.position[0, :, 3] >= BEAM_MARK
+    strength = np.where(beam, emission[..., BEAM_PEAK], np.maximum(emission[..., GLOW_MEAN], 0.0))
     # (fiber, light, site, point)
     offset = position[:, :, None, None, :2] - point
     drop = np.maximum(thick - position[..., 2], 1e-6)[..., None, None]
     square = (offset**2).sum(axis=-1) + drop**2
-    edge = lights.position[..., 3] % 4  # left, tip, right; beams are marked by 4 more
+    edge = lights.position[..., 3] % BEAM_MARK  # left, tip, right
     normal = np.where((edge == 1)[..., None], [0.0, -1.0], [[[1.0, 0.0]]])
     normal = np.where((edge == 2)[..., None], [-1.0, 0.0], normal)
     inward = np.maximum(-(offset * normal[:, :, None, None]).sum(axis=-1), 0.0)
@@ -141,7 +148,45 @@ def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
     root = along**2 - flat * ((bolt.radius + bolt.distance) ** 2 - bolt.radius**2)
     enters = (along - np.sqrt(np.maximum(root, 0.0))) / flat
     blocked = (root > 0.0) & (along > 0.0) & (enters < 1.0) & (enters * drop < bolt.depth)
-    total = np.einsum("jfl,flsq->fjsq", strength, weight)
-    hidden = np.einsum("jfl,flsq->fjsq", strength, weight * blocked)
+    glow = ~beam if scene.diffuser else slice(None)
+    total = np.einsum("jfl,flsq->fjsq", strength[:, :, glow], weight[:, glow])
+    hidden = np.einsum("jfl,flsq->fjsq", strength[:, :, glow], (weight * blocked)[:, glow])
+    if scene.diffuser and beam.any():
+        # Directions in the frames of the edges: along, into the pad, up.
+        along_edge = np.where((edge == 1)[..., None, None], -offset[..., 0], -offset[..., 1])
+        way = np.stack(np.broadcast_arrays(along_edge, inward, drop), axis=-1)[:, beam]
+        way = way / np.sqrt(square[:, beam])[..., None]
+        sent = _beam_radiance(scene, emission[:, :, beam], way) * weight[:, beam]
+        total += sent.sum(axis=2).swapaxes(0, 1)
+        hidden += (sent * blocked[:, beam]).sum(axis=2).swapaxes(0, 1)
     part = hidden / np.where(total > 0.0, total, 1.0)
     return np.asarray(np.where(on_pad, part, np.nan))
+
+
+def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:
+    """Return what beams send through a thin diffuser, per cosine at the edge, for unit fibers.
+
+    It is what the preview's shader computes (``beam_intensity`` in ``shading.glsl``): Gaussian
+    about the beam in air, refracted into the pad, dimmed by what the diffuser scatters.
+
+    Arguments:
+        scene: has a diffuser.
+        emission: beam direction and peak intensity ``(node, fiber, light, 4 or more)``.
+        way: unit directions ``(fiber, light, site, point, 3)`` in the frames of the edges.
+
+    Returns:
+        ``(node, fiber, light, site, point)`` in 1/sr.
+    """
+    assert scene.diffuser is not None
+    layer, index, cosine = scene.diffuser, scene.pad.index, np.maximum(way[..., 1], 1e-9)
+    side = index * way[..., [0, 2]]
+    squared = 1.0 - (side**2).sum(axis=-1)
+    height = np.sqrt(np.maximum(squared, 1e-12))
+    air = np.stack([side[..., 0], height, side[..., 1]], axis=-1)
+    depth = (layer.sigma_s + layer.sigma_a) * layer.thickness
+    passed = (1.0 - fresnel(cosine, 1.0 / index)[0]) * np.exp(-depth / cosine)
+    # The solid angle grows by n^2 cos_pad / cos_air in air; the cosine is the caller's.
+    passed = np.where((squared > 0.0) & (way[..., 1] > 0.0), passed * index**2 / height, 0.0)
+    towards = np.clip(np.einsum("jfli,flsqi->jflsq", emission[..., :3], air), -1.0, 1.0)
+    shape = beam_of(scene).radiance(np.arccos(towards)) * np.maximum(towards, 0.0)
+    return np.asarray(emission[..., BEAM_PEAK, None, None] * shape * passed)

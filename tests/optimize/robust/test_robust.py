@@ -12,13 +12,9 @@ from optimize.design.design import Design
 from optimize.robust.material_slopes import neighbors
 from optimize.robust.robust import RobustScore, rate_robustly
 from optimize.robust.sensitivity import score_slopes, sensitivities
-from optimize.robust.shadow import Bolt, PlainScore, ShadowPenalty, hidden_part
 from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring.evaluate import TableScorer
-from optimize.search.refinement import Weighted, refine, turned
-from render.errors import SceneError, TableError
-from render.geometry.layout import flat_sites
-from render.preview.lights import make_lights
+from optimize.search.refinement import refine
 from render.scene.schema import Scene
 from render.scene.tolerances import Spread
 from render.transport import TransportTable
@@ -144,64 +140,3 @@ def test_neighboring_materials_lie_on_both_sides(finger20: Scene) -> None:
     assert high.thickness - low.thickness == pytest.approx(2 * around.step)
     assert neighbors(finger20, "sigma_v").above.fibers.sigma_v > finger20.fibers.sigma_v
     assert around.above.hash != finger20.hash
-
-
-def blocked_by_brute_force(scene: Scene, bolt: Bolt, site: int, point: np.ndarray) -> np.ndarray:
-    """Return which lights ``(fiber, light)`` a point cannot see, by walking along the lines."""
-    lights = make_lights(scene).position[..., :3]
-    start = np.append(point, scene.pad.thickness)
-    steps = np.linspace(0.0, 1.0, 4001)[:, None, None, None]
-    path = start + steps * (lights - start)
-    away = np.linalg.norm(path[..., :2] - flat_sites(scene)[site, :2], axis=-1)
-    inside = (away < bolt.radius) & (path[..., 2] > scene.pad.thickness - bolt.depth)
-    return np.asarray(inside.any(axis=0))
-
-
-def test_hidden_light_equals_a_walk_along_the_lines(finger20: Scene) -> None:
-    bolt = Bolt(radius=2.0, depth=1.2, distance=0.5, points=4)
-    found = hidden_part(finger20, np.array([np.pi / 2]), bolt)[:, 0]
-    site = 4
-    for index in range(4):
-        turn = np.pi / 2 * index
-        out = (bolt.radius + bolt.distance) * np.array([np.cos(turn), np.sin(turn)])
-        blocked = blocked_by_brute_force(finger20, bolt, site, flat_sites(finger20)[site, :2] + out)
-        for fiber in range(finger20.fibers.count):
-            if blocked[fiber].all():
-                assert found[fiber, site, index] == pytest.approx(1.0)
-            elif not blocked[fiber].any():
-                assert found[fiber, site, index] == 0.0
-            else:
-                assert 0.0 <= found[fiber, site, index] <= 1.0
-
-
-def test_a_flat_bolt_hides_nothing_and_a_deep_one_is_refused(finger20: Scene) -> None:
-    phi = np.array([1.0])
-    shallow = hidden_part(finger20, phi, Bolt(depth=1e-6))
-    assert np.nanmax(shallow) == 0.0
-    with pytest.raises(SceneError, match="does not fit"):
-        hidden_part(finger20, phi, Bolt(depth=9.0))
-
-
-def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: Scene) -> None:
-    rng, phi = np.random.default_rng(0), np.linspace(0.0, np.pi, 5)
-    shape = (20, 5, 1, 15, 4)
-    transport = rng.uniform(0.5, 1.5, shape)
-    table = TransportTable(
-        transport, 0 * transport, phi, 5.0, 30.0, bends=np.zeros(1),
-        background=transport.mean(axis=-1), background_se=np.zeros(shape[:-1]),
-    )  # fmt: skip
-    penalty, h = ShadowPenalty(finger20, table), 1e-6
-    design = Design.of_colors(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
-    value, slope = penalty.gradient(design)
-    assert value < 0.0
-    for fiber in (0, 9, 15):
-        step = h * np.eye(20)[fiber]
-        up, down = (penalty.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
-        assert slope[fiber] == pytest.approx((up - down) / (2 * h), rel=1e-4, abs=1e-6)
-    scorer = TableScorer(table)
-    plain = PlainScore(scorer)
-    free, _ = turned(scorer, plain, design)
-    shaded, _ = turned(scorer, Weighted((1.0, plain), (5.0, penalty)), design)
-    assert penalty.value(shaded) > penalty.value(free)
-    with pytest.raises(TableError, match="bend 0"):
-        ShadowPenalty(finger20, replace(table, bends=np.ones(1)))
