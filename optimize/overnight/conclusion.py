@@ -9,8 +9,7 @@ import numpy as np
 
 from optimize.design.design import Array, Design
 from optimize.overnight.context import RunContext
-from optimize.overnight.final_stage import TITLES, choose_winner
-from optimize.overnight.loop_stage import LoopOutcome
+from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.ui.provenance import package_versions
 from optimize.verification.verdict import Verdict

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.overnight.errors import RunError
+from optimize.overnight.run_directory import RunError
 from optimize.overnight.workers import FinishedJob
 from render.errors import RenderError, TactiluxError
 from render.reference.job import PadJob, PadResult, render_pad

@@ -17,23 +17,29 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from optimize.overnight.budget import FixedBudget
 from optimize.overnight.conclusion import conclude
-from optimize.overnight.context import RunContext, extended
-from optimize.overnight.errors import RunError, writing
-from optimize.overnight.final_stage import choose_finalists, verify_finalists
-from optimize.overnight.lock import LOCK, locked
-from optimize.overnight.loop_stage import run_loop
-from optimize.overnight.model_stage import fit_model
+from optimize.overnight.context import FixedBudget, RunContext, extended
+from optimize.overnight.design_stages import (
+    choose_finalists,
+    run_loop,
+    search_designs,
+    thesis_design,
+    verify_finalists,
+)
 from optimize.overnight.report import REPORT, write_report
 from optimize.overnight.result import SCENE, OvernightResult, ResultError, keep_scene
+from optimize.overnight.run_directory import LOCK, RunError, locked, writing
 from optimize.overnight.run_log import LOG, RunLog, Signals, Stopped
-from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import write_scaling
-from optimize.overnight.search_stage import search_designs, thesis_design
 from optimize.overnight.store import RECORD, RunRequest, Store
-from optimize.overnight.table_stage import measure_cost, observed_cost, pooled_table, render_table
-from optimize.overnight.workers import Workers
+from optimize.overnight.surrogate_stages import (
+    fit_model,
+    measure_cost,
+    observed_cost,
+    pooled_table,
+    render_table,
+)
+from optimize.overnight.workers import StoredRenders, Workers
 from optimize.scoring.score_scale import Scale
 from render.errors import SceneError
 from render.scene.schema import Scene, load_scene

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.overnight.drawings import timed_levels
-from optimize.overnight.pictures import bolt_pictures, report_pictures
+from optimize.overnight.figures import bolt_pictures, report_pictures, timed_levels
 from optimize.overnight.result import Finalist, OvernightResult
 from optimize.overnight.scaling import Scaling, load_scaling, scaling_rows, scaling_words
 from optimize.report.page import (

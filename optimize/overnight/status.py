@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from optimize.overnight.errors import RunError, writing
-from optimize.overnight.lock import holder
+from optimize.overnight.run_directory import RunError, holder, writing
 from optimize.overnight.store import RECORD, check_request
 
 

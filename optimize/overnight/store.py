@@ -33,8 +33,8 @@ from typing import Any
 
 import numpy as np
 
-from optimize.overnight.errors import RECORD as RECORD
-from optimize.overnight.errors import RunError
+from optimize.overnight.run_directory import RECORD as RECORD
+from optimize.overnight.run_directory import RunError
 from optimize.ui.provenance import program_version
 from render.errors import TableError
 from render.files import read_npz

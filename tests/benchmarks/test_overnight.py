@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from optimize.overnight.run_log import Signals
-from optimize.overnight.runner import StoredRenders
 from optimize.overnight.store import RECORD, STATES, RunRequest, Store
-from optimize.overnight.workers import FinishedJob, LocalWorker
+from optimize.overnight.workers import FinishedJob, LocalWorker, StoredRenders
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
 from render.reference.job import PadJob

@@ -14,8 +14,7 @@ from optimize.design.design import Array, Design, Rating, baseline_design
 from optimize.exploration.stages import Stage
 from optimize.overnight.report import write_report
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
-from optimize.overnight.scaling import Scaling, StageRenders, keep_scaling, simulated
-from optimize.overnight.transfer import TransferCost
+from optimize.overnight.scaling import Scaling, StageRenders, TransferCost, keep_scaling, simulated
 from optimize.scoring.score_scale import Scale
 from render.chebyshev import chebyshev_nodes
 from render.metric import (

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from optimize.overnight.run_log import Signals
-from optimize.overnight.runner import StoredRenders
 from optimize.overnight.store import Store
-from optimize.overnight.workers import LocalWorker
+from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
 from render.reference.transport import pad_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene

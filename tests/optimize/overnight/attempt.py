@@ -9,12 +9,10 @@ import sys
 from pathlib import Path
 
 import render.reference.job
-from optimize.overnight.errors import RunError, writing
-from optimize.overnight.lock import locked
+from optimize.overnight.run_directory import RunError, locked, writing
 from optimize.overnight.run_log import Signals
-from optimize.overnight.runner import StoredRenders
 from optimize.overnight.store import Store
-from optimize.overnight.workers import LocalWorker
+from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
 from render.scene.schema import Scene, load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.overnight.budget import FIT_STEPS, MIN_SAMPLES, CostModel, FixedBudget
+from optimize.overnight.context import FIT_STEPS, MIN_SAMPLES, CostModel, FixedBudget
 from render.reference.job import PadJob
 from render.reference.transport import pad_jobs
 from render.scene.schema import Scene

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from optimize.overnight.dask_workers import DaskWorkers
-from optimize.overnight.errors import RunError
+from optimize.overnight.run_directory import RunError
 from optimize.overnight.workers import LocalWorker
 from render.errors import RenderError
 from render.reference.job import PadJob

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design
-from optimize.overnight.drawings import convergence, timed_levels
-from optimize.overnight.pictures import bolt_pictures
+from optimize.overnight.figures import bolt_pictures, convergence, timed_levels
 from optimize.overnight.report import render_report, summary, warnings
 from optimize.overnight.result import OvernightResult
 from optimize.overnight.scaling import Scaling, keep_scaling, scaling_rows

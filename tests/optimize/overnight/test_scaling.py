@@ -18,19 +18,19 @@ from hypothesis import strategies as st
 
 from optimize.overnight.result import ResultError
 from optimize.overnight.run_log import Signals
-from optimize.overnight.runner import StoredRenders
 from optimize.overnight.scaling import (
     StageRenders,
+    TransferCost,
     load_scaling,
     makespan,
+    measure_transfer,
     planned_stages,
     scaling_of,
     simulated,
     write_scaling,
 )
 from optimize.overnight.store import Store
-from optimize.overnight.transfer import TransferCost, measure_transfer
-from optimize.overnight.workers import LocalWorker
+from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
 from render.scene.schema import load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs, write_tiny

@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.overnight.errors import RunError, RunInUseError, writing
 from optimize.overnight.job import check_directory
-from optimize.overnight.lock import LOCK, holder, locked
+from optimize.overnight.run_directory import LOCK, RunError, RunInUseError, holder, locked, writing
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RECORD, RENDERS, Store
 from render.reference.job import PadJob, PadResult
@@ -278,7 +277,7 @@ def test_status_of_a_run_that_is_only_just_being_begun_says_so(tmp_path: Path) -
 
 HOLD = """
 import sys, pathlib
-from optimize.overnight.lock import locked
+from optimize.overnight.run_directory import locked
 with locked(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.readline()
