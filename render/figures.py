@@ -101,18 +101,18 @@ def pictures(
 
 def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
     """Return the relative standard deviation of the mean intensity per luminance samples."""
-    from render.integrators.film_sampler import FilmProblem
-    from render.integrators.normalization import FilmScale
-    from render.integrators.path_limits import Limits
+    from render.integrators.film_sampler import FilmSampler
+    from render.integrators.normalization import Normalization
+    from render.integrators.path_limits import PathLimits
 
-    problem = FilmProblem(lit, lit.sensors()[0], Limits())
-    weights = np.full((problem.bins, problem.channels), 1.0 / (problem.bins * problem.channels))
+    sampler = FilmSampler(lit, lit.sensors()[0], PathLimits())
+    weights = np.full((sampler.bins, sampler.channels), 1.0 / (sampler.bins * sampler.channels))
     rows = []
     for wanted in SAMPLES:
         samples = min(wanted, most)
         found = []
         for seed in range(SEEDS):
-            scale = FilmScale(problem, samples, CHAINS, 2, seed)
+            scale = Normalization(sampler, samples, CHAINS, 2, seed)
             scale.pilot()
             found.append(scale.means(weights).mean())
         means = np.array(found)

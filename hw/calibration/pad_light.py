@@ -125,9 +125,9 @@ def render_pad_light(
     Raises:
         RenderError: a path returned a value that is not finite.
     """
-    from render.cells.cell_sampler import CellProblem
+    from render.cells.cell_sampler import CellSampler
     from render.reference.llvm import VARIANT, mitsuba
-    from render.sampling.monte_carlo import Independent
+    from render.sampling.monte_carlo import MonteCarlo
 
     mitsuba(VARIANT)
     cut = _cut(scene)
@@ -144,10 +144,10 @@ def render_pad_light(
             continue
         targets = _blocks(cut, float(bend))
         number, lanes = passes[index]
-        problem = CellProblem(cut, phi[:, None], float(bend), False, targets, pairs[index])
-        run = Independent(problem, lanes, REPLICATES, seed * len(bends) + index)
+        pad_cells = CellSampler(cut, phi[:, None], float(bend), False, targets, pairs[index])
+        run = MonteCarlo(pad_cells, lanes, REPLICATES, seed * len(bends) + index)
         for _ in range(number):
-            run.mutate(1)
+            run.sample(1)
             clock.tick(lanes)
         # (replicate, fiber, cell row, cell column, row, column), where something was rendered.
         found = run.estimate().reshape(

@@ -26,7 +26,7 @@ from render.cells.lower_face_mirror import Bridge
 from render.cells.resampling import Promise
 from render.geometry.layout import facets, fiber_poses
 from render.reference.optics import joinable, pad_scene
-from render.sampling.proposals import Deposit
+from render.sampling.proposals import Splat
 from render.scene.schema import Scene
 
 LIGHT_PATHS = 4
@@ -69,7 +69,7 @@ def fiber_slots(site: Array, fiber: Array, lit: np.ndarray | None = None) -> np.
     return np.stack([np.searchsorted(row / row[-1], middle) for row in edges])
 
 
-class CellProblem:
+class CellSampler:
     """All cells of one pad (one bend, indented or untouched) (``render.sampling.proposals``)."""
 
     stored = (CAMERA_STORED, LIGHT_PATHS, LIGHT_STORED)
@@ -113,7 +113,7 @@ class CellProblem:
             self._pixel, self._offset, self._point, self._normal, self._fiber, self._scale
         )
 
-    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
         """Return a deposit per facet of the chosen site: radiance per direction node."""
         pick_site, pick_fiber, _, _ = camera.event(mi.UInt32(0))
         site = dr.minimum(mi.UInt32(pick_site * self.sites), self.sites - 1)
@@ -137,7 +137,7 @@ class CellProblem:
         scale = dr.gather(mi.Float, self._scale, slot)
         first = dr.arange(mi.UInt32, lanes)
         return [
-            Deposit(
+            Splat(
                 fiber * self.targets.count + site * self.faces + k,
                 [scale * dr.gather(mi.Float, value, first + k * lanes) for value in values],
             )

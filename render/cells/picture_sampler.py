@@ -18,14 +18,14 @@ from render.cells.light_vertex_picks import light_picks
 from render.cells.lower_face_mirror import Bridge
 from render.cells.resampling import Promise
 from render.reference.optics import joinable, pad_scene
-from render.sampling.proposals import Deposit
+from render.sampling.proposals import Splat
 from render.scene.schema import Scene
 
 LIGHT_PATHS = 2
 
 
-class PictureProblem:
-    """All pixels of a picture of one design; see ``render.sampling.proposals.Problem``."""
+class PictureSampler:
+    """All pixels of a picture of one design; see ``render.sampling.proposals.PathSampler``."""
 
     stored = (10, LIGHT_PATHS, 10)
     channels = 3
@@ -54,7 +54,7 @@ class PictureProblem:
         self._power = [mi.Float(power[:, c].astype(np.float32)) for c in range(3)]
         dr.make_opaque(self._fiber, self._power)
 
-    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
         """Return one deposit per lane: radiance per color, over the bin's probability."""
         x, y, pick, _ = camera.event(mi.UInt32(0))
         chosen = dr.minimum(mi.UInt32(pick * self.lit), self.lit - 1)
@@ -75,4 +75,4 @@ class PictureProblem:
         value = joined_nodes(self.pad, picks, lane, seen, light, mi.UInt32(0), aim, self.bridge)[0]
         scale = self.lit * self.bins
         colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
-        return [Deposit(row * self.width + column, colors)]
+        return [Splat(row * self.width + column, colors)]

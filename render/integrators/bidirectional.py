@@ -32,17 +32,17 @@ from scipy.ndimage import gaussian_filter
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.integrators.film_sampler import FilmProblem
-from render.integrators.normalization import FilmScale
-from render.integrators.path_limits import Limits
+from render.integrators.film_sampler import FilmSampler
+from render.integrators.normalization import Normalization
+from render.integrators.path_limits import PathLimits
 from render.integrators.vertex_cache import SHARED
-from render.sampling.monte_carlo import plain_replicates
-from render.sampling.pssmlt import Chains, Settings
+from render.sampling.monte_carlo import monte_carlo_replicates
+from render.sampling.pssmlt import ChainSettings, MarkovChains
 
 CHUNK = 8
 # Lanes of one pass; every pass is traced anew.
 LANES = 1 << 18
-# What a sample of ``FilmScale`` is worth in plain ones, or less: 10 to 20 on the slab.
+# What a sample of ``Normalization`` is worth in plain ones, or less: 10 to 20 on the slab.
 GAIN = 8.0
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
 # Samples under the kernel that smooths the pilot, and the least level relative to the mean.
@@ -62,11 +62,11 @@ class Bidirectional(mi.SamplingIntegrator):
         self.error_bars = bool(props.get("error_bars", False))
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> PathLimits:
         """Return the limits on path length, checked."""
-        return Limits(self.max_depth, self.rr_depth)
+        return PathLimits(self.max_depth, self.rr_depth)
 
-    def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
+    def replicate_images(self, problem: FilmSampler, seed: int, spp: int) -> Array:
         """Return independent images ``(replicate, pixel, channel)``."""
         raise NotImplementedError
 
@@ -85,7 +85,7 @@ class Bidirectional(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if spp == 0:
             spp = sensor.sampler().sample_count()
-        problem = FilmProblem(scene, sensor, self.limits)
+        problem = FilmSampler(scene, sensor, self.limits)
         replicates = self.replicate_images(problem, _number(seed), spp)
         image = replicates.mean(axis=0)
         if self.error_bars:
@@ -130,9 +130,9 @@ class PSSMLT(Bidirectional):
         self.p_large = float(props.get("p_large", 0.6))
         self.chains = int(props.get("chains", 16384))
 
-    def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
+    def replicate_images(self, problem: FilmSampler, seed: int, spp: int) -> Array:
         """Run the chains; the target is luminance over that of a smoothed pilot image."""
-        settings = Settings(
+        settings = ChainSettings(
             self.chains, self.luminance_samples, self.p_large, self.replicates, seed
         )
         if problem.emission.dark():
@@ -140,14 +140,14 @@ class PSSMLT(Bidirectional):
                 "every emitter of the scene emits nothing: raise a radiance, intensity or power",
                 field="emitter",
             )
-        chains = Chains(problem, settings)
-        scale = FilmScale(problem, self.luminance_samples, self.chains, self.replicates, seed)
+        chains = MarkovChains(problem, settings)
+        scale = Normalization(problem, self.luminance_samples, self.chains, self.replicates, seed)
         weights = np.array([1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722])
         pilot = (scale.pilot() @ weights).reshape(problem.height, problem.width)
         flat = weights / _level(pilot, scale.for_pilot).reshape(-1, 1)
         chains.bootstrap(flat, scale.starts)
         chains.inform(scale.means(flat), GAIN * scale.for_scale / self.replicates)
-        chains.mutate(CHUNK * max(1, round(spp * problem.bins / settings.chains / CHUNK)))
+        chains.sample(CHUNK * max(1, round(spp * problem.bins / settings.chains / CHUNK)))
         return chains.estimate()
 
     def to_string(self) -> str:
@@ -158,12 +158,12 @@ class PSSMLT(Bidirectional):
 class BDPT(Bidirectional):
     """The same paths by plain Monte Carlo."""
 
-    def replicate_images(self, problem: FilmProblem, seed: int, spp: int) -> Array:
+    def replicate_images(self, problem: FilmSampler, seed: int, spp: int) -> Array:
         """Average paths; those of one replicate share their light subpaths."""
         paths = spp * problem.bins
         passes = -(-paths // LANES)
         lanes = max(-(-paths // passes), self.replicates)
-        return plain_replicates(
+        return monte_carlo_replicates(
             problem.together(lanes, self.replicates, SHARED),
             lanes=lanes, passes=passes, replicates=self.replicates, seed=seed,
         )  # fmt: skip

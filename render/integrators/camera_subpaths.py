@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from render.integrators.emitters import Emission
 from render.integrators.mirror_connections import Mirrors, Trail, counted
-from render.integrators.path_limits import EVENTS, SPARE, Limits, survive
+from render.integrators.path_limits import EVENTS, SPARE, PathLimits, survive
 from render.paths.vertex import PASSES, Vertex, choose, empty_vertex, is_smooth, left_after
 from render.paths.walk import advance, bounce, start
 from render.sampling.streams import Stream
@@ -70,7 +70,7 @@ class CameraPart:
 @dr.syntax
 def camera_part(
     scene: Any, emission: Emission, ray: Any, medium: Any, density: Any, beta: Any,
-    stream: Stream, limits: Limits, mirrors: Mirrors | None, projected: float,
+    stream: Stream, limits: PathLimits, mirrors: Mirrors | None, projected: float,
 ) -> CameraPart:  # fmt: skip
     """Trace camera subpaths along ``ray``, which was drawn with ``density`` per solid angle.
 

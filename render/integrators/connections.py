@@ -21,7 +21,7 @@ from render.integrators.camera_subpaths import CameraPart, Kept
 from render.integrators.light_subpaths import LightVertex, LightVertices, seen_from
 from render.integrators.mirror_connections import Mirrors, bridge, competing
 from render.integrators.neighbors import Nearby
-from render.integrators.path_limits import GLOSSY, SPARE, Limits
+from render.integrators.path_limits import GLOSSY, SPARE, PathLimits
 from render.integrators.proxy_weights import Look, Seen, glimpse
 from render.integrators.reservoirs import Drawn, Glimpsed
 from render.integrators.target_weights import mirrored, promise
@@ -40,7 +40,7 @@ CLOSE, CLOSE_ENDS = 12, 2
 @dr.syntax
 def joins(
     scene: Any, camera: CameraPart, light: LightVertices, ensemble: Ensemble, stream: Stream,
-    limits: Limits, mirrors: Mirrors | None, shared: bool,
+    limits: PathLimits, mirrors: Mirrors | None, shared: bool,
 ) -> Any:  # fmt: skip
     """Return the light that each lane's camera subpath gets from its partners, their average.
 

@@ -15,10 +15,10 @@ from render.integrators.connections import joins
 from render.integrators.emitters import Emission
 from render.integrators.light_subpaths import light_part, project, seen_from
 from render.integrators.mirror_connections import Mirrors
-from render.integrators.path_limits import Limits
+from render.integrators.path_limits import PathLimits
 from render.integrators.vertex_cache import Ensemble
 from render.paths.vertex import PASSES
-from render.sampling.proposals import Deposit
+from render.sampling.proposals import Splat
 
 CAMERA_STORED = 16
 LIGHT_STORED = 24
@@ -29,12 +29,12 @@ TOGETHER, ALONE = 2, 6
 PROJECTED = 0.25
 
 
-class FilmProblem:
+class FilmSampler:
     """All pixels of one sensor (``render.sampling.proposals``). Bins are pixels, row by row."""
 
     stored = (CAMERA_STORED, 1, LIGHT_STORED)
 
-    def __init__(self, scene: Any, sensor: Any, limits: Limits) -> None:
+    def __init__(self, scene: Any, sensor: Any, limits: PathLimits) -> None:
         """Prepare the scene's emitters.
 
         Raises:
@@ -56,7 +56,7 @@ class FilmProblem:
         self.channels = len(mi.Spectrum(0.0))
         self.medium = mi.MediumPtr(sensor.get_medium()) if sensor.get_medium() else None
 
-    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
         """Return two deposits per lane: at the chosen pixel, and where light met the film."""
         numbers = camera.event(mi.UInt32(0))
         lanes = dr.width(numbers[0])
@@ -96,11 +96,11 @@ class FilmProblem:
         here = [value * weight * self.bins for value in part.radiance + joined]
         there = [value * self.bins for value in splat]
         size: Any = mi.Vector2f(self.width, self.height)
-        return [Deposit(self._pixel(position * size), here), Deposit(self._pixel(where), there)]
+        return [Splat(self._pixel(position * size), here), Splat(self._pixel(where), there)]
 
     def together(
         self, lanes: int, groups: int, paths: int, density: Array | None = None
-    ) -> FilmProblem:
+    ) -> FilmSampler:
         """Return this problem for plain Monte Carlo, with lanes as in ``Ensemble``."""
         other = copy(self)
         other.ensemble = Ensemble(lanes, groups, paths, density)

@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from render.integrators.emitters import Emission
 from render.integrators.mirror_connections import Mirrors, Trail, counted
-from render.integrators.path_limits import EVENTS, SPARE, Limits, survive
+from render.integrators.path_limits import EVENTS, SPARE, PathLimits, survive
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     OpenVertex,
@@ -106,7 +106,7 @@ def _shown(sensor: Any, v: Vertex, active: Any) -> Any:
 
 @dr.syntax
 def light_part(
-    scene: Any, sensor: Any, emission: Emission, stream: Stream, limits: Limits,
+    scene: Any, sensor: Any, emission: Emission, stream: Stream, limits: PathLimits,
     mirrors: Mirrors | None, picks: int,
 ) -> LightVertices:  # fmt: skip
     """Trace one light subpath per lane; return up to 6 ``picks`` of its vertices.

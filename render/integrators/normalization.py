@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.integrators.film_sampler import FilmProblem
+from render.integrators.film_sampler import FilmSampler
 from render.integrators.vertex_cache import SHARED
 from render.sampling.proposals import LIGHT_SALT
 from render.sampling.streams import ROUNDS, Hashed, key
@@ -31,11 +31,11 @@ ENOUGH, EVEN = 64.0, 0.2
 CELLS = 128
 
 
-class FilmScale:
+class Normalization:
     """Spends ``samples`` pairs of subpaths: a pilot, starts of chains, and the scale itself."""
 
     def __init__(
-        self, problem: FilmProblem, samples: int, chains: int, replicates: int, seed: int
+        self, problem: FilmSampler, samples: int, chains: int, replicates: int, seed: int
     ) -> None:
         """Divide the samples; ``chains`` of them should each find their own start."""
         self.problem, self.replicates, self.seed = problem, replicates, seed
@@ -98,7 +98,7 @@ def _passes(samples: int) -> tuple[int, int]:
     return -(-samples // passes), passes
 
 
-def _evaluated(problem: FilmProblem, lanes: int, salt: Any) -> list[tuple[Array, list[Array]]]:
+def _evaluated(problem: FilmSampler, lanes: int, salt: Any) -> list[tuple[Array, list[Array]]]:
     """Return bins and values per channel of each deposit of one pass."""
     lane: Any = dr.arange(mi.UInt32, lanes)
     streams, _ = mi.sample_tea_32(lane, salt, ROUNDS)

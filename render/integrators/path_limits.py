@@ -38,7 +38,7 @@ Narrow lobes make them noisy, while camera subpaths that go on from there meet t
 
 
 @dataclass(frozen=True)
-class Limits:
+class PathLimits:
     """``max_depth`` edges per path (-1: no limit); Russian roulette from ``rr_depth`` on."""
 
     max_depth: int = -1

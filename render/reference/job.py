@@ -29,8 +29,8 @@ from render.scene.schema import Scene
 from render.scene.serialization import scene_content, scene_of
 
 if TYPE_CHECKING:
-    from render.sampling.monte_carlo import Independent
-    from render.sampling.pssmlt import Chains
+    from render.sampling.monte_carlo import MonteCarlo
+    from render.sampling.pssmlt import MarkovChains
 
 VERSION = 5
 Sampler = Literal["monte-carlo", "pssmlt"]
@@ -150,9 +150,9 @@ def render_pad(
     """
     mitsuba(VARIANT)
     scene, phi = scene_of(job.scene), np.array(job.phi)
-    problem = pad_problem(scene, phi, job.bend, job.indented)
+    cells = pad_cells(scene, phi, job.bend, job.indented)
     began = last = time.monotonic()
-    run, spent = _start(scene, problem, job, None if state is None else read_or_drop(state))
+    run, spent = _start(scene, cells, job, None if state is None else read_or_drop(state))
     began -= spent
 
     def save() -> None:
@@ -163,7 +163,7 @@ def render_pad(
     if run.done:
         report(run.done * job.chains)
     while run.done < job.iterations:
-        run.mutate(job.chunk)
+        run.sample(job.chunk)
         try:
             report(job.chunk * job.chains)
         except BaseException:
@@ -176,7 +176,7 @@ def render_pad(
     estimate = estimate.transpose(0, 1, 3, 2)
     if not np.nansum(estimate) > 0:
         raise _no_light()
-    estimate[..., np.diff(problem.targets.offset) == 0] = np.nan
+    estimate[..., np.diff(cells.targets.offset) == 0] = np.nan
     return PadResult(estimate, time.monotonic() - began)
 
 
@@ -191,13 +191,13 @@ def _masked(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarray, np.n
     return np.concatenate(lists), offset
 
 
-def pad_problem(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
-    """Return the sampling problem of a pad; ``phi`` ``(fiber, node)`` and ``bend`` in rad.
+def pad_cells(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
+    """Return the path sampler of all cells of a pad; ``phi`` ``(fiber, node)`` and ``bend`` in rad.
 
     Raises:
         RenderError: the camera sees no facet.
     """
-    from render.cells.cell_sampler import CellProblem, Targets
+    from render.cells.cell_sampler import CellSampler, Targets
 
     pixel, offset = _masked(scene, bend, indented)
     if offset[-1] == 0:
@@ -206,32 +206,32 @@ def pad_problem(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
             "or the sites, or raise camera.columns and camera.rows",
             field="camera",
         )
-    return CellProblem(scene, phi, bend, indented, Targets(pixel, offset))
+    return CellSampler(scene, phi, bend, indented, Targets(pixel, offset))
 
 
 def _start(
-    scene: Scene, problem: Any, job: PadJob, kept: dict[str, np.ndarray] | None
-) -> tuple[Chains | Independent, float]:
+    scene: Scene, cells: Any, job: PadJob, kept: dict[str, np.ndarray] | None
+) -> tuple[MarkovChains | MonteCarlo, float]:
     """Return a run, restored or at its beginning, and the seconds that it has cost so far."""
-    from render.sampling.monte_carlo import Independent
-    from render.sampling.pssmlt import Chains, Settings
+    from render.sampling.monte_carlo import MonteCarlo
+    from render.sampling.pssmlt import ChainSettings, MarkovChains
 
-    settings = Settings(
+    settings = ChainSettings(
         chains=job.chains,
         luminance_samples=max(8 * job.chains, job.samples // 8),
         p_large=P_LARGE,
         replicates=job.replicates,
         seed=job.seed,
     )
-    run: Chains | Independent
+    run: MarkovChains | MonteCarlo
     if job.sampler == "monte-carlo":
-        run = Independent(problem, job.chains, job.replicates, job.seed)
+        run = MonteCarlo(cells, job.chains, job.replicates, job.seed)
     else:
-        run = Chains(problem, settings)
+        run = MarkovChains(cells, settings)
     if kept is not None:
         run.restore(kept)
         return run, float(kept["seconds"])
-    if isinstance(run, Chains):
+    if isinstance(run, MarkovChains):
         run.bootstrap(flattening_weights(run.pilot(), scene))
     return run, 0.0
 

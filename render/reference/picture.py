@@ -69,15 +69,15 @@ def render_image(
     if not len(lit):
         raise RenderError("power is 0 for all fibers: switch at least one on", field="power")
     mitsuba(VARIANT)
-    from render.cells.picture_sampler import PictureProblem
-    from render.sampling.monte_carlo import Independent
+    from render.cells.picture_sampler import PictureSampler
+    from render.sampling.monte_carlo import MonteCarlo
 
-    problem = PictureProblem(scene, phi, power, bend, indented, width, height)
-    run = Independent(problem, LANES, REPLICATES, seed)
+    sampler = PictureSampler(scene, phi, power, bend, indented, width, height)
+    run = MonteCarlo(sampler, LANES, REPLICATES, seed)
     total = max(1, round(samples * width * height / LANES))
     clock = Clock(total, progress)
     while run.done < total:
-        run.mutate(1)
+        run.sample(1)
         clock.tick(1)
     images = run.estimate().reshape(REPLICATES, height, width, 3)[:, :, ::-1]
     return Picture(images.mean(axis=0), images.std(axis=0, ddof=1) / np.sqrt(REPLICATES))

@@ -14,22 +14,22 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.sampling.proposals import LIGHT_SALT, Problem
+from render.sampling.proposals import LIGHT_SALT, PathSampler
 from render.sampling.streams import ROUNDS, Hashed, key
 
 
-class Independent:
+class MonteCarlo:
     """A resumable run of ``lanes`` independent paths per pass, in ``replicates`` groups."""
 
-    def __init__(self, problem: Problem, lanes: int, replicates: int, seed: int) -> None:
-        """Set up; nothing is traced before ``mutate``."""
+    def __init__(self, problem: PathSampler, lanes: int, replicates: int, seed: int) -> None:
+        """Set up; nothing is traced before ``sample``."""
         self.problem, self.replicates, self.seed = problem, replicates, seed
         self.lane: Any = dr.arange(mi.UInt32, lanes)
         self.group = np.arange(lanes) % replicates
         self.done = 0
         self.sums = np.zeros((replicates, problem.bins, problem.channels))
 
-    def mutate(self, count: int) -> None:
+    def sample(self, count: int) -> None:
         """Take ``count`` large steps in every lane.
 
         Raises:
@@ -63,10 +63,10 @@ class Independent:
         self.done, self.sums = int(kept["done"]), kept["sums"]
 
 
-def plain_replicates(
-    problem: Problem, *, lanes: int, passes: int, replicates: int, seed: int
+def monte_carlo_replicates(
+    problem: PathSampler, *, lanes: int, passes: int, replicates: int, seed: int
 ) -> Array:
     """Return independent estimates ``(replicate, bin, channel)`` from ``lanes * passes`` paths."""
-    run = Independent(problem, lanes, replicates, seed)
-    run.mutate(passes)
+    run = MonteCarlo(problem, lanes, replicates, seed)
+    run.sample(passes)
     return run.estimate()

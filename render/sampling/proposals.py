@@ -34,29 +34,29 @@ LIGHT_SALT = 0x7FEB352D
 
 
 @dataclass
-class Deposit:
+class Splat:
     """Values (one per channel) that a path adds to one bin; ``bin`` is uint32 per lane."""
 
     bin: Any
     values: list[Any]
 
-    def where(self, condition: Any, other: Deposit) -> Deposit:
+    def where(self, condition: Any, other: Splat) -> Splat:
         """Return this deposit where ``condition`` holds, else ``other``."""
         pairs = zip(self.values, other.values, strict=True)
-        return Deposit(
+        return Splat(
             dr.select(condition, self.bin, other.bin),
             [dr.select(condition, a, b) for a, b in pairs],
         )
 
 
-class Problem(Protocol):
+class PathSampler(Protocol):
     """What chains can sample."""
 
     bins: int
     channels: int
     stored: tuple[int, int, int]  # camera events, light paths, events stored per light path
 
-    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
         """Return the deposits of one path per lane."""
         ...
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.sampling.proposals import LIGHT_SALT, Chosen, Deposit, Problem, Proposed
+from render.sampling.proposals import LIGHT_SALT, Chosen, PathSampler, Proposed, Splat
 from render.sampling.streams import ROUNDS, Hashed, key, uniform
 
 
 @dataclass(frozen=True)
-class Settings:
+class ChainSettings:
     """Parameters of a Metropolis run, named as in Mitsuba 0.6 where it has them.
 
     Arguments:
@@ -57,10 +57,10 @@ class Settings:
                 )
 
 
-class Chains:
+class MarkovChains:
     """A resumable Metropolis run over one problem."""
 
-    def __init__(self, problem: Problem, settings: Settings) -> None:
+    def __init__(self, problem: PathSampler, settings: ChainSettings) -> None:
         """Set the chains up; nothing is traced before ``bootstrap`` or ``restore``."""
         self.problem, self.settings = problem, settings
         camera, paths, light = problem.stored
@@ -148,7 +148,7 @@ class Chains:
 
     # -- mutations -----------------------------------------------------------------------------
 
-    def mutate(self, count: int) -> None:
+    def sample(self, count: int) -> None:
         """Propose ``count`` mutations in every chain; the scale is brought up to date once."""
         b = mi.Float((self.plain[:, 1] / self.plain[:, 0]).astype(np.float32))
         p_large = mi.Float(self.settings.p_large)
@@ -230,7 +230,7 @@ class Chains:
         self.memory = [mi.Float(kept[f"memory{i}"]) for i in range(4)]
         deposits = sum(name.startswith("bin") for name in kept)
         self.current = [
-            Deposit(mi.UInt32(kept[f"bin{i}"]), [mi.Float(row) for row in kept[f"values{i}"]])
+            Splat(mi.UInt32(kept[f"bin{i}"]), [mi.Float(row) for row in kept[f"values{i}"]])
             for i in range(deposits)
         ]
 
@@ -239,14 +239,14 @@ class Chains:
     def _batches(self) -> int:
         return max(1, self.settings.luminance_samples // (2 * self.settings.chains))
 
-    def _independent(self, batch: int) -> tuple[list[Deposit], Any]:
+    def _independent(self, batch: int) -> tuple[list[Splat], Any]:
         """Return the deposits and seeds of one batch of independent paths."""
         seed, _ = mi.sample_tea_32(self.lane, key(self.settings.seed, 1, batch), ROUNDS)
         deposits = self.problem.evaluate(Hashed(seed), Hashed(seed ^ LIGHT_SALT))
         dr.eval(deposits, seed)
         return deposits, seed
 
-    def _target(self, deposits: list[Deposit]) -> Any:
+    def _target(self, deposits: list[Splat]) -> Any:
         """Return F of the deposits."""
         weight = mi.Float(self.weights.astype(np.float32).ravel())
         total = mi.Float(0.0)
@@ -256,7 +256,7 @@ class Chains:
                 total += value * dr.gather(mi.Float, weight, index)
         return total
 
-    def _pay(self, sums: Array, deposit: Deposit, worth: Array) -> None:
+    def _pay(self, sums: Array, deposit: Splat, worth: Array) -> None:
         """Add deposits times ``worth`` to ``sums`` ``(replicate, bin, channel)``, lane by lane."""
         place = self.group * self.problem.bins + np.array(deposit.bin)
         for c, value in enumerate(deposit.values):

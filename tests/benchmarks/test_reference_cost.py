@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from render.chebyshev import chebyshev_nodes
-from render.reference.job import pad_problem
+from render.reference.job import pad_cells
 from render.scene.schema import Scene, load_scene
 from tests.validation.test_slab_reference import COATED, blocks, lamp, slab
 
@@ -33,7 +33,7 @@ def scene() -> Scene:
 
 def problem(scene: Scene, nodes: np.ndarray, bend: float = 0.0) -> Any:
     phi = np.tile(nodes, (scene.fibers.count, 1))
-    return pad_problem(scene, phi, bend, indented=True)
+    return pad_cells(scene, phi, bend, indented=True)
 
 
 def cost(draw: Callable[[int, int], np.ndarray], passes: int) -> tuple[float, float, float]:
@@ -57,7 +57,7 @@ def test_the_cost_of_facet_colors(
     mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from render.reference.lit_scene import lit_scene
-    from render.sampling.monte_carlo import plain_replicates
+    from render.sampling.monte_carlo import monte_carlo_replicates
     from tests.benchmarks.plain_renderers import by_light_tracing, by_volpath
 
     cells = problem(scene, np.array([np.pi / 2]))
@@ -68,7 +68,9 @@ def test_the_cost_of_facet_colors(
     )  # fmt: skip
 
     def ours(seed: int, passes: int) -> np.ndarray:
-        found = plain_replicates(cells, lanes=8192, passes=passes, replicates=REPLICATES, seed=seed)
+        found = monte_carlo_replicates(
+            cells, lanes=8192, passes=passes, replicates=REPLICATES, seed=seed
+        )
         return found.reshape(REPLICATES, fibers, -1).sum(axis=1)
 
     rows = {
@@ -94,16 +96,18 @@ def test_the_training_table(
     mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """20 fibers x 11 direction nodes x 3 bends x 150 facets, both mirror images averaged."""
-    from render.sampling.monte_carlo import plain_replicates
+    from render.sampling.monte_carlo import monte_carlo_replicates
 
     nodes = chebyshev_nodes(11, 0.0, np.pi)
     minutes = []
     for bend in scene.bending.angles:
         cells = problem(scene, nodes, bend)
         lanes, passes = 8192, 4
-        plain_replicates(cells, lanes=lanes, passes=1, replicates=REPLICATES, seed=1)
+        monte_carlo_replicates(cells, lanes=lanes, passes=1, replicates=REPLICATES, seed=1)
         began = time.process_time()
-        found = plain_replicates(cells, lanes=lanes, passes=passes, replicates=REPLICATES, seed=2)
+        found = monte_carlo_replicates(
+            cells, lanes=lanes, passes=passes, replicates=REPLICATES, seed=2
+        )
         seconds = (time.process_time() - began) / CORES
         mean, variance = found.mean(axis=0), found.var(axis=0, ddof=1) / REPLICATES
         seen = mean > 0
@@ -124,14 +128,14 @@ def test_the_cost_of_blocks_of_a_slab(
     The mean over blocks is comparable to 0.31, what Mitsuba 0.6's ``pssmlt`` costs there. Few
     bright samples make most of it, so variances come from the replicates of several runs.
     """
-    from render.integrators.film_sampler import FilmProblem
+    from render.integrators.film_sampler import FilmSampler
 
     scene = slab(mono, tmp_path, lamp(mono))
     integrator: Any = mono.load_dict({"type": "bdpt", "replicates": 2 * REPLICATES})
-    problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
+    sampler = FilmSampler(scene, scene.sensors()[0], integrator.limits)
 
     def draw(seed: int, spp: int) -> np.ndarray:
-        return blocks(integrator.replicate_images(problem, seed, spp).reshape(-1, 64, 96))
+        return blocks(integrator.replicate_images(sampler, seed, spp).reshape(-1, 64, 96))
 
     draw(1, 8)
     began = time.process_time()

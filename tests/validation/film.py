@@ -51,13 +51,13 @@ def ours(
     **parameters: Any,
 ) -> np.ndarray:
     """Return independent images ``(replicate, row, column, channel)`` of ``bdpt`` or ``pssmlt``."""
-    from render.integrators.film_sampler import FilmProblem
+    from render.integrators.film_sampler import FilmSampler
 
     metropolis = METROPOLIS if kind == "pssmlt" else {}
     integrator = mi.load_dict({"type": kind, "replicates": replicates, **metropolis, **parameters})
-    problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
-    images = integrator.replicate_images(problem, seed, spp)
-    return np.asarray(images.reshape(replicates, problem.height, problem.width, -1))
+    sampler = FilmSampler(scene, scene.sensors()[0], integrator.limits)
+    images = integrator.replicate_images(sampler, seed, spp)
+    return np.asarray(images.reshape(replicates, sampler.height, sampler.width, -1))
 
 
 def theirs(

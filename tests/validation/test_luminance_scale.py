@@ -28,16 +28,16 @@ DEMANDED = 0.002 * np.sqrt(1e7)
 def test_the_mean_intensity_scatters_less_than_0_2_percent_at_ten_million_samples(
     mono: ModuleType, tmp_path: Path, samples: int
 ) -> None:
-    from render.integrators.film_sampler import FilmProblem
-    from render.integrators.normalization import FilmScale
-    from render.integrators.path_limits import Limits
+    from render.integrators.film_sampler import FilmSampler
+    from render.integrators.normalization import Normalization
+    from render.integrators.path_limits import PathLimits
 
     scene = slab(mono, tmp_path, lamp(mono))
-    problem = FilmProblem(scene, scene.sensors()[0], Limits())
-    weights = np.ones((problem.bins, problem.channels)) / problem.bins
+    sampler = FilmSampler(scene, scene.sensors()[0], PathLimits())
+    weights = np.ones((sampler.bins, sampler.channels)) / sampler.bins
     groups = []
     for seed in range(1, SEEDS + 1):
-        run = FilmScale(problem, samples, CHAINS, GROUPS, seed)
+        run = Normalization(sampler, samples, CHAINS, GROUPS, seed)
         run.pilot()
         groups.append(run.means(weights))
     scales = np.mean(groups, axis=1)

@@ -111,12 +111,12 @@ def blocks(picture: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def ours(mono: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     """Return the block means of independent replicates ``(replicate, 8, 12)``."""
-    from render.integrators.film_sampler import FilmProblem
+    from render.integrators.film_sampler import FilmSampler
 
     scene = slab(mono, tmp_path_factory.mktemp("slab"), lamp(mono))
     integrator = mono.load_dict({"type": "bdpt", "replicates": 16})
-    problem = FilmProblem(scene, scene.sensors()[0], integrator.limits)
-    replicates = integrator.replicate_images(problem, 5, SPP)
+    sampler = FilmSampler(scene, scene.sensors()[0], integrator.limits)
+    replicates = integrator.replicate_images(sampler, 5, SPP)
     return blocks(replicates.reshape(-1, 64, 96))
 
 

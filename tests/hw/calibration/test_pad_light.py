@@ -23,15 +23,15 @@ def small_scene() -> Scene:
 
 def reference_cells(scene: Scene, bend: float) -> tuple[Array, Array]:
     """Return the reference's own background cells and errors, ``(fiber, site)``."""
-    from render.cells.cell_sampler import CellProblem, Targets
-    from render.sampling.monte_carlo import Independent
+    from render.cells.cell_sampler import CellSampler, Targets
+    from render.sampling.monte_carlo import MonteCarlo
 
     masks = facet_masks(scene, bend)
     lists = [masks.of(site, scene.indenter.faces) for site in range(scene.sites.count)]
     targets = Targets(np.concatenate(lists), np.cumsum([0, *(len(pixels) for pixels in lists)]))
-    problem = CellProblem(scene, np.full((20, 1), np.pi / 2), bend, False, targets)
-    run = Independent(problem, 4096, 8, 2)
-    run.mutate(10)
+    sampler = CellSampler(scene, np.full((20, 1), np.pi / 2), bend, False, targets)
+    run = MonteCarlo(sampler, 4096, 8, 2)
+    run.sample(10)
     found = run.estimate().reshape(8, 20, -1)
     return found.mean(axis=0), found.std(axis=0, ddof=1) / np.sqrt(8)
 

@@ -130,20 +130,20 @@ def lit(mono: ModuleType, medium: dict[str, Any] | None) -> Any:
 def test_pictures_with_bridges_and_shared_light_subpaths_equal_those_without(
     mono: ModuleType, medium: dict[str, Any] | None
 ) -> None:
-    from render.integrators.film_sampler import FilmProblem
-    from render.integrators.path_limits import Limits
-    from render.sampling.monte_carlo import plain_replicates
+    from render.integrators.film_sampler import FilmSampler
+    from render.integrators.path_limits import PathLimits
+    from render.sampling.monte_carlo import monte_carlo_replicates
 
     scene, lanes = lit(mono, medium), 1 << 15
     runs = []
     for seed, bridged in enumerate((True, False)):
-        problem = FilmProblem(scene, scene.sensors()[0], Limits(max_depth=12))
+        problem = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=12))
         assert problem.mirrors is not None
         problem.mirrors = problem.mirrors if bridged else None
         # Those with bridges share light subpaths as well; the others have each lane to itself.
         problem = problem.together(lanes, 16, 8) if bridged else problem
         runs.append(
-            plain_replicates(problem, lanes=lanes, passes=8, replicates=16, seed=seed)[..., 0]
+            monte_carlo_replicates(problem, lanes=lanes, passes=8, replicates=16, seed=seed)[..., 0]
         )
     means = [run.mean(axis=0) for run in runs]
     error = np.sqrt(sum(run.var(axis=0, ddof=1) / 16 for run in runs))

@@ -13,13 +13,13 @@ SAMPLES = 1 << 16
 
 
 def test_the_guided_scale_is_the_mean_of_the_picture_under_any_weights(mono: ModuleType) -> None:
-    from render.integrators.film_sampler import FilmProblem
-    from render.integrators.normalization import FilmScale
-    from render.integrators.path_limits import Limits
+    from render.integrators.film_sampler import FilmSampler
+    from render.integrators.normalization import Normalization
+    from render.integrators.path_limits import PathLimits
 
     scene = plane(mono)
-    problem = FilmProblem(scene, scene.sensors()[0], Limits(max_depth=2))
-    scale = FilmScale(problem, SAMPLES, 1024, 8, seed=3)
+    problem = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=2))
+    scale = Normalization(problem, SAMPLES, 1024, 8, seed=3)
     assert scale.for_pilot + scale.starts + scale.for_scale == SAMPLES
     truth = lambert().ravel()
     pilot = scale.pilot()[:, 0]

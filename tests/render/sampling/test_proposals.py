@@ -13,8 +13,8 @@ from render.sampling.proposals import (
     STEP_LARGE,
     STEP_SMALL,
     Chosen,
-    Deposit,
     Proposed,
+    Splat,
     perturb,
 )
 
@@ -124,8 +124,8 @@ def test_a_small_step_moves_stored_numbers_by_a_small_amount(
 
 
 def test_a_deposit_is_chosen_lane_by_lane(mono: ModuleType) -> None:
-    a = Deposit(mono.UInt32([1, 2]), [mono.Float([10, 20])])
-    b = Deposit(mono.UInt32([3, 4]), [mono.Float([30, 40])])
+    a = Splat(mono.UInt32([1, 2]), [mono.Float([10, 20])])
+    b = Splat(mono.UInt32([3, 4]), [mono.Float([30, 40])])
     both = a.where(mono.Bool([True, False]), b)
     assert np.array(both.bin).tolist() == [1, 4]
     assert np.array(both.values[0]).tolist() == [10, 40]

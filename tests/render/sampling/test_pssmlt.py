@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from render.errors import RenderError
-from render.sampling.monte_carlo import plain_replicates
-from render.sampling.proposals import LIGHT_EVENTS, LIGHT_SALT, Deposit
-from render.sampling.pssmlt import Chains, Settings
+from render.sampling.monte_carlo import monte_carlo_replicates
+from render.sampling.proposals import LIGHT_EVENTS, LIGHT_SALT, Splat
+from render.sampling.pssmlt import ChainSettings, MarkovChains
 from render.sampling.streams import hashed, key
 
 SHARES = [0.2, 0.5, 1.0]
@@ -33,7 +33,7 @@ class Analytic:
         self.brightness = mi.Float(brightness)
         dr.make_opaque(self.brightness)
 
-    def evaluate(self, camera: Any, light: Any) -> list[Deposit]:
+    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
         mi = self.mi
         x, y, _, _ = camera.event(mi.UInt32(0))
         beyond = camera.event(mi.UInt32(5))[1]
@@ -42,8 +42,8 @@ class Analytic:
         narrow = scale * x**8 * (1.0 + beyond)
         split = dr.select(x < 0.5, 4.0 * other * scale, 0.0)
         return [
-            Deposit(self.bin(y), [narrow, split]),
-            Deposit(self.bin(other), [0.1 * x * scale, dr.zeros(mi.Float, dr.width(x))]),
+            Splat(self.bin(y), [narrow, split]),
+            Splat(self.bin(other), [0.1 * x * scale, dr.zeros(mi.Float, dr.width(x))]),
         ]
 
     def bin(self, number: Any) -> Any:
@@ -56,10 +56,10 @@ class Analytic:
 
 
 @pytest.fixture
-def run(mono: ModuleType) -> Callable[..., Chains]:
-    def start(bins: int = 3, **settings: Any) -> Chains:
+def run(mono: ModuleType) -> Callable[..., MarkovChains]:
+    def start(bins: int = 3, **settings: Any) -> MarkovChains:
         chosen = {"chains": 512, "luminance_samples": 16384, "replicates": 16, **settings}
-        chains = Chains(Analytic(mono, bins), Settings(**chosen))
+        chains = MarkovChains(Analytic(mono, bins), ChainSettings(**chosen))
         chains.bootstrap(np.ones((bins, 2)) / bins)
         return chains
 
@@ -74,10 +74,10 @@ def score(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("p_large", SHARES)
 def test_chains_find_known_integrals_in_every_bin_and_channel(
-    mono: ModuleType, run: Callable[..., Chains], p_large: float
+    mono: ModuleType, run: Callable[..., MarkovChains], p_large: float
 ) -> None:
     chains = run(p_large=p_large)
-    chains.mutate(64)
+    chains.sample(64)
     estimate = chains.estimate()
     truth = chains.problem.integrals
     assert (score(estimate, truth) < 4).all()
@@ -87,18 +87,18 @@ def test_chains_find_known_integrals_in_every_bin_and_channel(
 def test_the_target_may_prefer_bins_without_changing_the_result(
     mono: ModuleType,
 ) -> None:
-    chains = Chains(Analytic(mono), Settings(512, 16384, 0.3, 16, 4))
+    chains = MarkovChains(Analytic(mono), ChainSettings(512, 16384, 0.3, 16, 4))
     chains.bootstrap(np.array([[10.0, 0.0], [1.0, 0.1], [0.01, 3.0]]))
-    chains.mutate(64)
+    chains.sample(64)
     assert (score(chains.estimate(), chains.problem.integrals) < 4).all()
 
 
 def test_large_steps_alone_agree_with_plain_monte_carlo(
-    mono: ModuleType, run: Callable[..., Chains]
+    mono: ModuleType, run: Callable[..., MarkovChains]
 ) -> None:
     chains = run(p_large=1.0)
-    chains.mutate(32)
-    plain = plain_replicates(Analytic(mono), lanes=4096, passes=8, replicates=16, seed=3)
+    chains.sample(32)
+    plain = monte_carlo_replicates(Analytic(mono), lanes=4096, passes=8, replicates=16, seed=3)
     both = np.concatenate([chains.estimate(), plain])
     assert (score(plain, chains.problem.integrals) < 4).all()
     spread = np.sqrt((chains.estimate().var(axis=0, ddof=1) + plain.var(axis=0, ddof=1)) / 16)
@@ -106,18 +106,18 @@ def test_large_steps_alone_agree_with_plain_monte_carlo(
     assert (np.abs(difference) < 4 * spread).all()
 
 
-def test_the_pilot_is_an_estimate_of_the_integrals(run: Callable[..., Chains]) -> None:
+def test_the_pilot_is_an_estimate_of_the_integrals(run: Callable[..., MarkovChains]) -> None:
     chains = run()
     np.testing.assert_allclose(chains.pilot(), chains.problem.integrals, rtol=0.15)
 
 
 def test_the_scale_comes_with_an_error_bar_that_shrinks_as_large_steps_are_made(
-    run: Callable[..., Chains],
+    run: Callable[..., MarkovChains],
 ) -> None:
     chains = run()
     truth = chains.problem.integrals.mean(axis=0).sum()
     before = chains.scale()
-    chains.mutate(48)
+    chains.sample(48)
     after = chains.scale()
     assert abs(before[0] - truth) < 4 * before[1]
     assert abs(after[0] - truth) < 4 * after[1]
@@ -125,7 +125,7 @@ def test_the_scale_comes_with_an_error_bar_that_shrinks_as_large_steps_are_made(
 
 
 def test_estimates_of_the_scale_from_elsewhere_count_by_their_worth(
-    run: Callable[..., Chains],
+    run: Callable[..., MarkovChains],
 ) -> None:
     chains = run()
     before = chains.scale()[0]
@@ -138,22 +138,22 @@ def test_estimates_of_the_scale_from_elsewhere_count_by_their_worth(
 
 
 def test_the_stated_interval_covers_the_truth_about_as_often_as_it_says(
-    run: Callable[..., Chains],
+    run: Callable[..., MarkovChains],
 ) -> None:
     covered = []
     for seed in range(6):
         chains = run(bins=24, seed=seed, replicates=8)
-        chains.mutate(16)
+        chains.sample(16)
         # 2.365 is the 97.5 % quantile of Student's t with 7 degrees of freedom.
         covered.append(score(chains.estimate(), chains.problem.integrals) < 2.365)
     assert 0.90 <= np.mean(covered) <= 0.99
 
 
 def test_a_chain_remembers_the_path_that_it_stands_on(
-    mono: ModuleType, run: Callable[..., Chains]
+    mono: ModuleType, run: Callable[..., MarkovChains]
 ) -> None:
     chains = run()
-    chains.mutate(8)
+    chains.sample(8)
     memory = [np.array(array).reshape(chains.slots, -1) for array in chains.memory]
 
     class Remembered:
@@ -178,26 +178,26 @@ def test_a_chain_remembers_the_path_that_it_stands_on(
 
 
 def test_a_run_that_is_resumed_from_its_state_ends_bit_equal(
-    mono: ModuleType, run: Callable[..., Chains]
+    mono: ModuleType, run: Callable[..., MarkovChains]
 ) -> None:
     unbroken = run()
-    unbroken.mutate(8)
+    unbroken.sample(8)
     kept = {name: array.copy() for name, array in unbroken.state().items()}
-    unbroken.mutate(8)
-    resumed = Chains(Analytic(mono), unbroken.settings)
+    unbroken.sample(8)
+    resumed = MarkovChains(Analytic(mono), unbroken.settings)
     resumed.restore(kept)
-    resumed.mutate(8)
+    resumed.sample(8)
     np.testing.assert_array_equal(resumed.estimate(), unbroken.estimate())
     assert resumed.scale() == unbroken.scale()
 
 
 def test_seeds_give_different_runs_and_the_same_seed_the_same_run(
-    run: Callable[..., Chains],
+    run: Callable[..., MarkovChains],
 ) -> None:
     estimates = []
     for seed in (1, 1, 2):
         chains = run(seed=seed)
-        chains.mutate(2)
+        chains.sample(2)
         estimates.append(chains.estimate())
     np.testing.assert_array_equal(estimates[0], estimates[1])
     assert (estimates[0] != estimates[2]).any()
@@ -209,14 +209,16 @@ def test_keys_differ_for_every_seed_purpose_and_index(mono: ModuleType) -> None:
 
 
 def test_a_bootstrap_without_light_says_which_setting_to_raise(mono: ModuleType) -> None:
-    chains = Chains(Analytic(mono, brightness=0.0), Settings(512, 1024, 0.3, 8, 1))
+    chains = MarkovChains(Analytic(mono, brightness=0.0), ChainSettings(512, 1024, 0.3, 8, 1))
     with pytest.raises(RenderError, match="luminance_samples") as caught:
         chains.bootstrap(np.ones((3, 2)))
     assert caught.value.field == "luminance_samples"
 
 
 def test_a_sampler_that_returns_nan_is_refused(mono: ModuleType) -> None:
-    chains = Chains(Analytic(mono, brightness=float("nan")), Settings(512, 1024, 0.3, 8, 1))
+    chains = MarkovChains(
+        Analytic(mono, brightness=float("nan")), ChainSettings(512, 1024, 0.3, 8, 1)
+    )
     with pytest.raises(RenderError, match="non-finite"):
         chains.bootstrap(np.ones((3, 2)))
 
@@ -234,5 +236,5 @@ def test_a_sampler_that_returns_nan_is_refused(mono: ModuleType) -> None:
 )
 def test_a_setting_out_of_range_is_named(field: str, value: float) -> None:
     with pytest.raises(RenderError, match=field) as caught:
-        Settings(**{field: value})
+        ChainSettings(**{field: value})
     assert caught.value.field == field
