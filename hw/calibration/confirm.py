@@ -17,7 +17,7 @@ from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_lines import ReferenceLines
 from render.arrays import Array
 
-CLOSE = 0.02
+MIN_DIFFERENCE = 0.02
 """Relative difference below which the weights of noisy cells do not matter."""
 
 
@@ -95,7 +95,7 @@ def _compared(
         _, index, size = np.unique(cell, return_inverse=True, return_counts=True)
         difference = np.bincount(index, (measured - log_light)[usable]) / size
         noise = np.bincount(index, error[usable]) / size
-        weight = size / (noise**2 + CLOSE**2)
+        weight = size / (noise**2 + MIN_DIFFERENCE**2)
         differences.append(difference - np.average(difference, weights=weight))
         errors.append(noise)
         weights.append(weight)

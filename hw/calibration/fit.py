@@ -16,12 +16,12 @@ from functools import partial
 
 import numpy as np
 
-from hw.calibration.intervals import Intervals, intervals
+from hw.calibration.intervals import StandardErrors, intervals
 from hw.calibration.material import HIGH, LOW, NAMES, UNITS, Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
-from hw.calibration.model_error import Modes
-from hw.calibration.problem import MATERIAL, TILT, VIGNETTING, Problem
+from hw.calibration.model_error import ErrorModes
+from hw.calibration.residuals import MATERIAL, TILT, VIGNETTING, CalibrationResiduals
 from hw.errors import CalibrationError
 from render.arrays import Array
 
@@ -48,7 +48,7 @@ class Calibration:
     gain: Array
     tilt: Array
     vignetting: float
-    intervals: Intervals
+    intervals: StandardErrors
     predicted: list[Array]
     chi: float
 
@@ -56,7 +56,7 @@ class Calibration:
 def calibrate(
     table: MaterialTable,
     log_correction: Array,
-    modes: Modes,
+    modes: ErrorModes,
     measurements: list[Measurement],
     start: Material,
     roughness: float,
@@ -76,7 +76,7 @@ def calibrate(
     """
     from scipy.optimize import least_squares
 
-    problem = Problem(table, log_correction, modes, measurements, roughness)
+    problem = CalibrationResiduals(table, log_correction, modes, measurements, roughness)
     x = problem.start(start)
     low, high = problem.bounds()
     for _ in range(ROUNDS):
@@ -139,7 +139,7 @@ def require_known(found: Calibration) -> None:
         )
 
 
-def _result(problem: Problem, x: Array) -> Calibration:
+def _result(problem: CalibrationResiduals, x: Array) -> Calibration:
     power, gain = problem.unpack(x)
     everywhere = np.full(problem.table.coefficients.shape[2], np.nan)
     everywhere[problem.fibers] = power

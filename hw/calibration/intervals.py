@@ -15,19 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.calibration.material import NAMES
-from hw.calibration.problem import ROUGHNESS_HELD, ROUGHNESS_KNOWN, Problem
+from hw.calibration.residuals import ROUGHNESS_HELD, ROUGHNESS_KNOWN, CalibrationResiduals
 from render.arrays import Array
 
 Z95 = 1.96
-UNDERSTATED = 1.8
+MODEL_ERROR_FACTOR = 1.8
 """By how much errors of the model exceed what its modes say. With 1, the values of five emulated
 rigs were off by 1.5 standard errors in the root mean square; with this, by 1."""
-RELATED = 0.9
+MAX_CORRELATION = 0.9
 """Correlation from which two values are called hard to tell apart."""
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals:
+class StandardErrors:
     """Standard errors of everything fitted.
 
     Arguments:
@@ -56,11 +56,11 @@ class Intervals:
             (NAMES[i], NAMES[j], float(self.correlation[i, j]))
             for i in range(4)
             for j in range(i)
-            if abs(self.correlation[i, j]) >= RELATED
+            if abs(self.correlation[i, j]) >= MAX_CORRELATION
         ]
 
 
-def intervals(problem: Problem, x: Array) -> Intervals:
+def intervals(problem: CalibrationResiduals, x: Array) -> StandardErrors:
     """Return the standard errors at the fit's end ``x``."""
     slopes, scale = problem.jacobian(x), problem.scale()
     # Scaled normal equations: the parameters' sizes differ by orders, their derivatives do not.
@@ -75,7 +75,7 @@ def intervals(problem: Problem, x: Array) -> Intervals:
     moved = moves[:, :-1] @ problem.reduced(problem.mode_residuals())
     parts = {
         "photographs": excess * np.asarray(moves[:, : problem.rows] @ moves[:, : problem.rows].T),
-        "model": UNDERSTATED**2 * moved @ moved.T,
+        "model": MODEL_ERROR_FACTOR**2 * moved @ moved.T,
         "known": known @ known.T,
     }
     covariance = np.sum(list(parts.values()), axis=0)
@@ -88,7 +88,7 @@ def intervals(problem: Problem, x: Array) -> Intervals:
     to_log -= (power[:, None] * to_log).sum(axis=0) / fibers
     material = covariance[:4, :4]
     outer = np.sqrt(np.outer(np.diag(material), np.diag(material)))
-    return Intervals(
+    return StandardErrors(
         material=se[:4],
         parts={name: np.sqrt(np.diag(part)[:4]) for name, part in parts.items()},
         power=np.sqrt(np.einsum("fi,ij,fj->f", to_log, covariance, to_log)),

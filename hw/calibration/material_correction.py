@@ -2,7 +2,7 @@
 
 The log ratio of rendered to drawn light is a field in a fiber's frame that changes smoothly with
 the material. Both are taken as independent Gaussians in the same linear model (Rasmussen and
-Williams 2006, section 2.1): amplitudes of smooth fields (``closeness``, eq. 4.9), times the terms
+Williams 2006, section 2.1): amplitudes of smooth fields (``kernel``, eq. 4.9), times the terms
 of the material table's polynomial, shared by all fibers and of each fiber's own, and a free
 constant of each fiber in each render, which its power takes up. So all renders of all materials
 speak together, and the corrected table is again a polynomial in the material.
@@ -19,27 +19,27 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from hw.calibration.material_table import EXPONENTS, MaterialTable, terms
-from hw.calibration.model_error import Modes, modes_of
+from hw.calibration.model_error import ErrorModes, modes_of
 from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_lines import ReferenceLines, frame_positions
-from hw.calibration.smooth_ratio import Ratios, closeness, ratios
+from hw.calibration.smooth_ratio import LogRatios, kernel, ratios
 from hw.errors import CalibrationError
 from render.arrays import Array
 
 DEGREES = EXPONENTS.sum(axis=1)
-SHARED = (0.04, 0.08, 0.16)
-OWN = (0.02, 0.04, 0.08)
-DECAY = (0.2, 0.4)
+SHARED_AMPLITUDES = (0.04, 0.08, 0.16)
+FIBER_AMPLITUDES = (0.02, 0.04, 0.08)
+DEGREE_DECAYS = (0.2, 0.4)
 """Relative sizes of the shared and the fibers' own fields, and what a degree in the material, half
 a range each, takes away; the renders choose."""
-SPIKE = 4.0
+OUTLIER_SIGMAS = 4.0
 """Standard errors from the fit beyond which a part of a render is left out."""
-LEAST_MODE = 1e-3
+MIN_EIGENVALUE = 1e-3
 """Relative variance of fields below which they are left out."""
 
 
 @dataclass(frozen=True, eq=False)
-class Render:
+class MaterialRender:
     """One material, rendered.
 
     Arguments:
@@ -50,7 +50,7 @@ class Render:
     material: Array
     light: PadLight
 
-    def ratios(self, bend: int, fiber: int, position: Array, log_light: Array) -> Ratios:
+    def ratios(self, bend: int, fiber: int, position: Array, log_light: Array) -> LogRatios:
         """Return what it says about one fiber at its lines.
 
         Arguments:
@@ -68,15 +68,15 @@ class _Fields:
 
     def __init__(self) -> None:
         place = frame_positions()
-        size, direction = np.linalg.eigh(closeness(place, place))
-        kept = size > LEAST_MODE * size.max()
+        size, direction = np.linalg.eigh(kernel(place, place))
+        kept = size > MIN_EIGENVALUE * size.max()
         self._known, self._weights = place, direction[:, kept] / np.sqrt(size[kept])
         self.at_lines = self.at(place)
         self.count = int(kept.sum())
 
     def at(self, place: Array) -> Array:
         """Return the fields ``(n, field)`` at places ``(n, 2)`` mm."""
-        return np.asarray(closeness(place, self._known) @ self._weights)
+        return np.asarray(kernel(place, self._known) @ self._weights)
 
 
 class BendCorrection:
@@ -87,20 +87,23 @@ class BendCorrection:
         materials: ``(render, 4)``.
     """
 
-    def __init__(self, data: Sequence[Sequence[Ratios]], materials: Array) -> None:
+    def __init__(self, data: Sequence[Sequence[LogRatios]], materials: Array) -> None:
         """Choose sizes by marginal likelihood (eq. 2.30) and solve for the amplitudes."""
         self._fields, self._basis = _Fields(), terms(materials)
         self._gather(data)
-        sizes = max(itertools.product(SHARED, OWN, DECAY), key=lambda size: self._solve(*size))
+        sizes = max(
+            itertools.product(SHARED_AMPLITUDES, FIBER_AMPLITUDES, DEGREE_DECAYS),
+            key=lambda size: self._solve(*size),
+        )
         self._solve(*sizes)
         # A few spikes do not change the sizes.
         self._gather([self._without_spikes(*pair) for pair in zip(self._basis, data, strict=True)])
         self._solve(*sizes)
 
-    def _gather(self, data: Sequence[Sequence[Ratios]]) -> None:
+    def _gather(self, data: Sequence[Sequence[LogRatios]]) -> None:
         self._sums = [self._normal([one[fiber] for one in data]) for fiber in range(len(data[0]))]
 
-    def _without_spikes(self, row: Array, data: Sequence[Ratios]) -> list[Ratios]:
+    def _without_spikes(self, row: Array, data: Sequence[LogRatios]) -> list[LogRatios]:
         """Return one render's data without what lies far from the fit.
 
         A path that carries very much light is rare: its part is far too bright, and the smooth
@@ -112,11 +115,11 @@ class BendCorrection:
             away = one.log_ratio - self._fields.at(one.place) @ (row @ fields)
             if len(away):
                 away -= np.average(away, weights=1 / one.variance)
-            near = np.abs(away) < SPIKE * np.sqrt(one.variance)
-            kept.append(Ratios(one.place[near], one.log_ratio[near], one.variance[near]))
+            near = np.abs(away) < OUTLIER_SIGMAS * np.sqrt(one.variance)
+            kept.append(LogRatios(one.place[near], one.log_ratio[near], one.variance[near]))
         return kept
 
-    def _normal(self, data: Sequence[Ratios]) -> tuple[Array, Array]:
+    def _normal(self, data: Sequence[LogRatios]) -> tuple[Array, Array]:
         """Return the normal equations of one fiber: matrix and right side of its amplitudes."""
         size = len(EXPONENTS) * self._fields.count
         matrix, right = np.zeros((size, size)), np.zeros(size)
@@ -194,7 +197,7 @@ class MaterialCorrection:
     lit: list[list[int]]
     bends: list[BendCorrection | None]
 
-    def modes(self, material: Array) -> Modes:
+    def modes(self, material: Array) -> ErrorModes:
         """Return log errors that the corrected table may still have at ``(4,)`` material."""
         found = []
         for lit, bend in zip(self.lit, self.bends, strict=True):
@@ -208,7 +211,7 @@ class MaterialCorrection:
 
 def material_correction(
     table: MaterialTable,
-    renders: Sequence[Render],
+    renders: Sequence[MaterialRender],
     read: NDArray[np.bool_],
     lines: ReferenceLines,
 ) -> MaterialCorrection:

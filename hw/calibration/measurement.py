@@ -13,19 +13,19 @@ from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.scene.schema import Scene
 
-BOX = 5
+BOX_PIXELS = 5
 """Side (pixels) of the square that is averaged around every point."""
-CLEAR = 12
+CLEARANCE_PIXELS = 12
 """Pixels around a point that must show the pad: beyond its outline there is no light, and as far
 reach the averages, their slopes, and a camera that is tilted by half a degree."""
-OUTLINE = 4
+OUTLINE_PIXELS = 4
 """Pixels from the pad's outline that the averages leave out."""
-LEAST, MOST = 3.0, 225.0
+MIN_COUNTS, MAX_COUNTS = 3.0, 225.0
 """Counts between which a point is used."""
-WIDE = 6.0
+SLOPE_BLUR_PIXELS = 6.0
 """Standard deviation (pixels) of the average from which slopes are taken. Their noise must stay far
 below them: the fit would take it for light that does not move with the tilt."""
-STEP = 2e-3
+TILT_STEP = 2e-3
 """Turn (rad) over which the slope with the camera's tilt is taken."""
 
 
@@ -67,8 +67,8 @@ def _averaged(photo: Array, inside: NDArray[np.bool_]) -> Array:
     """Return the Gaussian average of those pixels of ``photo`` that are ``inside``."""
     import cv2
 
-    share = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), WIDE)
-    found = cv2.GaussianBlur(photo * inside[..., None], (0, 0), WIDE)
+    share = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), SLOPE_BLUR_PIXELS)
+    found = cv2.GaussianBlur(photo * inside[..., None], (0, 0), SLOPE_BLUR_PIXELS)
     return np.asarray(found / np.maximum(share, 1e-6)[..., None])
 
 
@@ -89,8 +89,8 @@ class LineReader:
         self._clear = []
         for index, bend in enumerate(bends):
             shown = pad_positions(scene, float(bend), rows, columns)
-            whole = _well_inside(shown, CLEAR)
-            self._clear.append(_well_inside(shown, OUTLINE))
+            whole = _well_inside(shown, CLEARANCE_PIXELS)
+            self._clear.append(_well_inside(shown, OUTLINE_PIXELS))
             place = np.nan_to_num(pixels[index]).astype(int)
             seen = whole[
                 np.clip(place[..., 1], 0, rows - 1), np.clip(place[..., 0], 0, columns - 1)
@@ -103,14 +103,15 @@ class LineReader:
         import cv2
 
         smooth: Array = np.asarray(
-            cv2.blur(photo, (BOX, BOX), borderType=cv2.BORDER_REPLICATE), dtype=np.float64
+            cv2.blur(photo, (BOX_PIXELS, BOX_PIXELS), borderType=cv2.BORDER_REPLICATE),
+            dtype=np.float64,
         )
         pixels = self._pixels[bend, fiber]
         counts = sample(smooth, pixels)
         wide = _averaged(photo, self._clear[bend])
         slopes = np.stack(
             [
-                (sample(wide, self._turned(pixels, axis)) - sample(wide, pixels)) / STEP
+                (sample(wide, self._turned(pixels, axis)) - sample(wide, pixels)) / TILT_STEP
                 for axis in range(3)
             ]
         )
@@ -118,18 +119,20 @@ class LineReader:
         middle = np.array([columns / 2, rows / 2])
         radius2 = ((pixels - middle) ** 2).sum(axis=1) / (middle**2).sum()
         bright = np.nanpercentile(counts, 90, axis=0)
-        channels = [c for c in range(3) if bright[c] > max(2 * LEAST, 0.1 * bright.max())]
+        channels = [c for c in range(3) if bright[c] > max(2 * MIN_COUNTS, 0.1 * bright.max())]
         with np.errstate(invalid="ignore"):
-            fits = (counts[:, channels] > LEAST) & (counts[:, channels] < MOST)
+            fits = (counts[:, channels] > MIN_COUNTS) & (counts[:, channels] < MAX_COUNTS)
         used = np.isfinite(slopes).all(axis=(0, 2)) & np.all(fits, axis=1)
         slopes = np.where(used[None, :, None], slopes, 0.0)
-        return Measurement(fiber, bend, counts, used, channels, self._noise / BOX, radius2, slopes)
+        return Measurement(
+            fiber, bend, counts, used, channels, self._noise / BOX_PIXELS, radius2, slopes
+        )
 
     def _turned(self, pixels: Array, axis: int) -> Array:
-        """Return where ``pixels`` ``(n, 2)`` lie after the camera has turned by `STEP`."""
+        """Return where ``pixels`` ``(n, 2)`` lie after the camera has turned by `TILT_STEP`."""
         columns, rows = self._scene.camera.columns, self._scene.camera.rows
         matrix = intrinsics(self._scene, columns, rows)
-        tilt = tuple(STEP if a == axis else 0.0 for a in range(3))
+        tilt = tuple(TILT_STEP if a == axis else 0.0 for a in range(3))
         turn = rotation(tilt)  # type: ignore[arg-type]
         homogeneous = np.concatenate([pixels - 0.5, np.ones((len(pixels), 1))], axis=1)
         moved = homogeneous @ (matrix @ np.linalg.inv(turn) @ np.linalg.inv(matrix)).T

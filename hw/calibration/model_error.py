@@ -11,15 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from hw.calibration.reference_lines import frame_positions
-from hw.calibration.smooth_ratio import closeness
+from hw.calibration.smooth_ratio import kernel
 from render.arrays import Array
 
-Modes = tuple[Array, ...]
+ErrorModes = tuple[Array, ...]
 """For each bend ``(mode, fiber, point)`` log light, 0 at fibers that it is not about."""
 
-STRETCHES = (0.4, 1.0, 3.0)
+LENGTH_SCALES = (0.4, 1.0, 3.0)
 """Reaches of errors, in units of what corrections know: ripples, and what looks like absorption."""
-LEFT_OUT = 1e-2
+DROPPED_VARIANCE = 1e-2
 """Part of the variance that modes may leave out."""
 
 
@@ -27,22 +27,22 @@ def modes_of(covariance: Array) -> Array:
     """Return modes ``(mode, n)`` whose outer products sum to ``covariance`` ``(n, n)``."""
     size, direction = np.linalg.eigh(covariance)
     size = np.maximum(size[::-1], 0.0)
-    count = int(np.searchsorted(np.cumsum(size), (1 - LEFT_OUT) * size.sum())) + 1
+    count = int(np.searchsorted(np.cumsum(size), (1 - DROPPED_VARIANCE) * size.sum())) + 1
     return np.asarray((np.sqrt(size[:count]) * direction[:, ::-1][:, :count]).T)
 
 
-def joined(one: Modes, other: Modes) -> Modes:
+def joined(one: ErrorModes, other: ErrorModes) -> ErrorModes:
     """Return the modes of two independent errors."""
     return tuple(np.concatenate(pair) for pair in zip(one, other, strict=True))
 
 
-def field_modes(size: Array, fibers: int) -> Modes:
+def field_modes(size: Array, fibers: int) -> ErrorModes:
     """Return the modes of fields of relative ``size`` ``(bend,)``, half common to all fibers.
 
     A third each reaches less far than corrections do, as far, and over the whole pad.
     """
     place = frame_positions()
-    reaches = [closeness(place, place, stretch) for stretch in STRETCHES]
+    reaches = [kernel(place, place, stretch) for stretch in LENGTH_SCALES]
     own = modes_of(np.mean(reaches, axis=0))
     count = len(own)
     whole = np.zeros((count * (fibers + 1), fibers, len(place)))

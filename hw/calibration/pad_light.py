@@ -27,8 +27,8 @@ CELL = 2.0
 """Least side (mm) of the cells that share light subpaths."""
 BLOCKS = 4
 """Blocks along each side of a cell: half a millimeter, as the points of reference lines."""
-LANES, LEAST_PASSES = 16384, 16
-MOST_COLUMNS, MOST_ROWS = 32, 64
+LANES, MIN_PASSES = 16384, 16
+MAX_COLUMNS, MAX_ROWS = 32, 64
 REPLICATES = 8
 
 
@@ -165,7 +165,7 @@ def render_pad_light(
 def _cut(scene: Scene) -> Scene:
     """Return the scene whose sites are the middles of the cells."""
     pad = scene.pad
-    side = max(CELL, pad.width / MOST_COLUMNS, pad.length / MOST_ROWS)
+    side = max(CELL, pad.width / MAX_COLUMNS, pad.length / MAX_ROWS)
     cells = scene.sites.model_copy(
         update={
             "columns": int(np.ceil(pad.width / side - 1e-9)),
@@ -215,6 +215,6 @@ def _blocks(cut: Scene, bend: float) -> Targets:
 def _passes(paths: int) -> tuple[int, int]:
     """Return how many passes of how many lanes make ``paths``."""
     lanes = LANES
-    while lanes > 64 and paths < LEAST_PASSES * lanes:
+    while lanes > 64 and paths < MIN_PASSES * lanes:
         lanes //= 2
     return max(1, round(paths / lanes)), lanes

@@ -13,7 +13,7 @@ from render.scene.schema import Scene
 
 ACROSS_AT = (2.0, 5.0, 8.0)
 """Distances (mm) from the lit edge at which the lines across the light lie."""
-ACROSS_REACH, ALONG_REACH = 6.0, 14.0
+ACROSS_HALF_LENGTH, ALONG_END = 6.0, 14.0
 STEP = 0.5
 MARGIN = 0.6
 """Distance (mm) kept from the pad's edges, where a photograph is blurred."""
@@ -42,8 +42,8 @@ class ReferenceLines:
         return np.where(self.inside[..., None], self.position, np.nan)
 
 
-_SIDEWAYS = np.arange(-ACROSS_REACH, ACROSS_REACH + STEP / 2, STEP)
-_ONWARDS = np.arange(2.0, ALONG_REACH + STEP / 2, STEP)
+_SIDEWAYS = np.arange(-ACROSS_HALF_LENGTH, ACROSS_HALF_LENGTH + STEP / 2, STEP)
+_ONWARDS = np.arange(2.0, ALONG_END + STEP / 2, STEP)
 _LINE = np.concatenate([np.repeat([0, 1, 2], len(_SIDEWAYS)), np.full(len(_ONWARDS), 3)])
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hw.calibration.material import Material
-from hw.calibration.material_correction import Render
+from hw.calibration.material_correction import MaterialRender
 from hw.calibration.material_table import design_key, sobol_materials
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import reference_lines
@@ -26,7 +26,7 @@ from render.scene.schema import Scene
 VERSION = 1
 FIRST_SEED = 5000
 
-Report = Callable[[str, Progress], None]
+NamedProgress = Callable[[str, Progress], None]
 """Called with what is rendered and how far it is."""
 
 
@@ -39,9 +39,9 @@ def reference_renders(
     materials: int,
     samples: int,
     folder: Path,
-    progress: Report | None = None,
+    progress: NamedProgress | None = None,
     render: Callable[..., PadLight] = render_pad_light,
-) -> list[Render]:
+) -> list[MaterialRender]:
     """Return renders of ``materials`` that fill the range (Sobol), kept or made now.
 
     Arguments:
@@ -74,17 +74,17 @@ def reference_renders(
             light = PadLight(
                 float(kept["cell"]), int(kept["blocks"]), kept["radiance"], kept["error"]
             )
-        found.append(Render(material, light))
+        found.append(MaterialRender(material, light))
     return found
 
 
-def named(progress: Report | None, name: str) -> Callable[[Progress], None] | None:
+def named(progress: NamedProgress | None, name: str) -> Callable[[Progress], None] | None:
     """Return ``progress`` for what has this name."""
     return None if progress is None else partial(progress, name)
 
 
 def _of_all(
-    progress: Report | None, number: int, materials: int, later: int
+    progress: NamedProgress | None, number: int, materials: int, later: int
 ) -> Callable[[Progress], None] | None:
     """Return what tells the progress of one render as that of all, ``later`` ones included."""
     if progress is None:

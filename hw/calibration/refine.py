@@ -19,23 +19,23 @@ import numpy as np
 from hw.calibration.confirm import Confirmation, against_light, against_model
 from hw.calibration.fit import Calibration
 from hw.calibration.material import HIGH, LOW, Material
-from hw.calibration.material_correction import Render, material_correction
+from hw.calibration.material_correction import MaterialRender, material_correction
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes, joined
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.reference_renders import named, reference_renders
-from hw.calibration.rig_fit import Model, fit_rig
+from hw.calibration.rig_fit import LineModel, fit_rig
 from render.arrays import Array
 from render.progress import Progress
 from render.scene.schema import Scene
 
-LEFT = 0.03
+UNCORRECTED_ERROR = 0.03
 """Relative error of the shape of light that even the best correction leaves: so much do corrected
 models differ from emulated photographs of the same material."""
 ROUNDS = 3
 """Renders of what was found, at most."""
-SETTLED = 1.0
+CONVERGED_SIGMAS = 1.0
 """Standard errors within which a repeated fit counts as unmoved."""
 FITS = 3
 """Fits to one correction: how sure it is depends on the material that is found."""
@@ -51,7 +51,7 @@ class Refined:
 
 def refine(
     scene: Scene,
-    model: Model,
+    model: LineModel,
     found: Calibration,
     measurements: list[Measurement],
     phi: Array,
@@ -92,9 +92,9 @@ def refine(
             found.material.put_into(scene), phi, bends, lit, samples=samples, seed=10 + number,
             around=lines.on_pad, progress=named(progress, f"what was found, {number}"),
         )  # fmt: skip
-        if moved <= SETTLED or number == ROUNDS:
+        if moved <= CONVERGED_SIGMAS or number == ROUNDS:
             break
-        renders = [*renders, Render(found.material.array(), light)]
+        renders = [*renders, MaterialRender(found.material.array(), light)]
         again = refit(renders, found)
         step = (again.material.array() - found.material.array()) / again.intervals.material
         moved, found = float(np.abs(step).max()), again
@@ -108,9 +108,9 @@ def refine(
 
 def _refit(
     scene: Scene,
-    model: Model,
+    model: LineModel,
     measurements: list[Measurement],
-    renders: list[Render],
+    renders: list[MaterialRender],
     found: Calibration,
 ) -> Calibration:
     """Return the fit with the model as ``renders`` correct it; it starts at ``found``."""
@@ -118,7 +118,7 @@ def _refit(
     for one in measurements:
         read[one.bend, one.fiber] = one.used
     correction = material_correction(model.table, renders, read, reference_lines(scene))
-    left = field_modes(np.full(len(read), LEFT), scene.fibers.count)
+    left = field_modes(np.full(len(read), UNCORRECTED_ERROR), scene.fibers.count)
     # The table is corrected as it was drawn, without the surrogate.
     none = np.zeros_like(model.log_correction)
     for _ in range(FITS):

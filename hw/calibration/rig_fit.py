@@ -11,9 +11,9 @@ from hw.calibration.fit import Calibration, calibrate
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.measurement import LineReader, Measurement
-from hw.calibration.model_error import Modes, field_modes
+from hw.calibration.model_error import ErrorModes, field_modes
 from hw.calibration.reference_lines import reference_lines
-from hw.calibration.site_correction import Correction, surrogate_correction
+from hw.calibration.surrogate_correction import SurrogateCorrection, surrogate_correction
 from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
@@ -27,7 +27,7 @@ DISCREPANCY = 0.015
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class LineModel:
     """What photographs are compared with.
 
     Arguments:
@@ -38,9 +38,9 @@ class Model:
     """
 
     table: MaterialTable
-    correction: Correction
+    correction: SurrogateCorrection
     log_correction: Array
-    modes: Modes
+    modes: ErrorModes
 
     def log_light(self, material: Material) -> Array:
         """Return log radiance per unit power at the reference lines, ``(bend, fiber, point)``."""
@@ -53,7 +53,7 @@ def line_model(
     phi: Array,
     bends: Array,
     progress: Callable[[int, int], None] | None = None,
-) -> Model:
+) -> LineModel:
     """Return the model of the reference lines.
 
     The table is drawn when it is first needed, which takes minutes, and kept in the user's cache.
@@ -76,7 +76,7 @@ def line_model(
     )
     error = np.hypot(np.hypot(DISCREPANCY, correction.left), table.scatter())
     modes = field_modes(error, len(phi))
-    return Model(table, correction, log_correction, modes)
+    return LineModel(table, correction, log_correction, modes)
 
 
 def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
@@ -109,7 +109,7 @@ def measure(scene: Scene, sets: list[PhotoSet], bends: Array, noise: float) -> l
 
 def fit_rig(
     scene: Scene,
-    model: Model,
+    model: LineModel,
     measurements: list[Measurement],
     start: Material | None = None,
 ) -> Calibration:

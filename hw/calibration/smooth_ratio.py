@@ -17,27 +17,28 @@ from render.arrays import Array
 from render.geometry.layout import flat_fiber_poses
 from render.scene.schema import Scene
 
-REACH = 3.0
-LOG_REACH = 0.5
-"""Over which the ratio changes: mm beside a fiber's axis, and the logarithm of the distance from
-the edge. The most likely kernel of thirteen on renders of finger20 at three materials, better than
-one reach for both by 5 to 22 in log likelihood."""
-NEAREST = 0.3
+LENGTH_SCALE = 3.0
+LOG_LENGTH_SCALE = 0.5
+"""Length scales of the ratio: mm beside a fiber's axis, and the logarithm of the distance from the
+edge. The most likely kernel of thirteen on renders of finger20 at three materials, better than one
+length scale for both by 5 to 22 in log likelihood."""
+MIN_DISTANCE = 0.3
 """Distance (mm) from the edge below which nothing changes any more."""
-SHARED = (0.02, 0.04, 0.08, 0.16, 0.32)
-OWN = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
-"""Relative sizes of the shared and of the own fields; the data choose."""
-LOOSE = 1.0
-"""Spread of each fiber's constant: nothing is known about it, its power takes it up."""
-WORST = 0.3
+SHARED_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
+FIBER_AMPLITUDES = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+"""Amplitudes, relative, of the field that fibers share and of each one's own; the data choose."""
+CONSTANT_STD = 1.0
+"""Prior standard deviation of each fiber's constant: nothing is known of it, its power
+takes it up."""
+MAX_RELATIVE_ERROR = 0.3
 """Relative error of rendered light from which it tells nothing."""
-LEAST_CELLS = 12
+MIN_CELLS = 12
 LOG_BIAS = 0.15
 """By how much the logarithm of a variance from 8 replicates is too small on average."""
 
 
 @dataclass(frozen=True, eq=False)
-class Ratios:
+class LogRatios:
     """What renders say about one fiber.
 
     Arguments:
@@ -50,7 +51,7 @@ class Ratios:
     variance: Array
 
 
-def ratios(place: Array, part: Array, radiance: Array, error: Array, log_light: Array) -> Ratios:
+def ratios(place: Array, part: Array, radiance: Array, error: Array, log_light: Array) -> LogRatios:
     """Return one sample per part of the pad.
 
     Arguments:
@@ -72,10 +73,10 @@ def ratios(place: Array, part: Array, radiance: Array, error: Array, log_light: 
 
     middle = np.stack([mean(values) for values in place[useful].T], axis=-1)
     variance = _steady(middle, mean(relative[useful] ** 2))
-    known = variance < WORST**2
+    known = variance < MAX_RELATIVE_ERROR**2
     # The logarithm of a noisy mean is too small by half its relative variance.
     found = mean(ratio) + 0.5 * variance
-    return Ratios(middle[known], found[known], variance[known])
+    return LogRatios(middle[known], found[known], variance[known])
 
 
 def _steady(place: Array, variance: Array) -> Array:
@@ -84,7 +85,7 @@ def _steady(place: Array, variance: Array) -> Array:
     Rendered light has heavy tails: where it came out too dark, its own error came out too small,
     and weights by such errors would make everything too dark.
     """
-    if len(variance) < LEAST_CELLS:
+    if len(variance) < MIN_CELLS:
         return np.full(len(variance), variance.mean() if len(variance) else np.nan)
     x, y = place.T / 10.0
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
@@ -99,7 +100,7 @@ class SmoothRatio:
         ValueError: no data at all.
     """
 
-    def __init__(self, data: Sequence[Ratios]) -> None:
+    def __init__(self, data: Sequence[LogRatios]) -> None:
         """Choose the fields' sizes by the data's marginal likelihood (eq. 2.30)."""
         self._seen = [one.place for one in data]
         self._values = np.concatenate([one.log_ratio for one in data])
@@ -108,9 +109,9 @@ class SmoothRatio:
         noise = np.diag(np.concatenate([one.variance for one in data]))
         near, same = _kernels(self._seen, self._seen)
         best = -np.inf
-        for shared in SHARED:
-            for own in OWN:
-                whole = LOOSE**2 * same + near * (shared**2 + own**2 * same) + noise
+        for shared in SHARED_AMPLITUDES:
+            for own in FIBER_AMPLITUDES:
+                whole = CONSTANT_STD**2 * same + near * (shared**2 + own**2 * same) + noise
                 root = np.linalg.cholesky(whole)
                 white = solve_triangular(root, self._values, lower=True)
                 likelihood = -0.5 * float(white @ white) - float(np.log(np.diag(root)).sum())
@@ -124,7 +125,7 @@ class SmoothRatio:
 
     def _covariance(self, a: Sequence[Array], b: Sequence[Array]) -> Array:
         near, same = _kernels(a, b)
-        return np.asarray(LOOSE**2 * same + near * (self.shared**2 + self.own**2 * same))
+        return np.asarray(CONSTANT_STD**2 * same + near * (self.shared**2 + self.own**2 * same))
 
 
 def in_frame(scene: Scene, fiber: int, position: Array) -> Array:
@@ -137,20 +138,21 @@ def in_frame(scene: Scene, fiber: int, position: Array) -> Array:
     )
 
 
-def closeness(a: Array, b: Array, stretch: float = 1.0) -> Array:
-    """Return how alike errors at places ``(n, 2)`` and ``(m, 2)`` mm are, ``(n, m)``.
+def kernel(a: Array, b: Array, stretch: float = 1.0) -> Array:
+    """Return the covariance ``(n, m)`` of errors at places ``(n, 2)`` and ``(m, 2)`` mm.
 
-    With ``stretch`` times the usual reach.
+    Squared exponential of variance 1 (Rasmussen and Williams 2006, eq. 4.9), with ``stretch`` times
+    the usual length scales.
     """
-    beside = (a[:, None, 0] - b[None, :, 0]) / (stretch * REACH)
-    logs = [np.log(np.maximum(places[:, 1], NEAREST)) for places in (a, b)]
-    outwards = (logs[0][:, None] - logs[1][None]) / (stretch * LOG_REACH)
-    return np.asarray(np.exp(-0.5 * (beside**2 + outwards**2)))
+    across = (a[:, None, 0] - b[None, :, 0]) / (stretch * LENGTH_SCALE)
+    logs = [np.log(np.maximum(places[:, 1], MIN_DISTANCE)) for places in (a, b)]
+    outwards = (logs[0][:, None] - logs[1][None]) / (stretch * LOG_LENGTH_SCALE)
+    return np.asarray(np.exp(-0.5 * (across**2 + outwards**2)))
 
 
 def _kernels(a: Sequence[Array], b: Sequence[Array]) -> tuple[Array, Array]:
-    """Return closeness of places in the fiber's frame, and whether they are of the same fiber."""
+    """Return the kernel of places in the fiber's frame, and whether they are of the same fiber."""
     own = [np.repeat(np.arange(len(side)), [len(place) for place in side]) for side in (a, b)]
     where = [np.concatenate(side) for side in (a, b)]
     same = (own[0][:, None] == own[1][None]).astype(np.float64)
-    return closeness(where[0], where[1]), same
+    return kernel(where[0], where[1]), same

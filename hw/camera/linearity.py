@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.camera.photo import DARK_FRAMES, DARK_MOST, FULL, SATURATED
+from hw.camera.photo import DARK_FRAMES, FULL_SCALE, MAX_DARK_COUNTS, SATURATED_COUNTS
 from hw.errors import CalibrationError
 from render.arrays import Array
 
-LEAST = 30.0
+MIN_COUNTS = 30.0
 """Counts of all fibers together from which a pixel is used."""
-ALLOWED = 0.02
+MAX_RESIDUAL = 0.02
 """Residual (rms, relative) up to which the camera counts as linear."""
-TOP = SATURATED - DARK_MOST
+CLIPPED_COUNTS = SATURATED_COUNTS - MAX_DARK_COUNTS
 """Counts above the dark frame from which a pixel counts as clipped."""
-CLIPPED_PART = 0.002
+MAX_CLIPPED_FRACTION = 0.002
 """Part of clipped pixels from which clipping is what is wrong."""
 GAMMAS = np.arange(0.40, 3.501, 0.02)
 
@@ -63,10 +63,10 @@ class Linearity:
         if self.cause != "none":
             raise CalibrationError(
                 f"light does not add up in these photographs ({100 * self.residual:.1f} % rms, "
-                f"allowed: {100 * ALLOWED:g} %); {told[self.cause]}",
+                f"allowed: {100 * MAX_RESIDUAL:g} %); {told[self.cause]}",
                 field="linearity",
                 value=self.residual,
-                allowed=f"at most {ALLOWED:g}",
+                allowed=f"at most {MAX_RESIDUAL:g}",
             )
 
 
@@ -83,15 +83,17 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     """
     alone, together = _binned(alone), _binned(together)
     noise = noise / BIN
-    clipped = float((together >= TOP).mean())
-    used = (together > LEAST) & (together < TOP)
-    if used.sum() < 50 and clipped <= CLIPPED_PART:
+    clipped = float((together >= CLIPPED_COUNTS).mean())
+    used = (together > MIN_COUNTS) & (together < CLIPPED_COUNTS)
+    if used.sum() < 50 and clipped <= MAX_CLIPPED_FRACTION:
         raise CalibrationError(
             "all fibers together light too few pixels to test the camera: raise the exposure",
             field="linearity",
         )
-    if clipped > CLIPPED_PART:
-        lost = float(np.sqrt(np.mean((alone.sum(axis=0) / np.maximum(together, LEAST) - 1) ** 2)))
+    if clipped > MAX_CLIPPED_FRACTION:
+        lost = float(
+            np.sqrt(np.mean((alone.sum(axis=0) / np.maximum(together, MIN_COUNTS) - 1) ** 2))
+        )
         return Linearity(lost, clipped, 1.0, 1.0, "clipping")
     parts, whole = alone[:, used], together[used]
     # The dark frame is in every part, and so n - 1 times in the sum less the whole.
@@ -107,12 +109,14 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     exposure = float(np.median(whole / parts.sum(axis=0)))
     scaled = misfit(parts * exposure, whole)
     powers = [
-        misfit(np.maximum(parts, 0.0) ** g * FULL ** (1 - g), whole**g * FULL ** (1 - g))
+        misfit(
+            np.maximum(parts, 0.0) ** g * FULL_SCALE ** (1 - g), whole**g * FULL_SCALE ** (1 - g)
+        )
         for g in GAMMAS
     ]
     gamma = float(GAMMAS[int(np.argmin(powers))])
     cause = "none"
-    if plain > ALLOWED:
+    if plain > MAX_RESIDUAL:
         by_cause = {"gamma": min(powers), "exposure": scaled}
         cause = min(by_cause, key=lambda name: by_cause[name])
         if by_cause[cause] > 0.5 * plain:

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from hw.errors import CaptureError
 from render.arrays import Array
 
-FULL = 255.0
-SATURATED = 250.0
+FULL_SCALE = 255.0
+SATURATED_COUNTS = 250.0
 """Counts from which a pixel is called over-exposed: demosaicing blurs the very top."""
-OVEREXPOSED_PART = 0.002
+MAX_OVEREXPOSED_FRACTION = 0.002
 """Part of over-exposed pixels from which a photograph is refused."""
 DARK_FRAMES = 32
 """Photographs that are averaged for a dark frame: its noise is in everything else."""
-DARK_MOST = 20.0
+MAX_DARK_COUNTS = 20.0
 """Counts that a dark frame may have on average: more is room light or an LED that stays on."""
-LARGEST_PIXELS = 64_000_000
+MAX_PIXELS = 64_000_000
 
 
 def read_photo(path: Path) -> Array:
@@ -47,7 +47,9 @@ def read_photo(path: Path) -> Array:
             field="capture",
             value=pixels.shape,
         )
-    scale = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): FULL / 65535}.get(pixels.dtype, 1.0)
+    scale = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): FULL_SCALE / 65535}.get(
+        pixels.dtype, 1.0
+    )
     counts = pixels.astype(np.float64) * scale
     if not np.isfinite(counts).all():
         raise CaptureError(
@@ -71,20 +73,20 @@ def check_photo(counts: Array, rows: int, columns: int, name: str) -> None:
             value=(found_columns, found_rows),
             allowed=f"{columns} x {rows}",
         )
-    part = float((counts >= SATURATED).any(axis=2).mean())
-    if part > OVEREXPOSED_PART:
+    part = float((counts >= SATURATED_COUNTS).any(axis=2).mean())
+    if part > MAX_OVEREXPOSED_FRACTION:
         raise CaptureError(
             f"{name} is over-exposed in {100 * part:.1f} % of its pixels, allowed: at most "
-            f"{100 * OVEREXPOSED_PART:g} %; lower the exposure or the power",
+            f"{100 * MAX_OVEREXPOSED_FRACTION:g} %; lower the exposure or the power",
             field="capture",
             value=part,
-            allowed=f"at most {OVEREXPOSED_PART:g}",
+            allowed=f"at most {MAX_OVEREXPOSED_FRACTION:g}",
         )
 
 
 def linear(counts: Array, gamma: float) -> Array:
     """Return counts proportional to light from counts with ``gamma`` (1: as they are)."""
-    return counts if gamma == 1.0 else FULL * (np.maximum(counts, 0.0) / FULL) ** gamma
+    return counts if gamma == 1.0 else FULL_SCALE * (np.maximum(counts, 0.0) / FULL_SCALE) ** gamma
 
 
 def _picture(content: bytes) -> NDArray[np.uint8]:
@@ -92,7 +94,7 @@ def _picture(content: bytes) -> NDArray[np.uint8]:
 
     from PIL import Image
 
-    Image.MAX_IMAGE_PIXELS = LARGEST_PIXELS
+    Image.MAX_IMAGE_PIXELS = MAX_PIXELS
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:

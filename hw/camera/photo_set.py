@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.camera.camera import Camera
-from hw.camera.photo import DARK_FRAMES, DARK_MOST, check_photo, linear, read_photo
+from hw.camera.opencv_camera import CameraDevice
+from hw.camera.photo import DARK_FRAMES, MAX_DARK_COUNTS, check_photo, linear, read_photo
 from hw.errors import CaptureError
-from hw.leds.lights import Lights, sweep
+from hw.leds.fiber_lights import FiberLights, sweep
 from render.arrays import Array
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
@@ -51,8 +51,8 @@ class PhotoSet:
 
 
 def take_sweep(
-    camera: Camera,
-    lights: Lights,
+    camera: CameraDevice,
+    lights: FiberLights,
     power: Array,
     *,
     frames: int = 1,
@@ -149,11 +149,11 @@ def check_dark(dark: Array, name: str) -> None:
         CaptureError: room light, or an LED that stays on.
     """
     level = float(dark.mean())
-    if level > DARK_MOST:
+    if level > MAX_DARK_COUNTS:
         raise CaptureError(
-            f"{name} has {level:.1f} counts with all LEDs off, allowed: at most {DARK_MOST:g}; "
-            "keep room light away, or lower the exposure",
+            f"{name} has {level:.1f} counts with all LEDs off, allowed: at most "
+            f"{MAX_DARK_COUNTS:g}; keep room light away, or lower the exposure",
             field="dark",
             value=level,
-            allowed=f"at most {DARK_MOST:g}",
+            allowed=f"at most {MAX_DARK_COUNTS:g}",
         )

@@ -11,8 +11,8 @@ from render.geometry.facet_masks import camera_origin, pixel_directions
 from render.geometry.refraction import distance_to_coating, refract_into_pad
 from render.scene.schema import Scene
 
-STEPS = 12
-CLOSE = 1e-3
+NEWTON_STEPS = 12
+TOLERANCE_MM = 1e-3
 """Newton steps stop when all points are met this well (mm)."""
 
 
@@ -67,12 +67,12 @@ def pixels_of(scene: Scene, bend: float, points: Array, rows: int, columns: int)
     nearest = np.argmin(np.linalg.norm(seen[None] - points[:, None], axis=-1), axis=1)
     pixel = seen_places[nearest]
     step = 0.25
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         here = looks_at(pixel)
         right = (looks_at(pixel + [step, 0.0]) - here) / step
         down = (looks_at(pixel + [0.0, step]) - here) / step
         miss = points - here
-        if np.nanmax(np.abs(miss), initial=0.0) < CLOSE:
+        if np.nanmax(np.abs(miss), initial=0.0) < TOLERANCE_MM:
             break
         det = right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0]
         move = np.stack(
@@ -85,4 +85,4 @@ def pixels_of(scene: Scene, bend: float, points: Array, rows: int, columns: int)
         pixel = pixel + np.clip(move, -40.0, 40.0)
     away = np.linalg.norm(points - looks_at(pixel), axis=-1)
     inside = (pixel >= 0).all(axis=1) & (pixel[:, 0] <= columns) & (pixel[:, 1] <= rows)
-    return np.where(wanted & ((away < 10 * CLOSE) & inside)[:, None], pixel, np.nan)
+    return np.where(wanted & ((away < 10 * TOLERANCE_MM) & inside)[:, None], pixel, np.nan)

@@ -6,20 +6,20 @@ import itertools
 
 import numpy as np
 
-from hw.camera.camera import Camera
+from hw.camera.opencv_camera import CameraDevice
 from hw.camera.photo import DARK_FRAMES
 from hw.camera.photo_set import check_dark
 from hw.errors import CaptureError
-from hw.leds.lights import Lights
+from hw.leds.fiber_lights import FiberLights
 from render.arrays import Array
 
-LEAST_RISE = 3.0
+MIN_RISE_COUNTS = 3.0
 """Mean counts by which a lit color must brighten its channel."""
 PURITY = 2.0
 """How many times more a color must brighten its own channel than any other."""
 
 
-def self_test(camera: Camera, lights: Lights, level: float, settle: float) -> Array:
+def self_test(camera: CameraDevice, lights: FiberLights, level: float, settle: float) -> Array:
     """Return the dark frame ``(row, column, 3)`` after both tests.
 
     Arguments:
@@ -57,10 +57,11 @@ def check_channels(rise: Array) -> None:
     Raises:
         CaptureError: names the order in which channels arrive.
     """
-    if rise.max() < LEAST_RISE:
+    if rise.max() < MIN_RISE_COUNTS:
         raise CaptureError(
             f"the lights brighten the photograph by {rise.max():.1f} counts, allowed: at least "
-            f"{LEAST_RISE:g}; see that LEDs are on and the lens is free, or raise the exposure",
+            f"{MIN_RISE_COUNTS:g}; see that LEDs are on and the lens is free, or raise the "
+            "exposure",
             field="capture",
             value=float(rise.max()),
         )

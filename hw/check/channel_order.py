@@ -9,7 +9,7 @@ import numpy as np
 from hw.errors import CaptureError
 from render.arrays import Array
 
-CLEARLY = 2.0
+MIN_PREFERENCE = 2.0
 """How many times better another order must explain the colors than their own."""
 NAMES = ("red", "green", "blue")
 
@@ -35,7 +35,7 @@ def check_order(expected: Array, seen: Array) -> None:
     mixing /= np.maximum(mixing.sum(axis=1, keepdims=True), 1e-12)
     share = {p: sum(mixing[c, p[c]] for c in range(3)) for p in itertools.permutations(range(3))}
     best = max(share, key=lambda p: share[p])
-    if share[best] <= CLEARLY * share[0, 1, 2] or share[best] < 0.8 * used.sum():
+    if share[best] <= MIN_PREFERENCE * share[0, 1, 2] or share[best] < 0.8 * used.sum():
         return
     said = ", ".join(f"{NAMES[c]} in {'RGB'[best[c]]}" for c in range(3) if used[c])
     raise CaptureError(

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.check.prediction import Prediction
+from hw.check.prediction import PadPrediction
 from hw.check.sweep_check import channel_gains
 from hw.errors import CaptureError
 from render.arrays import Array
 from render.files import read_npz, write_npz
 
 SCHEMA = 2
-ALLOWED = (0.2, 5.0)
+HEALTHY_RATIO = (0.2, 5.0)
 """Range of measured over predicted light of a fiber in a rig that can be called healthy."""
 
 
@@ -53,7 +53,7 @@ class RigRecord:
         arrays = {name: np.asarray(value) for name, value in vars(self).items()}
         write_npz(path, arrays | {"schema": np.array(SCHEMA)})
 
-    def check_fits(self, prediction: Prediction, scene_hash: str, bend: float) -> None:
+    def check_fits(self, prediction: PadPrediction, scene_hash: str, bend: float) -> None:
         """Refuse a record of another design, scene or bend.
 
         Raises:
@@ -117,7 +117,7 @@ def load_record(path: Path) -> RigRecord:
     )
 
 
-def commission(prediction: Prediction, colors: Array, scene_hash: str, bend: float) -> RigRecord:
+def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: float) -> RigRecord:
     """Return the record of a rig that is known to be healthy.
 
     Arguments:
@@ -136,12 +136,12 @@ def commission(prediction: Prediction, colors: Array, scene_hash: str, bend: flo
     seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     wanted = np.einsum("fsc,fc->fs", expected, weight)
     overall = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
-    bad = lit & ~((overall > ALLOWED[0]) & (overall < ALLOWED[1]))
+    bad = lit & ~((overall > HEALTHY_RATIO[0]) & (overall < HEALTHY_RATIO[1]))
     if bad.any():
         fiber = int(np.argmax(bad))
         raise CaptureError(
             f"fiber {fiber} gives {overall[fiber]:.2f} times the predicted light, allowed: "
-            f"{ALLOWED[0]:g} to {ALLOWED[1]:g}; mend the rig before its record is made",
+            f"{HEALTHY_RATIO[0]:g} to {HEALTHY_RATIO[1]:g}; mend the rig before its record is made",
             field="colors",
             value=float(overall[fiber]),
         )

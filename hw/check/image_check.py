@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.check.prediction import Prediction
-from hw.check.sweep_check import PERMUTATIONS, SHARES, UNCLEAR_SPREAD
-from hw.check.tolerances import LEAST_TURN, TURNS, Tolerances
-from hw.check.verdict import FiberVerdict, State, Verdict
+from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
+from hw.check.prediction import PadPrediction
+from hw.check.rig_tolerances import MIN_TURN, TURNS, RigTolerances
+from hw.check.sweep_check import FAULT_PRIOR, PERMUTATIONS, UNCLEAR_SPREAD
 from hw.errors import CaptureError
 from render.arrays import Array
 
@@ -22,11 +22,11 @@ FAULTY_POWERS = np.concatenate([[0.0], np.linspace(0.05, 0.85, 17)])
 
 
 def check_image(
-    prediction: Prediction,
+    prediction: PadPrediction,
     colors: Array,
-    tolerances: Tolerances,
+    tolerances: RigTolerances,
     ratio: Array | None = None,
-) -> Verdict:
+) -> Diagnosis:
     """Return what one image of all fibers says.
 
     Arguments:
@@ -59,7 +59,7 @@ def check_image(
     lit: NDArray[np.bool_] = np.any(power, axis=1)
     prior = np.log(tolerances.fault)
     log_ok = -0.5 * float(residual @ residual)
-    weights: dict[tuple[int, State], float] = {}
+    weights: dict[tuple[int, FiberState], float] = {}
     for fiber in np.nonzero(lit)[0]:
         for state, changes in _changes(
             straight[fiber], turned[fiber], power[fiber], phi[fiber]
@@ -67,16 +67,19 @@ def check_image(
             distance = residual - changes.reshape(len(changes), -1) @ whiten.T
             fits = -0.5 * np.einsum("ni,ni->n", distance, distance)
             weights[int(fiber), state] = (
-                float(np.logaddexp.reduce(fits)) - np.log(len(fits)) + prior + np.log(SHARES[state])
+                float(np.logaddexp.reduce(fits))
+                - np.log(len(fits))
+                + prior
+                + np.log(FAULT_PRIOR[state])
             )
-    none = (-1, State.OK)
+    none = (-1, FiberState.OK)
     weights[none] = log_ok
-    weights[-1, State.UNCLEAR] = _unclear(residual, whiten, expected) + prior
+    weights[-1, FiberState.UNCLEAR] = _unclear(residual, whiten, expected) + prior
     top = max(weights.values())
     total = sum(np.exp(value - top) for value in weights.values())
     posterior = {key: float(np.exp(value - top) / total) for key, value in weights.items()}
-    return Verdict(
-        _verdicts(posterior, lit, tolerances), prediction.score, error, prediction.domain_excess
+    return Diagnosis(
+        _diagnoses(posterior, lit, tolerances), prediction.score, error, prediction.domain_excess
     )
 
 
@@ -93,12 +96,12 @@ def _scale(expected: Array, colors: Array) -> float:
 
 
 def _whitener(
-    prediction: Prediction,
+    prediction: PadPrediction,
     straight: Array,
     turned: Array,
     expected: Array,
     scale: float,
-    tolerances: Tolerances,
+    tolerances: RigTolerances,
 ) -> Array:
     """Return the matrix ``(3 site, 3 site)`` that makes a healthy rig's residuals unit normal."""
     power, middle = prediction.power, len(TURNS) // 2
@@ -122,17 +125,17 @@ def _whitener(
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
-def _changes(straight: Array, turned: Array, power: Array, phi: float) -> dict[State, Array]:
+def _changes(straight: Array, turned: Array, power: Array, phi: float) -> dict[FiberState, Array]:
     """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each."""
     own = straight[:, None] * power
     permuted = power[np.array(PERMUTATIONS)]
     permuted = permuted[np.abs(permuted - power).max(axis=1) > 0.2 * power.max()]
-    reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= LEAST_TURN)
+    reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= MIN_TURN)
     found = {
-        State.DEAD: -own[None],
-        State.DIM: (FAULTY_POWERS[1:] - 1)[:, None, None] * own,
-        State.MOVED: (turned[reachable] - straight)[:, :, None] * power,
-        State.SWAPPED: straight[None, :, None] * (permuted - power)[:, None, :],
+        FiberState.DEAD: -own[None],
+        FiberState.DIM: (FAULTY_POWERS[1:] - 1)[:, None, None] * own,
+        FiberState.MOVED: (turned[reachable] - straight)[:, :, None] * power,
+        FiberState.SWAPPED: straight[None, :, None] * (permuted - power)[:, None, :],
     }
     return {state: changes for state, changes in found.items() if len(changes)}
 
@@ -149,27 +152,29 @@ def _unclear(residual: Array, whiten: Array, expected: Array) -> float:
     return float(-0.5 * residual @ np.linalg.solve(covariance, residual) - 0.5 * log_det)
 
 
-def _verdicts(
-    posterior: dict[tuple[int, State], float], lit: NDArray[np.bool_], tolerances: Tolerances
-) -> tuple[FiberVerdict, ...]:
-    """Return one verdict per fiber; at most one is at fault, all are unclear if none explains."""
-    healthy, unclear = posterior[-1, State.OK], posterior[-1, State.UNCLEAR]
+def _diagnoses(
+    posterior: dict[tuple[int, FiberState], float],
+    lit: NDArray[np.bool_],
+    tolerances: RigTolerances,
+) -> tuple[FiberDiagnosis, ...]:
+    """Return one diagnosis per fiber; at most one is at fault, all are unclear if none explains."""
+    healthy, unclear = posterior[-1, FiberState.OK], posterior[-1, FiberState.UNCLEAR]
     alarm = 1 - healthy > tolerances.alarm
     by_fiber = {
         fiber: sum(p for (index, _), p in posterior.items() if index == fiber)
         for fiber in np.nonzero(lit)[0].tolist()
     }
     worst = max(by_fiber, key=lambda fiber: by_fiber[fiber], default=-1)
-    verdicts = []
+    diagnoses = []
     for fiber, on in enumerate(lit):
         if not on:
-            verdicts.append(FiberVerdict(fiber, State.OFF, 1.0))
+            diagnoses.append(FiberDiagnosis(fiber, FiberState.OFF, 1.0))
         elif alarm and unclear > by_fiber[worst]:
-            verdicts.append(FiberVerdict(fiber, State.UNCLEAR, unclear))
+            diagnoses.append(FiberDiagnosis(fiber, FiberState.UNCLEAR, unclear))
         elif alarm and fiber == worst:
             own = {s: p for (index, s), p in posterior.items() if index == fiber}
             state = max(own, key=lambda s: own[s])
-            verdicts.append(FiberVerdict(fiber, state, own[state]))
+            diagnoses.append(FiberDiagnosis(fiber, state, own[state]))
         else:
-            verdicts.append(FiberVerdict(fiber, State.OK, 1 - by_fiber[fiber]))
-    return tuple(verdicts)
+            diagnoses.append(FiberDiagnosis(fiber, FiberState.OK, 1 - by_fiber[fiber]))
+    return tuple(diagnoses)

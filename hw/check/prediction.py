@@ -15,7 +15,7 @@ NODES = 13
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class PadPrediction:
     """The background of a design, fiber by fiber.
 
     Arguments:
@@ -57,7 +57,7 @@ class Prediction:
         return np.asarray(self.alone.sum(axis=0))
 
 
-def predict(checker: Checker, phi: Array, power: Array, bend: float) -> Prediction:
+def predict(checker: Checker, phi: Array, power: Array, bend: float) -> PadPrediction:
     """Ask the model for the background of a design at ``bend`` rad, once per design.
 
     Light is linear, so three fibers are lit per run of the model, one per color channel.
@@ -67,7 +67,7 @@ def predict(checker: Checker, phi: Array, power: Array, bend: float) -> Predicti
     assert table.background is not None
     whole = checker.run(phi[None], power[None], np.array(checker.metadata.scene_bends))
     here = checker.run(phi[None], power[None], np.array([bend]))
-    return Prediction(
+    return PadPrediction(
         phi=np.asarray(phi, dtype=np.float64),
         power=np.asarray(power, dtype=np.float64),
         nodes=nodes,

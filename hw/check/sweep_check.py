@@ -14,15 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
 from hw.check.power_prior import PowerFits, around_one, between
-from hw.check.prediction import Prediction
-from hw.check.tolerances import BRIGHTEST, DEAD_BELOW, DIM_BELOW, LEAST_TURN, TURNS, Tolerances
-from hw.check.verdict import FiberVerdict, State, Verdict
+from hw.check.prediction import PadPrediction
+from hw.check.rig_tolerances import DEAD_BELOW, DIM_BELOW, MAX_POWER, MIN_TURN, TURNS, RigTolerances
 from hw.errors import CaptureError
 from render.arrays import Array
 
 PERMUTATIONS = [p for p in itertools.permutations(range(3)) if p != (0, 1, 2)]
-SHARES = {State.DEAD: 0.25, State.DIM: 0.25, State.SWAPPED: 0.2, State.MOVED: 0.28}
+FAULT_PRIOR = {
+    FiberState.DEAD: 0.25,
+    FiberState.DIM: 0.25,
+    FiberState.SWAPPED: 0.2,
+    FiberState.MOVED: 0.28,
+}
 """How faults are shared among their kinds; what is left is `State.UNCLEAR`."""
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
@@ -30,11 +35,11 @@ _STEPS = np.gradient(TURNS)
 
 
 def check_sweep(
-    prediction: Prediction,
+    prediction: PadPrediction,
     colors: Array,
-    tolerances: Tolerances,
+    tolerances: RigTolerances,
     ratio: Array | None = None,
-) -> Verdict:
+) -> Diagnosis:
     """Return what a sweep says about every fiber.
 
     Arguments:
@@ -61,21 +66,21 @@ def check_sweep(
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
     expected = prediction.alone * ratio[..., None]
-    verdicts = []
+    diagnoses = []
     turned = prediction.unit(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
     for fiber in range(fibers):
         power = prediction.power[fiber]
         if not power.any():
-            verdicts.append(FiberVerdict(fiber, State.OFF, 1.0))
+            diagnoses.append(FiberDiagnosis(fiber, FiberState.OFF, 1.0))
             continue
         light = turned[fiber] * ratio[fiber]
         reachable = np.abs(prediction.phi[fiber] + TURNS - np.pi / 2) <= np.pi / 2
-        verdicts.append(
+        diagnoses.append(
             _judged(_Fiber(fiber, seen[fiber], light, reachable, power, noise), tolerances)
         )
     lit = prediction.power.any(axis=1)
     error = float(np.sqrt(np.mean((seen[lit] - expected[lit]) ** 2)))
-    return Verdict(tuple(verdicts), prediction.score, error, prediction.domain_excess)
+    return Diagnosis(tuple(diagnoses), prediction.score, error, prediction.domain_excess)
 
 
 def channel_gains(expected: Array, colors: Array) -> Array:
@@ -132,7 +137,7 @@ class _Fiber:
         return PowerFits(best, 1 / np.sqrt(square), constant - 0.5 * rest)
 
 
-def _judged(fiber: _Fiber, tolerances: Tolerances) -> FiberVerdict:
+def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
     power, middle = fiber.power[None], len(TURNS) // 2
     straight = fiber.light[middle : middle + 1]
     turned = fiber.fits(
@@ -143,14 +148,14 @@ def _judged(fiber: _Fiber, tolerances: Tolerances) -> FiberVerdict:
     unclear = fiber.fits(straight, power, np.array([UNCLEAR_SPREAD]))
     weight = _STEPS * fiber.reachable
     small = weight * np.exp(-0.5 * (TURNS / tolerances.turn) ** 2)
-    large = weight * (np.abs(TURNS) >= LEAST_TURN)
+    large = weight * (np.abs(TURNS) >= MIN_TURN)
     usual, loose = around_one(tolerances.power), around_one(2 * tolerances.power)
     evidence = {
-        State.OK: _mean(turned.evidence(usual), small),
-        State.DEAD: _mean(turned.evidence(between(0.0, DEAD_BELOW)), small),
-        State.DIM: _mean(turned.evidence(between(DEAD_BELOW, DIM_BELOW)), small),
-        State.MOVED: _mean(turned.evidence(loose), large),
-        State.UNCLEAR: float(unclear.evidence(between(0.0, BRIGHTEST))[0]),
+        FiberState.OK: _mean(turned.evidence(usual), small),
+        FiberState.DEAD: _mean(turned.evidence(between(0.0, DEAD_BELOW)), small),
+        FiberState.DIM: _mean(turned.evidence(between(DEAD_BELOW, DIM_BELOW)), small),
+        FiberState.MOVED: _mean(turned.evidence(loose), large),
+        FiberState.UNCLEAR: float(unclear.evidence(between(0.0, MAX_POWER))[0]),
     }
     if len(permuted):
         swapped = fiber.fits(
@@ -158,11 +163,13 @@ def _judged(fiber: _Fiber, tolerances: Tolerances) -> FiberVerdict:
             permuted,
             np.full(len(permuted), tolerances.model),
         )
-        evidence[State.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
-    shares = {**SHARES, State.UNCLEAR: 1 - sum(SHARES.values())}
+        evidence[FiberState.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
+    shares = {**FAULT_PRIOR, FiberState.UNCLEAR: 1 - sum(FAULT_PRIOR.values())}
     log_posterior = {
         state: value
-        + np.log(1 - tolerances.fault if state is State.OK else tolerances.fault * shares[state])
+        + np.log(
+            1 - tolerances.fault if state is FiberState.OK else tolerances.fault * shares[state]
+        )
         for state, value in evidence.items()
     }
     top = max(log_posterior.values())
@@ -173,28 +180,28 @@ def _judged(fiber: _Fiber, tolerances: Tolerances) -> FiberVerdict:
 
 
 def _named(
-    fiber: _Fiber, posterior: dict[State, float], turned: PowerFits, tolerances: Tolerances
-) -> FiberVerdict:
-    faulty = 1 - posterior[State.OK]
+    fiber: _Fiber, posterior: dict[FiberState, float], turned: PowerFits, tolerances: RigTolerances
+) -> FiberDiagnosis:
+    faulty = 1 - posterior[FiberState.OK]
     if faulty <= tolerances.alarm:
-        state, confidence = State.OK, posterior[State.OK]
+        state, confidence = FiberState.OK, posterior[FiberState.OK]
     else:
-        state = max((s for s in posterior if s is not State.OK), key=lambda s: posterior[s])
+        state = max((s for s in posterior if s is not FiberState.OK), key=lambda s: posterior[s])
         confidence = posterior[state]
-    if state in (State.SWAPPED, State.UNCLEAR, State.DEAD):
-        return FiberVerdict(fiber.index, state, confidence)
+    if state in (FiberState.SWAPPED, FiberState.UNCLEAR, FiberState.DEAD):
+        return FiberDiagnosis(fiber.index, state, confidence)
     turn = len(TURNS) // 2
-    if state is State.MOVED:
+    if state is FiberState.MOVED:
         # Errors that grow with the turn would draw the best fit towards small ones.
         power = np.repeat(fiber.power[None], len(TURNS), 0)
         turned = fiber.fits(fiber.light, power, np.full(len(TURNS), tolerances.model))
         turn = int(np.argmax(np.where(fiber.reachable, turned.likelihood, -np.inf)))
     left, angle = float(turned.best[turn]), float(TURNS[turn])
     detail = {
-        State.DIM: f"about {100 * left:.0f} % of its power",
-        State.MOVED: f"about {np.degrees(angle):+.0f} deg",
+        FiberState.DIM: f"about {100 * left:.0f} % of its power",
+        FiberState.MOVED: f"about {np.degrees(angle):+.0f} deg",
     }.get(state, "")
-    return FiberVerdict(fiber.index, state, confidence, left, angle, detail)
+    return FiberDiagnosis(fiber.index, state, confidence, left, angle, detail)
 
 
 def _mean(evidence: Array, weights: Array) -> float:

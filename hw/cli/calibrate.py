@@ -11,14 +11,14 @@ from typing import IO
 
 import numpy as np
 
+from hw.calibration.calibrated_scene import calibrated_toml, save_scene
+from hw.calibration.calibration_report import ReportContent, render_report, value_rows
 from hw.calibration.confirm import Confirmation
 from hw.calibration.fit import Calibration, require_known
 from hw.calibration.material import NAMES, UNITS, Material
 from hw.calibration.reference_lines import reference_lines
 from hw.calibration.refine import refine
-from hw.calibration.report import ReportContent, render_report, value_rows
 from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
-from hw.calibration.scene_file import calibrated_toml, save_scene
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet, load_photo_set
 from hw.errors import CalibrationError

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.camera.camera import Locked, OpenCVCamera
 from hw.camera.dewarp import Dewarp, load_lens
+from hw.camera.opencv_camera import LockedSettings, OpenCVCamera
 from hw.camera.photo import check_photo
 from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
 from hw.camera.self_test import self_test
 from hw.cli.wiring import Wiring
-from hw.leds.lights import interruptible
+from hw.leds.fiber_lights import interruptible
 from optimize.design.design import Array, Design
 from optimize.design.design_file import load_design
 from optimize.ui.console import Meter, reserved_stdout
@@ -52,7 +52,7 @@ def sweep_photos(
         white: light every fiber in all three channels with this power instead of the design's.
     """
     prepare = Dewarp(load_lens(shot.lens), scene) if shot.lens else np.asarray
-    locked = Locked(shot.exposure, shot.gain, shot.white_balance)
+    locked = LockedSettings(shot.exposure, shot.gain, shot.white_balance)
     power = design.power * wiring.scale
     if white is not None:
         power = np.any(design.power, axis=1)[:, None] * np.full(3, white)

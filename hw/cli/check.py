@@ -16,12 +16,12 @@ from hw.camera.photo import check_photo, linear, read_photo
 from hw.camera.photo_set import PhotoSet, load_photo_set
 from hw.check.channel_order import check_order
 from hw.check.commission import RigRecord, commission, load_record
+from hw.check.diagnosis import WORDS, Diagnosis, FiberState
 from hw.check.image_check import check_image
-from hw.check.prediction import Prediction, predict
+from hw.check.prediction import PadPrediction, predict
+from hw.check.rig_tolerances import STARTS, rig_tolerances
 from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import STARTS, tolerances
-from hw.check.verdict import WORDS, State, Verdict
 from hw.errors import CaptureError
 from optimize.design.design import Array, baseline_design
 from optimize.design.design_file import load_design
@@ -85,7 +85,7 @@ def run(
         if record is not None:
             record.check_fits(prediction, scene.hash, angle)
         pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
-        known = tolerances(
+        known = rig_tolerances(
             sweep=sweep,
             starts=0 if record is None else record.starts,
             noise=noise / np.sqrt(pixels),
@@ -94,8 +94,8 @@ def run(
         if isinstance(seen, PhotoSet):
             colors = seen.stacked(scene.fibers.count, spots.colors)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1))
-            verdict = check_sweep(prediction, colors, known, ratio)
-            if commissioned is not None and verdict.ok:
+            diagnosis = check_sweep(prediction, colors, known, ratio)
+            if commissioned is not None and diagnosis.ok:
                 _commission(
                     commission(prediction, colors, scene.hash, angle), prediction, commissioned
                 )
@@ -108,13 +108,13 @@ def run(
                 )
             colors = spots.colors(seen)
             check_order(prediction.together, colors)
-            verdict = check_image(prediction, colors, known, ratio)
+            diagnosis = check_image(prediction, colors, known, ratio)
         took = time.perf_counter() - began
         if as_json:
-            print_json(stream, verdict.to_json())
+            print_json(stream, diagnosis.to_json())
         else:
-            _write(stream, verdict, 1e3 * took, record, sweep)
-    if not verdict.ok:
+            _write(stream, diagnosis, 1e3 * took, record, sweep)
+    if not diagnosis.ok:
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
         raise SystemExit(FAULTY)
@@ -129,7 +129,7 @@ def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
     return linear(counts, gamma)
 
 
-def _commission(record: RigRecord, prediction: Prediction, path: Path) -> None:
+def _commission(record: RigRecord, prediction: PadPrediction, path: Path) -> None:
     """Write the record, joined with the starts that the file already holds."""
     if path.exists():
         before = load_record(path)
@@ -146,31 +146,34 @@ def _commission(record: RigRecord, prediction: Prediction, path: Path) -> None:
 
 def _write(
     stream: IO[str],
-    verdict: Verdict,
+    diagnosis: Diagnosis,
     milliseconds: float,
     record: RigRecord | None,
     sweep: bool,
 ) -> None:
-    if verdict.ok:
+    if diagnosis.ok:
         stream.write("The rig looks as designed.\n")
-    if all(fiber.state is State.UNCLEAR for fiber in verdict.faults) and len(verdict.faults) > 1:
+    if (
+        all(fiber.state is FiberState.UNCLEAR for fiber in diagnosis.faults)
+        and len(diagnosis.faults) > 1
+    ):
         stream.write(
-            f"{len(verdict.faults)} fibers differ in a way that no single fault explains: clean "
+            f"{len(diagnosis.faults)} fibers differ in a way that no single fault explains: clean "
             "the pad and the lens, and see that scene, design and bend are those of the rig.\n"
         )
     else:
-        for fiber in verdict.faults:
+        for fiber in diagnosis.faults:
             detail = f", {fiber.detail}" if fiber.detail else ""
             stream.write(
                 f"Fiber {fiber.index} {WORDS[fiber.state]}{detail} "
                 f"(confidence {100 * fiber.confidence:.1f} %)\n"
             )
     stream.write(
-        f"Colors differ from the prediction by {verdict.counts_error:.2f} counts (rms); the "
+        f"Colors differ from the prediction by {diagnosis.counts_error:.2f} counts (rms); the "
         f"check took {milliseconds:.0f} ms.\n"
     )
     stream.write(_reach(record, sweep))
-    if verdict.domain_excess > 0:
+    if diagnosis.domain_excess > 0:
         stream.write("The design lies outside the model's trained range: do not rely on this.\n")
 
 

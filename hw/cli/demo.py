@@ -16,18 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.material import NAMES, UNITS
-from hw.calibration.site_correction import surrogate_correction
+from hw.calibration.surrogate_correction import surrogate_correction
 from hw.camera.photo_set import PhotoSet
 from hw.camera.self_test import self_test
 from hw.check.commission import commission
+from hw.check.diagnosis import WORDS, Diagnosis
 from hw.check.prediction import predict
+from hw.check.rig_tolerances import rig_tolerances
 from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import tolerances
-from hw.check.verdict import WORDS, Verdict
 from hw.cli.calibrate import calibrate_sets, print_calibration
-from hw.emulator.camera import EmulatedCamera
-from hw.emulator.rig import RAYS, Secret, random_secret, rendered_images, true_images
+from hw.emulator.emulated_camera import EmulatedCamera
+from hw.emulator.rig import RAYS, TrueParameters, random_parameters, rendered_images, true_images
 from hw.emulator.session import (
     ADDITIVE_SCALE,
     BENDS,
@@ -36,7 +36,7 @@ from hw.emulator.session import (
     single_exposure,
     switched_on,
 )
-from hw.leds.lights import interruptible, sweep
+from hw.leds.fiber_lights import interruptible, sweep
 from optimize.design.design import Array, Design, baseline_design
 from optimize.design.models import open_model
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
@@ -76,18 +76,18 @@ def run(
         check_target(target)
         checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
-        secret = random_secret(scene, seed)
+        truth = random_parameters(scene, seed)
         if calibrate:
             note(f"The whole demonstration takes {DURATION}; --no-calibrate leaves the long parts")
-            images = _rendered(scene, secret, design, rig_samples)
+            images = _rendered(scene, truth, design, rig_samples)
         else:
             note("Making a rig with secrets: material, powers, directions, camera")
             correction = surrogate_correction(scene, checker, design.phi, BENDS[:1])
             images = true_images(
-                scene, secret, design.phi, BENDS[:1], correction=correction, rays=rays
+                scene, truth, design.phi, BENDS[:1], correction=correction, rays=rays
             )
-        secret = replace(secret, gain=single_exposure(secret, images))
-        with switched_on(scene, design, secret, images) as rig:
+        truth = replace(truth, gain=single_exposure(truth, images))
+        with switched_on(scene, design, truth, images) as rig:
             _set_and_sweep(rig)
             checks = _checks(rig, checker)
             sets: list[PhotoSet] = []
@@ -104,12 +104,12 @@ def run(
                 design=None,
                 model=model,
                 target=target,
-                noise=secret.flaws.noise,
+                noise=truth.imperfections.noise,
                 materials=materials,
                 samples=samples,
             )
-            result["truth"] = _compared(result, secret)
-        result["checks"] = {name: verdict.to_json() for name, verdict in checks.items()}
+            result["truth"] = _compared(result, truth)
+        result["checks"] = {name: diagnosis.to_json() for name, diagnosis in checks.items()}
         result["seconds"] = time.monotonic() - began
         if as_json:
             print_json(stream, result)
@@ -118,7 +118,7 @@ def run(
 
 
 def _rendered(
-    scene: Scene, secret: Secret, design: Design, rig_samples: int
+    scene: Scene, truth: TrueParameters, design: Design, rig_samples: int
 ) -> NDArray[np.float32]:
     """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
     note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
@@ -126,7 +126,7 @@ def _rendered(
     with Meter("Rendering the rig") as meter:
         return rendered_images(
             scene,
-            secret,
+            truth,
             design.phi,
             BENDS,
             [fibers, fibers[CALIBRATION_FIBERS[1]]],
@@ -145,12 +145,12 @@ def _set_and_sweep(rig: EmulatedRig) -> None:
     note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
 
 
-def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Verdict]:
+def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
     """Commission the rig, check it, then check it with one fault of each kind."""
     spots = SiteSpots(rig.scene, 0.0)
     prediction = predict(checker, rig.design.phi, rig.design.power, 0.0)
-    noise = rig.secret.flaws.noise / np.sqrt(spots.counts * FRAMES)
-    known = tolerances(sweep=True, starts=1, noise=noise)
+    noise = rig.truth.imperfections.noise / np.sqrt(spots.counts * FRAMES)
+    known = rig_tolerances(sweep=True, starts=1, noise=noise)
 
     def colors(camera: EmulatedCamera, power: Array) -> Array:
         photos = rig.photos(camera, power, frames=FRAMES)
@@ -172,11 +172,11 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
 
     def weaker(fiber: int, factor: float) -> EmulatedCamera:
         start = next(starts)
-        rng = np.random.default_rng([rig.secret.seed, start])
-        power = rig.secret.power * np.exp(DRIFT * rng.standard_normal(len(rig.secret.power)))
+        rng = np.random.default_rng([rig.truth.seed, start])
+        power = rig.truth.power * np.exp(DRIFT * rng.standard_normal(len(rig.truth.power)))
         power[fiber] *= factor
         return replace(
-            rig.camera(secret=replace(rig.secret, power=power)), seed=rig.secret.seed + start
+            rig.camera(truth=replace(rig.truth, power=power)), seed=rig.truth.seed + start
         )
 
     swapped = rig.design.power.copy()
@@ -189,12 +189,12 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
     ]
 
 
-def _compared(result: dict[str, object], secret: Secret) -> list[dict[str, object]]:
-    """Return the secret beside what was found."""
+def _compared(result: dict[str, object], truth: TrueParameters) -> list[dict[str, object]]:
+    """Return the truth beside what was found."""
     material = result["material"]
     assert isinstance(material, dict)
     rows: list[dict[str, object]] = []
-    for name, unit, true in zip(NAMES, UNITS, secret.material.array(), strict=True):
+    for name, unit, true in zip(NAMES, UNITS, truth.material.array(), strict=True):
         value = float(true) * (180 / np.pi if unit == "deg" else 1.0)
         found = material[name]
         low, high = found["interval"]
@@ -210,11 +210,11 @@ def _compared(result: dict[str, object], secret: Secret) -> list[dict[str, objec
     return rows
 
 
-def _write(stream: IO[str], checks: dict[str, Verdict], result: dict[str, object]) -> None:
-    for name, verdict in checks.items():
+def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, object]) -> None:
+    for name, diagnosis in checks.items():
         said = [
             f"fiber {fiber.index} {WORDS[fiber.state]} ({100 * fiber.confidence:.1f} %)"
-            for fiber in verdict.faults
+            for fiber in diagnosis.faults
         ]
         stream.write(f"Check, {name}: {'; '.join(said) or 'the rig looks as designed'}\n")
     stream.write(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hw.cli.wiring import Wiring
 from hw.leds.board import dark
-from hw.leds.lights import interruptible, sweep
+from hw.leds.fiber_lights import interruptible, sweep
 from hw.leds.ports import ProtocolName, list_serial_ports, open_board, the_port
 from optimize.design.design import Design, color_name
 from optimize.design.design_file import load_saved

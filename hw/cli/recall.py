@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hw.check.prediction import predict
-from hw.check.tolerances import STARTS
-from hw.studies.recall import LEAST_RECALL, MOST_ALARMS, RigSpread, study
+from hw.check.rig_tolerances import STARTS
+from hw.studies.recall import MAX_FALSE_ALARMS, MIN_RECALL, RigSpread, measure_recall
 from optimize.design.design import Array, baseline_design
 from optimize.design.models import open_model
 from optimize.ui.console import Meter, print_json, reserved_stdout
@@ -40,7 +40,7 @@ def run(
         light = None if truth is None else _true_light(truth, prediction.nodes, checker)
         began = time.monotonic()
         with Meter("Rigs") as meter:
-            found = study(
+            found = measure_recall(
                 prediction,
                 flat_sites(scene)[:, :2],
                 rigs=rigs,
@@ -67,7 +67,7 @@ def run(
         for one in found:
             stream.write(
                 f"{one.way}: {'keeps' if one.keeps_bound else 'misses'} the bound "
-                f"({100 * LEAST_RECALL:g} % found at {100 * MOST_ALARMS:g} % false alarms)\n"
+                f"({100 * MIN_RECALL:g} % found at {100 * MAX_FALSE_ALARMS:g} % false alarms)\n"
             )
             for fault, part in one.found.items():
                 stream.write(

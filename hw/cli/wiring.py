@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hw.leds.lights import Lights
+    from hw.leds.fiber_lights import FiberLights
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class Wiring:
     limit_ma: float
     scale: float
 
-    def lights(self, fibers: int) -> Lights:
+    def lights(self, fibers: int) -> FiberLights:
         """Open the board for ``fibers`` fibers."""
         from hw.leds.channels import ChannelMap, PowerLimits
-        from hw.leds.lights import Lights
+        from hw.leds.fiber_lights import FiberLights
         from hw.leds.ports import ProtocolName, open_board, the_port
 
         channels = ChannelMap.parse(self.leds, fibers, self.order)
@@ -36,4 +36,4 @@ class Wiring:
             leds=channels.needed,
             baud=self.baud,
         )
-        return Lights(connect, channels, PowerLimits(total_milliamperes=self.limit_ma))
+        return FiberLights(connect, channels, PowerLimits(total_milliamperes=self.limit_ma))

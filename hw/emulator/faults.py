@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass
-class Faults:
+class BoardFaults:
     """Faults to inject; counted down as they happen, so that a driver can be seen to recover.
 
     Arguments:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hw.emulator.faults import Faults
+from hw.emulator.faults import BoardFaults
 from hw.leds.board import Levels, dark
 from hw.leds.lines import MAKER, VERSION, crc8, framed
 from hw.leds.ports import ProtocolName
@@ -28,7 +28,7 @@ class Firmware(Protocol):
         """Take what came over the line (often nothing) at ``now`` (s); return the answer."""
 
 
-def make_firmware(protocol: ProtocolName, leds: int, faults: Faults) -> Firmware:
+def make_firmware(protocol: ProtocolName, leds: int, faults: BoardFaults) -> Firmware:
     """Return the program of a board that speaks ``protocol``."""
     if protocol is ProtocolName.LINES:
         return LineFirmware(leds, faults)
@@ -37,7 +37,7 @@ def make_firmware(protocol: ProtocolName, leds: int, faults: Faults) -> Firmware
     return AdalightFirmware(leds, faults)
 
 
-def _mangled(answer: bytes, faults: Faults) -> bytes:
+def _mangled(answer: bytes, faults: BoardFaults) -> bytes:
     """Return ``answer`` as the faults leave it."""
     if faults.take("silent"):
         return b""
@@ -51,7 +51,7 @@ class LineFirmware:
 
     LONGEST = 64
 
-    def __init__(self, leds: int, faults: Faults) -> None:
+    def __init__(self, leds: int, faults: BoardFaults) -> None:
         """Start dark, with the watchdog asleep."""
         self.shown, self._next = dark(leds), dark(leds)
         self._leds, self._faults = leds, faults
@@ -111,7 +111,7 @@ class LineFirmware:
 class WledFirmware:
     """As much of WLED as a driver of single LEDs meets."""
 
-    def __init__(self, leds: int, faults: Faults) -> None:
+    def __init__(self, leds: int, faults: BoardFaults) -> None:
         """Start dark."""
         self.shown = dark(leds)
         self._leds, self._faults = leds, faults
@@ -158,7 +158,7 @@ class AdalightFirmware:
 
     GREETING = 1.0
 
-    def __init__(self, leds: int, faults: Faults) -> None:
+    def __init__(self, leds: int, faults: BoardFaults) -> None:
         """Start dark."""
         self.shown = dark(leds)
         self._leds, self._faults = leds, faults

@@ -1,4 +1,4 @@
-"""A whole emulated rig with a secret: its true material, powers, directions and camera."""
+"""A whole emulated rig: its true material, powers, directions and camera, known to it alone."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import sample
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import reference_lines
-from hw.calibration.site_correction import Correction
 from hw.calibration.smooth_ratio import SmoothRatio, in_frame, ratios
+from hw.calibration.surrogate_correction import SurrogateCorrection
 from hw.camera.projection import pad_positions, pixels_of
-from hw.emulator.board import EmulatedBoard
-from hw.emulator.camera import EmulatedCamera, Flaws
+from hw.emulator.emulated_board import EmulatedBoard
+from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from render.arrays import Array
 from render.progress import Progress
 from render.scene.schema import Scene
@@ -28,7 +28,7 @@ RAYS = 360_000
 
 
 @dataclass(frozen=True, eq=False)
-class Secret:
+class TrueParameters:
     """What the rig is truly like.
 
     Arguments:
@@ -36,7 +36,7 @@ class Secret:
         power: ``(fiber,)`` relative to the design's.
         turn: ``(fiber,)`` rad beside the design's directions.
         gain: counts per unit radiance.
-        flaws: of the camera.
+        imperfections: of the camera.
         seed: of everything random in it.
     """
 
@@ -44,11 +44,11 @@ class Secret:
     power: Array
     turn: Array
     gain: float
-    flaws: Flaws
+    imperfections: CameraImperfections
     seed: int
 
 
-def random_secret(scene: Scene, seed: int, *, spread: float = 0.35) -> Secret:
+def random_parameters(scene: Scene, seed: int, *, spread: float = 0.35) -> TrueParameters:
     """Return a rig near ``scene``: material within ``spread`` (relative), 8 % power, 1 deg turn."""
     rng = np.random.default_rng([seed, 77])
     middle = Material.of(scene).array()
@@ -56,43 +56,45 @@ def random_secret(scene: Scene, seed: int, *, spread: float = 0.35) -> Secret:
     middle[1] = max(middle[1], 0.02)
     factor = np.exp(spread * rng.uniform(-1, 1, 4))
     material = np.clip(middle * factor, LOW + 0.02 * (HIGH - LOW), HIGH - 0.02 * (HIGH - LOW))
-    flaws = Flaws(
+    imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
         gain=tuple(float(x) for x in rng.uniform(0.85, 1.0, 3)),  # type: ignore[arg-type]
     )
     fibers = scene.fibers.count
-    return Secret(
+    return TrueParameters(
         Material.from_array(material),
         np.exp(0.08 * rng.standard_normal(fibers)),
         np.radians(rng.standard_normal(fibers)),
         0.0,
-        flaws,
+        imperfections,
         seed,
     )
 
 
-def exposed(secret: Secret, images: NDArray[np.float32], power: Array, counts: float) -> Secret:
+def exposed(
+    truth: TrueParameters, images: NDArray[np.float32], power: Array, counts: float
+) -> TrueParameters:
     """Return the rig with the exposure that puts its brightest light at ``counts``.
 
     Arguments:
-        secret: the rig.
+        truth: the rig.
         images: ``(fiber, row, column)`` radiance per unit power.
         power: ``(fiber, 3)`` of the light that is exposed for, in [0, 1].
         counts: of the brightest light.
     """
-    light = np.einsum("fyx,fc->cyx", images, power * secret.power[:, None])
-    light = light * np.array(secret.flaws.gain)[:, None, None]
-    return replace(secret, gain=counts / float(np.percentile(light, 99.9)))
+    light = np.einsum("fyx,fc->cyx", images, power * truth.power[:, None])
+    light = light * np.array(truth.imperfections.gain)[:, None, None]
+    return replace(truth, gain=counts / float(np.percentile(light, 99.9)))
 
 
 def true_images(
     scene: Scene,
-    secret: Secret,
+    truth: TrueParameters,
     phi: Array,
     bends: Array,
     *,
-    correction: Correction | None = None,
+    correction: SurrogateCorrection | None = None,
     rays: int = RAYS,
 ) -> NDArray[np.float32]:
     """Return the rig's true radiance per unit power, ``(bend, fiber, row, column)``.
@@ -101,15 +103,15 @@ def true_images(
 
     Arguments:
         scene: what is known about the rig.
-        secret: what is not.
+        truth: what is not.
         phi: ``(fiber,)`` rad, as designed.
         bends: ``(bend,)`` rad.
         correction: from preview to surrogate, applied where given.
         rays: light paths of the random walk.
     """
-    own = secret.material.put_into(scene)
-    turned = np.clip(phi + secret.turn, 0.0, np.pi)
-    seed = 900_000 + secret.seed
+    own = truth.material.put_into(scene)
+    turned = np.clip(phi + truth.turn, 0.0, np.pi)
+    seed = 900_000 + truth.seed
     images = fiber_images(own, turned, bends, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
     if correction is not None:
         for index, bend in enumerate(bends):
@@ -121,7 +123,7 @@ def true_images(
 
 def rendered_images(
     scene: Scene,
-    secret: Secret,
+    truth: TrueParameters,
     phi: Array,
     bends: Array,
     lit: Sequence[Sequence[int]],
@@ -139,21 +141,21 @@ def rendered_images(
 
     Arguments:
         scene: what is known about the rig.
-        secret: what is not.
+        truth: what is not.
         phi: ``(fiber,)`` rad, as designed.
         bends: ``(bend,)`` rad.
         lit: fibers that will be photographed at each bend; the others stay dark.
         samples: light paths per fiber and cell of the pad.
         progress: called every few seconds.
     """
-    own = secret.material.put_into(scene)
-    turned = np.clip(phi + secret.turn, 0.0, np.pi)
-    seed = 900_000 + secret.seed
+    own = truth.material.put_into(scene)
+    turned = np.clip(phi + truth.turn, 0.0, np.pi)
+    seed = 900_000 + truth.seed
     light = render_pad_light(
         own, turned, bends, lit, samples=samples, seed=seed, progress=progress,
         around=reference_lines(scene).on_pad,
     )  # fmt: skip
-    images = true_images(scene, secret, phi, bends)
+    images = true_images(scene, truth, phi, bends)
     for bend, angle in enumerate(bends):
         images[bend, np.setdiff1d(np.arange(len(phi)), lit[bend])] = 0.0
         if len(lit[bend]):
@@ -197,9 +199,9 @@ def _bring_to_reference(
 
 
 def camera_of(
-    scene: Scene, secret: Secret, images: NDArray[np.float32], board: EmulatedBoard
+    scene: Scene, truth: TrueParameters, images: NDArray[np.float32], board: EmulatedBoard
 ) -> EmulatedCamera:
     """Return the rig's camera at one bend, for ``images`` ``(fiber, row, column)``."""
     return EmulatedCamera(
-        scene, images, board, secret.gain, secret.power, secret.flaws, secret.seed
+        scene, images, board, truth.gain, truth.power, truth.imperfections, truth.seed
     )

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
-from hw.emulator.board import EmulatedBoard
-from hw.emulator.camera import EmulatedCamera
-from hw.emulator.rig import Secret, camera_of
+from hw.emulator.emulated_board import EmulatedBoard
+from hw.emulator.emulated_camera import EmulatedCamera
+from hw.emulator.rig import TrueParameters, camera_of
 from hw.leds.channels import ChannelMap, PowerLimits
-from hw.leds.lights import Lights
+from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import ProtocolName, open_board
 from optimize.design.design import Array, Design
 from render.scene.schema import Scene
@@ -28,7 +28,7 @@ CALIBRATION_FIBERS = (slice(0, None, 2), slice(1, None, 2))
 ADDITIVE_SCALE = 0.15
 """Power of the sweep that tests linearity: all fibers together must not clip."""
 SUPPLY = PowerLimits(total_milliamperes=2000.0)
-BRIGHTEST = 210.0
+SINGLE_FIBER_COUNTS = 210.0
 """Counts of the brightest photograph of one fiber."""
 
 
@@ -38,14 +38,14 @@ class EmulatedRig:
 
     scene: Scene
     design: Design
-    secret: Secret
+    truth: TrueParameters
     images: NDArray[np.float32]
     board: EmulatedBoard
-    lights: Lights
+    lights: FiberLights
 
-    def camera(self, bend: int = 0, secret: Secret | None = None) -> EmulatedCamera:
-        """Return the camera at a bend's index, with a fault where a changed ``secret`` has one."""
-        return camera_of(self.scene, secret or self.secret, self.images[bend], self.board)
+    def camera(self, bend: int = 0, truth: TrueParameters | None = None) -> EmulatedCamera:
+        """Return the camera at a bend's index, with a fault where a changed ``truth`` has one."""
+        return camera_of(self.scene, truth or self.truth, self.images[bend], self.board)
 
     def photos(
         self, camera: EmulatedCamera, power: Array, *, frames: int = 1, together: bool = False
@@ -71,14 +71,14 @@ class EmulatedRig:
 
 @contextlib.contextmanager
 def switched_on(
-    scene: Scene, design: Design, secret: Secret, images: NDArray[np.float32]
+    scene: Scene, design: Design, truth: TrueParameters, images: NDArray[np.float32]
 ) -> Iterator[EmulatedRig]:
     """Plug the rig's board in and open its lights; all LEDs are off at the end.
 
     Arguments:
         scene: what is known about the rig.
         design: its directions and colors.
-        secret: what is not known.
+        truth: what is not known.
         images: ``(bend, fiber, row, column)`` true radiance per unit power.
     """
     leds = scene.fibers.count
@@ -87,13 +87,13 @@ def switched_on(
         EmulatedBoard(Path(place) / "ttyEMU0", leds=leds) as board,
     ):
         connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=leds)
-        with Lights(connect, ChannelMap.straight(leds), SUPPLY) as lights:
-            yield EmulatedRig(scene, design, secret, images, board, lights)
+        with FiberLights(connect, ChannelMap.straight(leds), SUPPLY) as lights:
+            yield EmulatedRig(scene, design, truth, images, board, lights)
         if board.levels.any():
             raise AssertionError("an LED stayed on")
 
 
-def single_exposure(secret: Secret, images: NDArray[np.float32]) -> float:
-    """Return the exposure at which the brightest photograph of one fiber has `BRIGHTEST` counts."""
-    light = images * secret.power[:, None, None] * max(secret.flaws.gain)
-    return BRIGHTEST / float(np.percentile(light, 99.9, axis=(2, 3)).max())
+def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float:
+    """Return the exposure that puts the brightest single fiber at `SINGLE_FIBER_COUNTS`."""
+    light = images * truth.power[:, None, None] * max(truth.imperfections.gain)
+    return SINGLE_FIBER_COUNTS / float(np.percentile(light, 99.9, axis=(2, 3)).max())

@@ -13,24 +13,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.check.commission import commission
+from hw.check.diagnosis import Diagnosis, FiberState
 from hw.check.image_check import check_image
-from hw.check.prediction import Prediction
-from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import (
+from hw.check.prediction import PadPrediction
+from hw.check.rig_tolerances import (
     MODEL,
-    MODEL_REACH,
+    MODEL_LENGTH_SCALE,
     POWER_DRIFT,
     SITE_DRIFT,
     STARTS,
     TURN_DRIFT,
-    tolerances,
+    rig_tolerances,
 )
-from hw.check.verdict import State, Verdict
+from hw.check.sweep_check import check_sweep
 from render.arrays import Array
 
-FAULTS = {"dead": State.DEAD, "half power": State.DIM, "swapped": State.SWAPPED,
-          "10 deg off": State.MOVED}  # fmt: skip
-LEAST_RECALL, MOST_ALARMS = 0.95, 0.01
+FAULTS = {"dead": FiberState.DEAD, "half power": FiberState.DIM, "swapped": FiberState.SWAPPED,
+          "10 deg off": FiberState.MOVED}  # fmt: skip
+MIN_RECALL, MAX_FALSE_ALARMS = 0.95, 0.01
 """The bound: how many of each fault must be found, at how many false alarms."""
 
 
@@ -56,7 +56,7 @@ class RigSpread:
     gain: float = 0.05
     gain_drift: float = 0.02
     model: float = MODEL
-    model_reach: float = MODEL_REACH
+    model_reach: float = MODEL_LENGTH_SCALE
     site_reach: float = 5.0
     shift: float = SITE_DRIFT
     pixel_noise: float = 2.55
@@ -92,7 +92,7 @@ class Recall:
     @property
     def keeps_bound(self) -> bool:
         """Whether enough of every fault are found, at few enough false alarms."""
-        return min(self.found.values()) >= LEAST_RECALL and self.false_alarms <= MOST_ALARMS
+        return min(self.found.values()) >= MIN_RECALL and self.false_alarms <= MAX_FALSE_ALARMS
 
 
 class RandomRig:
@@ -108,7 +108,7 @@ class RandomRig:
 
     def __init__(
         self,
-        prediction: Prediction,
+        prediction: PadPrediction,
         sites: Array,
         spread: RigSpread,
         rng: np.random.Generator,
@@ -118,13 +118,13 @@ class RandomRig:
         fibers = len(prediction.phi)
         phi = rng.uniform(np.radians(20.0), np.radians(160.0), fibers)
         color = rng.integers(0, 3, fibers)
-        self.prediction = Prediction(
+        self.prediction = PadPrediction(
             phi, np.eye(3)[color], prediction.nodes, prediction.table, prediction.score, 0.0
         )
         self._rng, self._spread = rng, spread
         error = _smooth_error(prediction.nodes, sites, fibers, spread, rng)
         table = prediction.table if truth is None else truth
-        self._truth = Prediction(
+        self._truth = PadPrediction(
             phi, np.eye(3)[color], prediction.nodes, table * np.exp(error), 0.0, 0.0
         )
         self._turn = spread.turn * rng.standard_normal(fibers)
@@ -171,8 +171,8 @@ class RandomRig:
         return capture
 
 
-def study(
-    prediction: Prediction,
+def measure_recall(
+    prediction: PadPrediction,
     sites: Array,
     *,
     rigs: int = 500,
@@ -198,8 +198,8 @@ def study(
         capture = rig.start()
         fiber = int(rng.integers(len(prediction.phi)))
         for fault in ("", *FAULTS):
-            for way, verdict in _all_ways(rig, capture(fault, fiber), record.ratio, spread):
-                reported = {one.index: one.state for one in verdict.faults}
+            for way, diagnosis in _all_ways(rig, capture(fault, fiber), record.ratio, spread):
+                reported = {one.index: one.state for one in diagnosis.faults}
                 if not fault:
                     alarms[way] += bool(reported)
                     continue
@@ -223,7 +223,7 @@ def study(
 
 def _all_ways(
     rig: RandomRig, captured: tuple[Array, Array], ratio: Array, spread: RigSpread
-) -> list[tuple[str, Verdict]]:
+) -> list[tuple[str, Diagnosis]]:
     alone, together = captured
     noise = np.array(spread.noise)
     found = []
@@ -233,7 +233,7 @@ def _all_ways(
         ("image, commissioned", False, STARTS),
         ("image", False, 0),
     ):
-        known = tolerances(sweep=sweep, starts=starts, noise=noise)
+        known = rig_tolerances(sweep=sweep, starts=starts, noise=noise)
         check, seen = (check_sweep, alone) if sweep else (check_image, together)
         found.append((way, check(rig.prediction, seen, known, ratio if starts else None)))
     return found

@@ -11,8 +11,8 @@ from hw.calibration.confirm import Confirmation
 from hw.calibration.fit import Calibration, require_known
 from hw.calibration.material import NAMES, UNITS
 from hw.calibration.refine import refine
-from hw.calibration.rig_fit import Model, fit_rig, measure
-from hw.emulator.rig import Secret, random_secret, rendered_images
+from hw.calibration.rig_fit import LineModel, fit_rig, measure
+from hw.emulator.rig import TrueParameters, random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from hw.errors import CalibrationError
 from optimize.design.design import Design
@@ -70,15 +70,15 @@ class RigOutcome:
     refused: bool
 
 
-def compared(found: Calibration, secret: Secret) -> tuple[Recovered, ...]:
-    """Return what was found beside the secret."""
+def compared(found: Calibration, truth: TrueParameters) -> tuple[Recovered, ...]:
+    """Return what was found beside the truth."""
     values = found.material.array()
     ranges = found.intervals.of(values)
     rows = []
     for index, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
         factor = 180 / np.pi if unit == "deg" else 1.0
         low, high = ranges[index]
-        true = float(secret.material.array()[index])
+        true = float(truth.material.array()[index])
         rows.append(
             Recovered(
                 name, factor * true, factor * float(values[index]), (factor * low, factor * high)
@@ -90,7 +90,7 @@ def compared(found: Calibration, secret: Secret) -> tuple[Recovered, ...]:
 def recover(
     scene: Scene,
     design: Design,
-    model: Model,
+    model: LineModel,
     seed: int,
     *,
     rig_samples: int,
@@ -114,16 +114,16 @@ def recover(
     def said(name: str) -> Callable[[Progress], None] | None:
         return None if progress is None else lambda at: progress(name, at)
 
-    secret = random_secret(scene, seed)
+    truth = random_parameters(scene, seed)
     fibers = range(scene.fibers.count)
     images = rendered_images(
-        scene, secret, design.phi, BENDS, [fibers[own] for own in CALIBRATION_FIBERS],
+        scene, truth, design.phi, BENDS, [fibers[own] for own in CALIBRATION_FIBERS],
         samples=rig_samples, progress=said(f"photographs of rig {seed}"),
     )  # fmt: skip
-    secret = replace(secret, gain=single_exposure(secret, images))
-    with switched_on(scene, design, secret, images) as rig:
+    truth = replace(truth, gain=single_exposure(truth, images))
+    with switched_on(scene, design, truth, images) as rig:
         sets = rig.calibration_sets()
-    measurements = measure(scene, sets, BENDS, secret.flaws.noise)
+    measurements = measure(scene, sets, BENDS, truth.imperfections.noise)
     first = fit_rig(scene, model, measurements)
     refined = refine(
         scene, model, first, measurements, design.phi, BENDS, materials=materials,
@@ -136,8 +136,8 @@ def recover(
         refused = True
     return RigOutcome(
         seed,
-        compared(first, secret),
-        compared(refined.found, secret),
+        compared(first, truth),
+        compared(refined.found, truth),
         refined.confirmation,
         refused,
     )

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from hw.check.prediction import predict
+from hw.check.rig_tolerances import STARTS, rig_tolerances
 from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
-from hw.check.tolerances import STARTS, tolerances
-from hw.studies.recall import LEAST_RECALL, study
+from hw.studies.recall import MIN_RECALL, measure_recall
 from render.geometry.layout import flat_sites
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker
@@ -34,7 +34,7 @@ def test_a_check_and_its_recall() -> None:
     photos = np.random.default_rng(0).uniform(
         0.0, 1e-6, (20, scene.camera.rows, scene.camera.columns, 3)
     )
-    known = tolerances(sweep=True, starts=STARTS, noise=np.array(0.1))
+    known = rig_tolerances(sweep=True, starts=STARTS, noise=np.array(0.1))
     taken = []
     for _ in range(15):
         began = time.perf_counter()
@@ -43,12 +43,12 @@ def test_a_check_and_its_recall() -> None:
         taken.append(time.perf_counter() - began)
     best = min(taken)
     print(
-        f"\ncheck of a sweep, from 20 photographs to the verdict: {1e3 * best:.1f} ms, "
+        f"\ncheck of a sweep, from 20 photographs to the diagnosis: {1e3 * best:.1f} ms, "
         f"{best / BOUND:.2f} of the bound; once per design: prediction {1e3 * prepared:.0f} ms, "
         f"places of the sites {1e3 * placed:.0f} ms"
     )
-    found = study(prediction, flat_sites(scene)[:, :2], rigs=RIGS, seed=1)
+    found = measure_recall(prediction, flat_sites(scene)[:, :2], rigs=RIGS, seed=1)
     for one in found:
         parts = ", ".join(f"{fault} {100 * part:.0f} %" for fault, part in one.found.items())
         print(f"{one.way}: {parts}; false alarms {100 * one.false_alarms:.1f} % of {RIGS} rigs")
-    assert min(found[0].found.values()) >= LEAST_RECALL
+    assert min(found[0].found.values()) >= MIN_RECALL

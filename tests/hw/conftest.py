@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.check.prediction import Prediction, predict
-from hw.emulator.board import EmulatedBoard
-from hw.emulator.faults import Faults
+from hw.check.prediction import PadPrediction, predict
+from hw.emulator.emulated_board import EmulatedBoard
+from hw.emulator.faults import BoardFaults
 from hw.leds.ports import ProtocolName
 from surrogate.runtime.checker import Checker
 
@@ -25,7 +25,7 @@ def plug(tmp_path: Path) -> Iterator[Plug]:
     with ExitStack() as stack:
 
         def one(protocol: str = "lines", leds: int = 20, **faults: object) -> EmulatedBoard:
-            wrong = Faults(**faults)  # type: ignore[arg-type]
+            wrong = BoardFaults(**faults)  # type: ignore[arg-type]
             board = EmulatedBoard(tmp_path / "port", ProtocolName(protocol), leds, wrong)
             return stack.enter_context(board)
 
@@ -39,6 +39,6 @@ def checker() -> Checker:
 
 
 @pytest.fixture(scope="session")
-def prediction(checker: Checker) -> Prediction:
+def prediction(checker: Checker) -> PadPrediction:
     """Ask for a design in three colors, every fiber at 70 deg."""
     return predict(checker, np.radians(np.full(20, 70.0)), np.eye(3)[np.arange(20) % 3], 0.0)

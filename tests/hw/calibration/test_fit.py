@@ -10,7 +10,7 @@ from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes
-from hw.calibration.problem import Problem
+from hw.calibration.residuals import CalibrationResiduals
 from hw.errors import CalibrationError
 from render.arrays import Array
 from render.scene.schema import Scene
@@ -112,7 +112,7 @@ def test_the_roughness_is_held_within_the_range_that_is_known(
 ) -> None:
     none = np.zeros(table.coefficients.shape[1:])
     modes = field_modes(table.scatter(), 20)
-    problem = Problem(table, none, modes, photographs(scene)[0], declared)
+    problem = CalibrationResiduals(table, none, modes, photographs(scene)[0], declared)
     x = problem.start(Material(1.0, 0.005, np.radians(15.0), held))
     assert problem.residuals(x)[-1] == pytest.approx(0.0)
 
@@ -135,7 +135,7 @@ def test_a_material_beyond_the_range_is_told(scene: Scene, table: MaterialTable)
 def test_derivatives_are_those_of_the_residuals(scene: Scene, table: MaterialTable) -> None:
     none = np.zeros(table.coefficients.shape[1:])
     modes = field_modes(np.full(2, 0.01), 20)
-    problem = Problem(table, none, modes, photographs(scene)[0], TRUE.roughness)
+    problem = CalibrationResiduals(table, none, modes, photographs(scene)[0], TRUE.roughness)
     x = problem.start(TRUE)
     x[4:8] = [0.002, -0.001, 0.003, 0.1]
     exact = problem.jacobian(x)

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.calibration.material_correction import MaterialCorrection, Render, material_correction
+from hw.calibration.material_correction import (
+    MaterialCorrection,
+    MaterialRender,
+    material_correction,
+)
 from hw.calibration.material_table import MaterialTable, sobol_materials, terms
 from hw.calibration.pad_light import BLOCKS, PadLight
 from hw.calibration.reference_lines import frame_positions, reference_lines
@@ -29,7 +33,7 @@ def ratio(material: Array, across: Array, away: Array) -> Array:
     return np.asarray(0.2 * field * (1 + 0.5 * unit.sum()))
 
 
-def render(scene: Scene, material: Array, size: float, noise: float, seed: int) -> Render:
+def render(scene: Scene, material: Array, size: float, noise: float, seed: int) -> MaterialRender:
     """Return light of the toy times ``size`` times the ratio, each part with noise of its own."""
     radiance = np.full((len(BENDS), 20, 15 * BLOCKS, 9 * BLOCKS), np.nan)
     light = PadLight(2.0, BLOCKS, radiance, noise * np.ones(radiance.shape))
@@ -41,7 +45,7 @@ def render(scene: Scene, material: Array, size: float, noise: float, seed: int) 
             shape = toy(material, across, away, bend) + size * ratio(material, across, away)
             parts = rng.standard_normal((30, 18)).repeat(BLOCKS // 2, 0).repeat(BLOCKS // 2, 1)
             radiance[bend, fiber] = np.exp(shape + noise * parts - 0.5 * noise**2)
-    return Render(material, PadLight(2.0, BLOCKS, radiance, noise * radiance))
+    return MaterialRender(material, PadLight(2.0, BLOCKS, radiance, noise * radiance))
 
 
 def corrected(

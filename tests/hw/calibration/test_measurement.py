@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hw.calibration.measurement import LineReader, Measurement
-from hw.emulator.camera import NOISE_40_DB, Flaws, seen_by
+from hw.emulator.emulated_camera import NOISE_40_DB, CameraImperfections, seen_by
 from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy_images
 
@@ -28,19 +28,21 @@ def reader(scene: Scene) -> LineReader:
     return LineReader(scene, BENDS, NOISE_40_DB)
 
 
-def lines(scene: Scene, reader: LineReader, images: Images, flaws: Flaws) -> list[Measurement]:
+def lines(
+    scene: Scene, reader: LineReader, images: Images, imperfections: CameraImperfections
+) -> list[Measurement]:
     rng = np.random.default_rng(0)
     found = []
     for bend, own in enumerate(images):
-        for fiber, photo in zip(FIBERS, seen_by(scene, own, flaws), strict=True):
-            noisy = photo + flaws.noise * rng.standard_normal(photo.shape)
+        for fiber, photo in zip(FIBERS, seen_by(scene, own, imperfections), strict=True):
+            noisy = photo + imperfections.noise * rng.standard_normal(photo.shape)
             found.append(reader.read(np.repeat(noisy[..., None], 3, axis=2), fiber, bend))
     return found
 
 
 @pytest.fixture(scope="module")
 def straight(scene: Scene, reader: LineReader, images: Images) -> list[Measurement]:
-    return lines(scene, reader, images, Flaws(noise=0.0))
+    return lines(scene, reader, images, CameraImperfections(noise=0.0))
 
 
 @pytest.mark.parametrize("tilt", [(-0.0064, -0.0036, -0.0084), (0.006, 0.006, 0.002)])
@@ -52,7 +54,9 @@ def test_the_tilt_is_found_with_either_sign(
     tilt: tuple[float, float, float],
 ) -> None:
     slopes, moved = [], []
-    for one, two in zip(straight, lines(scene, reader, images, Flaws(tilt=tilt)), strict=True):
+    for one, two in zip(
+        straight, lines(scene, reader, images, CameraImperfections(tilt=tilt)), strict=True
+    ):
         used = one.used & two.used
         slopes.append(two.tilt_slope[:, used, 0].T)
         moved.append(one.counts[used, 0] - two.counts[used, 0])

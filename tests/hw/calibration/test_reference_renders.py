@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.material import Material
-from hw.calibration.material_correction import Render
+from hw.calibration.material_correction import MaterialRender
 from hw.calibration.material_table import sobol_materials
 from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_renders import reference_renders
@@ -38,7 +38,7 @@ class Renderer:
         return PadLight(2.0, 4, light, 0.1 * light)
 
 
-def renders(scene: Scene, folder: Path, renderer: Renderer, **other: Any) -> list[Render]:
+def renders(scene: Scene, folder: Path, renderer: Renderer, **other: Any) -> list[MaterialRender]:
     options = {"lit": LIT, "samples": 10, "materials": 4} | other
     lit = options.pop("lit")
     return reference_renders(scene, PHI, BENDS, lit, folder=folder, render=renderer, **options)

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.calibration.calibration_report import ReportContent, render_report
 from hw.calibration.fit import Calibration
 from hw.calibration.material import Material
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes
 from hw.calibration.reference_lines import reference_lines
-from hw.calibration.report import ReportContent, render_report
-from hw.calibration.rig_fit import Model, fit_rig, measure, require_linearity
-from hw.calibration.site_correction import Correction
+from hw.calibration.rig_fit import LineModel, fit_rig, measure, require_linearity
+from hw.calibration.surrogate_correction import SurrogateCorrection
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet
-from hw.emulator.camera import EmulatedCamera, Flaws
+from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.errors import CalibrationError
 from hw.leds.board import Levels
 from render.arrays import Array
@@ -27,7 +27,9 @@ from render.scene.schema import Scene
 from tests.hw.calibration.conftest import BENDS, toy_images
 
 TRUE = Material(1.3, 0.03, np.radians(13.0), 0.1)
-FLAWS = Flaws(vignetting=0.15, tilt=(0.006, -0.004, 0.008), gain=(1.0, 0.9, 0.8))
+IMPERFECTIONS = CameraImperfections(
+    vignetting=0.15, tilt=(0.006, -0.004, 0.008), gain=(1.0, 0.9, 0.8)
+)
 
 
 class FixedBoard:
@@ -37,14 +39,16 @@ class FixedBoard:
         self.levels: Levels = np.zeros((20, 3), dtype=np.uint8)
 
 
-def taken(scene: Scene, flaws: Flaws, seed: int = 0) -> tuple[list[PhotoSet], PhotoSet, Array]:
+def taken(
+    scene: Scene, imperfections: CameraImperfections, seed: int = 0
+) -> tuple[list[PhotoSet], PhotoSet, Array]:
     """Return 20 photographs, half of them flat and half bent, a linearity sweep, true powers."""
     images = toy_images(scene, TRUE.array(), 300, 180)
     power = np.exp(0.08 * np.random.default_rng(seed).standard_normal(20))
     bright = float(np.percentile(images, 99.9, axis=(2, 3)).max() * power.max())
     board = FixedBoard()
     cameras = [
-        EmulatedCamera(scene, one, board, 200 / bright, power, flaws, seed)  # type: ignore[arg-type]
+        EmulatedCamera(scene, one, board, 200 / bright, power, imperfections, seed)  # type: ignore[arg-type]
         for one in images
     ]
 
@@ -63,11 +67,13 @@ def taken(scene: Scene, flaws: Flaws, seed: int = 0) -> tuple[list[PhotoSet], Ph
     return sets, additive, power
 
 
-def model_of(table: MaterialTable) -> Model:
+def model_of(table: MaterialTable) -> LineModel:
     """Return the toy's model, which needs no correction."""
-    none = Correction(np.zeros((2, 20, 6)), np.array([[-3.0, -3.0], [3.0, 9.0]]), np.zeros(2))
+    none = SurrogateCorrection(
+        np.zeros((2, 20, 6)), np.array([[-3.0, -3.0], [3.0, 9.0]]), np.zeros(2)
+    )
     modes = field_modes(np.full(2, 0.005), 20)
-    return Model(table, none, np.zeros(table.coefficients.shape[1:]), modes)
+    return LineModel(table, none, np.zeros(table.coefficients.shape[1:]), modes)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +89,7 @@ Outcome = tuple[Calibration, list[Measurement], Array]
 @pytest.fixture(scope="module")
 def outcome(camera_scene: Scene, table: MaterialTable) -> Outcome:
     """Photograph and fit."""
-    sets, _, power = taken(camera_scene, FLAWS)
+    sets, _, power = taken(camera_scene, IMPERFECTIONS)
     measurements = measure(camera_scene, sets, BENDS, 2.55)
     return fit_rig(camera_scene, model_of(table), measurements), measurements, power
 
@@ -108,7 +114,7 @@ def test_powers_gains_and_the_cameras_flaws_are_found(outcome: Outcome) -> None:
     assert (np.abs(error) < np.maximum(3 * found.intervals.power, 0.04)).all()
     np.testing.assert_allclose(found.gain / found.gain[0], [1.0, 0.9, 0.8], rtol=0.02)
     assert found.vignetting == pytest.approx(0.15, abs=0.08)
-    np.testing.assert_allclose(np.abs(found.tilt), np.abs(FLAWS.tilt), atol=0.004)
+    np.testing.assert_allclose(np.abs(found.tilt), np.abs(IMPERFECTIONS.tilt), atol=0.004)
 
 
 def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
@@ -134,24 +140,24 @@ def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
 
 
 def test_a_linear_camera_may_be_calibrated_on(camera_scene: Scene) -> None:
-    _, additive, _ = taken(camera_scene, replace(FLAWS, noise=1.0))
+    _, additive, _ = taken(camera_scene, replace(IMPERFECTIONS, noise=1.0))
     assert require_linearity([additive], 1.0).cause == "none"
 
 
 def test_a_gamma_is_refused(camera_scene: Scene) -> None:
-    _, additive, _ = taken(camera_scene, replace(FLAWS, gamma=1.8, noise=0.2))
+    _, additive, _ = taken(camera_scene, replace(IMPERFECTIONS, gamma=1.8, noise=0.2))
     with pytest.raises(CalibrationError, match="gamma"):
         require_linearity([additive], 0.2)
 
 
 def test_a_sweep_without_all_fibers_together_is_refused(camera_scene: Scene) -> None:
-    sets, _, _ = taken(camera_scene, FLAWS)
+    sets, _, _ = taken(camera_scene, IMPERFECTIONS)
     with pytest.raises(CalibrationError, match="--linearity"):
         require_linearity(sets, 2.55)
 
 
 def test_a_dark_fiber_is_told(camera_scene: Scene, table: MaterialTable) -> None:
-    sets, _, _ = taken(camera_scene, FLAWS)
+    sets, _, _ = taken(camera_scene, IMPERFECTIONS)
     sets[0].alone[4] = 0.0 * sets[0].alone[4]
     measurements = measure(camera_scene, sets, BENDS, 2.55)
     with pytest.raises(CalibrationError, match="fiber 4 lights too few points"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.reference_lines import frame_positions, reference_lines
-from hw.calibration.smooth_ratio import Ratios, SmoothRatio, in_frame, ratios
+from hw.calibration.smooth_ratio import LogRatios, SmoothRatio, in_frame, ratios
 from render.arrays import Array
 from render.scene.schema import load_scene
 
@@ -15,14 +15,14 @@ def field(place: Array) -> Array:
     return 0.08 * np.sin(place[:, 0] / 5.0) * np.cos(place[:, 1] / 6.0)
 
 
-def measured(noise: float, fibers: int = 6, seed: int = 0) -> list[Ratios]:
+def measured(noise: float, fibers: int = 6, seed: int = 0) -> list[LogRatios]:
     """Return noisy samples of one field, with another constant for every fiber."""
     rng = np.random.default_rng(seed)
     found = []
     for fiber in range(fibers):
         place = rng.uniform([-6.0, 1.0], [6.0, 14.0], (40, 2))
         values = 0.3 * fiber + field(place) + noise * rng.standard_normal(len(place))
-        found.append(Ratios(place, values, np.full(len(place), noise**2)))
+        found.append(LogRatios(place, values, np.full(len(place), noise**2)))
     return found
 
 
@@ -71,6 +71,6 @@ def test_the_frame_is_that_of_the_reference_lines() -> None:
 
 
 def test_nothing_measured_is_no_ratio() -> None:
-    empty = Ratios(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    empty = LogRatios(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     with pytest.raises(ValueError, match="no render"):
         SmoothRatio([empty])

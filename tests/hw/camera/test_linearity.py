@@ -14,7 +14,7 @@ from render.arrays import Array
 def sweep(
     gamma: float = 1.0, noise: float = 0.0, exposure: float = 1.0, bright: float = 180.0
 ) -> tuple[Array, Array]:
-    """Return 8 fibers' photographs and one of all, as a camera with these flaws takes them."""
+    """Return 8 fibers' photographs and one of all, as such a camera takes them."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[0:96, 0:64] / 64.0
     light = np.stack(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hw.check.commission import commission, load_record
-from hw.check.prediction import Prediction
+from hw.check.prediction import PadPrediction
 from hw.errors import CaptureError
 from render.errors import TableError
 from render.files import write_npz
 
 
-def test_a_record_holds_the_measured_ratio(prediction: Prediction, tmp_path: Path) -> None:
+def test_a_record_holds_the_measured_ratio(prediction: PadPrediction, tmp_path: Path) -> None:
     error = np.exp(0.1 * np.random.default_rng(1).standard_normal((20, 15)))
     colors = 3.0 * prediction.alone * error[..., None]
     commission(prediction, colors, "0" * 16, 0.0).save(tmp_path / "rig.npz")
@@ -28,7 +28,7 @@ def test_a_record_holds_the_measured_ratio(prediction: Prediction, tmp_path: Pat
 
 
 def test_records_of_several_starts_average_what_drifts(
-    prediction: Prediction, tmp_path: Path
+    prediction: PadPrediction, tmp_path: Path
 ) -> None:
     rng = np.random.default_rng(2)
     true = np.exp(0.1 * rng.standard_normal((20, 15)))
@@ -52,14 +52,14 @@ def test_records_of_several_starts_average_what_drifts(
     ("scene_hash", "bend", "said"), [("1" * 16, 0.0, "another scene"), ("0" * 16, 1.0, "bend")]
 )
 def test_a_record_of_something_else_is_refused(
-    prediction: Prediction, scene_hash: str, bend: float, said: str
+    prediction: PadPrediction, scene_hash: str, bend: float, said: str
 ) -> None:
     record = commission(prediction, prediction.alone, "0" * 16, 0.0)
     with pytest.raises(CaptureError, match=said):
         record.check_fits(prediction, scene_hash, bend)
 
 
-def test_a_rig_with_a_dead_fiber_is_not_recorded(prediction: Prediction) -> None:
+def test_a_rig_with_a_dead_fiber_is_not_recorded(prediction: PadPrediction) -> None:
     colors = prediction.alone.copy()
     colors[4] = 0.0
     with pytest.raises(CaptureError, match="fiber 4"):

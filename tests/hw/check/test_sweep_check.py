@@ -7,71 +7,71 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hw.check.prediction import Prediction
+from hw.check.diagnosis import FiberState
+from hw.check.prediction import PadPrediction
+from hw.check.rig_tolerances import STARTS, rig_tolerances
 from hw.check.sweep_check import channel_gains, check_sweep
-from hw.check.tolerances import STARTS, tolerances
-from hw.check.verdict import State
 from hw.errors import CaptureError
 from render.arrays import Array
 
 GAIN = np.array([2.0, 3.0, 1.5])
-FINE = tolerances(sweep=True, starts=STARTS, noise=np.array(0.045))
+FINE = rig_tolerances(sweep=True, starts=STARTS, noise=np.array(0.045))
 
 
-def seen(prediction: Prediction, power: Array | None = None, turn: Array | None = None) -> Array:
+def seen(prediction: PadPrediction, power: Array | None = None, turn: Array | None = None) -> Array:
     phi = prediction.phi if turn is None else prediction.phi + turn
     light = prediction.unit(phi[:, None])[:, 0]
     lit = prediction.power if power is None else power
     return np.asarray(light[..., None] * lit[:, None, :] * GAIN)
 
 
-def test_a_healthy_rig_is_healthy_whatever_the_gains(prediction: Prediction) -> None:
-    verdict = check_sweep(prediction, seen(prediction), FINE)
-    assert verdict.ok
-    assert verdict.counts_error < 1e-9
-    assert all(fiber.confidence > 0.9 for fiber in verdict.fibers)
+def test_a_healthy_rig_is_healthy_whatever_the_gains(prediction: PadPrediction) -> None:
+    diagnosis = check_sweep(prediction, seen(prediction), FINE)
+    assert diagnosis.ok
+    assert diagnosis.counts_error < 1e-9
+    assert all(fiber.confidence > 0.9 for fiber in diagnosis.fibers)
 
 
 @pytest.mark.parametrize("fiber", [0, 4, 9, 13, 19])
 @pytest.mark.parametrize(
-    ("factor", "state"), [(0.0, State.DEAD), (0.5, State.DIM), (0.7, State.DIM)]
+    ("factor", "state"), [(0.0, FiberState.DEAD), (0.5, FiberState.DIM), (0.7, FiberState.DIM)]
 )
 def test_a_weak_fiber_is_named(
-    prediction: Prediction, fiber: int, factor: float, state: State
+    prediction: PadPrediction, fiber: int, factor: float, state: FiberState
 ) -> None:
     power = prediction.power.copy()
     power[fiber] *= factor
-    verdict = check_sweep(prediction, seen(prediction, power), FINE)
-    assert [(one.index, one.state) for one in verdict.faults] == [(fiber, state)]
-    if state is State.DIM:
-        assert verdict.fibers[fiber].power == pytest.approx(factor, abs=0.03)
+    diagnosis = check_sweep(prediction, seen(prediction, power), FINE)
+    assert [(one.index, one.state) for one in diagnosis.faults] == [(fiber, state)]
+    if state is FiberState.DIM:
+        assert diagnosis.fibers[fiber].power == pytest.approx(factor, abs=0.03)
 
 
 @pytest.mark.parametrize("fiber", [0, 9, 19])
-def test_a_swapped_color_is_named(prediction: Prediction, fiber: int) -> None:
+def test_a_swapped_color_is_named(prediction: PadPrediction, fiber: int) -> None:
     power = prediction.power.copy()
     power[fiber] = np.roll(power[fiber], 1)
-    verdict = check_sweep(prediction, seen(prediction, power), FINE)
-    assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.SWAPPED)]
+    diagnosis = check_sweep(prediction, seen(prediction, power), FINE)
+    assert [(one.index, one.state) for one in diagnosis.faults] == [(fiber, FiberState.SWAPPED)]
 
 
 @pytest.mark.parametrize("degrees", [-10.0, 10.0, 20.0])
 @pytest.mark.parametrize("fiber", [2, 5, 10, 17])
 def test_a_turned_fiber_is_named_with_its_angle(
-    prediction: Prediction, fiber: int, degrees: float
+    prediction: PadPrediction, fiber: int, degrees: float
 ) -> None:
     turn = np.zeros(20)
     turn[fiber] = np.radians(degrees)
-    verdict = check_sweep(prediction, seen(prediction, turn=turn), FINE)
-    assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.MOVED)]
-    turned = verdict.fibers[fiber].turned
+    diagnosis = check_sweep(prediction, seen(prediction, turn=turn), FINE)
+    assert [(one.index, one.state) for one in diagnosis.faults] == [(fiber, FiberState.MOVED)]
+    turned = diagnosis.fibers[fiber].turned
     assert turned is not None
     assert np.degrees(turned) == pytest.approx(degrees, abs=1.5)
 
 
 @pytest.mark.parametrize(("fiber", "degrees"), [(7, -10.0), (11, -10.0), (12, 10.0), (19, -10.0)])
 def test_a_turn_is_named_though_the_model_errs_in_what_it_does_to_the_light(
-    prediction: Prediction, fiber: int, degrees: float
+    prediction: PadPrediction, fiber: int, degrees: float
 ) -> None:
     """These change least; an error of their change must not make them look healthy."""
     turn = np.zeros(20)
@@ -82,18 +82,18 @@ def test_a_turn_is_named_though_the_model_errs_in_what_it_does_to_the_light(
     for draw in range(6):
         colors = exact.copy()
         colors[fiber] *= 1 + error * np.random.default_rng(draw).choice([-1, 1], (15, 1))
-        verdict = check_sweep(prediction, colors, FINE)
-        assert [(one.index, one.state) for one in verdict.faults] == [(fiber, State.MOVED)]
+        diagnosis = check_sweep(prediction, colors, FINE)
+        assert [(one.index, one.state) for one in diagnosis.faults] == [(fiber, FiberState.MOVED)]
 
 
-def test_dirt_before_some_sites_is_not_called_a_fault_of_a_fiber(prediction: Prediction) -> None:
+def test_dirt_before_some_sites_is_not_called_a_fault_of_a_fiber(prediction: PadPrediction) -> None:
     colors = seen(prediction)
     colors[6, ::2] *= 0.4
-    verdict = check_sweep(prediction, colors, FINE)
-    assert verdict.fibers[6].state is State.UNCLEAR
+    diagnosis = check_sweep(prediction, colors, FINE)
+    assert diagnosis.fibers[6].state is FiberState.UNCLEAR
 
 
-def test_two_faults_are_both_named(prediction: Prediction) -> None:
+def test_two_faults_are_both_named(prediction: PadPrediction) -> None:
     power = prediction.power.copy()
     power[3] = 0.0
     power[11] *= 0.5
@@ -101,44 +101,44 @@ def test_two_faults_are_both_named(prediction: Prediction) -> None:
         one.index: one.state
         for one in check_sweep(prediction, seen(prediction, power), FINE).faults
     }
-    assert found == {3: State.DEAD, 11: State.DIM}
+    assert found == {3: FiberState.DEAD, 11: FiberState.DIM}
 
 
-def test_a_fiber_that_the_design_leaves_dark_is_not_judged(prediction: Prediction) -> None:
+def test_a_fiber_that_the_design_leaves_dark_is_not_judged(prediction: PadPrediction) -> None:
     power = prediction.power.copy()
     power[7] = 0.0
     dark = replace(prediction, power=power)
-    verdict = check_sweep(dark, seen(dark), FINE)
-    assert verdict.ok
-    assert verdict.fibers[7].state is State.OFF
+    diagnosis = check_sweep(dark, seen(dark), FINE)
+    assert diagnosis.ok
+    assert diagnosis.fibers[7].state is FiberState.OFF
 
 
-def test_the_models_own_error_cancels_against_a_record(prediction: Prediction) -> None:
+def test_the_models_own_error_cancels_against_a_record(prediction: PadPrediction) -> None:
     error = np.exp(0.1 * np.random.default_rng(0).standard_normal((20, 15)))
     colors = seen(prediction) * error[..., None]
     assert not check_sweep(prediction, colors, FINE).ok
     assert check_sweep(prediction, colors, FINE, error).ok
 
 
-def test_darkness_is_one_sentence(prediction: Prediction) -> None:
+def test_darkness_is_one_sentence(prediction: PadPrediction) -> None:
     with pytest.raises(CaptureError, match="lens cap"):
         check_sweep(prediction, np.zeros((20, 15, 3)), FINE)
 
 
 @pytest.mark.parametrize("shape", [(19, 15, 3), (20, 14, 3), (20, 15), (0,)])
-def test_another_shape_is_refused(prediction: Prediction, shape: tuple[int, ...]) -> None:
+def test_another_shape_is_refused(prediction: PadPrediction, shape: tuple[int, ...]) -> None:
     with pytest.raises(CaptureError, match="shape"):
         check_sweep(prediction, np.ones(shape), FINE)
 
 
-def test_values_that_are_not_finite_are_refused(prediction: Prediction) -> None:
+def test_values_that_are_not_finite_are_refused(prediction: PadPrediction) -> None:
     colors = seen(prediction)
     colors[0, 0, 0] = np.nan
     with pytest.raises(CaptureError, match="finite"):
         check_sweep(prediction, colors, FINE)
 
 
-def test_gains_ignore_dead_fibers(prediction: Prediction) -> None:
+def test_gains_ignore_dead_fibers(prediction: PadPrediction) -> None:
     colors = seen(prediction)
     colors[[0, 1, 2]] = 0.0
     np.testing.assert_allclose(channel_gains(prediction.alone, colors), GAIN)

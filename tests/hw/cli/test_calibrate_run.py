@@ -18,7 +18,7 @@ from hw.cli.capture import save_photos
 from render.scene.schema import load_scene, sources
 from tests.conftest import Run
 from tests.hw.calibration.conftest import BENDS, toy_log_light
-from tests.hw.calibration.test_rig_fit import FLAWS, TRUE, model_of, taken
+from tests.hw.calibration.test_rig_fit import IMPERFECTIONS, TRUE, model_of, taken
 
 
 def toy_table() -> MaterialTable:
@@ -48,7 +48,7 @@ def test_photographs_become_a_calibrated_scene(
 ) -> None:
     table = toy_table()
     monkeypatch.setattr("hw.cli.calibrate.line_model", lambda *_: model_of(table))
-    sets, additive, _ = taken(load_scene("finger20"), FLAWS)
+    sets, additive, _ = taken(load_scene("finger20"), IMPERFECTIONS)
     flat, bent, sums = (
         save(photos, tmp_path / name)
         for photos, name in ((sets[0], "flat"), (sets[1], "bent"), (additive, "additive"))

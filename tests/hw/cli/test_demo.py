@@ -22,7 +22,7 @@ def test_the_demonstration_recovers_the_rigs_secrets(
     monkeypatch.setattr("hw.cli.calibrate.line_model", lambda *_: model_of(table))
     monkeypatch.setattr(
         "hw.cli.demo.rendered_images",
-        lambda scene, secret, *_, **__: toy_images(scene, secret.material.array(), ROWS, COLUMNS),
+        lambda scene, truth, *_, **__: toy_images(scene, truth.material.array(), ROWS, COLUMNS),
     )
     result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")
     assert result.code == 0, result.err

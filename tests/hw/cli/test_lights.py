@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulator.board import EmulatedBoard
+from hw.emulator.emulated_board import EmulatedBoard
 from hw.leds.ports import ProtocolName, open_board
 from optimize.design.design import Design
 from optimize.design.design_file import save_design

@@ -18,7 +18,7 @@ import numpy as np
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import MaterialTable, terms, terms_slope
 from hw.calibration.measurement import Measurement
-from hw.calibration.model_error import Modes
+from hw.calibration.model_error import ErrorModes
 from hw.errors import CalibrationError
 from render.arrays import Array
 
@@ -27,11 +27,11 @@ ROUGHNESS_KNOWN, ROUGHNESS_HELD = 0.3, 0.05
 """How well the scene's roughness is known, and how tightly the fit holds it, relative. The pad's
 faces change the light by less than the model's errors: free, the roughness of five emulated rigs
 came out 32 to 68 % too small, and took sigma_v with it by up to 26 %."""
-LEAST = 0.003
+MIN_RELATIVE_ERROR = 0.003
 """Relative error of every point that is always reckoned with."""
 
 
-class Problem:
+class CalibrationResiduals:
     """The data, ready for any parameters.
 
     Arguments:
@@ -46,7 +46,7 @@ class Problem:
         self,
         table: MaterialTable,
         log_correction: Array,
-        modes: Modes,
+        modes: ErrorModes,
         measurements: list[Measurement],
         roughness: float,
     ) -> None:
@@ -92,7 +92,7 @@ class Problem:
         Not those that were seen: their noise would weigh for itself, and dim light seem brighter.
         """
         counts = self.wanted(x)
-        error = np.hypot(self._noise[:, None], LEAST * counts)
+        error = np.hypot(self._noise[:, None], MIN_RELATIVE_ERROR * counts)
         self._weight = np.where(self._carries, 1 / error, 0.0)
         # (mode, residual)
         weighted = self._log_modes[:, :, None] * (counts * self._weight)
@@ -105,7 +105,7 @@ class Problem:
             [values[:, one.bend, one.fiber, one.used] for one in self.measurements], axis=1
         )
 
-    def _gathered_modes(self, modes: Modes) -> Array:
+    def _gathered_modes(self, modes: ErrorModes) -> Array:
         """Return ``(mode, row)`` of all bends; those that no photograph shows are left out."""
         first = np.cumsum([0, *(len(own) for own in modes)])
         found = np.zeros((first[-1], self.edges[-1]))

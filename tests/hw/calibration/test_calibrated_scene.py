@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.calibration.calibrated_scene import calibrated_toml, save_scene
 from hw.calibration.material_table import MaterialTable
-from hw.calibration.scene_file import calibrated_toml, save_scene
 from render.scene.schema import Scene, sources
 from tests.hw.calibration.test_fit import fitted, photographs
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.camera.camera import STALE, Locked, OpenCVCamera
+from hw.camera.opencv_camera import STALE_FRAMES, LockedSettings, OpenCVCamera
 from hw.errors import CameraError
 
 cv2 = pytest.importorskip("cv2")
@@ -33,7 +33,7 @@ def test_a_missing_camera_is_one_sentence() -> None:
 
 def test_a_camera_that_keeps_its_automatics_is_refused(recording: str) -> None:
     with pytest.raises(CameraError, match="automatic exposure"):
-        OpenCVCamera(recording, Locked())
+        OpenCVCamera(recording, LockedSettings())
 
 
 def test_red_is_the_first_channel(recording: str) -> None:
@@ -65,7 +65,7 @@ def without_frames(recording: str, first: int, count: int) -> None:
 
 
 def test_a_few_dropped_frames_are_left_out_of_the_mean(recording: str) -> None:
-    without_frames(recording, STALE + 1, 2)
+    without_frames(recording, STALE_FRAMES + 1, 2)
     camera = OpenCVCamera(recording, unchecked=True)
     photo = camera.capture(2)
     camera.close()
@@ -74,7 +74,7 @@ def test_a_few_dropped_frames_are_left_out_of_the_mean(recording: str) -> None:
 
 
 def test_too_many_dropped_frames_are_one_sentence(recording: str) -> None:
-    without_frames(recording, STALE + 1, 3)
+    without_frames(recording, STALE_FRAMES + 1, 3)
     camera = OpenCVCamera(recording, unchecked=True)
     with pytest.raises(CameraError, match="no more frames"):
         camera.capture(2)

@@ -20,7 +20,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 """What would end Python without running any ``finally``."""
 
 
-class Lights:
+class FiberLights:
     """A context manager around a board; on leaving it, all LEDs are off.
 
     Where the link is lost, it is opened again for ``patience`` seconds, first of all to switch
@@ -58,7 +58,7 @@ class Lights:
         """The board, as long as it is connected."""
         return self._board
 
-    def __enter__(self) -> Lights:
+    def __enter__(self) -> FiberLights:
         """Return the lights."""
         return self
 
@@ -142,7 +142,7 @@ class Lights:
         )
 
 
-def sweep(lights: Lights, power: Array, settle: float = 0.0) -> Iterator[int]:
+def sweep(lights: FiberLights, power: Array, settle: float = 0.0) -> Iterator[int]:
     """Light one fiber after the other with its part of ``power`` ``(fiber, 3)``.
 
     Yields the number of the fiber that is lit; fibers without power are passed over. Dark again

@@ -11,19 +11,19 @@ from render.arrays import Array
 _FINE, _COARSE = np.arange(-4.75, 5.0, 0.25), np.arange(5.0, 30.5, 1.0)
 TURNS = np.radians(np.concatenate([-_COARSE[::-1], _FINE, _COARSE]))
 """Turns of a fiber that are considered, rad; finer where healthy ones are, 0 in the middle."""
-BRIGHTEST = 2.0
+MAX_POWER = 2.0
 """Highest relative power that is considered."""
 DEAD_BELOW, DIM_BELOW = 0.05, 0.85
 """Relative powers below which a fiber counts as dead or dim."""
-LEAST_TURN = np.radians(5.0)
+MIN_TURN = np.radians(5.0)
 """Smaller turns are not called a fault."""
 
-MODEL, MODEL_REACH = 0.03, float(np.radians(40.0))
+MODEL, MODEL_LENGTH_SCALE = 0.03, float(np.radians(40.0))
 """The model's error of one site's light, relative, and the angle over which it changes (rad)."""
 
 
 @dataclass(frozen=True)
-class Tolerances:
+class RigTolerances:
     """One standard deviation each, of what differs between a healthy rig and the prediction.
 
     Arguments:
@@ -52,9 +52,9 @@ class Tolerances:
 
         The model's error is taken for a Gaussian process in direction with a squared-exponential
         covariance (Rasmussen and Williams 2006, eq. 4.9): between two directions it differs with
-        the variance ``2 model_turned^2 (1 - exp(-(turn / MODEL_REACH)^2 / 2))``.
+        the variance ``2 model_turned^2 (1 - exp(-(turn / MODEL_LENGTH_SCALE)^2 / 2))``.
         """
-        changed = 2 * self.model_turned**2 * -np.expm1(-0.5 * (turn / MODEL_REACH) ** 2)
+        changed = 2 * self.model_turned**2 * -np.expm1(-0.5 * (turn / MODEL_LENGTH_SCALE) ** 2)
         return np.asarray(np.sqrt(self.model**2 + changed))
 
 
@@ -64,7 +64,7 @@ POWER_DRIFT, TURN_DRIFT, SITE_DRIFT = 0.03, float(np.radians(0.5)), 0.002
 """What a healthy rig changes by between two starts: powers, directions, light of single sites."""
 
 
-def tolerances(*, sweep: bool, starts: int, noise: Array) -> Tolerances:
+def rig_tolerances(*, sweep: bool, starts: int, noise: Array) -> RigTolerances:
     """Return what a healthy rig may differ by, for one way of checking.
 
     Arguments:
@@ -73,10 +73,10 @@ def tolerances(*, sweep: bool, starts: int, noise: Array) -> Tolerances:
         noise: of a site's color in counts, ``(site,)`` or one for all.
     """
     if not starts:
-        return Tolerances(noise=noise)
+        return RigTolerances(noise=noise)
     # The record has a drift and a noise of its own, less of both the more starts it averages.
     more = np.sqrt(1 + 1 / starts)
-    return Tolerances(
+    return RigTolerances(
         power=more * POWER_DRIFT,
         turn=more * TURN_DRIFT,
         model=more * SITE_DRIFT if sweep else 0.005,

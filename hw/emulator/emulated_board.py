@@ -13,7 +13,7 @@ from types import TracebackType
 
 import numpy as np
 
-from hw.emulator.faults import Faults
+from hw.emulator.faults import BoardFaults
 from hw.emulator.firmware import Firmware, make_firmware
 from hw.leds.board import Levels, dark
 from hw.leds.ports import ProtocolName
@@ -37,11 +37,11 @@ class EmulatedBoard:
         port: Path,
         protocol: ProtocolName = ProtocolName.LINES,
         leds: int = 20,
-        faults: Faults | None = None,
+        faults: BoardFaults | None = None,
     ) -> None:
         """Plug the board in."""
         self.port, self.leds = port, leds
-        self.faults = faults or Faults()
+        self.faults = faults or BoardFaults()
         self._protocol = protocol
         self._firmware: Firmware = make_firmware(protocol, leds, self.faults)
         self._lock = threading.Lock()

@@ -20,7 +20,7 @@ from surrogate.runtime.checker import Checker
 
 
 @dataclass(frozen=True, eq=False)
-class Correction:
+class SurrogateCorrection:
     """Log of light of the surrogate over that of the preview.
 
     Arguments:
@@ -40,7 +40,9 @@ class Correction:
         return np.asarray(_terms(inside) @ self.coefficients[bend, fiber])
 
 
-def surrogate_correction(scene: Scene, checker: Checker, phi: Array, bends: Array) -> Correction:
+def surrogate_correction(
+    scene: Scene, checker: Checker, phi: Array, bends: Array
+) -> SurrogateCorrection:
     """Return the correction for directions ``phi`` ``(fiber,)`` and ``bends`` ``(bend,)``, rad.
 
     Arguments:
@@ -62,7 +64,7 @@ def surrogate_correction(scene: Scene, checker: Checker, phi: Array, bends: Arra
     coefficients = ratio @ np.linalg.pinv(terms).T
     left = ratio - coefficients @ terms.T
     reach = np.stack([sites.min(axis=0), sites.max(axis=0)])
-    return Correction(coefficients, reach, np.sqrt((left**2).mean(axis=(1, 2))))
+    return SurrogateCorrection(coefficients, reach, np.sqrt((left**2).mean(axis=(1, 2))))
 
 
 def _terms(position: Array) -> Array:

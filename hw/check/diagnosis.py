@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class State(StrEnum):
+class FiberState(StrEnum):
     """What is the matter with a fiber."""
 
     OK = "ok"
@@ -19,19 +19,20 @@ class State(StrEnum):
 
 
 WORDS = {
-    State.OK: "is as designed",
-    State.OFF: "is not lit by the design",
-    State.DEAD: "is dead: check its LED, its cable and the fiber's end",
-    State.DIM: "is dim: check its LED, its coupling and the fiber for a break",
-    State.SWAPPED: "has the wrong color: check the wiring of its LED",
-    State.MOVED: "points elsewhere: check its seat",
-    State.UNCLEAR: "differs in a way that no single fault explains: clean the pad and the lens",
+    FiberState.OK: "is as designed",
+    FiberState.OFF: "is not lit by the design",
+    FiberState.DEAD: "is dead: check its LED, its cable and the fiber's end",
+    FiberState.DIM: "is dim: check its LED, its coupling and the fiber for a break",
+    FiberState.SWAPPED: "has the wrong color: check the wiring of its LED",
+    FiberState.MOVED: "points elsewhere: check its seat",
+    FiberState.UNCLEAR: "differs in a way that no single fault explains: clean the pad and the "
+    "lens",
 }
 """What follows the name of a fiber."""
 
 
 @dataclass(frozen=True)
-class FiberVerdict:
+class FiberDiagnosis:
     """What is known about one fiber.
 
     Arguments:
@@ -44,7 +45,7 @@ class FiberVerdict:
     """
 
     index: int
-    state: State
+    state: FiberState
     confidence: float
     power: float | None = None
     turned: float | None = None
@@ -52,7 +53,7 @@ class FiberVerdict:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Diagnosis:
     """What a check found.
 
     Arguments:
@@ -63,7 +64,7 @@ class Verdict:
         domain_excess: 0 inside the model's trained range.
     """
 
-    fibers: tuple[FiberVerdict, ...]
+    fibers: tuple[FiberDiagnosis, ...]
     score: float
     counts_error: float
     domain_excess: float
@@ -71,12 +72,14 @@ class Verdict:
     @property
     def ok(self) -> bool:
         """Whether every fiber that is lit is as designed."""
-        return all(fiber.state in (State.OK, State.OFF) for fiber in self.fibers)
+        return all(fiber.state in (FiberState.OK, FiberState.OFF) for fiber in self.fibers)
 
     @property
-    def faults(self) -> list[FiberVerdict]:
+    def faults(self) -> list[FiberDiagnosis]:
         """The fibers that are not as designed."""
-        return [fiber for fiber in self.fibers if fiber.state not in (State.OK, State.OFF)]
+        return [
+            fiber for fiber in self.fibers if fiber.state not in (FiberState.OK, FiberState.OFF)
+        ]
 
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""

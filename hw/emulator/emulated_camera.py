@@ -1,6 +1,6 @@
 """A camera that renders: what a rig with unknown true parameters would photograph.
 
-The true scene's material, fiber directions and powers are the rig's secret; so are the camera's
+The true scene's material, fiber directions and powers are known to nobody else; so are the camera's
 gains, vignetting, tilt and gamma. Images come from the preview with random numbers of their own,
 or from renders that are handed in.
 """
@@ -12,19 +12,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera.photo import FULL
+from hw.camera.photo import FULL_SCALE
 from hw.camera.pinhole import intrinsics, rotation
-from hw.emulator.board import EmulatedBoard
+from hw.emulator.emulated_board import EmulatedBoard
 from hw.errors import CameraError
 from render.arrays import Array
 from render.scene.schema import Scene
 
-NOISE_40_DB = FULL / 100
+NOISE_40_DB = FULL_SCALE / 100
 """Counts of noise 40 dB below full scale."""
 
 
 @dataclass(frozen=True)
-class Flaws:
+class CameraImperfections:
     """What stands between the light and the photograph.
 
     Arguments:
@@ -63,7 +63,7 @@ class EmulatedCamera:
         board: whose LED ``i`` feeds fiber ``i``.
         exposure: counts per unit radiance.
         power: ``(fiber,)`` true strength of each fiber, or ``(fiber, 3)``.
-        flaws: of the camera.
+        imperfections: of the camera.
         seed: of its noise.
     """
 
@@ -72,14 +72,14 @@ class EmulatedCamera:
     board: EmulatedBoard
     exposure: float
     power: Array
-    flaws: Flaws = field(default_factory=Flaws)
+    imperfections: CameraImperfections = field(default_factory=CameraImperfections)
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Bring the images to the camera's size, as it is tilted."""
         self._rng = np.random.default_rng(self.seed)
         self._dropped = 0
-        self._seen = seen_by(self.scene, self.images, self.flaws)
+        self._seen = seen_by(self.scene, self.images, self.imperfections)
 
     def capture(self, frames: int = 1) -> Array:
         """Return the mean of ``frames`` photographs, counts ``(row, column, 3)``.
@@ -91,37 +91,41 @@ class EmulatedCamera:
         lit = self.board.levels[: len(self.images)] / 255.0 * power
         on = np.nonzero(lit.any(axis=1))[0]
         light = np.einsum("fyx,fc->yxc", self.exposure * self._seen[on], lit[on], optimize=True)
-        light = light * self.flaws.gain + self.flaws.ambient
-        if self.flaws.automatic and light.max() > 0:
-            light = light * 0.6 * FULL / np.percentile(light, 99.0)
+        light = light * self.imperfections.gain + self.imperfections.ambient
+        if self.imperfections.automatic and light.max() > 0:
+            light = light * 0.6 * FULL_SCALE / np.percentile(light, 99.0)
         total = np.zeros_like(light)
         for _ in range(frames):
-            if self._dropped < self.flaws.drop:
+            if self._dropped < self.imperfections.drop:
                 self._dropped += 1
                 raise CameraError(
                     "the camera dropped a frame: use a shorter cable or a free USB port, then try "
                     "again",
                     field="camera",
                 )
-            noisy = light + self.flaws.noise * self._rng.standard_normal(light.shape)
-            encoded = np.sign(noisy) * FULL * (np.abs(noisy) / FULL) ** (1 / self.flaws.gamma)
-            total += np.clip(np.rint(encoded + self.flaws.black), 0.0, FULL)
-        return np.asarray((total / frames)[..., list(self.flaws.order)])
+            noisy = light + self.imperfections.noise * self._rng.standard_normal(light.shape)
+            encoded = (
+                np.sign(noisy)
+                * FULL_SCALE
+                * (np.abs(noisy) / FULL_SCALE) ** (1 / self.imperfections.gamma)
+            )
+            total += np.clip(np.rint(encoded + self.imperfections.black), 0.0, FULL_SCALE)
+        return np.asarray((total / frames)[..., list(self.imperfections.order)])
 
     def close(self) -> None:
         """Do nothing: there is no camera to give back."""
 
 
-def seen_by(scene: Scene, images: NDArray[np.float32], flaws: Flaws) -> Array:
+def seen_by(scene: Scene, images: NDArray[np.float32], imperfections: CameraImperfections) -> Array:
     """Return ``images`` ``(fiber, row, column)`` at the camera's size, tilted and vignetted."""
     import cv2
 
     rows, columns = scene.camera.rows, scene.camera.columns
-    turn = rotation(flaws.tilt)
+    turn = rotation(imperfections.tilt)
     size = images.shape[2], images.shape[1]
     # From a pixel of the tilted camera to one of the small, straight image.
     homography = intrinsics(scene, *size) @ turn @ np.linalg.inv(intrinsics(scene, columns, rows))
-    shade = vignette(rows, columns, flaws.vignetting)
+    shade = vignette(rows, columns, imperfections.vignetting)
     return np.stack(
         [
             cv2.warpPerspective(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hw.check.prediction import Prediction
-from hw.check.tolerances import STARTS, Tolerances, tolerances
+from hw.check.prediction import PadPrediction
+from hw.check.rig_tolerances import STARTS, RigTolerances, rig_tolerances
 from hw.studies.recall import RandomRig, RigSpread
 from render.geometry.layout import flat_sites
 from render.scene.schema import load_scene
@@ -15,7 +15,7 @@ SITES = flat_sites(load_scene("finger20"))[:, :2]
 
 
 def test_a_turn_brings_back_as_much_of_the_models_error_as_rigs_have(
-    prediction: Prediction,
+    prediction: PadPrediction,
 ) -> None:
     only_model = RigSpread(
         power=0.0, turn=0.0, power_drift=0.0, turn_drift=0.0, gain=0.0, gain_drift=0.0,
@@ -35,17 +35,17 @@ def test_a_turn_brings_back_as_much_of_the_models_error_as_rigs_have(
             off = change - (light[fiber, [0, 2]] - light[fiber, 1])
             # Which way a rig's fiber turns is its own secret; the other way fits far worse.
             errors.append(min(off, key=lambda one: float(np.mean(one**2))))
-    record = tolerances(sweep=True, starts=STARTS, noise=np.array(0.0))
-    only_turn = Tolerances(model=0.0, model_turned=record.model_turned)
+    record = rig_tolerances(sweep=True, starts=STARTS, noise=np.array(0.0))
+    only_turn = RigTolerances(model=0.0, model_turned=record.model_turned)
     expected = only_turn.model_when_turned(np.radians([10.0]))[0]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(expected, rel=0.08)
 
 
 def test_where_a_fiber_points_as_recorded_only_its_drift_is_left() -> None:
-    record = tolerances(sweep=True, starts=STARTS, noise=np.array(0.0))
+    record = rig_tolerances(sweep=True, starts=STARTS, noise=np.array(0.0))
     assert record.model_when_turned(np.zeros(1))[0] == record.model
 
 
 def test_the_model_alone_errs_alike_in_every_direction() -> None:
-    alone = tolerances(sweep=True, starts=0, noise=np.array(0.0))
+    alone = rig_tolerances(sweep=True, starts=0, noise=np.array(0.0))
     assert np.ptp(alone.model_when_turned(np.radians([0.0, 10.0, -30.0]))) == 0.0

@@ -10,13 +10,13 @@ import numpy as np
 from hw.errors import CameraError
 from render.arrays import Array
 
-PATIENCE = 5
+MAX_MISSING_FRAMES = 5
 """Frames in a row that may be missing before a capture fails."""
-STALE = 4
+STALE_FRAMES = 4
 """Frames that drivers keep in store; they are thrown away before each capture."""
 
 
-class Camera(Protocol):
+class CameraDevice(Protocol):
     """Anything that takes photographs."""
 
     def capture(self, frames: int = 1) -> Array:
@@ -27,7 +27,7 @@ class Camera(Protocol):
 
 
 @dataclass(frozen=True)
-class Locked:
+class LockedSettings:
     """What must not change between photographs; exposure in the back end's own unit.
 
     Arguments:
@@ -51,7 +51,7 @@ class OpenCVCamera:
     """
 
     def __init__(
-        self, source: int | str, locked: Locked | None = None, *, unchecked: bool = False
+        self, source: int | str, locked: LockedSettings | None = None, *, unchecked: bool = False
     ) -> None:
         """Open and lock the camera.
 
@@ -72,12 +72,12 @@ class OpenCVCamera:
             )
         try:
             if not unchecked:
-                self._lock(locked or Locked(), cv2)
+                self._lock(locked or LockedSettings(), cv2)
         except BaseException:
             self.close()
             raise
 
-    def _lock(self, locked: Locked, cv2: Any) -> None:
+    def _lock(self, locked: LockedSettings, cv2: Any) -> None:
         # V4L2 takes 1 for manual exposure, other back ends 0 or 0.25.
         self._switch_off("automatic exposure", cv2.CAP_PROP_AUTO_EXPOSURE, (1.0, 0.25, 0.0))
         self._switch_off("automatic white balance", cv2.CAP_PROP_AUTO_WB, (0.0,))
@@ -117,7 +117,7 @@ class OpenCVCamera:
         Raises:
             CameraError: the camera was unplugged, drops frames, or is gray.
         """
-        for _ in range(STALE):
+        for _ in range(STALE_FRAMES):
             self._capture.grab()
         total: Array | None = None
         missing = taken = 0
@@ -125,7 +125,7 @@ class OpenCVCamera:
             good, frame = self._capture.read()
             if not good or frame is None:
                 missing += 1
-                if missing > PATIENCE:
+                if missing > MAX_MISSING_FRAMES:
                     raise CameraError(
                         f"camera {self.source} gives no more frames: check its cable, use a free "
                         "USB port, then try again",

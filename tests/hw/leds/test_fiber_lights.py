@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulator.board import EmulatedBoard
+from hw.emulator.emulated_board import EmulatedBoard
 from hw.errors import LinkError
 from hw.leds.board import dark
 from hw.leds.channels import ChannelMap
-from hw.leds.lights import Lights, sweep
+from hw.leds.fiber_lights import FiberLights, sweep
 from hw.leds.ports import ProtocolName, open_board
 from tests.hw.conftest import Plug
 
@@ -27,9 +27,9 @@ POWER = np.eye(3)[np.arange(20) % 3]
 SHOWN = (255 * POWER).astype(np.uint8)
 
 
-def lights_on(rig: EmulatedBoard, patience: float = 3.0) -> Lights:
+def lights_on(rig: EmulatedBoard, patience: float = 3.0) -> FiberLights:
     connect = partial(open_board, str(rig.port), ProtocolName.LINES, leds=20, timeout=0.1)
-    return Lights(connect, ChannelMap.straight(20), patience=patience)
+    return FiberLights(connect, ChannelMap.straight(20), patience=patience)
 
 
 def test_all_leds_are_off_at_the_end(plug: Plug) -> None:
@@ -63,11 +63,11 @@ def test_all_leds_are_off_when_the_program_is_told_to_end(
         "from functools import partial\n"
         "from hw.leds.ports import ProtocolName, open_board\n"
         "from hw.leds.channels import ChannelMap\n"
-        "from hw.leds.lights import Lights, interruptible\n"
+        "from hw.leds.fiber_lights import FiberLights, interruptible\n"
         # Started in the background, tests would hand on that SIGINT is ignored.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "connect = partial(open_board, sys.argv[1], ProtocolName.LINES, leds=20)\n"
-        "with interruptible(), Lights(connect, ChannelMap.straight(20)) as lights:\n"
+        "with interruptible(), FiberLights(connect, ChannelMap.straight(20)) as lights:\n"
         "    lights.set(np.eye(3)[np.arange(20) % 3])\n"
         "    lights.hold(None)\n"
     )

@@ -1,4 +1,4 @@
-"""The emulated camera has the flaws that it is given, and no others."""
+"""The emulated camera has the imperfections that it is given, and no others."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import pytest
 
 from hw.camera.photo_set import photo_set, take_sweep
 from hw.camera.self_test import self_test
-from hw.emulator.camera import EmulatedCamera, Flaws
+from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.errors import CameraError, CaptureError
 from hw.leds.channels import ChannelMap, PowerLimits
-from hw.leds.lights import Lights
+from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import ProtocolName, open_board
 from render.scene.schema import Scene, load_scene
 from tests.hw.conftest import Plug
@@ -30,15 +30,15 @@ IMAGES = (
 )
 
 
-def rig(plug: Plug, flaws: Flaws) -> tuple[EmulatedCamera, Lights]:
+def rig(plug: Plug, imperfections: CameraImperfections) -> tuple[EmulatedCamera, FiberLights]:
     board = plug()
     connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=20)
-    lights = Lights(connect, ChannelMap.straight(20), PowerLimits(total_milliamperes=2000))
-    return EmulatedCamera(SCENE, IMAGES, board, 10.0, np.ones(20), flaws), lights
+    lights = FiberLights(connect, ChannelMap.straight(20), PowerLimits(total_milliamperes=2000))
+    return EmulatedCamera(SCENE, IMAGES, board, 10.0, np.ones(20), imperfections), lights
 
 
 def test_it_sees_the_light_that_the_board_shows(plug: Plug) -> None:
-    camera, lights = rig(plug, Flaws(noise=0.0))
+    camera, lights = rig(plug, CameraImperfections(noise=0.0))
     with lights:
         power = np.zeros((20, 3))
         power[3, 0], power[7, 2] = 1.0, 1.0
@@ -48,7 +48,7 @@ def test_it_sees_the_light_that_the_board_shows(plug: Plug) -> None:
 
 
 def test_a_sweep_has_every_fiber_and_their_sum(plug: Plug) -> None:
-    camera, lights = rig(plug, Flaws(noise=0.0))
+    camera, lights = rig(plug, CameraImperfections(noise=0.0))
     with lights:
         photos = photo_set(take_sweep(camera, lights, np.full((20, 3), 0.5), settle=0.0))
     assert photos.together is not None
@@ -57,7 +57,7 @@ def test_a_sweep_has_every_fiber_and_their_sum(plug: Plug) -> None:
 
 
 def test_a_dropped_frame_is_told(plug: Plug) -> None:
-    camera, lights = rig(plug, Flaws(drop=1))
+    camera, lights = rig(plug, CameraImperfections(drop=1))
     with lights:
         with pytest.raises(CameraError, match="dropped a frame"):
             camera.capture()
@@ -65,17 +65,20 @@ def test_a_dropped_frame_is_told(plug: Plug) -> None:
 
 
 @pytest.mark.parametrize(
-    ("flaws", "said"),
-    [(Flaws(order=(2, 1, 0)), "--order to bgr"), (Flaws(ambient=40.0), "room light")],
+    ("imperfections", "said"),
+    [
+        (CameraImperfections(order=(2, 1, 0)), "--order to bgr"),
+        (CameraImperfections(ambient=40.0), "room light"),
+    ],
 )
-def test_the_self_test_notices(plug: Plug, flaws: Flaws, said: str) -> None:
-    camera, lights = rig(plug, flaws)
+def test_the_self_test_notices(plug: Plug, imperfections: CameraImperfections, said: str) -> None:
+    camera, lights = rig(plug, imperfections)
     with lights, pytest.raises(CaptureError, match=said):
         self_test(camera, lights, 0.3, 0.0)
 
 
 def test_the_self_test_passes_a_good_rig(plug: Plug) -> None:
-    camera, lights = rig(plug, Flaws())
+    camera, lights = rig(plug, CameraImperfections())
     with lights:
         dark = self_test(camera, lights, 0.3, 0.0)
     assert dark.mean() == pytest.approx(8.0, abs=0.2)
