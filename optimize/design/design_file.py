@@ -13,7 +13,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from optimize.design.design import Design, Level, Rating
 from optimize.ui.atomic import write_text
@@ -130,7 +138,10 @@ class _File(BaseModel):
     scene: Annotated[str, Field(min_length=1)]
     scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
     angles_deg: Annotated[list[Angle], Field(min_length=1)]
-    colors: list[Literal["red", "green", "blue", "off"]]
+    colors: Annotated[
+        list[Literal["red", "green", "blue", "off"]],
+        Field(validation_alias=AliasChoices("colors", "colours")),  # as it was once spelled
+    ]
     power: list[Annotated[list[Power], Field(min_length=3, max_length=3)]]
     level: Level | None
     score: _Score | None

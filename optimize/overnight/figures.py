@@ -46,7 +46,7 @@ def convergence(result: OvernightResult) -> Figure:
             axes.errorbar(
                 at[mine],
                 [steps[i].score for i in mine],
-                [result.reach * steps[i].se for i in mine],
+                [result.interval_factor * steps[i].se for i in mine],
                 fmt="o",
                 ms=4.5,
                 lw=1.0,
@@ -59,7 +59,7 @@ def convergence(result: OvernightResult) -> Figure:
         moments, best = _best_by_then(steps)
         axes.step(moments / unit, best, where="post", color="#b6bbc4", lw=1.2, zorder=1)
         for entry in (result.finalists[0], result.finalist(result.winner)):
-            half = result.reach * entry.se
+            half = result.interval_factor * entry.se
             band = axes.axhspan(entry.score - half, entry.score + half, lw=0, zorder=0)
             band.set_facecolor("#e6e8ec" if entry is result.finalists[0] else "#fdebd0")
         axes.set(xlabel=f"{name} of rendering", ylabel="score S")
@@ -79,7 +79,7 @@ def score_scatter(result: OvernightResult) -> Figure:
             axes.errorbar(
                 [step.predicted for step in steps],
                 [step.score for step in steps],
-                [result.reach * step.se for step in steps],
+                [result.interval_factor * step.se for step in steps],
                 fmt="o",
                 ms=3.5,
                 lw=0.8,
@@ -89,7 +89,7 @@ def score_scatter(result: OvernightResult) -> Figure:
         axes.errorbar(
             [entry.predicted for entry in result.finalists],
             [entry.score for entry in result.finalists],
-            [result.reach * entry.se for entry in result.finalists],
+            [result.interval_factor * entry.se for entry in result.finalists],
             [entry.predicted_reach for entry in result.finalists],
             fmt="s",
             ms=5,
@@ -121,7 +121,7 @@ def color_scatter(result: OvernightResult) -> Figure:
         edges = np.linspace(predicted.min(), predicted.max(), 9)
         middle, level = 0.5 * (edges[1:] + edges[:-1]), np.digitize(predicted, edges[1:-1])
         spread = [np.sqrt((noise[level == i] ** 2).mean()) for i in np.unique(level)]
-        reach = result.reach * np.array(spread)
+        reach = result.interval_factor * np.array(spread)
         lower.plot(middle[np.unique(level)], reach, "-", color="#1c1f24", lw=0.9)
         lower.plot(middle[np.unique(level)], -reach, "-", color="#1c1f24", lw=0.9)
         upper.set(ylabel="rendered counts")

@@ -108,7 +108,7 @@ def warnings(result: OvernightResult) -> list[str]:
     others = [
         entry
         for entry in result.finalists
-        if entry is not last and entry.score > last.score + result.reach * last.se
+        if entry is not last and entry.score > last.score + result.interval_factor * last.se
     ]
     if others:
         found.append(
@@ -260,7 +260,7 @@ def _caveats(result: OvernightResult) -> list[str]:
 
 
 def _interval(result: OvernightResult, value: float, se: float) -> tuple[float, float]:
-    return value - result.reach * se, value + result.reach * se
+    return value - result.interval_factor * se, value + result.interval_factor * se
 
 
 def _pm(value: float, reach: float, sign: str = "") -> str:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from optimize.design.design import Array, Design, Rating
 from optimize.design.design_file import load_design, load_saved, save_design
@@ -27,36 +27,52 @@ from render.scene.schema import Scene, load_scene, scene_text
 SCENE, ARRAYS, NIGHT, DESIGNS = "scene.toml", "night.npz", "night.json", "designs"
 CONFIDENCE = 0.95
 
+Key = Annotated[str, Field(pattern=r"^[a-z][a-z-]{0,31}$")]
+StandardError = Annotated[float, Field(ge=0.0)]
+Trade = dict[str, float | str | None]
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, ser_json_inf_nan="constants")
+
 
 class ResultError(TactiluxError):
     """The files of a finished night are missing, damaged, or of another version."""
 
 
 @dataclass(frozen=True, eq=False)
-class Finalist:
-    """A design that was verified by renders of its own, beside the surrogate's opinion of it.
+class FinalistFigures:
+    """Numbers of a verified design, as ``night.json`` holds them.
 
     Arguments:
         key: ``baseline``, ``colors``, ``thesis``, ``winner`` or ``runner-up``; names files.
         title: for people.
-        design: directions and LED powers.
         score, se: S of eq. (4.7) from renders (level reference), counts, and its standard error.
         gain, gain_se: S minus the baseline's from the same renders; None for the baseline.
         predicted, predicted_reach: the surrogate's S and the half-width of its 90 % interval.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    key: Key
+    title: str
+    score: float
+    se: StandardError
+    gain: float | None
+    gain_se: StandardError | None
+    predicted: float
+    predicted_reach: StandardError
+
+
+@dataclass(frozen=True, eq=False)
+class Finalist(FinalistFigures):
+    """A design that was verified by renders of its own, beside the surrogate's opinion of it.
+
+    Arguments:
+        design: directions and LED powers.
         counts, counts_se: rendered colors ``(bend, site, facet, 3)`` in camera counts.
         predicted_counts: the surrogate's, same axes.
         metric, metric_se: rendered M of eq. (4.6), ``(bend, site)``.
     """
 
-    key: str
-    title: str
     design: Design
-    score: float
-    se: float
-    gain: float | None
-    gain_se: float | None
-    predicted: float
-    predicted_reach: float
     counts: Array
     counts_se: Array
     predicted_counts: Array
@@ -69,9 +85,12 @@ class Finalist:
         return float(clipped_fraction(self.counts))
 
 
+_ARRAYS = ("counts", "counts_se", "predicted_counts", "metric", "metric_se")
+
+
 @dataclass(frozen=True)
 class ConvergencePoint:
-    """One rendered design of one round: a point of the convergence plot.
+    """One rendered design of one round.
 
     Arguments:
         stage: which part of the night rendered it.
@@ -81,13 +100,36 @@ class ConvergencePoint:
         score, se: rendered; predicted: by the surrogate of that time.
     """
 
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
     stage: str
-    round: int
+    round: Annotated[int, Field(ge=0)]
     role: str
-    render_seconds: float
+    render_seconds: StandardError
     score: float
-    se: float
+    se: StandardError
     predicted: float
+
+
+@dataclass(frozen=True)
+class ResultFile:
+    """The content of ``night.json``; its fields are its keys, see `OvernightResult`."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    schema: Literal[1]
+    scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
+    replicates: Annotated[int, Field(ge=2)]
+    finalists: tuple[FinalistFigures, ...]
+    winner: Key
+    verdict: tuple[str, ...]
+    steps: tuple[ConvergencePoint, ...]
+    trade: tuple[Trade, ...]
+    facts: tuple[tuple[str, str], ...]
+    files: dict[str, str]
+
+
+_FILE = TypeAdapter(ResultFile)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +156,7 @@ class OvernightResult:
     winner: str
     verdict: tuple[str, ...]
     steps: tuple[ConvergencePoint, ...]
-    trade: tuple[Mapping[str, float | str | None], ...]
+    trade: tuple[Trade, ...]
     facts: tuple[tuple[str, str], ...]
 
     def of(self, key: str) -> Finalist | None:
@@ -126,7 +168,7 @@ class OvernightResult:
         return next(entry for entry in self.finalists if entry.key == key)
 
     @property
-    def reach(self) -> float:
+    def interval_factor(self) -> float:
         """Standard errors on either side of a value that make its 95 % interval (Student's t)."""
         from scipy.special import stdtrit
 
@@ -137,7 +179,7 @@ class OvernightResult:
         parts = design_score(finalist.metric, self.scale.conventions)
         values = {name: float(getattr(parts, name)) for name in ("spread_sites", "spread_bends")}
         values |= {"score": finalist.score, "mean": float(parts.mean)}
-        half = self.reach * finalist.se
+        half = self.interval_factor * finalist.se
         interval = (finalist.score - half, finalist.score + half)
         return self.scale.rating("reference", values, interval)
 
@@ -159,25 +201,15 @@ class OvernightResult:
             path = run / DESIGNS / f"{entry.key}.json"
             save_design(path, entry.design, self.scene, self.rating(entry))
         names = [ARRAYS, SCENE, *(f"{DESIGNS}/{entry.key}.json" for entry in self.finalists)]
-        content = {
-            "schema": 1,
-            "scene_hash": self.scene.hash,
-            "replicates": self.replicates,
-            "finalists": [
-                {name: getattr(entry, name) for name in _FIGURES} for entry in self.finalists
-            ],
-            "winner": self.winner,
-            "verdict": list(self.verdict),
-            "steps": [asdict(step) for step in self.steps],
-            "trade": [dict(row) for row in self.trade],
-            "facts": list(self.facts),
-            "files": {name: _sha256(run / name) for name in names},
-        }
-        try:
-            file = _File.model_validate(content)
-        except ValidationError as error:
-            raise _refusal("the night to be saved", error) from None
-        write_text(run / NIGHT, file.model_dump_json(by_alias=True, indent=1) + "\n")
+        file = ResultFile(
+            schema=1,
+            scene_hash=self.scene.hash,
+            files={name: _sha256(run / name) for name in names},
+            **{name: getattr(self, name) for name in _SHARED},
+        )
+        text = _FILE.dump_json(file, indent=1)
+        _validated(text, "the night to be saved")
+        write_text(run / NIGHT, text.decode() + "\n")
 
     @classmethod
     def load(cls, run: Path) -> OvernightResult:
@@ -197,17 +229,9 @@ class OvernightResult:
                 allowed=scene.hash,
             )
         arrays = read_npz(run / ARRAYS)
-        result = cls(
-            scene=scene,
-            scale=_scale(run),
-            replicates=file.replicates,
-            finalists=tuple(_finalist(run, scene, entry, arrays) for entry in file.finalists),
-            winner=file.winner,
-            verdict=tuple(file.verdict),
-            steps=tuple(ConvergencePoint(**dict(step)) for step in file.steps),
-            trade=tuple(file.trade),
-            facts=tuple((name, value) for name, value in file.facts),
-        )
+        kept = {name: getattr(file, name) for name in _SHARED}
+        kept["finalists"] = tuple(_finalist(run, scene, e, arrays) for e in file.finalists)
+        result = cls(scene=scene, scale=_scale(run), **kept)
         result._check(run)
         return result
 
@@ -241,6 +265,9 @@ class OvernightResult:
             )
 
 
+_SHARED = {f.name for f in fields(OvernightResult)} & {f.name for f in fields(ResultFile)}
+
+
 def keep_scene(run: Path, name_or_path: str | Path) -> Scene:
     """Copy a scene file into ``run``, with its comments and sources, and return what it holds."""
     load_scene(name_or_path)
@@ -248,56 +275,11 @@ def keep_scene(run: Path, name_or_path: str | Path) -> Scene:
     return load_scene(run / SCENE)
 
 
-_FIGURES = ("key", "title", "score", "se", "gain", "gain_se", "predicted", "predicted_reach")
-_ARRAYS = tuple(f.name for f in fields(Finalist) if f.name not in (*_FIGURES, "design"))
-
-Key = Annotated[str, Field(pattern=r"^[a-z][a-z-]{0,31}$")]
-Spread = Annotated[float, Field(ge=0.0)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class _Finalist(_Part):
-    key: Key
-    title: str
-    score: float
-    se: Spread
-    gain: float | None
-    gain_se: Spread | None
-    predicted: float
-    predicted_reach: Spread
-
-
-class _Step(_Part):
-    stage: str
-    round: Annotated[int, Field(ge=0)]
-    role: str
-    render_seconds: Spread
-    score: float
-    se: Spread
-    predicted: float
-
-
-class _File(_Part):
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
-    scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
-    replicates: Annotated[int, Field(ge=2)]
-    finalists: list[_Finalist]
-    winner: Key
-    verdict: list[str]
-    steps: list[_Step]
-    trade: list[dict[str, float | str | None]]
-    facts: list[tuple[str, str]]
-    files: dict[str, str]
-
-
-def _read(run: Path) -> _File:
+def _read(run: Path) -> ResultFile:
     """Return the content of ``night.json``, if all files that belong to it are whole."""
     path = run / NIGHT
     try:
-        file = _File.model_validate_json(path.read_bytes())
+        file = _validated(path.read_bytes(), str(path))
     except OSError as error:
         raise ResultError(
             f"{path} cannot be read ({error.strerror}): a report needs a night that has come to "
@@ -305,8 +287,6 @@ def _read(run: Path) -> _File:
             field="run",
             value=str(run),
         ) from None
-    except ValidationError as error:
-        raise _refusal(str(path), error) from None
     wanted = {ARRAYS, SCENE, *(f"{DESIGNS}/{entry.key}.json" for entry in file.finalists)}
     if set(file.files) != wanted:
         raise ResultError(f"{path} does not name the files that belong to it", field="files")
@@ -334,16 +314,18 @@ def _scale(run: Path) -> Scale:
 
 
 def _finalist(
-    run: Path, scene: Scene, entry: _Finalist, arrays: Mapping[str, np.ndarray]
+    run: Path, scene: Scene, figures: FinalistFigures, arrays: Mapping[str, Array]
 ) -> Finalist:
-    design = load_design(run / DESIGNS / f"{entry.key}.json", scene)
-    found: dict[str, Any] = {}
+    design = load_design(run / DESIGNS / f"{figures.key}.json", scene)
+    kept: dict[str, Any] = {}
     for name in _ARRAYS:
-        array = arrays.get(f"{entry.key}/{name}")
+        array = arrays.get(f"{figures.key}/{name}")
         if array is None or array.dtype != np.float64:
-            raise ResultError(f"{run / ARRAYS} has no float64 array {entry.key}/{name}", field=name)
-        found[name] = array
-    return Finalist(**dict(entry), **found, design=design)
+            raise ResultError(
+                f"{run / ARRAYS} has no float64 array {figures.key}/{name}", field=name
+            )
+        kept[name] = array
+    return Finalist(**vars(figures), **kept, design=design)
 
 
 def _shape(name: str, cells: tuple[int, int], scene: Scene) -> tuple[int, ...]:
@@ -354,12 +336,14 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _refusal(origin: str, error: ValidationError) -> ResultError:
-    problems = error.errors(include_url=False)
-    words = [
-        f"{'.'.join(map(str, item['loc'])) or 'the file'}: {item['msg']}" for item in problems[:3]
-    ]
-    return ResultError(
+def _validated(text: bytes, origin: str) -> ResultFile:
+    """Return the content of ``night.json``, or name the first fields that are wrong."""
+    try:
+        return _FILE.validate_json(text)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+    words = [f"{'.'.join(map(str, p['loc'])) or 'the file'}: {p['msg']}" for p in problems[:3]]
+    raise ResultError(
         f"{origin} is not a valid record of a night: {'; '.join(words)}",
         field=".".join(map(str, problems[0]["loc"])),
     )

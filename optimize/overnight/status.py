@@ -59,12 +59,6 @@ def status_of(run: Path) -> RunStatus:
     with writing(run):
         db = _opened(run)
         try:
-            if working and not db.execute("SELECT 1 FROM sqlite_master").fetchone():
-                raise RunError(
-                    f"{run} is only just being begun: ask again in a moment",
-                    field="run",
-                    value=str(run),
-                )
             check_request(run, db, None)
             return _read(db, working)
         finally:

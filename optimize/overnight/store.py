@@ -25,6 +25,7 @@ import sqlite3
 import time
 import uuid
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from io import BytesIO
@@ -41,7 +42,7 @@ from render.files import read_npz
 from render.reference.job import PadJob, PadResult
 from render.scene.serialization import scene_of
 
-SCHEMA = 1
+SCHEMA = 2
 RENDERS, STATES, TABLE = "renders", "states", "table"
 _UNFINISHED = re.compile(r"\..+\.[0-9a-f]{32}")
 HEARTBEAT = 2.0
@@ -92,40 +93,27 @@ class Store:
         """
         self.run, self.note = run, note
         self._began = self._beat = time.monotonic()
+        if not (run / RECORD).exists():
+            _create(run, request)
         # Autocommit: every statement is a transaction unless one is begun.
         self._db = sqlite3.connect(run / RECORD, isolation_level=None)
         try:
-            self._open(request)
+            _check_whole(self._db)
+            check_request(run, self._db, request)
+            _sweep(run)
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            for name in (RENDERS, STATES):
+                (run / name).mkdir(exist_ok=True)
+            (before,) = self._db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
+            self._before = float(before)
+            self._attempt = self._db.execute(
+                "INSERT INTO attempts (pid, host, started, seconds, ended) VALUES (?, ?, ?, 0, '')",
+                (os.getpid(), socket.gethostname(), _now()),
+            ).lastrowid
         except BaseException:
             self._db.close()
             raise
-
-    def _open(self, request: RunRequest) -> None:
-        run = self.run
-        _check_whole(self._db)
-        if self._db.execute("SELECT name FROM sqlite_master").fetchall():
-            check_request(run, self._db, request)
-        self._db.execute("PRAGMA journal_mode = WAL")
-        self._db.execute("PRAGMA synchronous = FULL")
-        if not self._db.execute("SELECT name FROM sqlite_master").fetchall():
-            self._create(request)
-        for name in (RENDERS, STATES):
-            (run / name).mkdir(exist_ok=True)
-        _sweep(run)
-        (before,) = self._db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
-        self._before = float(before)
-        self._attempt = self._db.execute(
-            "INSERT INTO attempts (pid, host, started, seconds, ended) VALUES (?, ?, ?, 0, '')",
-            (os.getpid(), socket.gethostname(), _now()),
-        ).lastrowid
-
-    def _create(self, request: RunRequest) -> None:
-        meta = {"schema": SCHEMA, "tactilux": program_version(), "request": asdict(request)}
-        rows = "".join(
-            f"INSERT INTO meta VALUES ('{name}', '{json.dumps(value)}');"
-            for name, value in meta.items()
-        )
-        self._db.executescript(f"BEGIN; {_TABLES} {rows} COMMIT;")
 
     def close(self, ended: str) -> None:
         """Record how this attempt ended, and close."""
@@ -252,6 +240,18 @@ class Store:
                 hashlib.sha256(content).hexdigest(), worker, _now(),
             ),
         )  # fmt: skip
+
+
+def _create(run: Path, request: RunRequest) -> None:
+    """Write an empty record beside its place and rename it: no reader meets one without tables."""
+    temporary = run / f".{RECORD}.{uuid.uuid4().hex}"
+    meta = {"schema": SCHEMA, "tactilux": program_version(), "request": asdict(request)}
+    with closing(sqlite3.connect(temporary)) as db:
+        db.executescript(_TABLES)
+        rows = [(name, json.dumps(value)) for name, value in meta.items()]
+        db.executemany("INSERT INTO meta VALUES (?, ?)", rows)
+        db.commit()
+    os.replace(temporary, run / RECORD)
 
 
 def check_request(run: Path, db: sqlite3.Connection, wanted: RunRequest | None) -> None:

@@ -67,6 +67,12 @@ def test_the_file_names_colors_and_degrees(path: Path) -> None:
     assert content["score"]["interval"] == [88.0, 92.0]
 
 
+def test_a_file_with_the_british_key_is_still_read(path: Path) -> None:
+    saved = load_saved(path)
+    edited(path, lambda content: content.update(colours=content.pop("colors")))
+    np.testing.assert_array_equal(load_saved(path).design.power, saved.design.power)
+
+
 def test_a_design_for_another_scene_is_refused(path: Path, scene: Scene) -> None:
     edited(path, lambda content: content.update(scene_hash="0" * 16))
     with pytest.raises(DesignError, match=f"another scene .* allowed: hash {scene.hash}"):

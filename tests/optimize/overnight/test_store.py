@@ -10,7 +10,9 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -221,7 +223,7 @@ def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, sce
     db.execute("UPDATE meta SET value = '99' WHERE name = 'schema'")
     db.commit()
     db.close()
-    with pytest.raises(RunError, match="version 99 of the format, this program reads version 1"):
+    with pytest.raises(RunError, match="version 99 of the format, this program reads version 2"):
         Store(tmp_path, request_of(scene), print)
     with pytest.raises(RunError, match="version 99"):
         status_of(tmp_path)
@@ -266,13 +268,44 @@ def test_a_directory_that_holds_something_else_is_left_alone(tmp_path: Path) -> 
         status_of(tmp_path)
 
 
-def test_status_of_a_run_that_is_only_just_being_begun_says_so(tmp_path: Path) -> None:
-    # The record's file is there before its tables.
+def test_a_reader_never_meets_a_record_without_its_tables(
+    tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = []
+
+    class Watched(sqlite3.Connection):
+        """Lets another process look at the run after every statement."""
+
+        def look(self) -> None:
+            if (tmp_path / RECORD).exists():
+                monkeypatch.undo()
+                looks.append(status_of(tmp_path).evaluations)
+                monkeypatch.setattr("optimize.overnight.store.sqlite3.connect", watched)
+
+        def execute(self, *words: Any) -> sqlite3.Cursor:
+            done = super().execute(*words)
+            self.look()
+            return done
+
+        def executescript(self, *words: Any) -> sqlite3.Cursor:
+            done = super().executescript(*words)
+            self.look()
+            return done
+
+    watched = partial(sqlite3.connect, factory=Watched)
+    monkeypatch.setattr("optimize.overnight.store.sqlite3.connect", watched)
+    store = Store(tmp_path, request_of(scene), print)
+    store.close("stopped")
+    assert len(looks) > 3
+    assert not any(looks)
+
+
+def test_a_database_of_something_else_is_refused(tmp_path: Path, scene: Scene) -> None:
     (tmp_path / RECORD).touch()
-    with locked(tmp_path), pytest.raises(RunError, match="only just being begun"):
-        status_of(tmp_path)
     with pytest.raises(RunError, match="is not the record of a run"):
         status_of(tmp_path)
+    with pytest.raises(RunError, match="is not the record of a run"):
+        Store(tmp_path, request_of(scene), print)
 
 
 HOLD = """
