@@ -9,7 +9,7 @@ BIN := .venv/bin
 BASE := .venv/base.stamp
 FULL := .venv/full.stamp
 SETUP := pyproject.toml .ci/setup .ci/constraints.txt examples/javascript/package-lock.json
-SOURCES := render surrogate optimize hw tests examples
+SOURCES := tactilux.py render surrogate optimize hw tests examples
 export PYTHON
 
 help: ## List the targets

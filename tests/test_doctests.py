@@ -9,11 +9,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("render", "surrogate", "optimize", "hw")
 # Only modules that hold examples: others may need a renderer to be chosen before their import.
 MODULES = [
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
-    for package in ("render", "surrogate", "optimize", "hw")
-    for path in sorted((ROOT / package).rglob("*.py"))
+    for path in [
+        ROOT / "tactilux.py",
+        *(p for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))),
+    ]
     if ">>>" in path.read_text(encoding="utf-8")
 ]
 

@@ -44,6 +44,16 @@ class Exploration:
     seconds: float
     study: Study | None = None
 
+    @property
+    def design(self) -> Design:
+        """The design that was found."""
+        return self.stages[-1].design
+
+    @property
+    def rating(self) -> Rating:
+        """What the surrogate says of it."""
+        return self.stages[-1].rating
+
     def to_json(self, design: Path, report: Path, seconds: float) -> dict[str, object]:
         """Return what programs rely on."""
         result: dict[str, object] = {

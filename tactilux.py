@@ -1,0 +1,246 @@
+"""Design the lighting of vision-based tactile sensors: the public API of tactilux.
+
+Everything that programs and notebooks may rely on is here; what lies inside the packages may move.
+Lengths in mm, angles in rad, powers as fractions of full power. Arrays are float64 numpy arrays;
+transport has the axes ``(fiber, phi_node, bend, site, facet)``, radiance at the camera in
+1/(mm^2 sr) per unit power of one fiber. Wrong input raises a `TactiluxError` that names the field,
+the value and what is allowed.
+
+>>> import numpy as np, tactilux
+>>> scene = tactilux.load_scene("finger20")
+>>> scene.fibers.count, scene.sites.count, scene.indenter.faces
+(20, 15, 10)
+>>> baseline = tactilux.baseline_design(scene)
+>>> baseline.color_names[:2], float(np.degrees(baseline.phi[0]))
+(['red', 'red'], 90.0)
+>>> checker = tactilux.load_model(scene)
+>>> bends = np.array(scene.bending.angles)
+>>> said = checker.run(baseline.phi[None], baseline.power[None], bends)
+>>> said["counts"].shape  # (design, bend, site, facet, channel)
+(1, 3, 15, 10, 3)
+>>> round(float(said["score"][0]))
+242
+
+The preview (level 0), the surrogate (`Checker`, level 1) and the reference (`render_transport`,
+level 2) predict the same array::
+
+    with tactilux.Preview(scene) as preview:
+        T, background = preview.transport(baseline.phi[:, None], bends)
+    rendered = tactilux.render_transport(scene, baseline.phi[:, None], bends, samples=64)
+    rendered.T, rendered.se, rendered.background, rendered.background_se
+
+A design is searched, and proven, in two lines::
+
+    found = tactilux.explore(scene)
+    proof = tactilux.verify(found.design, scene)
+
+Importing this module loads nothing; every name loads what it needs when it is first used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from optimize.design.design import Design, baseline_design
+    from optimize.design.design_file import load_design, save_design
+    from optimize.exploration.explore import Exploration
+    from optimize.search.joint import SearchStep
+    from optimize.verification.optimization import Method, Optimization
+    from optimize.verification.verify import Verification
+    from render import register_plugins
+    from render.errors import (
+        CompilerError,
+        DesignError,
+        GraphicsError,
+        ModelError,
+        RenderError,
+        SceneError,
+        TableError,
+        TactiluxError,
+    )
+    from render.preview.preview import Preview
+    from render.progress import Progress
+    from render.reference.transport import render_transport
+    from render.scene.schema import Scene, load_scene
+    from render.transport import TransportTable, load_table
+    from surrogate.runtime.checker import Checker
+
+_HOMES = {
+    "Scene": "render.scene.schema",
+    "load_scene": "render.scene.schema",
+    "Preview": "render.preview.preview",
+    "render_transport": "render.reference.transport",
+    "TransportTable": "render.transport",
+    "load_table": "render.transport",
+    "register_plugins": "render",
+    "Checker": "surrogate.runtime.checker",
+    "Design": "optimize.design.design",
+    "baseline_design": "optimize.design.design",
+    "load_design": "optimize.design.design_file",
+    "save_design": "optimize.design.design_file",
+    "TactiluxError": "render.errors",
+    "SceneError": "render.errors",
+    "DesignError": "render.errors",
+    "TableError": "render.errors",
+    "ModelError": "render.errors",
+    "GraphicsError": "render.errors",
+    "CompilerError": "render.errors",
+    "RenderError": "render.errors",
+}
+"""Where each name lives that this module hands on."""
+
+__all__ = [
+    "Checker",
+    "CompilerError",
+    "Design",
+    "DesignError",
+    "GraphicsError",
+    "ModelError",
+    "Preview",
+    "RenderError",
+    "Scene",
+    "SceneError",
+    "TableError",
+    "TactiluxError",
+    "TransportTable",
+    "baseline_design",
+    "explore",
+    "load_design",
+    "load_model",
+    "load_scene",
+    "load_table",
+    "optimize",
+    "register_plugins",
+    "render_transport",
+    "save_design",
+    "verify",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a name of another module, loaded when it is first asked for (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'tactilux' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return sorted(__all__)
+
+
+def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
+    """Return the surrogate of ``scene``, level 1.
+
+    Arguments:
+        scene: the sensor.
+        folder: that holds ``checker.onnx`` (default: ``models/<scene>``, here or as shipped).
+
+    Raises:
+        ModelError: there is none, or it is altered, corrupt or of another scene.
+    """
+    from optimize.design.models import open_model
+
+    return open_model(scene, None if folder is None else Path(folder))
+
+
+def explore(
+    scene: Scene,
+    *,
+    model: Checker | None = None,
+    seed: int = 0,
+    progress: Callable[[SearchStep], None] | None = None,
+) -> Exploration:
+    """Return a better design for ``scene``, searched and rated on the surrogate in seconds.
+
+    Arguments:
+        scene: the sensor; the search keeps to its constraints.
+        model: its surrogate (default: `load_model`).
+        seed: of the search; the same seed gives the same design.
+        progress: called after every step of the search.
+
+    Returns:
+        ``design``, its ``rating`` (score S of thesis eq. 4.7 in counts with a 90 % interval), and
+        ``stages`` from the baseline on.
+    """
+    from optimize.exploration.explore import explore as run
+
+    return run(scene, model or load_model(scene), seed=seed, progress=progress)
+
+
+def verify(
+    design: Design,
+    scene: Scene,
+    *,
+    model: Checker | None = None,
+    samples: int = 200,
+    seeds: Sequence[int] = (1, 2, 3, 4),
+    checkpoint: str | Path | None = None,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> Verification:
+    """Return what renders say about ``design`` against the baseline, at level 2.
+
+    Arguments:
+        design: what is verified.
+        scene: its sensor.
+        model: the surrogate whose prediction is checked; exposure and lambda are its own.
+        samples: light paths per (fiber, facet) pair and seed.
+        seeds: common to both designs.
+        checkpoint: a folder; interrupted, the same call goes on from there and ends bit-equal.
+        progress: called every few seconds with what is rendered.
+
+    Returns:
+        ``baseline`` and ``design`` (scores with standard errors, counts), their ``difference``
+        with an interval, and ``verdict``, the conclusion in one sentence.
+    """
+    from optimize.design.candidate import Candidate
+    from optimize.exploration.explore import rate
+    from optimize.verification.verify import verify as run
+
+    checker = model or load_model(scene)
+    rating = rate(checker, scene, "design", "Design", "", design).rating
+    return run(
+        Candidate(Path("design.json"), scene, design, rating),
+        checker,
+        samples=samples,
+        seeds=seeds,
+        checkpoint=None if checkpoint is None else Path(checkpoint),
+        progress=progress,
+    )
+
+
+def optimize(
+    scene: Scene,
+    *,
+    model: Checker | None = None,
+    method: Method = "loop",
+    samples: int = 96,
+    seed: int = 0,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> Optimization:
+    """Return a design that renders chose: the surrogate proposes, level 2 decides.
+
+    Arguments:
+        scene: the sensor.
+        model: its surrogate (default: `load_model`).
+        method: the verification ``loop``, the ``thesis`` procedure, or ``both`` side by side.
+        samples: light paths per (fiber, facet) pair of every candidate's render.
+        seed: of searches and renders.
+        checkpoint: a folder; interrupted, the same call goes on from there.
+        progress: called every few seconds with what is rendered.
+    """
+    from optimize.verification.optimization import OptimizeConfig
+    from optimize.verification.optimization import optimize as run
+    from optimize.verification.renders import reference_renders
+
+    folder = None if checkpoint is None else Path(checkpoint)
+    render = reference_renders(scene, folder, progress)
+    config = OptimizeConfig(method=method, samples=samples, seed=seed)
+    return run(scene, model or load_model(scene), render, config)
