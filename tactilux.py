@@ -199,14 +199,12 @@ def verify(
         ``baseline`` and ``design`` (scores with standard errors, counts), their ``difference``
         with an interval, and ``verdict``, the conclusion in one sentence.
     """
-    from optimize.design.candidate import Candidate
     from optimize.exploration.explore import rate
     from optimize.verification.verify import verify as run
 
     checker = model or load_model(scene)
-    rating = rate(checker, scene, "design", "Design", "", design).rating
     return run(
-        Candidate(Path("design.json"), scene, design, rating),
+        rate(checker, scene, "design", "Design", "", design),
         checker,
         samples=samples,
         seeds=seeds,

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from optimize.design.design import Array, color_name
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.score_noise import score_interval
+from optimize.scoring.table_scorer import TableScorer
 from optimize.ui.console import Meter, print_json, reserved_stdout
 from render.errors import TableError
 from render.transport import TransportTable, load_table
@@ -57,7 +58,7 @@ def run(
                 },
             )
             return
-        low, high = scorer.rating(phi, scorer.power(result.colors)).interval
+        low, high = score_interval(scorer, phi, scorer.power(result.colors))
         names = " ".join(color_name(index) for index in result.colors)
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "

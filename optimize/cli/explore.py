@@ -9,11 +9,10 @@ from typing import IO
 
 from optimize.design.models import find_model, open_model
 from optimize.exploration.explore import Exploration, explore
-from optimize.exploration.explore_output import write_exploration
-from optimize.report.drawings import STAGES
-from optimize.report.exploration_report import score_row, warnings
+from optimize.report.exploration_report import score_row, warnings, write_exploration
+from optimize.report.illustrations import STAGES
 from optimize.robust.robust import Measure
-from optimize.robust.study import check_tolerances, study
+from optimize.robust.study import Study, check_tolerances, study
 from optimize.robust.study_table import print_study
 from optimize.search.joint import SearchStep
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
@@ -65,7 +64,7 @@ def run(
             print_json(stream, result)
         else:
             _print_table(stream, found)
-            if found.study is not None:
+            if isinstance(found.study, Study):
                 print_study(stream, found.study, {e.key: e.title for e in found.stages})
             for warning in warnings(found.stages):
                 stream.write(f"Note: {warning}\n")

@@ -8,9 +8,10 @@ from typing import IO
 
 import numpy as np
 
-from optimize.design.candidate import Candidate, open_candidate
 from optimize.design.design import Array, Design
+from optimize.design.design_file import open_rated
 from optimize.design.models import open_model
+from optimize.design.rating import RatedDesign
 from optimize.reconstruction.reconstruct import CameraNoise
 from optimize.reconstruction.reconstruction_table import Compared, compare_reconstruction
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
@@ -40,14 +41,14 @@ def run(
                 f"--{name} = {value}, allowed: a finite number", field=name, value=value
             )
     with reserved_stdout() as stream:
-        candidate = open_candidate(path, scene)
+        candidate = open_rated(path, scene)
         designs = [candidate.baseline, candidate.design]
         if samples is None:
             checker = open_model(candidate.scene, model)
             pairs = [_predicted(candidate, checker, design) for design in designs]
             known = shown = pairs
         else:
-            known, shown = _rendered(candidate, designs, samples, seed)
+            known, shown = _rendered(path, candidate, designs, samples, seed)
         noise = CameraNoise(read_noise, full_well)
         seeds = range(seed, seed + SEEDS)
         found = compare_reconstruction(candidate.scene, known, shown, noise, seeds)
@@ -65,7 +66,7 @@ def run(
             _print(stream, path, level, noise, found)
 
 
-def _predicted(candidate: Candidate, checker: Checker, design: Design) -> Colors:
+def _predicted(candidate: RatedDesign, checker: Checker, design: Design) -> Colors:
     bends = np.array(candidate.scene.bending.angles)
     found = checker.run(design.phi[None], design.power[None], bends)
     facets, pad = (np.asarray(found[key][0], np.float64) for key in ("counts", "background"))
@@ -73,20 +74,20 @@ def _predicted(candidate: Candidate, checker: Checker, design: Design) -> Colors
 
 
 def _rendered(
-    candidate: Candidate, designs: list[Design], samples: int, seed: int
+    path: Path, candidate: RatedDesign, designs: list[Design], samples: int, seed: int
 ) -> tuple[list[Colors], list[Colors]]:
     """Return colors of two independent halves of a render: to learn from, and to be shown."""
     from optimize.verification.renders import reference_renders
     from render.reference.llvm import ensure_llvm
 
     ensure_llvm()
-    checkpoint = candidate.path.parent / f"{candidate.path.stem}-renders"
+    checkpoint = path.parent / f"{path.stem}-renders"
     note(f"Rendering baseline and design; interrupted, it goes on from {checkpoint}")
     with Meter("Rendering") as meter:
         renders = reference_renders(
             candidate.scene, checkpoint, lambda _, at: meter(at.done, at.total, at.eta_seconds)
         )(designs, samples=samples, seeds=[RENDER_SEED + seed], title="baseline and design")
-    exposure, halves = candidate.rating.exposure, []
+    exposure, halves = candidate.rating.settings.exposure, []
     for half in (slice(0, None, 2), slice(1, None, 2)):
         facets = renders.replicates[half].mean(axis=0)
         pads = renders.background[half].mean(axis=0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from optimize.design.design import Array, Design, baseline_design
 from optimize.design.design_file import load_design, load_saved
-from optimize.report.heatmaps import picture_png
+from optimize.report.illustrations import picture_png
 from optimize.ui.console import Meter, note, reserved_stdout
 from optimize.ui.output import write_atomically
 from render.metric import THESIS
@@ -31,7 +31,7 @@ def run(scene_name: str, *, design: Path | None, bend: float, level: str, out: P
             exposure = THESIS.exposure_counts / bright if bright > 0 else 1.0
             note("No rated design gives the exposure, so this picture is exposed for itself.")
         else:
-            exposure = rating.exposure
+            exposure = rating.settings.exposure
         path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
         write_atomically(path, picture_png(radiance * exposure / THESIS.count_max))
         stream.write(f"{path}\n")

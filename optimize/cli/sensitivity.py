@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design.candidate import open_candidate
+from optimize.design.design_file import open_rated
 from optimize.design.limits import limits_of
 from optimize.design.models import open_model
 from optimize.exploration.explore import PHI_NODES
@@ -14,7 +14,7 @@ from optimize.robust.material_slopes import MATERIALS, material_slopes
 from optimize.robust.sensitivity import score_slopes, sensitivities
 from optimize.robust.study import check_tolerances, sensitivity_json
 from optimize.robust.study_table import print_sensitivities
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from render.chebyshev import chebyshev_nodes
 
@@ -32,7 +32,7 @@ def run(
 ) -> None:
     """Print the sensitivity table; with ``samples``, check its slopes on renders."""
     with reserved_stdout() as stream:
-        candidate = open_candidate(path, scene)
+        candidate = open_rated(path, scene)
         sensor = candidate.scene
         check_tolerances(sensor)
         assert sensor.tolerances is not None  # just checked

@@ -7,11 +7,11 @@ import math
 from pathlib import Path
 from typing import IO
 
-from optimize.design.candidate import Candidate, open_candidate
+from optimize.design.design_file import open_rated
 from optimize.design.models import open_model
+from optimize.design.rating import PARTS, RatedDesign
 from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.measure import Measured
-from optimize.scoring.score_scale import PARTS
+from optimize.scoring.rendered_score import RenderedScore
 from optimize.ui.atomic import write_text
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from optimize.verification.verify import Verification, verify
@@ -43,7 +43,7 @@ def run(
             value=minutes,
         )
     with reserved_stdout() as stream:
-        candidate = open_candidate(path, scene)
+        candidate = open_rated(path, scene)
         checker = open_model(candidate.scene, model)
         ensure_llvm()
         checkpoint = path.parent / f"{path.stem}-renders"
@@ -82,10 +82,10 @@ def run(
         if as_json:
             print_json(stream, found.to_json())
         else:
-            _print(stream, candidate, checker, found)
+            _print(stream, path, checker, found)
 
 
-def _count(candidate: Candidate, minutes: float | None, seeds: int, folder: Path) -> int:
+def _count(candidate: RatedDesign, minutes: float | None, seeds: int, folder: Path) -> int:
     if minutes is None:
         return SAMPLES
     note("Timing two short renders")
@@ -104,16 +104,16 @@ def _close(meters: dict[str, Meter]) -> None:
         meter.close()
 
 
-def _print(stream: IO[str], candidate: Candidate, checker: Checker, found: Verification) -> None:
+def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{candidate.path}, reference (bidirectional, MIS)", title_justify="left")
+    table = Table(title=f"{path}, reference (bidirectional, MIS)", title_justify="left")
     table.add_column("design")
     for heading in ("score S", "95% interval", "mean M", "spread over sites", "spread over bends"):
         table.add_column(heading, justify="right")
 
-    def row(name: str, measured: Measured) -> None:
+    def row(name: str, measured: RenderedScore) -> None:
         low, high = measured.score.interval()
         cells = [_pm(measured.parts[part]) for part in PARTS]
         table.add_row(name, cells[0], f"{low:.2f} to {high:.2f}", *cells[1:])

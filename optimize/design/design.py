@@ -1,23 +1,20 @@
-"""A lighting design: where each fiber points and which LED drives it, and how good it is."""
+"""A lighting design: where each fiber points and which LED drives it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from render.errors import DesignError
 from render.geometry.layout import fiber_edges
-from render.metric import THESIS, MetricConfig
 from render.scene.schema import COLORS, Scene
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.int64]
-Level = Literal["preview", "surrogate", "reference"]
 
 # Without an LED a fiber is dark; it has no color index.
 OFF = -1
@@ -73,6 +70,14 @@ class Design:
         return [color_name(index) for index in self.colors]
 
 
+@dataclass(frozen=True, eq=False)
+class ScoredDesign:
+    """A design with a score in counts: S of eq. (4.7), or what a search maximized instead."""
+
+    design: Design
+    score: float
+
+
 def color_name(index: int) -> str:
     """Return ``red``, ``green``, ``blue`` or, for -1, ``off``."""
     return "off" if index == OFF else COLORS[index]
@@ -82,22 +87,3 @@ def baseline_design(scene: Scene) -> Design:
     """Return the design to beat: one color per edge, every fiber normal to it (thesis 5.1)."""
     colors = [COLORS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
     return Design.of_colors(np.full(scene.fibers.count, math.pi / 2), colors)
-
-
-@dataclass(frozen=True)
-class Rating:
-    """How good a design is, at which level of the ladder, under which conventions.
-
-    All scores are in counts; ``interval`` is that of ``score``: 90 % on the surrogate, 95 % from
-    renders.
-    """
-
-    level: Level
-    score: float
-    interval: tuple[float, float]
-    mean: float
-    spread_sites: float
-    spread_bends: float
-    lam: float
-    exposure: float
-    conventions: MetricConfig = THESIS

@@ -23,12 +23,13 @@ from pydantic import (
     model_validator,
 )
 
-from optimize.design.design import Design, Level, Rating
+from optimize.design.design import Design
+from optimize.design.rating import Level, RatedDesign, Rating, ScoreSettings
 from optimize.ui.atomic import write_text
 from optimize.ui.provenance import package_versions
 from render.errors import DesignError
 from render.metric import MetricConfig, current_conventions
-from render.scene.schema import Scene
+from render.scene.schema import Scene, load_scene, shipped_scenes
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,31 @@ def load_saved(path: Path) -> SavedDesign:
         rating=_rating_from_json(file),
         versions=dict(file.versions),
     )
+
+
+def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
+    """Return the design in ``path`` with its scene, which is the one that the file names.
+
+    Raises:
+        DesignError: the file is bad, unrated, or for another scene than the one given.
+    """
+    saved = load_saved(path)
+    if scene_name is None and saved.scene not in shipped_scenes():
+        raise DesignError(
+            f"{path} is for scene {saved.scene}, which does not come with tactilux: "
+            "name its TOML file with --scene",
+            field="scene",
+            value=saved.scene,
+        )
+    scene = load_scene(scene_name or saved.scene)
+    design = load_design(path, scene)
+    if saved.rating is None:
+        raise DesignError(
+            f"{path} has no score, so its exposure and lam are unknown: rate it with "
+            "tactilux explore",
+            field="score",
+        )
+    return RatedDesign(scene, design, saved.rating)
 
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
@@ -198,9 +224,9 @@ def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
             "spread_sites": rating.spread_sites,
             "spread_bends": rating.spread_bends,
         },
-        "lam": rating.lam,
-        "exposure": rating.exposure,
-        "conventions": _Conventions(**asdict(rating.conventions)),
+        "lam": rating.settings.lam,
+        "exposure": rating.settings.exposure,
+        "conventions": _Conventions(**asdict(rating.settings.conventions)),
     }
 
 
@@ -221,9 +247,7 @@ def _rating_from_json(file: _File) -> Rating | None:
         mean=score.mean,
         spread_sites=score.spread_sites,
         spread_bends=score.spread_bends,
-        lam=file.lam,
-        exposure=file.exposure,
-        conventions=MetricConfig(**asdict(conventions)),
+        settings=ScoreSettings(file.exposure, file.lam, MetricConfig(**asdict(conventions))),
     )
 
 

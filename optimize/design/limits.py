@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array, Colors, Design
+from optimize.design.design import Array, Colors, Design, baseline_design
 from render.errors import DesignError
 from render.scene.schema import COLORS, Scene
 
@@ -17,12 +17,12 @@ FORBIDDEN = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
-    """Limits of a search.
+class SearchLimits:
+    """SearchLimits of a search.
 
     Arguments:
         allowed: ``(F, 3)`` which colors each fiber may have.
-        most: ``(3,)`` most fibers per color.
+        led_counts: ``(3,)`` LEDs of each color, which is the most fibers that may have it.
         led_power: ``(3,)`` power of an LED that is on.
         low, high: ``(F, interval)`` rad, allowed directions; unused intervals repeat the last.
         step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
@@ -30,7 +30,7 @@ class Limits:
     """
 
     allowed: NDArray[np.bool_]
-    most: Colors
+    led_counts: Colors
     led_power: Array
     low: Array
     high: Array
@@ -40,15 +40,15 @@ class Limits:
     @property
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
-        return bool(not self.allowed.all() or (self.most < len(self.allowed)).any())
+        return bool(not self.allowed.all() or (self.led_counts < len(self.allowed)).any())
 
     @property
     def colors_alike(self) -> bool:
         """Whether exchanging two colors in all fibers keeps every coloring allowed."""
-        return bool(self.allowed.all() and (self.most == self.most[0]).all())
+        return bool(self.allowed.all() and (self.led_counts == self.led_counts[0]).all())
 
     @property
-    def mounted(self) -> NDArray[np.bool_]:
+    def fixed_directions(self) -> NDArray[np.bool_]:
         """``(F,)`` fibers whose direction is fixed."""
         return np.asarray(self.low[:, 0] == self.high[:, -1])
 
@@ -61,12 +61,12 @@ class Limits:
     def fits(self, colors: Colors) -> NDArray[np.bool_]:
         """Return which of ``colors`` ``(N, F)`` are allowed."""
         chosen = np.asarray(colors)
-        own = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
+        permitted = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
         used = np.stack([(chosen == c).sum(axis=1) for c in range(3)], axis=1)
-        return np.asarray(own & (used <= self.most).all(axis=1))
+        return np.asarray(permitted & (used <= self.led_counts).all(axis=1))
 
-    def nearest_colors(self, wish: Array) -> Colors:
-        """Return the allowed colors ``(F,)`` of greatest total ``wish`` ``(F, 3)``.
+    def nearest_colors(self, preference: Array) -> Colors:
+        """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, 3)``.
 
         An assignment problem: every fiber takes one of the LEDs that there are.
 
@@ -75,8 +75,8 @@ class Limits:
         """
         from scipy.optimize import linear_sum_assignment
 
-        slots = np.repeat(np.arange(3), np.minimum(self.most, len(self.allowed)))
-        cost = np.where(self.allowed, -wish, FORBIDDEN)[:, slots]
+        slots = np.repeat(np.arange(3), np.minimum(self.led_counts, len(self.allowed)))
+        cost = np.where(self.allowed, -preference, FORBIDDEN)[:, slots]
         if cost.shape[1] >= len(cost):
             row, column = linear_sum_assignment(cost)
             if cost[row, column].max() < FORBIDDEN:
@@ -98,14 +98,14 @@ class Limits:
             highest = np.floor(self.high / self.step + 1e-9) * self.step
             on_step = np.clip(np.round(ends / self.step) * self.step, lowest, highest)
             on_step = np.where(lowest > highest, np.inf, np.minimum(on_step, math.pi))
-            ends = np.where(self.mounted[:, None], ends, on_step)
+            ends = np.where(self.fixed_directions[:, None], ends, on_step)
         nearest = np.abs(ends - phi[..., None]).argmin(axis=-1)
         return np.asarray(np.take_along_axis(ends, nearest[..., None], axis=-1)[..., 0])
 
-    def obeyed(self, design: Design) -> Design:
+    def nearest_design(self, design: Design) -> Design:
         """Return the allowed design nearest to ``design``, at full allowed power."""
-        wish = np.eye(3)[np.maximum(design.colors, 0)]
-        colors = self.nearest_colors(wish) if self.colors_limited else design.colors
+        preference = np.eye(3)[np.maximum(design.colors, 0)]
+        colors = self.nearest_colors(preference) if self.colors_limited else design.colors
         power = np.eye(3)[colors] * self.led_power * (design.colors >= 0)[:, None]
         return Design(self.nearest_directions(design.phi), power)
 
@@ -114,11 +114,11 @@ class Limits:
         return Design(design.phi, np.minimum(design.power, self.led_power))
 
 
-def unlimited(fibers: int) -> Limits:
+def unlimited(fibers: int) -> SearchLimits:
     """Return the limits that allow everything."""
-    return Limits(
+    return SearchLimits(
         allowed=np.ones((fibers, 3), dtype=bool),
-        most=np.full(3, fibers, dtype=np.int64),
+        led_counts=np.full(3, fibers, dtype=np.int64),
         led_power=np.ones(3),
         low=np.zeros((fibers, 1)),
         high=np.full((fibers, 1), math.pi),
@@ -127,7 +127,7 @@ def unlimited(fibers: int) -> Limits:
     )
 
 
-def limits_of(scene: Scene) -> Limits:
+def limits_of(scene: Scene) -> SearchLimits:
     """Return the limits that the scene's constraints set.
 
     Raises:
@@ -143,15 +143,20 @@ def limits_of(scene: Scene) -> Limits:
             allowed[entry.fiber] = np.arange(3) == COLORS.index(entry.color)
     intervals = [given.intervals(fiber) for fiber in range(fibers)]
     size = max(map(len, intervals))
-    padded = np.array([own + own[-1:] * (size - len(own)) for own in intervals])
-    found = Limits(
+    padded = np.array([part + part[-1:] * (size - len(part)) for part in intervals])
+    limits = SearchLimits(
         allowed=allowed,
-        most=np.array(given.most(fibers), dtype=np.int64),
+        led_counts=np.array(given.most(fibers), dtype=np.int64),
         led_power=np.array([given.power_red, given.power_green, given.power_blue]),
         low=padded[..., 0],
         high=padded[..., 1],
         step=given.angle_step or 0.0,
         continuous_power=given.continuous_power,
     )
-    found.nearest_colors(np.zeros((fibers, 3)))
-    return found
+    limits.nearest_colors(np.zeros((fibers, 3)))
+    return limits
+
+
+def dimmed_baseline(scene: Scene) -> Design:
+    """Return the design to beat (thesis 5.1), with no LED above what the scene allows."""
+    return limits_of(scene).dimmed(baseline_design(scene))

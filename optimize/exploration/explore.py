@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from optimize.design.design import Design, Rating, baseline_design
-from optimize.design.limits import limits_of
-from optimize.exploration.stages import Stage
-from optimize.scoring.evaluate import TableScorer
+from optimize.design.design import Array, Design
+from optimize.design.limits import dimmed_baseline, limits_of
+from optimize.design.rating import RatedDesign, Rating, ScoreSettings
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.joint import JointResult, SearchStep, optimize_jointly
 from render.chebyshev import chebyshev_nodes
 from render.geometry.layout import fiber_edges
@@ -21,12 +21,42 @@ from render.metric import clipped_fraction, design_score
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker
 
-if TYPE_CHECKING:
-    from optimize.robust.study import Study
-
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than
 # 0.1 counts (measured; with 17 nodes by 0.9).
 PHI_NODES = 33
+
+
+@dataclass(frozen=True, eq=False)
+class Stage(RatedDesign):
+    """A design of one stage of an exploration, with what the surrogate says about it.
+
+    Arguments:
+        key: ``baseline``, ``colors`` or ``optimized``; names files.
+        title: for people.
+        change: what this stage did, to follow "by".
+        metric: M of eq. (4.6), ``(bend, site)``.
+        counts: what the camera records, ``(bend, site, facet, 3)``.
+        clipped: fraction of facets that saturate.
+        domain_excess: 0 inside the surrogate's trained range, positive outside.
+    """
+
+    key: str
+    title: str
+    change: str
+    metric: Array
+    counts: Array
+    clipped: float
+    domain_excess: float
+
+
+class StudyResult(Protocol):
+    """What a study of the stages adds, for example by `optimize.robust`."""
+
+    def to_json(self) -> dict[str, object]:
+        """Return what programs rely on."""
+
+    def facts(self, titles: Mapping[str, str]) -> list[tuple[str, str]]:
+        """Return lines of the report; ``titles`` names the stages by key."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +72,7 @@ class Exploration:
     search: JointResult
     seed: int
     seconds: float
-    study: Study | None = None
+    study: StudyResult | None = None
 
     @property
     def design(self) -> Design:
@@ -83,10 +113,9 @@ def explore(
     """
     began = time.perf_counter()
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
-    limits = limits_of(scene)
-    baseline = limits.dimmed(baseline_design(scene))
+    baseline = dimmed_baseline(scene)
     search = optimize_jointly(
-        TableScorer(table, limits=limits),
+        TableScorer(table, limits=limits_of(scene)),
         baseline,
         edges=fiber_edges(scene),
         seed=seed,
@@ -94,13 +123,13 @@ def explore(
     )
     colored = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]
-    later = "the fiber directions"
+    change = "the fiber directions"
     if search.score > first_round[-1]:
-        later += " and the rounds after"
+        change += " and the rounds after"
     chosen = [
         ("baseline", "Baseline", "", baseline),
         ("colors", "Colors", "the color search", colored.design),
-        ("optimized", "Optimized", later, search.design),
+        ("optimized", "Optimized", change, search.design),
     ]
     stages = tuple(rate(checker, scene, *entry) for entry in chosen)
     return Exploration(scene, checker, stages, search, seed, time.perf_counter() - began)
@@ -111,32 +140,32 @@ def rate(
 ) -> Stage:
     """Return the stage of ``design`` with everything that checker.onnx says about it."""
     bends = np.array(scene.bending.angles)
-    found = {
+    output = {
         name: np.asarray(value[0], dtype=np.float64)
         for name, value in checker.run(design.phi[None], design.power[None], bends).items()
     }
-    parts = design_score(found["metric"])
-    score, reach = float(found["score"]), checker.score_reach
+    parts = design_score(output["metric"])
+    score, half = float(output["score"]), checker.score_reach
     rating = Rating(
         level="surrogate",
         score=score,
-        interval=(score - reach, score + reach),
+        interval=(score - half, score + half),
         mean=float(parts.mean),
         spread_sites=float(parts.spread_sites),
         spread_bends=float(parts.spread_bends),
-        lam=checker.lam,
-        exposure=checker.exposure,
+        settings=ScoreSettings(checker.exposure, checker.lam),
     )
     return Stage(
+        scene=scene,
         key=key,
         title=title,
         change=change,
         design=design,
         rating=rating,
-        metric=found["metric"],
-        counts=found["counts"],
-        clipped=float(clipped_fraction(found["counts"])),
-        domain_excess=float(found["domain_excess"]),
+        metric=output["metric"],
+        counts=output["counts"],
+        clipped=float(clipped_fraction(output["counts"])),
+        domain_excess=float(output["domain_excess"]),
     )
 
 

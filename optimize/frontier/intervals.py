@@ -8,6 +8,7 @@ import numpy as np
 
 from optimize.frontier.designs import HeldOut
 from optimize.frontier.reference import Reference
+from optimize.scoring.intervals import student_factor
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker
 
@@ -30,10 +31,8 @@ def held_by_intervals(
     Student's t over its replicates, is added in quadrature: two normal errors would then be held
     exactly as often as promised.
     """
-    from scipy.special import stdtrit
-
     found = checker.run(designs.phi, designs.power, np.array(scene.bending.angles))
-    noise = float(stdtrit(reference.replicates - 1, 0.5 + checker.coverage / 2))
+    noise = student_factor(reference.replicates, checker.coverage)
     spread = found["counts_spread"].astype(np.float64)
     lit = spread > 0
     off = np.abs(found["counts"] - reference.counts)[lit]

@@ -11,6 +11,7 @@ from optimize.design.design import Array, Design
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
+from optimize.scoring.jackknife import jackknife_se
 from optimize.ui.provenance import package_versions
 from optimize.verification.verdict import Verdict
 from render.metric import site_metric
@@ -81,18 +82,12 @@ def _predicted(context: RunContext, checker: Checker, design: Design) -> dict[st
 
 def _metric_se(verdict: Verdict, index: int) -> Array:
     """Return the jackknife's standard error of M, ``(bend, site)``."""
-    replicates, scale = verdict.renders.replicates[:, index], verdict.scale
-    power, count = verdict.renders.designs[index].power, len(verdict.renders.replicates)
-    total = replicates.sum(axis=0)
-    without = np.stack(
-        [
-            site_metric(
-                scale.counts((total - one) / (count - 1), power), scale.lam, scale.conventions
-            )
-            for one in replicates
-        ]
-    )
-    return np.asarray(np.sqrt((count - 1) * without.var(axis=0)))
+    scale, power = verdict.scale, verdict.renders.designs[index].power
+
+    def metric(transport: Array) -> Array:
+        return np.asarray(site_metric(scale.counts(transport, power), scale.lam, scale.conventions))
+
+    return jackknife_se(metric, verdict.renders.replicates[:, index])
 
 
 def _sentences(

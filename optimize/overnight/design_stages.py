@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Array, Design, baseline_design
-from optimize.design.limits import limits_of
+from optimize.design.design import Array, Design
+from optimize.design.limits import dimmed_baseline, limits_of
+from optimize.design.rating import ScoreSettings
 from optimize.exploration.explore import PHI_NODES
 from optimize.overnight.context import (
     FIXED_ROUNDS,
@@ -34,10 +35,9 @@ from optimize.overnight.context import (
     extended,
 )
 from optimize.overnight.workers import OutOfTime
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.measure import measure
-from optimize.scoring.score_scale import Scale
+from optimize.scoring.rendered_score import rendered_score
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.result import renamed_like
 from optimize.search.directions import optimize_directions, population, tied_groups
@@ -58,7 +58,7 @@ from surrogate.training.refit import Correction, Refitter
 
 def baseline_of(context: RunContext) -> Design:
     """Return the design to beat."""
-    return limits_of(context.scene).dimmed(baseline_design(context.scene))
+    return dimmed_baseline(context.scene)
 
 
 def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Design]:
@@ -346,7 +346,7 @@ def choose_finalists(
 def verify_finalists(
     context: RunContext,
     finalists: Sequence[tuple[str, Design]],
-    scale: Scale,
+    scale: ScoreSettings,
     cost: CostModel | None,
 ) -> tuple[Verdict, list[tuple[int, Verdict]]]:
     """Return the verdict of all seeds, and those of the first 1, 2, 4, ... seeds.
@@ -413,7 +413,7 @@ def verify_finalists(
 class _Pool:
     """Renders of the finalists, seed by seed, and what they say together."""
 
-    def __init__(self, finalists: Sequence[tuple[str, Design]], scale: Scale) -> None:
+    def __init__(self, finalists: Sequence[tuple[str, Design]], scale: ScoreSettings) -> None:
         self.names = tuple(name for name, _ in finalists)
         self.designs = tuple(design for _, design in finalists)
         self.scale = scale
@@ -438,7 +438,7 @@ class _Pool:
             self.designs, np.concatenate(pressed), np.concatenate(untouched), self.seconds
         )
         measured = tuple(
-            measure(self.scale, renders.replicates[:, i], design.power)
+            rendered_score(self.scale, renders.replicates[:, i], design.power)
             for i, design in enumerate(self.designs)
         )
         return Verdict(self.names, measured, renders, self.scale)

@@ -11,8 +11,15 @@ from matplotlib.figure import Figure
 from optimize.design.design import Array
 from optimize.frontier.plot import draw_levels
 from optimize.overnight.result import ConvergencePoint, OvernightResult
-from optimize.report.drawings import INK, scheme
-from optimize.report.heatmaps import drawing, facet_strip, metric_strip, picture_png, png_bytes
+from optimize.report.illustrations import (
+    INK,
+    drawing,
+    facet_strip,
+    metric_strip,
+    picture_png,
+    png_bytes,
+    scheme,
+)
 from render.geometry.indenter import bolt
 from render.preview.preview import Preview
 

@@ -17,6 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
+from optimize.design.rating import ScoreSettings
 from optimize.overnight.conclusion import conclude
 from optimize.overnight.context import FixedBudget, RunContext, extended
 from optimize.overnight.design_stages import (
@@ -40,7 +41,6 @@ from optimize.overnight.surrogate_stages import (
     render_table,
 )
 from optimize.overnight.workers import StoredRenders, Workers
-from optimize.scoring.score_scale import Scale
 from render.errors import SceneError
 from render.scene.schema import Scene, load_scene
 from render.transport import TransportTable
@@ -242,7 +242,7 @@ def _run_stages(context: RunContext, config: OvernightConfig) -> OvernightResult
     thesis = thesis_design(context, table, checker)
     loop_outcome = run_loop(context, checker, best, cost)
     finalists = choose_finalists(context, colored, thesis, loop_outcome)
-    scale = Scale(checker.exposure, checker.lam)
+    scale = ScoreSettings(checker.exposure, checker.lam)
     verdict, checks = verify_finalists(context, finalists, scale, cost)
     context.log.stage("Report")
     result = conclude(context, checker, loop_outcome, verdict, checks, config.hours)

@@ -15,9 +15,10 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from optimize.design.design import Array, Design, Rating
+from optimize.design.design import Array, Design
 from optimize.design.design_file import load_design, load_saved, save_design
-from optimize.scoring.score_scale import Scale
+from optimize.design.rating import Rating, ScoreSettings
+from optimize.scoring.intervals import student_factor
 from optimize.ui.atomic import write_text
 from render.errors import TactiluxError
 from render.files import read_npz, write_npz
@@ -25,7 +26,6 @@ from render.metric import clipped_fraction, design_score
 from render.scene.schema import Scene, load_scene, scene_text
 
 SCENE, ARRAYS, NIGHT, DESIGNS = "scene.toml", "night.npz", "night.json", "designs"
-CONFIDENCE = 0.95
 
 Key = Annotated[str, Field(pattern=r"^[a-z][a-z-]{0,31}$")]
 StandardError = Annotated[float, Field(ge=0.0)]
@@ -150,7 +150,7 @@ class OvernightResult:
     """
 
     scene: Scene
-    scale: Scale
+    scale: ScoreSettings
     replicates: int
     finalists: tuple[Finalist, ...]
     winner: str
@@ -170,9 +170,7 @@ class OvernightResult:
     @property
     def interval_factor(self) -> float:
         """Standard errors on either side of a value that make its 95 % interval (Student's t)."""
-        from scipy.special import stdtrit
-
-        return float(stdtrit(self.replicates - 1, 0.5 + CONFIDENCE / 2))
+        return student_factor(self.replicates)
 
     def rating(self, finalist: Finalist) -> Rating:
         """Return the rating that goes into the finalist's design file."""
@@ -305,12 +303,12 @@ def _read(run: Path) -> ResultFile:
     return file
 
 
-def _scale(run: Path) -> Scale:
+def _scale(run: Path) -> ScoreSettings:
     path = run / DESIGNS / "baseline.json"
     rating = load_saved(path).rating
     if rating is None:
         raise ResultError(f"{path} has no rating: it is no finalist's", field="score")
-    return Scale(rating.exposure, rating.lam, rating.conventions)
+    return rating.settings
 
 
 def _finalist(

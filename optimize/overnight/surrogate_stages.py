@@ -27,7 +27,7 @@ from optimize.overnight.context import (
 )
 from optimize.overnight.store import TABLE
 from optimize.overnight.workers import OutOfTime
-from optimize.scoring.measure import check_seen
+from optimize.scoring.rendered_score import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
@@ -191,7 +191,7 @@ def _corrected(cost: CostModel, jobs: list[PadJob], seconds: float) -> CostModel
 
 def _table(scene: Scene, jobs: list[PadJob], results: list[PadResult]) -> TransportTable:
     found = gather(scene, jobs, results, 0)
-    check_seen(found.replicates)
+    check_visible(found.replicates)
     bends = np.array(list(dict.fromkeys(job.bend for job in jobs)))
     order = np.argsort(bends)
     return TransportTable(

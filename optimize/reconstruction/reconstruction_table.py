@@ -9,6 +9,7 @@ import numpy as np
 
 from optimize.design.design import Array
 from optimize.reconstruction.reconstruct import CameraNoise, reconstruct
+from optimize.scoring.intervals import student_factor
 from render.scene.schema import Scene
 
 
@@ -42,8 +43,6 @@ def compare_reconstruction(
         noise: of the camera.
         seeds: independent draws of normals and noise, common to both designs.
     """
-    from scipy.special import stdtrit
-
     rows: dict[str, list[list[float]]] = {}
     for seed in seeds:
         both = [
@@ -60,7 +59,7 @@ def compare_reconstruction(
     for name, values in rows.items():
         table = np.array(values)
         gain = table[:, 1] - table[:, 0]
-        reach = float(stdtrit(len(gain) - 1, 0.975)) * float(gain.std(ddof=1)) / len(gain) ** 0.5
+        reach = student_factor(len(gain)) * float(gain.std(ddof=1)) / len(gain) ** 0.5
         middle = float(gain.mean())
         first, second = (float(column.mean()) for column in table.T)
         found[name] = Compared(first, second, middle, (middle - reach, middle + reach))

@@ -1,13 +1,30 @@
-"""The report of an exploration: one HTML file that needs nothing else, for screen and paper."""
+"""The report of an exploration: one HTML file that needs nothing else, for screen and paper.
+
+It is written together with designs and pictures, all at once or not at all.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
-from optimize.exploration.stages import Stage
+import numpy as np
+
+from optimize.design.design_file import save_design
+from optimize.exploration.explore import Exploration, Stage
+from optimize.report.illustrations import (
+    convergence,
+    facet_strip,
+    metric_strip,
+    picture_png,
+    png_bytes,
+    scheme,
+)
 from optimize.report.page import (
     bend_titles,
     clipping_warning,
@@ -17,11 +34,137 @@ from optimize.report.page import (
     stage_pictures,
     wiring_sheet,
 )
+from optimize.ui.output import fresh_directory, write_manifest
+from optimize.ui.provenance import package_versions
+from render.metric import THESIS
 from render.scene.schema import Scene
+
+DESIGN, BASELINE, REPORT = "design.json", "baseline.json", "report.html"
+PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
+
+
+def write_exploration(
+    exploration: Exploration, target: Path, model: Path, elapsed: Callable[[], float]
+) -> dict[str, object]:
+    """Write everything into ``target``, which it replaces, and return the result for programs.
+
+    Arguments:
+        exploration: what was found.
+        target: the directory; an earlier result in it is replaced.
+        model: folder of the surrogate, named in the report.
+        elapsed: seconds since the command began.
+    """
+    scene, first, last = exploration.scene, exploration.stages[0], exploration.stages[-1]
+    with fresh_directory(target) as folder:
+        save_design(folder / BASELINE, first.design, scene, first.rating)
+        save_design(folder / DESIGN, last.design, scene, last.rating)
+        pictures = dict(explore_pictures(exploration))
+        for name, png in pictures.items():
+            (folder / f"{name}.png").write_bytes(png)
+        html = render_report(
+            ExplorationReport(
+                scene=scene,
+                stages=exploration.stages,
+                pictures=pictures,
+                confidence=f"{exploration.checker.coverage:.0%}",
+                search_note=_search_note(exploration),
+                caveats=caveats(exploration),
+                facts=_facts(exploration, model, elapsed()),
+                errors=exploration.checker.metadata.held_out,
+                made=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
+                verify_command=f"tactilux verify {target / DESIGN}",
+            )
+        )
+        (folder / REPORT).write_text(html, encoding="utf-8")
+        result = exploration.to_json(target / DESIGN, target / REPORT, elapsed())
+        write_manifest(folder, result)
+    return result
+
+
+def caveats(exploration: Exploration) -> list[str]:
+    """Return what the reader must know before believing the numbers."""
+    checker = exploration.checker
+    return [
+        "All scores come from the surrogate (level 1): the preview, corrected by a model that was "
+        "fitted to physically based renders. It has not seen this design.",
+        f"The intervals held {checker.coverage:.0%} of held-out random designs, within "
+        f"{checker.score_reach:.2f} counts of the reference's score. A search picks the best of "
+        "many candidates and so finds the surrogate's mistakes too: the true gain is likely to be "
+        "smaller than shown.",
+        "Both baseline and optimized design share the surrogate's errors in part, so the interval "
+        "of their difference is not the sum of the two; only a verification gives it.",
+        "The scene is the one described by its file. Values marked as assumed there (see "
+        "tactilux describe) have not been calibrated against a real sensor.",
+    ]
+
+
+def _search_note(exploration: Exploration) -> str:
+    search = exploration.search
+    end = (
+        "until a round moved nothing"
+        if search.converged
+        else "until the rounds ran out, so a longer search may find more"
+    )
+    rounds = search.history[-1].round
+    return (
+        f"{search.evaluated:,} designs in {search.seconds:.1f} s: {rounds} "
+        f"round{'s' if rounds > 1 else ''} of colors and directions, {end}."
+    )
+
+
+def _facts(exploration: Exploration, model: Path, seconds: float) -> list[tuple[str, str]]:
+    scene, about = exploration.scene, exploration.checker.metadata
+    checksum = hashlib.sha256((model / "checker.onnx").read_bytes()).hexdigest()
+    titles = {stage.key: stage.title for stage in exploration.stages}
+    versions = package_versions("numpy", "onnxruntime", "cma", "moderngl")
+    return [
+        ("Scene", f"{scene.name}, {scene.hash}"),
+        ("Level", "1, surrogate"),
+        ("Seed", str(exploration.seed)),
+        ("Time", f"{seconds:.1f} s"),
+        ("Exposure, λ", f"{about.exposure:.6g}, {about.lam:.6g}"),
+        ("Model", f"{model / 'checker.onnx'}, SHA-256 {checksum}"),
+        ("Training data", f"SHA-256 {about.training_data_hash}"),
+        ("Model's sources", about.git_revision),
+        ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
+        *(exploration.study.facts(titles) if exploration.study else ()),
+    ]
+
+
+def explore_pictures(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
+    """Yield ``(name, PNG)``: schemes, heat maps and facets of every stage, previews, convergence.
+
+    Preview pictures are made for the first and the last stage, at every bend; brightness is
+    exposed as the scene's camera is, so that pictures can be compared.
+    """
+    scene, stages = exploration.scene, exploration.stages
+    maps = np.stack([stage.metric for stage in stages])
+    for stage in stages:
+        yield f"scheme-{stage.key}", png_bytes(scheme(scene, stage.design))
+        strip = metric_strip(scene, stage.metric, float(maps.min()), float(maps.max()))
+        yield f"metric-{stage.key}", png_bytes(strip)
+        yield f"facets-{stage.key}", png_bytes(facet_strip(scene, stage.counts))
+    yield "convergence", png_bytes(convergence(exploration.search.history))
+    yield from _previews(exploration)
+
+
+def _previews(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
+    from render.preview.preview import Preview
+
+    scene = exploration.scene
+    height = round(PREVIEW_WIDTH * scene.camera.rows / scene.camera.columns)
+    with Preview(scene) as preview:
+        for stage in (exploration.stages[0], exploration.stages[-1]):
+            for index, bend in enumerate(scene.bending.angles):
+                radiance = preview.picture(
+                    stage.design.phi, stage.design.power, bend, PREVIEW_WIDTH, height
+                )
+                counts = np.asarray(radiance, dtype=np.float64) * stage.settings.exposure
+                yield f"preview-{stage.key}-{index}", picture_png(counts / THESIS.count_max)
 
 
 @dataclass(frozen=True)
-class ReportContent:
+class ExplorationReport:
     """Everything that the report shows, before it is laid out.
 
     Arguments:
@@ -47,7 +190,7 @@ class ReportContent:
     verify_command: str
 
 
-def render_report(content: ReportContent) -> str:
+def render_report(content: ExplorationReport) -> str:
     """Return the report as HTML with every picture inside as a data URI."""
     return render_page("report.html.j2", _context(content))
 
@@ -91,25 +234,25 @@ def summary(stages: Sequence[Stage]) -> list[str]:
 
 def warnings(stages: Sequence[Stage]) -> list[str]:
     """Return what makes the result doubtful, most important first; usually nothing."""
-    found = []
+    texts = []
     first, last = stages[0], stages[-1]
     if last.rating.score <= first.rating.score:
-        found.append("The search found nothing better than the baseline.")
+        texts.append("The search found nothing better than the baseline.")
     elif last.rating.interval[0] <= first.rating.interval[1]:
-        found.append(
+        texts.append(
             "The intervals of baseline and optimized design overlap: at this level the gain is "
             "not certain, and only a verification can tell."
         )
-    found += monochrome_warning(last.design)
+    texts += monochrome_warning(last.design)
     if last.domain_excess > 0:
-        found.append(
+        texts.append(
             f"The optimized design lies outside the range that the surrogate was trained on "
             f"(excess {last.domain_excess:.2g}): its score is an extrapolation."
         )
-    return found + clipping_warning(last.clipped)
+    return texts + clipping_warning(last.clipped)
 
 
-def _context(content: ReportContent) -> dict[str, Any]:
+def _context(content: ExplorationReport) -> dict[str, Any]:
     scene, pictures = content.scene, content.pictures
     bends, result = bend_titles(scene), content.stages[-1]
     ends = [content.stages[0], result]
@@ -119,7 +262,7 @@ def _context(content: ReportContent) -> dict[str, Any]:
         "made": content.made,
         "level": "surrogate",
         "confidence": content.confidence,
-        "lam": f"{content.stages[0].rating.lam:.4g}",
+        "lam": f"{content.stages[0].settings.lam:.4g}",
         "summary": summary(content.stages),
         "warnings": warnings(content.stages),
         "bends": bends,

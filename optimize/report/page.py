@@ -10,7 +10,7 @@ import jinja2
 import numpy as np
 
 from optimize.design.design import Design
-from optimize.report.drawings import INK
+from optimize.report.illustrations import INK
 from render.geometry.layout import fiber_edges, flat_fiber_poses
 from render.scene.schema import Scene
 

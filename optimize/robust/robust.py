@@ -13,7 +13,7 @@ import numpy as np
 
 from optimize.design.design import Array, Design
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 
 Measure = Literal["quantile", "spread"]
 QUANTILE = 0.1

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_gradient import Differentiator
+from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design.candidate import Candidate
 from optimize.design.design import Array, Design
+from optimize.design.rating import RatedDesign
 from optimize.robust.material_slopes import MATERIALS, neighbors
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
 from optimize.verification.renders import reference_renders
@@ -55,7 +55,7 @@ class CheckedSlope:
 
 
 def check_slopes(
-    candidate: Candidate,
+    candidate: RatedDesign,
     exact: Mapping[str, float],
     *,
     samples: int,
@@ -66,19 +66,19 @@ def check_slopes(
     """Return every slope of ``exact`` (sums over fibers) beside that of renders.
 
     Arguments:
-        candidate: the design with its scene and scale.
+        candidate: the design with its scene and settings.
         exact: slopes by the surrogate, per rad, mm or relative error.
         samples: per cell and run.
         seed: of every run.
         checkpoint: folder where an interrupted check goes on.
         progress: called as each run goes on.
     """
-    scene, design, scale = candidate.scene, candidate.design, candidate.scale
+    scene, design, scale = candidate.scene, candidate.design, candidate.settings
     turned = [
         replace(design, phi=np.clip(design.phi + sign * TURN, 0.0, np.pi)) for sign in (-1.0, 1.0)
     ]
 
-    def rendered(what: Candidate, designs: list[Design]) -> Array:
+    def rendered(what: RatedDesign, designs: list[Design]) -> Array:
         render = reference_renders(
             what.scene, checkpoint, None if progress is None else lambda _, at: progress(at)
         )

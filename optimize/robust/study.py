@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from optimize.robust.robust import Measure, RobustRating, RobustScore, rate_robu
 from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import PlainScore, ShadowPenalty
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import renamed_like
 from optimize.search.refinement import Objective, Weighted, refine
@@ -58,6 +58,20 @@ class Study:
             "sensitivities": [sensitivity_json(entry) for entry in self.sensitivities],
             "directions_at_end": self.at_end,
         }
+
+    def facts(self, titles: Mapping[str, str]) -> list[tuple[str, str]]:
+        """Return lines of the report; ``titles`` names the stages by key."""
+        lines = []
+        if self.robust:
+            lows = [f"{titles[key]} {rating.low:.1f}" for key, rating in self.robust.items()]
+            draws = next(iter(self.robust.values())).draws
+            lines.append((f"Lower 10 % of S on {draws} sensors as built", ", ".join(lows)))
+            costs = [f"{entry.name} {entry.low_loss:.1f}" for entry in self.sensitivities]
+            lines.append(("Loss at that quantile, by tolerance alone", ", ".join(costs)))
+        if self.shadows:
+            losses = [f"{titles[key]} {value:.1f}" for key, value in self.shadows.items()]
+            lines.append(("Counts that a bolt's shadows take", ", ".join(losses)))
+        return lines
 
 
 def sensitivity_json(entry: Sensitivity) -> dict[str, object]:

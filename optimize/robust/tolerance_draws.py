@@ -13,8 +13,8 @@ import numpy as np
 
 from optimize.design.design import Array, Design
 from optimize.robust.material_slopes import PER_FIBER
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_gradient import score_by_counts
+from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.scene.tolerances import Spread
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optimize.scoring.intervals import student_factor
 from render.errors import RenderError
 
 Array = NDArray[np.float64]
@@ -41,10 +42,8 @@ class JackknifeEstimate:
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Return the two-sided interval of Student's t with ``replicates - 1`` degrees."""
-        from scipy.special import stdtrit
-
-        reach = float(stdtrit(self.replicates - 1, 0.5 + confidence / 2)) * self.se
-        return self.value - reach, self.value + reach
+        half = student_factor(self.replicates, confidence) * self.se
+        return self.value - half, self.value + half
 
 
 def jackknife(statistic: Callable[[Array], float], replicates: Array) -> JackknifeEstimate:
@@ -66,9 +65,22 @@ def jackknife(statistic: Callable[[Array], float], replicates: Array) -> Jackkni
             value=count,
             allowed="at least 2",
         )
-    total = replicates.sum(axis=0)
-    plain = statistic(total / count)
-    without = np.array([statistic((total - one) / (count - 1)) for one in replicates])
+    plain = statistic(replicates.sum(axis=0) / count)
+    without = leave_one_out(statistic, replicates)
     pseudo = count * plain - (count - 1) * without
     se = float(np.sqrt(pseudo.var(ddof=1) / count))
     return JackknifeEstimate(float(pseudo.mean()), float(plain), se, pseudo)
+
+
+def jackknife_se(statistic: Callable[[Array], Array], replicates: Array) -> Array:
+    """Return the standard error of a statistic with axes, ``statistic(mean of replicates)``."""
+    without = leave_one_out(statistic, replicates)
+    return np.asarray(np.sqrt((len(replicates) - 1) * without.var(axis=0)))
+
+
+def leave_one_out(
+    statistic: Callable[[Array], Array] | Callable[[Array], float], replicates: Array
+) -> Array:
+    """Return ``statistic`` of the means without one replicate, ``(replicate, ...)``."""
+    total, count = replicates.sum(axis=0), len(replicates)
+    return np.array([statistic((total - one) / (count - 1)) for one in replicates])

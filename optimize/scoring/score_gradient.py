@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design.design import Array
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import TableError
 from render.metric import MetricConfig

@@ -13,19 +13,16 @@ Errors at different direction nodes are taken as independent in both cases.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optimize.design.design import Array
+from optimize.scoring.intervals import NORMAL_95
+from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import interpolation_weights
-
-if TYPE_CHECKING:
-    from optimize.scoring.evaluate import TableScorer
 
 DRAWS = 400
 TIE_DRAWS = 100
-NORMAL_95 = 1.959964
 # Numbers held at once while drawing.
 _CHUNK = 2_000_000
 
@@ -64,8 +61,8 @@ def score_interval(scorer: TableScorer, phi: Array, power: Array) -> tuple[float
         return score, score
     drawn = score_draws(scorer, phi, power[None])[:, 0]
     debiased = 2.0 * score - float(drawn.mean())
-    reach = NORMAL_95 * float(drawn.std(ddof=1))
-    return min(score, debiased) - reach, max(score, debiased) + reach
+    half = NORMAL_95 * float(drawn.std(ddof=1))
+    return min(score, debiased) - half, max(score, debiased) + half
 
 
 def tied(scorer: TableScorer, phi: Array, power: Array) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""Fiber directions by CMA-ES (thesis 4.3.2), all free or tied by side and color."""
+"""Fiber directions by CMA-ES (thesis 4.3.2; Hansen 2016), all free or tied by side and color.
+
+Only directions that a builder can mount are scored: some may be fixed, some forbidden, or in steps.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +14,19 @@ from typing import Any
 import numpy as np
 
 from optimize.design.design import Array, Colors
-from optimize.design.limits import Limits
+from optimize.design.limits import SearchLimits, unlimited
 from render.errors import TactiluxError
 
-BatchScore = Callable[[Array], Array]
+DirectionScores = Callable[[Array], Array]
+"""Scores ``(N,)`` of directions ``(N, F)`` rad."""
 HALF_TURN = (0.0, math.pi)
 # Standard deviation of the first generation, 20 degrees.
 FIRST_STEP = math.radians(20.0)
 # The search ends when its steps are this small, 0.1 degrees: far below what can be mounted.
 LAST_STEP = math.radians(0.1)
 MAX_EVALUATIONS = 20_000
+# Scores closer than this (relative) are the same number with other roundings.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,56 +67,63 @@ def population(dimensions: int) -> int:
 
 
 def optimize_directions(
-    score: BatchScore,
+    score: DirectionScores,
     start: Array,
     *,
     groups: Colors | None = None,
     bounds: tuple[float, float] = HALF_TURN,
     seed: int = 0,
     max_evaluations: int = MAX_EVALUATIONS,
-    limits: Limits | None = None,
+    limits: SearchLimits | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> DirectionResult:
     """Maximize ``score`` of directions by CMA-ES, from ``start`` ``(F,)`` rad.
+
+    Fibers with a fixed direction are no variables. The others are searched without limits, and
+    every candidate is moved to the nearest allowed directions before it is scored (repair by
+    projection). Where directions have steps, the result is then improved one step of one fiber at
+    a time, unless ``groups`` tie fibers together.
 
     Arguments:
         score: returns ``(N,)`` for directions ``(N, F)`` rad; anything not finite is an error.
         start: first mean; with groups, the mean over each group.
         groups: ``(F,)`` group of each fiber, 0..G-1, whose fibers share a direction; None: free.
-        bounds: allowed directions in rad.
-        seed: of the own random generator; numpy's global one is neither used nor changed.
+        bounds: directions in rad that ``score`` knows.
+        seed: of the search's own random generator; numpy's global one is neither used nor changed.
         max_evaluations: the search ends unconverged when it has scored so many candidates.
-        limits: candidates are moved to the nearest allowed directions before they are scored.
+        limits: of the directions; none unless given.
         progress: called with evaluations so far and the best score after every generation.
 
     Raises:
         TactiluxError: the score of some candidate is not finite.
     """
-    if limits is not None and limits.directions_limited:
-        from optimize.search.limited_directions import limited_directions
-
-        return limited_directions(
-            score,
-            start,
-            limits,
-            groups=groups,
-            bounds=bounds,
-            seed=seed,
-            max_evaluations=max_evaluations,
-            progress=progress,
-        )
     began = time.perf_counter()
-    member = np.arange(len(start)) if groups is None else groups
+    limits = limits or unlimited(len(start))
+    start, free = limits.nearest_directions(start), ~limits.fixed_directions
+    if not free.any():
+        best = float(score(start[None])[0])
+        spent = time.perf_counter() - began
+        return DirectionResult(start, best, 1, spent, converged=True, history=((1, best),))
+
+    def projected(variables: Array) -> Array:
+        """Return the allowed directions ``(N, F)`` nearest to those of the free fibers."""
+        phi = np.tile(start, (len(variables), 1))
+        phi[:, free] = variables
+        return limits.nearest_directions(phi)
+
+    member = np.arange(int(free.sum()))
+    if groups is not None:
+        member = np.unique(groups[free], return_inverse=True)[1]
     count = int(member.max()) + 1
     low, high = bounds
-    mean = np.bincount(member, weights=start) / np.bincount(member)
-    best_phi = np.clip(mean, low, high)[member]
+    mean = np.clip(np.bincount(member, weights=start[free]) / np.bincount(member), low, high)
+    best_phi = projected(mean[member][None])[0]
     best, evaluated = float(_checked(score, best_phi[None])[0]), 1
     history = [(evaluated, best)]
-    strategy = _strategy(np.clip(mean, low, high), bounds, seed, abs(best))
+    strategy = _strategy(mean, bounds, seed, abs(best))
     while evaluated < max_evaluations and not strategy.stop():
         candidates = strategy.ask()
-        phi = np.clip(np.array(candidates)[:, :count], low, high)[:, member]
+        phi = projected(np.clip(np.array(candidates)[:, :count], low, high)[:, member])
         scores = _checked(score, phi)
         strategy.tell(candidates, (-scores).tolist())
         evaluated += len(scores)
@@ -120,6 +133,10 @@ def optimize_directions(
         history.append((evaluated, best))
         if progress is not None:
             progress(evaluated, best)
+    if limits.step > 0.0 and groups is None:
+        best_phi, best, tried = _stepwise_ascent(score, best_phi, best, limits)
+        evaluated += tried
+        history.append((evaluated, best))
     return DirectionResult(
         phi=best_phi,
         score=best,
@@ -128,6 +145,25 @@ def optimize_directions(
         converged=bool(strategy.stop()),
         history=tuple(history),
     )
+
+
+def _stepwise_ascent(
+    score: DirectionScores, phi: Array, best: float, limits: SearchLimits
+) -> tuple[Array, float, int]:
+    """Return the local optimum that single steps of single fibers reach, and what they cost."""
+    free, tried = np.flatnonzero(~limits.fixed_directions), 0
+    while True:
+        moved = np.repeat(phi[None], 2 * len(free), axis=0)
+        rows = np.arange(len(free))
+        moved[rows, free] -= limits.step
+        moved[len(free) + rows, free] += limits.step
+        moved = limits.nearest_directions(np.clip(moved, 0.0, np.pi))
+        scores = np.asarray(score(moved))
+        tried += len(scores)
+        leader = int(np.argmax(scores))
+        if scores[leader] <= best + ROUNDING * abs(best):
+            return phi, best, tried
+        phi, best = moved[leader], float(scores[leader])
 
 
 def _strategy(mean: Array, bounds: tuple[float, float], seed: int, scale: float) -> Any:
@@ -150,7 +186,7 @@ def _strategy(mean: Array, bounds: tuple[float, float], seed: int, scale: float)
     return cma.CMAEvolutionStrategy(start, min(FIRST_STEP, (bounds[1] - bounds[0]) / 4), options)
 
 
-def _checked(score: BatchScore, phi: Array) -> Array:
+def _checked(score: DirectionScores, phi: Array) -> Array:
     scores = np.asarray(score(phi), dtype=np.float64)
     bad = ~np.isfinite(scores)
     if bad.any():

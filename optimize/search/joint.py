@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from optimize.design.design import Colors, Design
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import ColorResult, renamed_like
@@ -98,7 +98,7 @@ def optimize_jointly(
     """
     limits = scorer.limits
     if limits.colors_limited or limits.directions_limited:
-        start = limits.obeyed(start)
+        start = limits.nearest_design(start)
     search = _Search(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
     for number in range(1, max_rounds + 1):

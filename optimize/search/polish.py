@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_gradient import Differentiator
+from optimize.scoring.table_scorer import TableScorer
 
 STEPS = 200
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.polish import direction_room
 
 STEPS = 60

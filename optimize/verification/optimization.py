@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from optimize.design.design import Design, baseline_design
-from optimize.design.limits import limits_of
+from optimize.design.design import Design
+from optimize.design.limits import dimmed_baseline, limits_of
+from optimize.design.rating import ScoreSettings
 from optimize.exploration.explore import PHI_NODES
-from optimize.scoring.score_scale import Scale
 from optimize.verification.renders import RenderDesigns
 from optimize.verification.thesis import GENERATIONS, ThesisResult, thesis_procedure
 from optimize.verification.verdict import Verdict, pronounce
@@ -103,8 +103,8 @@ def optimize(
         on_round: called after every round of the loop.
         on_candidate: called after every generation of the thesis, see `thesis_procedure`.
     """
-    baseline, edges = limits_of(scene).dimmed(baseline_design(scene)), fiber_edges(scene)
-    scale = None if checker is None else Scale(checker.exposure, checker.lam)
+    baseline, edges = dimmed_baseline(scene), fiber_edges(scene)
+    scale = None if checker is None else ScoreSettings(checker.exposure, checker.lam)
     seeds = SEED_STRIDE * (config.seed + 1)
     loop = thesis = None
     wall: dict[str, float] = {}

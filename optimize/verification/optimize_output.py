@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from optimize.design.design import Design, Rating
+from optimize.design.design import Design
 from optimize.design.design_file import save_design
+from optimize.design.rating import PARTS, Rating
 from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rank_agreement import RankAgreement
-from optimize.scoring.score_scale import PARTS
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.verification.optimization import Optimization
 from optimize.verification.verification_loop import Round

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design.design import Array, Colors, Design
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import canonical, renamed_like
 from optimize.search.joint import optimize_jointly
@@ -127,7 +127,7 @@ def random_design(scorer: TableScorer, seed: int) -> Design:
     colors = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
     low, high = scorer.phi_bounds
     phi: Array = np.asarray(rng.uniform(low, high, scorer.fibers))
-    return scorer.limits.obeyed(Design(phi, scorer.power(colors)))
+    return scorer.limits.nearest_design(Design(phi, scorer.power(colors)))
 
 
 def same_design(first: Design, second: Design) -> bool:

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.scoring.measure import check_seen
+from optimize.scoring.rendered_score import check_visible
 from render.progress import Progress
 from render.reference.transport import RunPads, render_transport
 from render.scene.schema import Scene
@@ -73,7 +73,7 @@ def reference_renders(
             runner=runner,
             progress=None if progress is None else lambda state: progress(title, state),
         )
-        check_seen(found.replicates)
+        check_visible(found.replicates)
         # (replicate, fiber, node, ...) -> (replicate, design, fiber, ...)
         return DesignRenders(
             tuple(designs),

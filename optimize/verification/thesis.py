@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.scoring.evaluate import TableScorer
-from optimize.scoring.score_scale import Scale
+from optimize.design.rating import ScoreSettings
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.result import renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, population, tied_groups
@@ -40,7 +40,7 @@ class ThesisResult:
     design: Design
     colored: Design
     score: float
-    scale: Scale
+    scale: ScoreSettings
     directions: DirectionResult
     runs: int
     seconds: float
@@ -51,7 +51,7 @@ def thesis_procedure(
     render: RenderDesigns,
     *,
     edges: Sequence[str],
-    scale: Scale | None,
+    scale: ScoreSettings | None,
     samples: int,
     seed: int,
     render_seed: int,
@@ -113,13 +113,15 @@ def thesis_procedure(
     )
 
 
-def baseline_scale(transport: Array, power: Array) -> Scale:
+def baseline_scale(transport: Array, power: Array) -> ScoreSettings:
     """Return exposure and lambda from the baseline's transport ``(F, B, S, K)``, bend 0 first."""
     exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power))
-    return Scale(exposure, choose_lambda(Scale(exposure, 0.0).counts(transport, power)))
+    return ScoreSettings(
+        exposure, choose_lambda(ScoreSettings(exposure, 0.0).counts(transport, power))
+    )
 
 
-def _table(renders: DesignRenders, scale: Scale) -> TransportTable:
+def _table(renders: DesignRenders, scale: ScoreSettings) -> TransportTable:
     """Return the table of one design's renders, with its directions as the only node."""
     replicates = renders.replicates[:, 0]
     error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))

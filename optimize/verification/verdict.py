@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from optimize.design.design import Design
+from optimize.design.rating import ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.measure import Measured, difference, measure
-from optimize.scoring.score_scale import Scale
+from optimize.scoring.rendered_score import RenderedScore, paired_difference, rendered_score
 from optimize.verification.renders import DesignRenders, RenderDesigns
 
 
@@ -27,11 +27,11 @@ class Verdict:
     """
 
     names: tuple[str, ...]
-    measured: tuple[Measured, ...]
+    measured: tuple[RenderedScore, ...]
     renders: DesignRenders
-    scale: Scale
+    scale: ScoreSettings
 
-    def of(self, name: str) -> Measured:
+    def of(self, name: str) -> RenderedScore:
         """Return the finalist's scores."""
         return self.measured[self.names.index(name)]
 
@@ -40,7 +40,9 @@ class Verdict:
         i, j = self.names.index(first), self.names.index(second)
         low, high = self.renders.designs[i], self.renders.designs[j]
         replicates = self.renders.replicates
-        return difference(self.scale, replicates[:, i], low.power, replicates[:, j], high.power)
+        return paired_difference(
+            self.scale, replicates[:, i], low.power, replicates[:, j], high.power
+        )
 
     def sentence(self, first: str, second: str) -> str:
         """Say which of two finalists is better, or that the renders cannot tell."""
@@ -55,7 +57,7 @@ class Verdict:
 
 def pronounce(
     render: RenderDesigns,
-    scale: Scale,
+    scale: ScoreSettings,
     finalists: Sequence[tuple[str, Design]],
     *,
     samples: int,
@@ -69,7 +71,7 @@ def pronounce(
         title="the finalists",
     )
     measured = tuple(
-        measure(scale, renders.replicates[:, i], design.power)
+        rendered_score(scale, renders.replicates[:, i], design.power)
         for i, (_, design) in enumerate(finalists)
     )
     return Verdict(tuple(name for name, _ in finalists), measured, renders, scale)

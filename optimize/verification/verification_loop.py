@@ -17,12 +17,12 @@ from typing import Protocol
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.design.limits import Limits
-from optimize.scoring.evaluate import TableScorer
+from optimize.design.limits import SearchLimits
+from optimize.design.rating import ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.measure import Measured, difference, measure
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
-from optimize.scoring.score_scale import Scale
+from optimize.scoring.rendered_score import RenderedScore, paired_difference, rendered_score
+from optimize.scoring.table_scorer import TableScorer
 from optimize.verification.proposals import Proposal, described, propose, same_design
 from optimize.verification.renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
@@ -71,7 +71,7 @@ class Round:
 
     number: int
     proposals: tuple[Proposal, ...]
-    measured: tuple[Measured, ...]
+    measured: tuple[RenderedScore, ...]
     gains: tuple[JackknifeEstimate, ...]
     agreement: RankAgreement
     refitted: RankAgreement
@@ -89,7 +89,7 @@ class Rendered:
 
     number: int
     proposals: tuple[Proposal, ...]
-    measured: tuple[Measured, ...]
+    measured: tuple[RenderedScore, ...]
     gains: tuple[JackknifeEstimate, ...]
     agreement: RankAgreement
     seconds: float
@@ -141,7 +141,7 @@ def verification_loop(
     *,
     edges: Sequence[str],
     config: LoopConfig,
-    limits: Limits | None = None,
+    limits: SearchLimits | None = None,
     report: Callable[[Round], None] | None = None,
 ) -> LoopResult:
     """Return the designs that renders found best.
@@ -191,7 +191,7 @@ class Loop:
         refitter: Refits,
         edges: Sequence[str],
         config: LoopConfig,
-        limits: Limits | None,
+        limits: SearchLimits | None,
         start: Design | None = None,
     ) -> None:
         """Begin without contenders, see ``verification_loop``.
@@ -202,7 +202,7 @@ class Loop:
         self.baseline, self.renderer, self.refitter = baseline, render, refitter
         self.edges, self.config, self.limits = edges, config, limits
         self.start = start
-        self.scale = Scale(table.exposure, table.lam)
+        self.scale = ScoreSettings(table.exposure, table.lam)
         self.contenders: list[Contender] = []
         self.runs: list[NewRenders] = []
         self.agreement: RankAgreement | None = None
@@ -295,12 +295,14 @@ class Loop:
         self.contenders.append(Contender(proposal.role, proposal.design))
         return self.contenders[-1]
 
-    def _measure(self, renders: DesignRenders, index: int) -> Measured:
-        return measure(self.scale, renders.replicates[:, index], renders.designs[index].power)
+    def _measure(self, renders: DesignRenders, index: int) -> RenderedScore:
+        return rendered_score(
+            self.scale, renders.replicates[:, index], renders.designs[index].power
+        )
 
     def _gain(self, renders: DesignRenders, first: int, second: int) -> JackknifeEstimate:
         low, high = renders.designs[first], renders.designs[second]
-        return difference(
+        return paired_difference(
             self.scale,
             renders.replicates[:, first],
             low.power,

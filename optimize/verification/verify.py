@@ -13,10 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design.candidate import Candidate
 from optimize.design.design import Array
+from optimize.design.rating import RatedDesign
 from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.measure import Measured, check_seen, difference, measure
+from optimize.scoring.rendered_score import (
+    RenderedScore,
+    check_visible,
+    paired_difference,
+    rendered_score,
+)
 from render.progress import Progress
 from render.reference.transport import Estimate, render_transport
 from surrogate.runtime.checker import Checker
@@ -26,8 +31,8 @@ from surrogate.runtime.checker import Checker
 class Verification:
     """What the reference renderer says about a design and about the surrogate."""
 
-    baseline: Measured
-    design: Measured
+    baseline: RenderedScore
+    design: RenderedScore
     difference: JackknifeEstimate
     surrogate_score: float
     render_seconds: float
@@ -63,7 +68,7 @@ class Verification:
 
 
 def verify(
-    candidate: Candidate,
+    candidate: RatedDesign,
     model: Checker,
     *,
     samples: int,
@@ -111,7 +116,7 @@ def verify(
 
 
 def compare(
-    candidate: Candidate,
+    candidate: RatedDesign,
     baseline: Array,
     design: Array,
     *,
@@ -125,13 +130,13 @@ def compare(
     Raises:
         RenderError: the camera cannot see some facet, so the score is not defined.
     """
-    check_seen(np.stack([baseline, design], axis=1))
-    scale = candidate.scale
+    check_visible(np.stack([baseline, design], axis=1))
+    scale = candidate.settings
     powers = (candidate.baseline.power, candidate.design.power)
     return Verification(
-        baseline=measure(scale, baseline, powers[0]),
-        design=measure(scale, design, powers[1]),
-        difference=difference(scale, baseline, powers[0], design, powers[1]),
+        baseline=rendered_score(scale, baseline, powers[0]),
+        design=rendered_score(scale, design, powers[1]),
+        difference=paired_difference(scale, baseline, powers[0], design, powers[1]),
         surrogate_score=surrogate_score,
         render_seconds=render_seconds,
         seeds=seeds,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.enumeration import Enumeration
 from optimize.search.colors.exact import color_units, exact_colors
 from optimize.search.joint import optimize_jointly

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from optimize.design.design import Array, Design, Rating, baseline_design
-from optimize.exploration.stages import Stage
+from optimize.design.design import Array, Design, baseline_design
+from optimize.design.rating import Rating, ScoreSettings
+from optimize.exploration.explore import Stage
 from optimize.overnight.report import write_report
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
 from optimize.overnight.scaling import Scaling, StageRenders, TransferCost, keep_scaling, simulated
-from optimize.scoring.score_scale import Scale
 from render.chebyshev import chebyshev_nodes
 from render.metric import (
     choose_exposure,
@@ -115,6 +115,7 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
     ]
     return [
         Stage(
+            scene=scene,
             key=key,
             title=title,
             change=change,
@@ -126,8 +127,7 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
                 mean=score + 20,
                 spread_sites=12.0,
                 spread_bends=8.0,
-                lam=84.0,
-                exposure=3000.0,
+                settings=ScoreSettings(exposure=3000.0, lam=84.0),
             ),
             metric=rng.uniform(20, 80, shape),
             counts=rng.uniform(0, 255, (*shape, scene.indenter.faces, 3)),
@@ -180,7 +180,7 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
     )
     return OvernightResult(
         scene=finger20,
-        scale=Scale(finger20_checker.exposure, finger20_checker.lam),
+        scale=ScoreSettings(finger20_checker.exposure, finger20_checker.lam),
         replicates=16,
         finalists=finalists,
         winner="winner",

@@ -14,7 +14,7 @@ from matplotlib.image import imread
 
 from optimize.design.design import Design, baseline_design
 from optimize.exploration.explore import Exploration, rate
-from optimize.exploration.explore_output import write_exploration
+from optimize.report.exploration_report import write_exploration
 from optimize.search.joint import JointResult, SearchStep
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker

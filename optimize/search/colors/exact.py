@@ -13,8 +13,8 @@ from typing import NoReturn
 import numpy as np
 
 from optimize.design.design import Array, Colors
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_noise import tied
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.enumeration import Enumeration, SearchProgress
 from optimize.search.colors.quota import Quota
 from optimize.search.colors.result import ColorResult, canonical, ranked

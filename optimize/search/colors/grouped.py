@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from optimize.design.design import Array, Colors
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.enumeration import Enumeration
 from optimize.search.colors.exact import color_units, grouped_units, raise_unreachable
 from optimize.search.colors.quota import Quota

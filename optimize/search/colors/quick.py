@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.design.design import Array, Colors
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.metric_kernel import kernel_constants, score_moves
 from optimize.scoring.score_noise import tied
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.exact import color_units
 from optimize.search.colors.result import ColorResult, canonical, ranked
 

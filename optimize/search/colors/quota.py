@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.design.design import Colors
-from optimize.design.limits import Limits
+from optimize.design.limits import SearchLimits
 
 
 @dataclass(frozen=True, eq=False)
 class Quota:
-    """Limits of colorings, by unit.
+    """SearchLimits of colorings, by unit.
 
     Arguments:
         allowed: ``(U, 3)`` which colors each unit may have.
@@ -32,13 +32,13 @@ class Quota:
         return cls(np.ones((units, 3), dtype=bool), one, np.full(3, units, dtype=np.int64))
 
     @classmethod
-    def of(cls, limits: Limits, groups: Colors | None = None) -> Quota:
+    def of(cls, limits: SearchLimits, groups: Colors | None = None) -> Quota:
         """Return the quota of ``limits`` for fibers, or for whole ``groups`` ``(F,)``, 0..G-1."""
         fibers = len(limits.allowed)
         member = np.arange(fibers) if groups is None else groups
         count = int(member.max()) + 1
         allowed = np.stack([limits.allowed[member == unit].all(axis=0) for unit in range(count)])
-        return cls(allowed, np.bincount(member).astype(np.int64), limits.most)
+        return cls(allowed, np.bincount(member).astype(np.int64), limits.led_counts)
 
     @property
     def limited(self) -> bool:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design import Rating, baseline_design
+from optimize.design.design import baseline_design
 from optimize.design.design_file import save_design
+from optimize.design.rating import Rating, ScoreSettings
 from render.scene.schema import load_scene
 from render.transport import TransportTable
 
@@ -51,7 +52,7 @@ def refused(tactilux: Run, tmp_path: Path) -> Callable[..., str]:
 def design(tmp_path: Path, small_scene: Path) -> Path:
     """Write the rated baseline design of the small sensor."""
     scene = load_scene(small_scene)
-    rating = Rating("surrogate", 50.0, (45.0, 55.0), 70.0, 12.0, 8.0, 80.0, 1e5)
+    rating = Rating("surrogate", 50.0, (45.0, 55.0), 70.0, 12.0, 8.0, ScoreSettings(1e5, 80.0))
     path = tmp_path / "design.json"
     save_design(path, baseline_design(scene), scene, rating)
     return path

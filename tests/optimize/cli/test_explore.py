@@ -16,7 +16,7 @@ import pytest
 
 from optimize.design.design_file import load_design, load_saved
 from optimize.exploration.explore import PHI_NODES
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import chebyshev_nodes
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker

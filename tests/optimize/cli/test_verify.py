@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from optimize.design.design import Design, Rating, baseline_design
+from optimize.design.design import Design, baseline_design
 from optimize.design.design_file import save_design
+from optimize.design.rating import Rating, ScoreSettings
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker
 
@@ -23,7 +24,15 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
     scene, checker = load_scene(small_scene), Checker.load(small_model)
     base = baseline_design(scene)
     recolored = Design.of_colors(base.phi, (base.colors + [0, 0, 1, 0, 0, 0, 0, 2]) % 3)
-    rating = Rating("surrogate", 50.0, (45.0, 55.0), 70.0, 12.0, 8.0, checker.lam, checker.exposure)
+    rating = Rating(
+        "surrogate",
+        50.0,
+        (45.0, 55.0),
+        70.0,
+        12.0,
+        8.0,
+        ScoreSettings(checker.exposure, checker.lam),
+    )
     save_design(tmp_path / "design.json", recolored, scene, rating)
     command = ["verify", "design.json", "--scene", small_scene, "--model", small_model]
     command += ["--samples", 4, "--seeds", 2, "--json"]

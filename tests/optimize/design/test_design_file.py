@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design import Design, Rating, baseline_design
+from optimize.design.design import Design, baseline_design
 from optimize.design.design_file import load_design, load_saved, save_design
+from optimize.design.rating import Rating, ScoreSettings
 from render.errors import DesignError
 from render.scene.schema import Scene, load_scene
 
-RATING = Rating("surrogate", 90.0, (88.0, 92.0), 110.0, 15.0, 5.0, 60.0, 1e4)
+RATING = Rating("surrogate", 90.0, (88.0, 92.0), 110.0, 15.0, 5.0, ScoreSettings(1e4, 60.0))
 
 
 @pytest.fixture(scope="module")

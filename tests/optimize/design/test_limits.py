@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design
-from optimize.design.limits import Limits, limits_of, unlimited
-from optimize.scoring.evaluate import TableScorer
+from optimize.design.limits import SearchLimits, limits_of, unlimited
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.exact import exact_colors
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
@@ -28,11 +28,13 @@ MakeTable = Callable[..., TransportTable]
 FIBERS = 7
 
 
-def limited(*, fixed: dict[int, int] | None = None, most: tuple[int, ...] = (9, 9, 9)) -> Limits:
+def limited(
+    *, fixed: dict[int, int] | None = None, most: tuple[int, ...] = (9, 9, 9)
+) -> SearchLimits:
     allowed = np.ones((FIBERS, 3), dtype=bool)
     for fiber, color in (fixed or {}).items():
         allowed[fiber] = np.arange(3) == color
-    return replace(unlimited(FIBERS), allowed=allowed, most=np.array(most))
+    return replace(unlimited(FIBERS), allowed=allowed, led_counts=np.array(most))
 
 
 def best_allowed(scorer: TableScorer, phi: np.ndarray) -> float:
@@ -50,7 +52,7 @@ def best_allowed(scorer: TableScorer, phi: np.ndarray) -> float:
         limited(fixed={6: 0, 1: 0}, most=(2, 3, 3)),
     ],
 )
-def test_searches_find_the_best_allowed_colors(make_table: MakeTable, limits: Limits) -> None:
+def test_searches_find_the_best_allowed_colors(make_table: MakeTable, limits: SearchLimits) -> None:
     scorer = TableScorer(make_table(FIBERS, 5, 2, 3, 5), limits=limits)
     phi = np.linspace(0.6, 2.4, FIBERS)
     best = best_allowed(scorer, phi)
@@ -86,7 +88,7 @@ def test_contradicting_constraints_are_refused(finger20: Scene) -> None:
         limits_of(scene)
 
 
-def forbidding(step: float = 0.0) -> Limits:
+def forbidding(step: float = 0.0) -> SearchLimits:
     low = np.tile([[0.2, 1.8]], (FIBERS, 1))
     high = np.tile([[1.3, 3.0]], (FIBERS, 1))
     low[2], high[2] = 0.9, 0.9

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from optimize.exploration.stages import Stage
-from optimize.report.exploration_report import ReportContent, render_report, warnings
+from optimize.exploration.explore import Stage
+from optimize.report.exploration_report import ExplorationReport, render_report, warnings
 from render.scene.schema import Scene
 
 PIXEL = b"\x89PNG fake"
@@ -18,11 +18,11 @@ PIXEL = b"\x89PNG fake"
 StageMaker = Callable[[float, float, float], list[Stage]]
 
 
-def content(scene: Scene, stages: list[Stage]) -> ReportContent:
+def content(scene: Scene, stages: list[Stage]) -> ExplorationReport:
     keys = [stage.key for stage in stages]
     names = [f"{kind}-{key}" for kind in ("scheme", "metric", "facets") for key in keys]
     names += [f"preview-{key}-{index}" for key in keys for index in range(3)]
-    return ReportContent(
+    return ExplorationReport(
         scene=scene,
         stages=stages,
         pictures=dict.fromkeys([*names, "convergence"], PIXEL),

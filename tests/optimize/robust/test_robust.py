@@ -13,7 +13,7 @@ from optimize.robust.material_slopes import neighbors
 from optimize.robust.robust import RobustScore, rate_robustly
 from optimize.robust.sensitivity import score_slopes, sensitivities
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.refinement import refine
 from render.scene.schema import Scene
 from render.scene.tolerances import Spread

@@ -10,7 +10,7 @@ import pytest
 
 from optimize.design.design import Design
 from optimize.robust.shadow import Bolt, PlainScore, ShadowPenalty, hidden_part
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.refinement import Weighted, turned
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites

@@ -1,11 +1,14 @@
-"""The compiled metric is the metric."""
+"""The compiled metric is the metric; compiled functions keep NaN, and need no cache."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from numba.core.caching import CacheImpl
 
-from optimize.scoring.metric_kernel import kernel_constants, score_lanes
+from optimize.scoring.metric_kernel import compiled, kernel_constants, score_lanes
 from render.metric import MetricConfig, clip_counts, design_score, site_metric
 
 CONVENTIONS = [
@@ -60,3 +63,21 @@ def test_nan_spoils_its_own_lane_only() -> None:
     block[1, 2, 0, 7] = np.nan
     scores = compiled_score(np.zeros((2, 4, 3)), block, 1, 10.0, MetricConfig())
     assert np.flatnonzero(np.isnan(scores)).tolist() == [7]
+
+
+def total(values: np.ndarray) -> float:
+    result = 0.0
+    for value in values:
+        result += value
+    return result
+
+
+def test_an_install_without_a_writable_cache_still_computes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])  # as numba finds no writable folder
+    assert compiled(total)(np.array([1.0, 2.0])) == 3.0
+
+
+def test_nan_stays_nan() -> None:
+    assert math.isnan(compiled(total)(np.array([1.0, np.nan])))

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_gradient import Differentiator
+from optimize.scoring.table_scorer import TableScorer
 from render.metric import MetricConfig
 from render.transport import TransportTable
 

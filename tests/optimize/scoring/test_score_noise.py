@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.scoring.evaluate import TableScorer
 from optimize.scoring.score_noise import score_draws, score_interval, tied
+from optimize.scoring.table_scorer import TableScorer
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -83,11 +83,3 @@ def test_lightings_that_differ_by_less_than_the_errors_tie(make_table: MakeTable
         both = np.stack([first, first[[1, 0, *range(2, 8)]]])
         order = np.argsort([-scorer.score(phi, power) for power in both])
         assert tied(scorer, phi, both[order]).tolist() == [True, tie]
-
-
-def test_a_rating_says_level_and_conventions(make_table: MakeTable) -> None:
-    scorer = TableScorer(make_table(error=0.01, level="surrogate"))
-    rating = scorer.rating(*lighting(scorer))
-    assert rating.level == "surrogate"
-    assert rating.interval[0] < rating.score < rating.interval[1]
-    assert rating.conventions == scorer.config

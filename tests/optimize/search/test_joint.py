@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.exact import exact_colors
 from optimize.search.joint import SearchStep, optimize_jointly
 from render.transport import TransportTable

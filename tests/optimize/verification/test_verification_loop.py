@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design, baseline_design
-from optimize.scoring.evaluate import TableScorer
+from optimize.design.rating import ScoreSettings
 from optimize.scoring.rank_agreement import rank_agreement
-from optimize.scoring.score_scale import Scale
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.result import canonical
 from optimize.verification.proposals import propose, random_design, same_design
 from optimize.verification.renders import DesignRenders, RenderDesigns, distinct_directions
@@ -226,7 +226,7 @@ def test_the_thesis_procedure_renders_every_candidate(small: Scene, table: Trans
 
 
 def test_the_verdict_tells_a_gain_from_a_tie(small: Scene, table: TransportTable) -> None:
-    base, scale = baseline_design(small), Scale(table.exposure, table.lam)
+    base, scale = baseline_design(small), ScoreSettings(table.exposure, table.lam)
     dim = Design(base.phi, 0.5 * base.power)
     same = Design(base.phi + 1e-4, base.power)
     found = pronounce(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from optimize.design.candidate import Candidate
-from optimize.design.design import Design, Rating, baseline_design
+from optimize.design.design import Design, baseline_design
+from optimize.design.rating import RatedDesign, Rating, ScoreSettings
 from optimize.verification.verify import Verification, compare
 from render.errors import RenderError
 from render.metric import choose_exposure, choose_lambda, image_counts
@@ -29,12 +27,14 @@ def light(scene: Scene) -> np.ndarray:
     ).copy()
 
 
-def candidate(scene: Scene, design: Design) -> Candidate:
+def candidate(scene: Scene, design: Design) -> RatedDesign:
     transport, base = light(scene), baseline_design(scene)
     exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, base.power))
     lam = choose_lambda(image_counts(transport, base.power, exposure))
-    rating = Rating("surrogate", SURROGATE, (60.0, 80.0), 90.0, 12.0, 8.0, lam, exposure)
-    return Candidate(Path("design.json"), scene, design, rating)
+    rating = Rating(
+        "surrogate", SURROGATE, (60.0, 80.0), 90.0, 12.0, 8.0, ScoreSettings(exposure, lam)
+    )
+    return RatedDesign(scene, design, rating)
 
 
 def noisy(transport: np.ndarray, sigma: float, seed: int) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from optimize.design.limits import unlimited
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.enumeration import SearchProgress
 from optimize.search.colors.exact import exact_colors
 from render.errors import TableError, TactiluxError
@@ -103,7 +103,7 @@ def test_the_list_of_the_best_is_in_order_and_scored_in_float64(make_table: Make
 
 
 def test_torch_finds_the_same(make_table: MakeTable) -> None:
-    limits = replace(unlimited(7), most=np.array([2, 3, 4]))
+    limits = replace(unlimited(7), led_counts=np.array([2, 3, 4]))
     for scorer in (
         TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0)),
         TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0), limits=limits),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.grouped import grouped_colors, pair_groups, repair_boundaries
 from render.transport import TransportTable
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optimize.scoring.evaluate import TableScorer
+from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.exact import exact_colors
 from optimize.search.colors.quick import quick_colors
 from render.transport import TransportTable

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design.design import Array
+from optimize.design.rating import PARTS, ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
-from optimize.scoring.score_scale import PARTS, Scale
 from render.errors import RenderError
 from render.metric import clipped_fraction
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class RenderedScore:
     """One design at level 2: jackknife estimates by part of the score, and clipped facets."""
 
     parts: dict[str, JackknifeEstimate]
@@ -26,21 +26,21 @@ class Measured:
         return self.parts["score"]
 
 
-def measure(scale: Scale, replicates: Array, power: Array) -> Measured:
+def rendered_score(settings: ScoreSettings, replicates: Array, power: Array) -> RenderedScore:
     """Jackknife every part of the score of ``replicates`` ``(R, F, B, S, K)``."""
-    found = {}
+    parts = {}
     for index, name in enumerate(PARTS):
 
         def part(transport: Array, index: int = index) -> float:
-            return float(scale.parts(transport, power)[index])
+            return float(settings.parts(transport, power)[index])
 
-        found[name] = jackknife(part, replicates)
-    counts = scale.counts(replicates.mean(axis=0), power)
-    return Measured(found, float(clipped_fraction(counts, scale.conventions)))
+        parts[name] = jackknife(part, replicates)
+    counts = settings.counts(replicates.mean(axis=0), power)
+    return RenderedScore(parts, float(clipped_fraction(counts, settings.conventions)))
 
 
-def difference(
-    scale: Scale, first: Array, first_power: Array, second: Array, second_power: Array
+def paired_difference(
+    settings: ScoreSettings, first: Array, first_power: Array, second: Array, second_power: Array
 ) -> JackknifeEstimate:
     """Return S of the second design minus S of the first.
 
@@ -49,13 +49,13 @@ def difference(
     """
 
     def gain(transport: Array) -> float:
-        low = scale.parts(transport[0], first_power)[0]
-        return float(scale.parts(transport[1], second_power)[0] - low)
+        low = settings.parts(transport[0], first_power)[0]
+        return float(settings.parts(transport[1], second_power)[0] - low)
 
     return jackknife(gain, np.stack([first, second], axis=1))
 
 
-def check_seen(replicates: Array) -> None:
+def check_visible(replicates: Array) -> None:
     """Refuse cells that are not numbers, ``(..., F, B, S, K)``.
 
     Raises:

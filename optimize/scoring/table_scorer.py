@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
-from optimize.design.design import Array, Colors, Level, Rating
-from optimize.design.limits import Limits, unlimited
-from optimize.scoring.metric_kernel import kernel_constants, score_lanes
+from optimize.design.design import Array, Colors
+from optimize.design.limits import SearchLimits, unlimited
 from render.errors import TableError
 from render.metric import (
     THESIS,
@@ -60,7 +58,7 @@ class TableScorer:
         table: TransportTable,
         config: MetricConfig = THESIS,
         led_power: Array | None = None,
-        limits: Limits | None = None,
+        limits: SearchLimits | None = None,
     ) -> None:
         self.table = table
         self.config = config
@@ -161,14 +159,17 @@ class TableScorer:
             for channel in range(3):
                 lit = np.flatnonzero(power[:, channel])
                 mixed = weights[:, lit] * power[lit, channel, None]
-                own = self._exposed[channel if self.table.by_channel else 0]
-                table = own[lit].reshape(-1, block.shape[0])
+                table = self._exposed[channel if self.table.by_channel else 0]
+                table = table[lit].reshape(-1, block.shape[0])
                 block[:, channel] = table.T @ mixed.reshape(len(weights), -1).T
             out[start : start + LANES] = self.score_block(block)
         return out
 
     def score_block(self, block: Array) -> Array:
         """Return S ``(lane,)`` of unclipped counts ``(B * S * K, 3, lane)``."""
+        # Numba takes half a second to import.
+        from optimize.scoring.metric_kernel import kernel_constants, score_lanes
+
         cells = self.bends * self.sites
         base = np.zeros((cells, self.facets, 3))
         constants = kernel_constants(self.config, self.table.lam, np.float64)
@@ -178,23 +179,6 @@ class TableScorer:
             lanes = lanes.reshape(cells, self.facets, 3, -1)
             score_lanes(base, lanes, self.bends, constants, out[start : start + LANES])
         return out
-
-    def rating(self, phi: Array, power: Array) -> Rating:
-        """Return the rating of a lighting, with its 95 % interval, as stored in design files."""
-        from optimize.scoring.score_noise import score_interval
-
-        details = self.details(phi, power)
-        return Rating(
-            level=cast(Level, self.table.level),
-            score=details.score,
-            interval=score_interval(self, phi, power),
-            mean=details.mean,
-            spread_sites=details.spread_sites,
-            spread_bends=details.spread_bends,
-            lam=self.table.lam,
-            exposure=self.table.exposure,
-            conventions=self.config,
-        )
 
     def _check_phi(self, phi: Array) -> None:
         if phi.shape[-1:] != (self.fibers,):

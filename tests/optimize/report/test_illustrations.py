@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from optimize.design.design import baseline_design
-from optimize.report.drawings import convergence, scheme
-from optimize.report.heatmaps import encode_srgb, facet_strip, metric_strip, png_bytes
+from optimize.report.illustrations import (
+    convergence,
+    encode_srgb,
+    facet_strip,
+    metric_strip,
+    png_bytes,
+    scheme,
+)
 from optimize.search.joint import SearchStep
 from render.geometry.layout import flat_sites
 from render.scene.schema import Scene

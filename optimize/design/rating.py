@@ -1,0 +1,98 @@
+"""How good a design is: its score, at which level of the ladder, under which settings."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from optimize.design.design import Array, Design, baseline_design
+from optimize.design.limits import dimmed_baseline
+from render.metric import THESIS, MetricConfig, design_score, image_counts, site_metric
+from render.scene.schema import Scene
+
+Level = Literal["preview", "surrogate", "reference"]
+PARTS = ("score", "mean", "spread_sites", "spread_bends")
+"""S of eq. (4.7) and what it is made of."""
+
+
+@dataclass(frozen=True)
+class ScoreSettings:
+    """What turns transport into a score: the camera and the weights, fixed once per scene.
+
+    Arguments:
+        exposure: counts per unit of radiance.
+        lam: weight of M_phi in eq. (4.6).
+        conventions: of the metric.
+    """
+
+    exposure: float
+    lam: float
+    conventions: MetricConfig = THESIS
+
+    def counts(self, transport: Array, power: Array) -> Array:
+        """Return counts ``(B, S, K, 3)`` of ``transport`` ``(F, B, S, K)``, ``power`` (F, 3)."""
+        return np.asarray(image_counts(transport, power, self.exposure, self.conventions))
+
+    def parts(self, transport: Array, power: Array) -> Array:
+        """Return score, mean, spread over sites and over bends, ``(4,)`` (eq. 4.7)."""
+        metric = site_metric(self.counts(transport, power), self.lam, self.conventions)
+        score = design_score(metric, self.conventions)
+        return np.array([float(getattr(score, part)) for part in PARTS])
+
+    def rating(
+        self, level: Level, parts: Mapping[str, float], interval: tuple[float, float]
+    ) -> Rating:
+        """Return the rating with the values of ``parts`` and the ``interval`` of the score."""
+        return Rating(
+            level, interval=interval, settings=self, **{name: parts[name] for name in PARTS}
+        )
+
+
+@dataclass(frozen=True)
+class Rating:
+    """The score of a design and its parts, in counts.
+
+    ``interval`` is that of ``score``: 90 % on the surrogate, 95 % from renders.
+    """
+
+    level: Level
+    score: float
+    interval: tuple[float, float]
+    mean: float
+    spread_sites: float
+    spread_bends: float
+    settings: ScoreSettings
+
+
+@dataclass(frozen=True, eq=False)
+class RatedDesign:
+    """A design with its rating, for the scene that it was made for."""
+
+    scene: Scene
+    design: Design
+    rating: Rating
+
+    @property
+    def settings(self) -> ScoreSettings:
+        """The camera and the weights that it was rated with."""
+        return self.rating.settings
+
+    @property
+    def digest(self) -> str:
+        """12 hex digits of the design and its scene."""
+        content = self.scene.hash.encode() + self.design.phi.tobytes() + self.design.power.tobytes()
+        return hashlib.sha256(content).hexdigest()[:12]
+
+    @property
+    def baseline(self) -> Design:
+        """The design to beat, with no LED above what the scene allows."""
+        return dimmed_baseline(self.scene)
+
+    @property
+    def recolored(self) -> bool:
+        """Whether the design differs from the baseline in its colors alone."""
+        return bool(np.array_equal(self.design.phi, baseline_design(self.scene).phi))
