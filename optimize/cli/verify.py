@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import IO
 
@@ -14,6 +13,7 @@ from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rendered_score import RenderedScore
 from optimize.ui.atomic import write_text
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.verification.interval_check import check_interval
 from optimize.verification.verify import Verification, verify
 from optimize.verification.verify_budget import affordable_samples
 from render.errors import RenderError
@@ -124,8 +124,7 @@ def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -
     table.add_row("Difference", _pm(found.difference), f"{low:.2f} to {high:.2f}", "", "", "")
     Console(file=stream, width=None if stream.isatty() else 100).print(table)
     error = found.surrogate_score - found.design.score.value
-    noise = found.design.score.se
-    held = "holds" if abs(error) <= math.hypot(checker.score_reach, 2 * noise) else "does not hold"
+    held = check_interval(error, checker.score_reach, found.design.score.se, checker.coverage)
     stream.write(
         f"{found.verdict}\n"
         f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "

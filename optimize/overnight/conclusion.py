@@ -13,6 +13,7 @@ from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.scoring.jackknife import jackknife_se
 from optimize.ui.provenance import package_versions
+from optimize.verification.interval_check import check_interval
 from optimize.verification.verdict import Verdict
 from render.metric import site_metric
 from surrogate.runtime.checker import Checker
@@ -105,12 +106,9 @@ def _sentences(
     design, score = verdict.renders.designs[index], verdict.of(winner).score
     off = float(_predicted(context, checker, design)["score"]) - score.value
     reach = checker.score_reach
-    # The renders' own error bar (90 %) is part of what the surrogate may be off by.
-    allowed = float(np.hypot(reach, 1.645 * score.se))
-    holds = "holds" if abs(off) <= allowed else "does not hold"
     said.append(
         f"The surrogate is off by {off:+.2f} for the {winner}: its 90% interval of ±{reach:.2f} "
-        f"{holds} (renders ±{score.se:.2f})."
+        f"{check_interval(off, reach, score.se)} (renders ±{score.se:.2f})."
     )
     said.append(f"The verification loop stopped because {loop_outcome.reason}.")
     if len(set(design.colors.tolist())) == 1:

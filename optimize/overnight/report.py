@@ -5,7 +5,6 @@ It is made from the files of the finished night alone, and equal files make equa
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +23,12 @@ from optimize.report.page import (
     wiring_sheet,
 )
 from optimize.ui.atomic import write_text
+from optimize.verification.interval_check import IntervalCheck, check_interval
 from render.errors import SceneError
 from render.geometry.indenter import BoltHead
 
 REPORT = "report.html"
+HOLDS = {"holds": "yes", "does not hold": "no", "cannot be tested": "cannot tell"}
 STAGES = ("baseline", "colors")
 """What Figs. 5.1 and 5.2 show before the design that is handed over."""
 
@@ -84,10 +85,12 @@ def summary(result: OvernightResult) -> list[str]:
             f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
             f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
         )
-    held = sum(prediction_holds(entry) for entry in result.finalists)
+    checks = [prediction_check(entry) for entry in result.finalists]
+    untested = checks.count("cannot be tested")
     sentences.append(
         f"The surrogate said {last.predicted:.1f} for this design; its 90% interval held for "
-        f"{held} of {len(result.finalists)} finalists."
+        f"{checks.count('holds')} of {len(checks)} finalists"
+        + (f", and for {untested} of them the renders are too noisy to tell." if untested else ".")
     )
     return sentences
 
@@ -117,10 +120,9 @@ def warnings(result: OvernightResult) -> list[str]:
     return found + clipping_warning(last.clipped)
 
 
-def prediction_holds(entry: Finalist) -> bool:
-    """Return whether the surrogate's 90 % interval holds the rendered score, noise allowed for."""
-    reach = math.hypot(entry.predicted_reach, 2 * entry.se)
-    return abs(entry.predicted - entry.score) <= reach
+def prediction_check(entry: Finalist) -> IntervalCheck:
+    """Return what the renders say of the surrogate's 90 % interval."""
+    return check_interval(entry.predicted - entry.score, entry.predicted_reach, entry.se)
 
 
 def _context(result: OvernightResult, scaling: Scaling | None) -> dict[str, Any]:
@@ -175,7 +177,7 @@ def _row(result: OvernightResult, entry: Finalist) -> dict[str, str]:
         "interval": f"{rating.interval[0]:.1f} to {rating.interval[1]:.1f}",
         "gain": gain or "–",
         "predicted": _pm(entry.predicted, entry.predicted_reach),
-        "holds": "yes" if prediction_holds(entry) else "no",
+        "holds": HOLDS[prediction_check(entry)],
         "mean": f"{rating.mean:.1f}",
         "spread_sites": f"{rating.spread_sites:.1f}",
         "spread_bends": f"{rating.spread_bends:.1f}",

@@ -15,6 +15,9 @@ from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rendered_score import RenderedScore, paired_difference, rendered_score
 from optimize.verification.renders import DesignRenders, RenderDesigns
 
+PLURAL = ("colors",)
+"""Names of finalists that stand for several things."""
+
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -48,10 +51,10 @@ class Verdict:
         """Say which of two finalists is better, or that the renders cannot tell."""
         low, high = self.gain(first, second).interval()
         interval = f"95% interval of the difference {low:.2f} to {high:.2f}"
-        if low > 0:
-            return f"The {second} is better than the {first} ({interval})."
-        if high < 0:
-            return f"The {first} is better than the {second} ({interval})."
+        if low > 0 or high < 0:
+            better, worse = (second, first) if low > 0 else (first, second)
+            verb = "are" if better in PLURAL else "is"
+            return f"The {better} {verb} better than the {worse} ({interval})."
         return f"The {second} and the {first} tie ({interval})."
 
 

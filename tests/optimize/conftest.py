@@ -243,7 +243,7 @@ def _finalist(
         title=TITLES[key],
         design=design,
         score=float(design_score(metric).score),
-        se=1.1,
+        se=0.4,
         gain=None,
         gain_se=None,
         predicted=float(found["score"][0]),

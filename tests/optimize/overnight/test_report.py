@@ -13,7 +13,7 @@ import pytest
 
 from optimize.design.design import Design
 from optimize.overnight.figures import bolt_pictures, convergence, timed_levels
-from optimize.overnight.report import render_report, summary, warnings
+from optimize.overnight.report import prediction_check, render_report, summary, warnings
 from optimize.overnight.result import OvernightResult
 from optimize.overnight.scaling import Scaling, keep_scaling, scaling_rows
 from render.errors import SceneError
@@ -92,6 +92,15 @@ def test_the_summary_counts_the_predictions_that_held(finished_night: OvernightR
     off = changed(finished_night, "winner", predicted=winner.score + 5.0)
     said = f"said {winner.score + 5:.1f} for this design; its 90% interval held for 4 of 5"
     assert said in summary(off)[-1]
+
+
+def test_an_interval_that_the_renders_cannot_test_is_not_said_to_hold(
+    finished_night: OvernightResult,
+) -> None:
+    noisy = changed(finished_night, "winner", se=60.0)
+    assert prediction_check(noisy.finalist("winner")) == "cannot be tested"
+    said = summary(noisy)[-1]
+    assert "held for 4 of 5 finalists, and for 1 of them the renders are too noisy to tell" in said
 
 
 def test_a_night_that_found_nothing_says_so(finished_night: OvernightResult) -> None:

@@ -235,6 +235,13 @@ def test_the_verdict_tells_a_gain_from_a_tie(small: Scene, table: TransportTable
     )  # fmt: skip
     assert found.sentence("dim", "baseline").startswith("The baseline is better than the dim")
     assert "tie" in found.sentence("baseline", "same")
+    plural = replace(found, names=("baseline", "colors", *found.names[2:]))
+    said = {plural.sentence("baseline", "colors"), plural.sentence("colors", "baseline")}
+    assert all(text.startswith("The baseline is better than the colors") for text in said)
+    worse = replace(plural, names=("colors", "baseline", *found.names[2:]))
+    assert worse.sentence("colors", "baseline").startswith(
+        "The colors are better than the baseline"
+    )
     exact = scale.parts(table.at(base.phi) * biased(base.phi, BASE)[:, None, None, None],
                         base.power)[0]  # fmt: skip
     score = found.of("baseline").score

@@ -1,0 +1,24 @@
+"""Renders confirm an interval, refute it, or are too noisy to say."""
+
+from __future__ import annotations
+
+import pytest
+
+from optimize.verification.interval_check import check_interval
+
+
+def test_the_error_bar_of_the_renders_is_allowed_for_at_the_same_coverage() -> None:
+    # 1.645 standard errors hold 90 % of a normal distribution.
+    limit = (3.0**2 + (1.645 * 1.5) ** 2) ** 0.5
+    assert check_interval(limit - 0.01, 3.0, 1.5) == "holds"
+    assert check_interval(-limit - 0.01, 3.0, 1.5) == "does not hold"
+    assert check_interval(limit + 0.01, 3.0, 1.5, coverage=0.95) == "holds"
+
+
+@pytest.mark.parametrize("error", [0.0, 5.0, -40.0])
+def test_renders_less_certain_than_the_interval_cannot_test_it(error: float) -> None:
+    assert check_interval(error, 3.0, 30.0) == "cannot be tested"
+
+
+def test_even_noisy_renders_refute_what_is_far_away() -> None:
+    assert check_interval(100.0, 3.0, 30.0) == "does not hold"
