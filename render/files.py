@@ -1,31 +1,113 @@
-"""Arrays on disk: ``.npz`` files written atomically and read without ever unpickling."""
+"""Files that appear complete under their name, and arrays read without ever unpickling.
+
+The only place where results, plans, checkpoints and caches are written.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import uuid
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from render.errors import TableError
 
+TEMPORARY = re.compile(r"\..+\.[0-9a-f]{32}")
+"""Names of files and folders that are not finished; a killed process leaves them behind."""
 
-def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write arrays to ``path`` atomically: a temporary file in the same folder, then a rename."""
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Give a stream whose content takes the place of ``path`` when the block succeeds.
+
+    A temporary file in the same folder is written, synced and renamed, and the folder is synced:
+    a reader, or a machine that lost its power, meets the old file or the new one, never half of it.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    # Not mkstemp, whose files only their owner may read.
+    temporary = temporary_name(path)
     try:
         with temporary.open("xb") as stream:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            yield stream
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    sync_folder(path.parent)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write ``content`` to ``path``, as `replacing` does."""
+    with replacing(path) as stream:
+        stream.write(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write ``text`` as UTF-8 to ``path``, as `replacing` does."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_json(path: Path, content: Mapping[str, Any], indent: int | None = None) -> None:
+    """Write ``content`` as JSON, without NaN, to ``path``, as `replacing` does."""
+    write_text(path, json.dumps(content, indent=indent, allow_nan=False) + "\n")
+
+
+def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write ``arrays`` to ``path``, as `replacing` does; the same arrays make the same bytes."""
+    with replacing(path) as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+
+def replace_folder(fresh: Path, target: Path) -> Path | None:
+    """Put the folder ``fresh``, which lies beside it, in the place of ``target``.
+
+    Return where an earlier ``target`` lies now, None without one; when an error comes between, it
+    is back in its place.
+    """
+    old = temporary_name(target) if target.exists() else None
+    if old is not None:
+        os.rename(target, old)
+    try:
+        os.rename(fresh, target)
+    except OSError:
+        if old is not None:
+            os.rename(old, target)
+        raise
+    sync_folder(target.parent)
+    return old
+
+
+def temporary_name(path: Path) -> Path:
+    """Return a new name beside ``path`` of the form `TEMPORARY`."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in ``folder`` outlast a loss of power."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the object in ``path``; nothing when there is none or it is damaged."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:

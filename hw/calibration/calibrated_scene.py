@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hw.calibration.fit import Calibration
-from optimize.ui.atomic import write_text
+from render.files import write_text
 from render.scene.schema import Scene, load_scene, scene_text
 
 SUFFIX = "-calibrated"

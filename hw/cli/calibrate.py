@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict
 from datetime import date
@@ -25,10 +24,10 @@ from hw.errors import CalibrationError
 from optimize.design.design import Array, baseline_design
 from optimize.design.design_file import load_design
 from optimize.design.models import open_model
-from optimize.ui.atomic import write_text
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from optimize.ui.output import check_target, fresh_directory, write_manifest
 from render.errors import RenderError
+from render.files import write_json, write_text
 from render.preview.diffuser.cache import cache_folder
 from render.progress import Progress
 from render.scene.schema import Scene, load_scene
@@ -161,7 +160,7 @@ def calibrate_sets(
         )
         write_text(work / "report.html", report)
         result = _result(scene, after, found, additivity, confirmation, target, today)
-        write_text(work / "calibration.json", json.dumps(result, indent=2, allow_nan=False) + "\n")
+        write_json(work / "calibration.json", result, indent=2)
         write_manifest(work, {"scene": str(result["scene"])})
     return result
 

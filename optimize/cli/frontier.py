@@ -11,7 +11,7 @@ from optimize.frontier.frontier import Frontier, measure
 from optimize.frontier.plan import check_folder
 from optimize.frontier.plot import frontier_png
 from optimize.ui.console import Stages, note, print_json, reserved_stdout
-from optimize.ui.output import write_atomically
+from optimize.ui.output import write_result
 from render.reference.llvm import ensure_llvm
 from render.scene.schema import load_scene
 from render.transport import load_table
@@ -59,8 +59,8 @@ def run(
             )
         result = found.to_json() | {"plot": str(folder / PLOT)}
         text = json.dumps(result, indent=2, allow_nan=False) + "\n"
-        write_atomically(folder / PLOT, frontier_png(found))
-        write_atomically(folder / RESULT, text.encode())
+        write_result(folder / PLOT, frontier_png(found))
+        write_result(folder / RESULT, text.encode())
         if as_json:
             print_json(stream, result)
         else:

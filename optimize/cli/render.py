@@ -11,7 +11,7 @@ from optimize.design.design import Array, Design, baseline_design
 from optimize.design.design_file import load_design, load_saved
 from optimize.report.illustrations import picture_png
 from optimize.ui.console import Meter, note, reserved_stdout
-from optimize.ui.output import write_atomically
+from optimize.ui.output import write_result
 from render.metric import THESIS
 from render.scene.schema import Scene, load_scene
 
@@ -33,7 +33,7 @@ def run(scene_name: str, *, design: Path | None, bend: float, level: str, out: P
         else:
             exposure = rating.settings.exposure
         path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
-        write_atomically(path, picture_png(radiance * exposure / THESIS.count_max))
+        write_result(path, picture_png(radiance * exposure / THESIS.count_max))
         stream.write(f"{path}\n")
 
 

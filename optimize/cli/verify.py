@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import IO
 
@@ -11,12 +10,12 @@ from optimize.design.models import open_model
 from optimize.design.rating import PARTS, RatedDesign
 from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rendered_score import RenderedScore
-from optimize.ui.atomic import write_text
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from optimize.verification.interval_check import check_interval
 from optimize.verification.verify import Verification, verify
 from optimize.verification.verify_budget import affordable_samples
 from render.errors import RenderError
+from render.files import write_json
 from render.progress import Progress
 from render.reference.llvm import ensure_llvm
 from surrogate.runtime.checker import Checker
@@ -77,8 +76,7 @@ def run(
             "samples": count,
             "design_file": str(path),
         }
-        text = json.dumps(kept, indent=2, allow_nan=False) + "\n"
-        write_text(checkpoint / f"verified-{candidate.digest}.json", text)
+        write_json(checkpoint / f"verified-{candidate.digest}.json", kept, indent=2)
         if as_json:
             print_json(stream, found.to_json())
         else:

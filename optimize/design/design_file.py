@@ -25,9 +25,9 @@ from pydantic import (
 
 from optimize.design.design import Design
 from optimize.design.rating import Level, RatedDesign, Rating, ScoreSettings
-from optimize.ui.atomic import write_text
 from optimize.ui.provenance import package_versions
 from render.errors import DesignError
+from render.files import write_text
 from render.metric import MetricConfig, current_conventions
 from render.scene.schema import Scene, load_scene, shipped_scenes
 

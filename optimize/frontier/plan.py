@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 
 from optimize.frontier.designs import HeldOut, Nodes
 from optimize.frontier.volpath import PathTracer
-from optimize.ui.atomic import write_text
 from optimize.ui.output import OutputError
+from render.files import read_json, write_json
 from render.reference.cost import render_pace
 from render.scene.schema import Scene
 
@@ -116,7 +115,7 @@ def make_plan(
         short=[max(1, chosen // factor) for factor in SHORTER],
         spp=spp,
     )
-    write_text(folder / PLAN, json.dumps(asdict(plan)) + "\n")
+    write_json(folder / PLAN, asdict(plan))
     return plan
 
 
@@ -146,6 +145,6 @@ def _affordable_samples(scene: Scene, designs: HeldOut, seconds: float) -> list[
 
 def _read(path: Path) -> FrontierPlan | None:
     try:
-        return FrontierPlan(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        return FrontierPlan(**read_json(path))
+    except TypeError:
         return None

@@ -22,9 +22,9 @@ from optimize.report.page import (
     stage_pictures,
     wiring_sheet,
 )
-from optimize.ui.atomic import write_text
 from optimize.verification.interval_check import IntervalCheck, check_interval
 from render.errors import SceneError
+from render.files import write_text
 from render.geometry.indenter import BoltHead
 
 REPORT = "report.html"

@@ -19,9 +19,8 @@ from optimize.design.design import Array, Design
 from optimize.design.design_file import load_design, load_saved, save_design
 from optimize.design.rating import Rating, ScoreSettings
 from optimize.scoring.intervals import student_factor
-from optimize.ui.atomic import write_text
 from render.errors import TactiluxError
-from render.files import read_npz, write_npz
+from render.files import read_npz, write_npz, write_text
 from render.metric import clipped_fraction, design_score
 from render.scene.schema import Scene, load_scene, scene_text
 

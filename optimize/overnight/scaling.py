@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import asyncio
 import heapq
-import json
 import os
 import sqlite3
 import tempfile
@@ -34,8 +33,8 @@ from optimize.overnight.context import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TAB
 from optimize.overnight.design_stages import ROUND_SHARE
 from optimize.overnight.result import ResultError
 from optimize.overnight.store import RECORD
-from optimize.ui.atomic import write_text
 from optimize.ui.console import clock
+from render.files import write_json
 
 TRIES = 5
 NETWORK = 112e6
@@ -180,8 +179,8 @@ def write_scaling(run: Path) -> Scaling:
 
 
 def keep_scaling(run: Path, scaling: Scaling) -> None:
-    """Write ``scaling`` into ``run``, atomically."""
-    write_text(run / SCALING, json.dumps(asdict(scaling), indent=1, allow_nan=False) + "\n")
+    """Write ``scaling`` into ``run``."""
+    write_json(run / SCALING, asdict(scaling), indent=1)
 
 
 def load_scaling(run: Path) -> Scaling | None:

@@ -18,12 +18,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import shutil
 import socket
 import sqlite3
 import time
-import uuid
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -38,13 +36,12 @@ from optimize.overnight.run_directory import RECORD as RECORD
 from optimize.overnight.run_directory import RunError
 from optimize.ui.provenance import program_version
 from render.errors import TableError
-from render.files import read_npz
+from render.files import TEMPORARY, read_npz, sync_folder, temporary_name, write_bytes
 from render.reference.job import PadJob, PadResult
 from render.scene.serialization import scene_of
 
 SCHEMA = 2
 RENDERS, STATES, TABLE = "renders", "states", "table"
-_UNFINISHED = re.compile(r"\..+\.[0-9a-f]{32}")
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""
 _TABLES = """
@@ -226,7 +223,7 @@ class Store:
         buffer = BytesIO()
         np.savez(buffer, key=np.array(job.key), estimate=result.estimate)
         content = buffer.getvalue()
-        _write(self.run / RENDERS / f"{job.key}.npz", content)
+        write_bytes(self.run / RENDERS / f"{job.key}.npz", content)
         self._log(job, kind, result, content, worker)
         self.state(job).unlink(missing_ok=True)
 
@@ -244,7 +241,7 @@ class Store:
 
 def _create(run: Path, request: RunRequest) -> None:
     """Write an empty record beside its place and rename it: no reader meets one without tables."""
-    temporary = run / f".{RECORD}.{uuid.uuid4().hex}"
+    temporary = temporary_name(run / RECORD)
     meta = {"schema": SCHEMA, "tactilux": program_version(), "request": asdict(request)}
     with closing(sqlite3.connect(temporary)) as db:
         db.executescript(_TABLES)
@@ -252,6 +249,7 @@ def _create(run: Path, request: RunRequest) -> None:
         db.executemany("INSERT INTO meta VALUES (?, ?)", rows)
         db.commit()
     os.replace(temporary, run / RECORD)
+    sync_folder(run)
 
 
 def check_request(run: Path, db: sqlite3.Connection, wanted: RunRequest | None) -> None:
@@ -309,27 +307,9 @@ def _check_whole(db: sqlite3.Connection) -> None:
 def _sweep(run: Path) -> None:
     """Take away what a killed process had not finished writing."""
     for folder in (run, run / RENDERS, run / STATES, run / TABLE):
-        for seconds_left in folder.glob(".*"):
-            if _UNFINISHED.fullmatch(seconds_left.name):
-                shutil.rmtree(seconds_left) if seconds_left.is_dir() else seconds_left.unlink()
-
-
-def _write(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
-        with temporary.open("xb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+        for item in folder.glob(".*"):
+            if TEMPORARY.fullmatch(item.name):
+                shutil.rmtree(item) if item.is_dir() else item.unlink()
 
 
 def _now() -> str:

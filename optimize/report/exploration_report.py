@@ -36,6 +36,7 @@ from optimize.report.page import (
 )
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
+from render.files import write_bytes, write_text
 from render.metric import THESIS
 from render.scene.schema import Scene
 
@@ -60,7 +61,7 @@ def write_exploration(
         save_design(folder / DESIGN, last.design, scene, last.rating)
         pictures = dict(explore_pictures(exploration))
         for name, png in pictures.items():
-            (folder / f"{name}.png").write_bytes(png)
+            write_bytes(folder / f"{name}.png", png)
         html = render_report(
             ExplorationReport(
                 scene=scene,
@@ -75,7 +76,7 @@ def write_exploration(
                 verify_command=f"tactilux verify {target / DESIGN}",
             )
         )
-        (folder / REPORT).write_text(html, encoding="utf-8")
+        write_text(folder / REPORT, html)
         result = exploration.to_json(target / DESIGN, target / REPORT, elapsed())
         write_manifest(folder, result)
     return result

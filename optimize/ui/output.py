@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -11,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from render.errors import TactiluxError
+from render.files import read_json, replace_folder, write_bytes, write_json
 
 MANIFEST = "result.json"
 
@@ -72,55 +72,36 @@ def fresh_directory(target: Path) -> Iterator[Path]:
 def write_manifest(folder: Path, result: dict[str, object]) -> None:
     """Write ``result`` with the names of all files in ``folder``: what may be replaced later."""
     names = sorted({item.name for item in folder.iterdir()} | {MANIFEST})
-    text = json.dumps({**result, "files": names}, indent=2, allow_nan=False) + "\n"
-    (folder / MANIFEST).write_text(text, encoding="utf-8")
+    write_json(folder / MANIFEST, {**result, "files": names}, indent=2)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write one file: first beside its place, then renamed.
+def write_result(path: Path, content: bytes) -> None:
+    """Write one file that the user named.
 
     Raises:
         OutputError: the place is not writable.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        write_bytes(path, content)
     except OSError as error:
         raise OutputError(
             f"{path} cannot be written ({error.strerror}): choose another place with --out",
             field="out",
             value=str(path),
         ) from None
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        Path(temporary).chmod(0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def _swap(work: Path, target: Path) -> None:
-    if not target.exists():
-        os.rename(work, target)
-        return
     own = _files(target)
-    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.")) / "old"
-    os.rename(target, old)
-    try:
-        os.rename(work, target)
-    except OSError:
-        os.rename(old, target)
-        raise
+    old = replace_folder(work, target)
+    if old is None:
+        return
     for item in old.iterdir():
         if item.name not in own and not (target / item.name).exists():
             os.rename(item, target / item.name)
-    shutil.rmtree(old.parent)
+    shutil.rmtree(old)
 
 
 def _files(target: Path) -> set[str]:
-    try:
-        return set(json.loads((target / MANIFEST).read_text(encoding="utf-8"))["files"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return set()
+    names = read_json(target / MANIFEST).get("files", ())
+    return {name for name in names if isinstance(name, str)} if isinstance(names, list) else set()

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from optimize.design.design import Array
-from optimize.ui.atomic import write_text
+from render.files import read_json, write_json
 from render.reference.cost import render_pace
 from render.scene.schema import Scene
 
@@ -32,19 +31,11 @@ def affordable_samples(
     """
     path = folder / "plan.json"
     plan = {"scene_hash": scene.hash, "minutes": minutes, "seeds": seeds, "designs": designs}
-    known = _read(path)
+    known = read_json(path)
     if all(known.get(key) == value for key, value in plan.items()) and "samples" in known:
         return int(str(known["samples"]))
     pace = render_pace(scene, phi[:, None])
     share = (60.0 * minutes - pace.spent) / (len(scene.bending.angles) * seeds * designs)
     samples = max(LEAST, int((share - pace.fixed) / pace.each))
-    write_text(path, json.dumps({**plan, "samples": samples}) + "\n")
+    write_json(path, {**plan, "samples": samples})
     return samples
-
-
-def _read(path: Path) -> dict[str, object]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import torch
 
+from render.files import write_bytes
 from surrogate.model.checker_module import Checker
 from surrogate.runtime.model_file import INPUTS, MATERIAL, OUTPUTS
 
@@ -65,7 +66,7 @@ def export_onnx(checker: Checker, fibers: int, path: Path, metadata: Mapping[str
         entry = model.metadata_props.add()
         entry.key, entry.value = key, value
     onnx.checker.check_model(model, full_check=True)
-    path.write_bytes(model.SerializeToString(deterministic=True))
+    write_bytes(path, model.SerializeToString(deterministic=True))
 
 
 def _strip(graph: object) -> None:

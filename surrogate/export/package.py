@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shutil
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from render.errors import ModelError
-from render.files import write_npz
+from render.files import replace_folder, temporary_name, write_npz, write_text
 from surrogate.export.onnx import export_onnx
 from surrogate.model.checker_module import Checker
 from surrogate.runtime.metadata import ModelMetadata
@@ -44,7 +43,7 @@ def write_package(
     """
     check_replaceable(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}")
+    fresh = temporary_name(folder)
     fresh.mkdir()
     try:
         model = fresh / MODEL_FILE
@@ -56,10 +55,12 @@ def write_package(
                 field=MODEL_FILE,
             )
         write_npz(fresh / GOLDEN_FILE, {**golden_inputs, **_replay(model, golden_inputs)})
-        (fresh / CARD_FILE).write_text(card, encoding="utf-8")
+        write_text(fresh / CARD_FILE, card)
         lines = [f"{sha256((fresh / n).read_bytes())}  {n}\n" for n in (MODEL_FILE, GOLDEN_FILE)]
-        (fresh / SUM_FILE).write_text("".join(lines), encoding="ascii")
-        _swap(fresh, folder)
+        write_text(fresh / SUM_FILE, "".join(lines))
+        old = replace_folder(fresh, folder)
+        if old is not None:
+            shutil.rmtree(old)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
 
@@ -87,14 +88,3 @@ def _replay(model: Path, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarr
 
     session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
     return dict(zip(OUTPUTS, session.run(list(OUTPUTS), dict(inputs)), strict=True))
-
-
-def _swap(fresh: Path, folder: Path) -> None:
-    """Put ``fresh`` in the place of ``folder``."""
-    if not folder.exists():
-        fresh.rename(folder)
-        return
-    old = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}")
-    folder.rename(old)
-    fresh.rename(folder)
-    shutil.rmtree(old)

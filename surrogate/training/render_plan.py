@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
+from render.files import read_json, write_json
 from render.progress import Progress
 from render.reference.cost import render_pace
 from render.reference.transport import Estimate, RunPads, render_transport
@@ -77,7 +76,7 @@ def make_plan(
     if samples is None:
         samples = _affordable(scene, np.array(phi), np.array(bends), minutes)
     plan = RenderPlan(scene.hash, samples, [seed + 1], phi, bends)
-    _write_json(path, asdict(plan))
+    write_json(path, asdict(plan))
     return plan
 
 
@@ -129,22 +128,6 @@ def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
 
 def _read(path: Path) -> RenderPlan | None:
     try:
-        return RenderPlan(**_read_json(path))
+        return RenderPlan(**read_json(path))
     except TypeError:
         return None
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    """Return the object in ``path``; nothing when there is none or it is damaged."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(content), encoding="utf-8")
-    temporary.replace(path)

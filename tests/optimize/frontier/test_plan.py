@@ -10,6 +10,7 @@ from optimize.frontier.designs import held_out_designs, shared_nodes
 from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_plan
 from optimize.ui.output import OutputError
 from render.scene.schema import Scene
+from tests.disk import DURABLE, logged_disk
 
 
 def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:
@@ -25,9 +26,13 @@ def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> Frontier
     )
 
 
-def test_given_samples_fix_all_other_work(finger20: Scene, tmp_path: Path) -> None:
+def test_given_samples_fix_all_other_work(
+    finger20: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = logged_disk(monkeypatch)
     made = plan(finger20, tmp_path)
     assert (made.samples, made.short, made.spp) == (320, [10, 40], [4, 16])
+    assert calls == DURABLE
     assert made.table_samples == 160
 
 

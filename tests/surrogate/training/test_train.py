@@ -17,6 +17,7 @@ from surrogate.runtime.checker import Checker
 from surrogate.training.reference_data import data_hash
 from surrogate.training.render_plan import make_plan, training_bends
 from surrogate.training.train import TrainConfig, Trained, TrainProgress, train
+from tests.disk import DURABLE, logged_disk
 
 
 def test_the_fitted_model_is_far_better_than_the_preview(trained: Trained) -> None:
@@ -90,13 +91,18 @@ def test_training_bends_include_the_scenes_own(make_scene: Callable[..., Scene])
     np.testing.assert_allclose(bends, [0, 30, 45, 90], atol=1e-9)
 
 
-def test_an_interrupted_run_keeps_its_plan(scene: Scene, tmp_path: Path) -> None:
+def test_an_interrupted_run_keeps_its_plan(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = logged_disk(monkeypatch)
+
     def plan(seed: int, samples: int | None) -> int:
         made = make_plan(scene, tmp_path, minutes=0.1, samples=samples, seed=seed,
                          phi_count=3, bend_count=3)  # fmt: skip
         return made.samples
 
     assert plan(0, 77) == 77
+    assert calls == DURABLE
     assert plan(0, None) == 77
     assert plan(0, 50) == 50
     assert plan(1, 60) == 60

@@ -1,0 +1,81 @@
+"""A file appears complete under its name and outlasts a loss of power."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from render import files
+from tests.disk import DURABLE, logged_disk
+
+
+def test_every_writer_syncs_the_file_before_its_name_and_the_folder_after(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = logged_disk(monkeypatch)
+    files.write_bytes(tmp_path / "new" / "a.bin", b"a")
+    files.write_text(tmp_path / "a.txt", "ä")
+    files.write_json(tmp_path / "a.json", {"a": [1.5]})
+    files.write_npz(tmp_path / "a.npz", {"a": np.arange(3.0)})
+    assert calls == DURABLE * 4
+    assert (tmp_path / "new" / "a.bin").read_bytes() == b"a"
+    assert (tmp_path / "a.txt").read_bytes() == "ä".encode()
+    assert files.read_json(tmp_path / "a.json") == {"a": [1.5]}
+    assert files.read_npz(tmp_path / "a.npz")["a"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_an_error_half_way_leaves_the_earlier_file_and_nothing_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    files.write_text(path, "first")
+
+    def fail_half_way() -> None:
+        with files.replacing(path) as stream:
+            stream.write(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_half_way()
+    assert path.read_text() == "first"
+    assert [item.name for item in tmp_path.iterdir()] == ["a"]
+
+
+def test_an_unfinished_file_has_a_name_by_which_it_is_found(tmp_path: Path) -> None:
+    assert files.TEMPORARY.fullmatch(files.temporary_name(tmp_path / "a.npz").name)
+    assert not files.TEMPORARY.fullmatch("a.npz")
+
+
+def test_a_folder_takes_the_place_of_another_which_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target, fresh = tmp_path / "a", tmp_path / "fresh"
+    files.write_text(fresh / "file", "first")
+    assert files.replace_folder(fresh, target) is None
+    files.write_text(fresh / "file", "second")
+    old = files.replace_folder(fresh, target)
+    assert old is not None
+    assert (old / "file").read_text() == "first"
+    assert (target / "file").read_text() == "second"
+
+    rename = os.rename
+
+    def refuse_the_fresh_one(source: Path, place: Path) -> None:
+        if source == fresh:
+            raise OSError("disk full")
+        rename(source, place)
+
+    files.write_text(fresh / "file", "third")
+    monkeypatch.setattr(os, "rename", refuse_the_fresh_one)
+    with pytest.raises(OSError, match="disk full"):
+        files.replace_folder(fresh, target)
+    assert (target / "file").read_text() == "second"
+
+
+@pytest.mark.parametrize("content", ["", "[1]", '{"a": ', "\udcff"])
+def test_a_damaged_object_reads_as_none_was_there(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "plan.json"
+    assert files.read_json(path) == {}
+    path.write_bytes(content.encode("utf-8", "surrogateescape"))
+    assert files.read_json(path) == {}
