@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from optimize.design.design import Design, baseline_design
     from optimize.design.design_file import load_design, save_design
     from optimize.exploration.explore import Exploration
-    from optimize.search.joint import SearchStep
+    from optimize.search.alternating_search import SearchStep
     from optimize.verification.optimization import Method, Optimization
     from optimize.verification.verify import Verification
     from render import register_plugins

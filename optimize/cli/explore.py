@@ -14,7 +14,7 @@ from optimize.report.illustrations import STAGES
 from optimize.robust.robust import Measure
 from optimize.robust.study import Study, check_tolerances, study
 from optimize.robust.study_table import print_study
-from optimize.search.joint import SearchStep
+from optimize.search.alternating_search import SearchStep
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from optimize.ui.output import check_target
 from render.errors import DesignError

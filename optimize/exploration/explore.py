@@ -14,7 +14,7 @@ from optimize.design.design import Array, Design
 from optimize.design.limits import dimmed_baseline, limits_of
 from optimize.design.rating import RatedDesign, Rating, ScoreSettings
 from optimize.scoring.table_scorer import TableScorer
-from optimize.search.joint import JointResult, SearchStep, optimize_jointly
+from optimize.search.alternating_search import AlternatingResult, SearchStep, alternating_search
 from render.chebyshev import chebyshev_nodes
 from render.geometry.layout import fiber_edges
 from render.metric import clipped_fraction, design_score
@@ -69,7 +69,7 @@ class Exploration:
     scene: Scene
     checker: Checker
     stages: tuple[Stage, ...]
-    search: JointResult
+    search: AlternatingResult
     seed: int
     seconds: float
     study: StudyResult | None = None
@@ -114,7 +114,7 @@ def explore(
     began = time.perf_counter()
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
     baseline = dimmed_baseline(scene)
-    search = optimize_jointly(
+    search = alternating_search(
         TableScorer(table, limits=limits_of(scene)),
         baseline,
         edges=fiber_edges(scene),

@@ -38,10 +38,10 @@ from optimize.overnight.workers import OutOfTime
 from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rendered_score import rendered_score
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.alternating_search import SearchStep, alternating_search
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.result import renamed_like
 from optimize.search.directions import optimize_directions, population, tied_groups
-from optimize.search.joint import SearchStep, optimize_jointly
 from optimize.verification.proposals import Proposal
 from optimize.verification.renders import DesignRenders, distinct_directions, reference_renders
 from optimize.verification.thesis import GENERATIONS
@@ -73,7 +73,7 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Desig
             steps.append(step)
             context.show(len(steps), len(steps) + 1)
 
-        found = optimize_jointly(
+        found = alternating_search(
             TableScorer(table, limits=limits_of(context.scene)),
             baseline_of(context),
             edges=fiber_edges(context.scene),

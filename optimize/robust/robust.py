@@ -62,7 +62,7 @@ def rate_robustly(scorer: TableScorer, sensors: BuiltSensors, design: Design) ->
 
 
 class RobustScore:
-    """The objective over drawn sensors; see `optimize.search.refinement.Objective`."""
+    """The objective over drawn sensors; see `optimize.search.local_refinement.Objective`."""
 
     def __init__(self, sensors: BuiltSensors, measure: Measure) -> None:
         """Take the sensors and what is made of the scores on them."""

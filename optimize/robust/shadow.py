@@ -16,8 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design.design import Array, Design
-from optimize.scoring.score_gradient import Differentiator
-from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites
@@ -82,23 +80,6 @@ class ShadowPenalty:
         by_phi = np.einsum("fj,fjx->fx", weights, self._slope)
         slope = np.einsum("xc,fc,fx->f", along, design.power, by_phi)
         return -float(length.mean()), -slope
-
-
-class PlainScore:
-    """S on the table as an objective."""
-
-    def __init__(self, scorer: TableScorer) -> None:
-        """Prepare the derivatives."""
-        self._scorer, self._exact = scorer, Differentiator(scorer)
-
-    def value(self, design: Design) -> float:
-        """Return S."""
-        return self._scorer.score(design.phi, design.power)
-
-    def gradient(self, design: Design) -> tuple[float, Array]:
-        """Return S and its derivatives by the directions."""
-        found = self._exact.at(design.phi, design.power)
-        return found.score, found.phi
 
 
 def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:

@@ -13,12 +13,12 @@ from optimize.exploration.explore import PHI_NODES, Exploration, rate
 from optimize.robust.material_slopes import MATERIALS, material_slopes
 from optimize.robust.robust import Measure, RobustRating, RobustScore, rate_robustly
 from optimize.robust.sensitivity import Sensitivity, sensitivities
-from optimize.robust.shadow import PlainScore, ShadowPenalty
+from optimize.robust.shadow import ShadowPenalty
 from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import renamed_like
-from optimize.search.refinement import Objective, Weighted, refine
+from optimize.search.local_refinement import NominalScore, Objective, WeightedSum, multi_start
 from render.chebyshev import chebyshev_nodes
 from render.errors import SceneError
 from render.scene.schema import Scene
@@ -111,8 +111,7 @@ def study(
     scene, checker = found.scene, found.checker
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
     scorer = TableScorer(table, limits=limits_of(scene))
-    plain = PlainScore(scorer)
-    goal: Objective = plain
+    goal: Objective = NominalScore(scorer)
     shadow = None if shadow_weight is None else ShadowPenalty(scene, table)
     sensors = None
     if measure is not None:
@@ -120,14 +119,14 @@ def study(
         sensors = _sensors(scene, scorer, found.seed, report)
         goal = RobustScore(sensors[0], measure)
     if shadow is not None and shadow_weight is not None:
-        goal = Weighted((1.0, goal), (shadow_weight, shadow))
+        goal = WeightedSum((1.0, goal), (shadow_weight, shadow))
     best = found.stages[-1].design
     top = quick_colors(scorer, best.phi, starts=[best.colors], seed=found.seed).top
     colorings = [np.array(row) for row, _ in top[:COLORINGS]]
     if scorer.colors_alike:
         colorings = [renamed_like(row, best.colors) for row in colorings]
     starts = [best, *(Design(best.phi, scorer.power(row)) for row in colorings)]
-    design, _ = refine(scorer, goal, starts, lambda i, n: report("Refining", i, n))
+    design = multi_start(scorer, goal, starts, lambda i, n: report("Refining", i, n)).design
     titles = [title for title, used in (("Robust", measure), ("Shadow-aware", shadow)) if used]
     stage = rate(
         checker, scene, "refined", " and ".join(titles).capitalize(), "the refinement", design

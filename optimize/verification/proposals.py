@@ -14,10 +14,10 @@ import numpy as np
 from optimize.design.design import Array, Colors, Design
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.alternating_search import alternating_search
 from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import canonical, renamed_like
-from optimize.search.joint import optimize_jointly
-from optimize.search.polish import polish
+from optimize.search.local_refinement import refine_locally
 
 ALTERNATIVES = 8
 """Next-best colorings that get directions of their own: local optima, then neighbors."""
@@ -62,7 +62,7 @@ def propose(
         seed: of the search and of the random design.
         known: designs that were rendered before; they are not proposed again.
     """
-    best = optimize_jointly(scorer, start, edges=edges, seed=seed).design
+    best = alternating_search(scorer, start, edges=edges, seed=seed).design
     top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
     colorings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
     others: list[Design] = []
@@ -74,7 +74,7 @@ def propose(
         power = scorer.power(named)
         if np.array_equal(power, best.power):
             continue
-        found = polish(scorer, Design(best.phi, power)).design
+        found = refine_locally(scorer, Design(best.phi, power)).design
         if not _mirror_twin(scorer, found, best):
             others.append(found)
     chosen = [described(scorer, "best", best)]

@@ -13,9 +13,9 @@ import pytest
 
 from optimize.design.design import Design
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.alternating_search import alternating_search
 from optimize.search.colors.enumeration import Enumeration
 from optimize.search.colors.exact import color_units, exact_colors
-from optimize.search.joint import optimize_jointly
 from render.chebyshev import chebyshev_nodes
 from render.transport import TransportTable
 
@@ -62,6 +62,6 @@ def test_the_whole_search_of_20_fibers(capsys: pytest.CaptureFixture[str]) -> No
     design = Design.of_colors(np.full(20, np.pi / 2), [0] * 8 + [2] * 4 + [1] * 8)
     edges = ["left"] * 8 + ["tip"] * 4 + ["right"] * 8
     start = time.perf_counter()
-    found = optimize_jointly(scorer, design, edges=edges)
+    found = alternating_search(scorer, design, edges=edges)
     report(capsys, "colors and directions together", time.perf_counter() - start, 20.0)
     assert found.score >= scorer.score(design.phi, design.power)

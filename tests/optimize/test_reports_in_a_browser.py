@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from optimize.design.design import Design, baseline_design
 from optimize.exploration.explore import Exploration, rate
 from optimize.report.exploration_report import write_exploration
-from optimize.search.joint import JointResult, SearchStep
+from optimize.search.alternating_search import AlternatingResult, SearchStep
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker
 
@@ -120,10 +120,10 @@ def explore_report(
     )
     names = [(0, "start"), (1, "quick"), (1, "free")]
     steps = tuple(
-        SearchStep(number, name, stage.rating.score, 100 * i, 2.0 * i, stage.design)
+        SearchStep(stage.design, stage.rating.score, number, name, 100 * i, 2.0 * i)
         for i, ((number, name), stage) in enumerate(zip(names, stages, strict=True))
     )
-    search = JointResult(turned, stages[-1].rating.score, steps, True)
+    search = AlternatingResult(turned, stages[-1].rating.score, steps, True)
     found = Exploration(finger20, finger20_checker, stages, search, 0, 4.0)
     target = tmp_path_factory.mktemp("explore") / "run"
     write_exploration(found, target, MODEL, lambda: 4.0)

@@ -13,12 +13,12 @@ import pytest
 from optimize.design.design import Design
 from optimize.design.limits import SearchLimits, limits_of, unlimited
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.alternating_search import alternating_search
 from optimize.search.colors.exact import exact_colors
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
 from optimize.search.directions import optimize_directions
-from optimize.search.joint import optimize_jointly
-from optimize.search.polish import polish
+from optimize.search.local_refinement import refine_locally
 from render.errors import DesignError
 from render.scene.constraints import Constraints, Fixed
 from render.scene.schema import Scene
@@ -75,7 +75,7 @@ def test_pairs_that_cannot_be_are_said_to_be_impossible(make_table: MakeTable) -
     with pytest.raises(DesignError, match="no choice of colors"):
         grouped_colors(scorer, scorer.at_node(2))
     start = Design.of_colors(scorer.at_node(2), [0] * FIBERS)
-    found = optimize_jointly(scorer, start)
+    found = alternating_search(scorer, start)
     assert found.design.colors.tolist() == [0, 1, 2, 0, 1, 2, 0]
 
 
@@ -135,7 +135,7 @@ def test_no_limit_changes_nothing(make_table: MakeTable) -> None:
         TableScorer(make_table(FIBERS), limits=unlimited(FIBERS)),
     )
     start = Design.of_colors(plain.at_node(2), [0, 0, 1, 1, 2, 2, 2])
-    first, second = (optimize_jointly(scorer, start, seed=3) for scorer in (plain, open_))
+    first, second = (alternating_search(scorer, start, seed=3) for scorer in (plain, open_))
     assert first.score == second.score
     assert first.design.phi.tolist() == second.design.phi.tolist()
 
@@ -144,7 +144,7 @@ def test_continuous_power_never_loses_and_keeps_to_the_limit(make_table: MakeTab
     limits = replace(unlimited(FIBERS), led_power=np.array([0.8, 0.9, 0.7]), continuous_power=True)
     scorer = TableScorer(make_table(FIBERS), limits=limits)
     start = Design(scorer.at_node(2), scorer.power(np.arange(FIBERS) % 3))
-    found = optimize_jointly(scorer, start)
+    found = alternating_search(scorer, start)
     assert found.history[-1].stage == "power"
     assert found.score >= found.history[-2].score
     assert (found.design.power <= limits.led_power + 1e-12).all()
@@ -154,8 +154,8 @@ def test_continuous_power_never_loses_and_keeps_to_the_limit(make_table: MakeTab
 def test_polish_climbs_from_any_start(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(FIBERS))
     start = Design.of_colors(np.full(FIBERS, 0.4), np.arange(FIBERS) % 3)
-    found = polish(scorer, start)
+    found = refine_locally(scorer, start)
     assert found.score > scorer.score(start.phi, start.power)
     assert found.score == scorer.score(found.design.phi, found.design.power)
-    again = polish(scorer, found.design)
+    again = refine_locally(scorer, found.design)
     assert again.score == pytest.approx(found.score, rel=1e-6)

@@ -13,7 +13,7 @@ from optimize.report.illustrations import (
     png_bytes,
     scheme,
 )
-from optimize.search.joint import SearchStep
+from optimize.search.alternating_search import SearchStep
 from render.geometry.layout import flat_sites
 from render.scene.schema import Scene
 
@@ -57,7 +57,7 @@ def test_the_convergence_plot_has_one_mark_for_every_step(finger20: Scene) -> No
     design = baseline_design(finger20)
     stages = ["start", "grouped", "quick", "tied", "free", "quick", "tied", "free"]
     steps = [
-        SearchStep(1, stage, 10.0 + number, 10**number, 1.0 + number, design)
+        SearchStep(design, 10.0 + number, 1, stage, 10**number, 1.0 + number)
         for number, stage in enumerate(stages)
     ]
     lines = convergence(steps).axes[0].lines

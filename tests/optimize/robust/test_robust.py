@@ -14,7 +14,7 @@ from optimize.robust.robust import RobustScore, rate_robustly
 from optimize.robust.sensitivity import score_slopes, sensitivities
 from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring.table_scorer import TableScorer
-from optimize.search.refinement import refine
+from optimize.search.local_refinement import multi_start
 from render.scene.schema import Scene
 from render.scene.tolerances import Spread
 from render.transport import TransportTable
@@ -88,7 +88,8 @@ def test_refining_raises_the_robust_score_and_keeps_to_full_power(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
     goal = RobustScore(BuiltSensors(scorer, SPREADS, slopes, draws=12, seed=1), "quantile")
-    best, value = refine(scorer, goal, [design])
+    found = multi_start(scorer, goal, [design])
+    best, value = found.design, found.score
     assert value > goal.value(design)
     assert value == pytest.approx(goal.value(best))
     assert np.array_equal(best.power.max(axis=1), np.ones(FIBERS))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from optimize.design.design import Design
-from optimize.robust.shadow import Bolt, PlainScore, ShadowPenalty, hidden_part
+from optimize.robust.shadow import Bolt, ShadowPenalty, hidden_part
 from optimize.scoring.table_scorer import TableScorer
-from optimize.search.refinement import Weighted, turned
+from optimize.search.local_refinement import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites
 from render.preview.lights import make_lights
@@ -166,9 +166,10 @@ def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: S
         up, down = (penalty.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
         assert slope[fiber] == pytest.approx((up - down) / (2 * h), rel=1e-4, abs=1e-6)
     scorer = TableScorer(table)
-    plain = PlainScore(scorer)
-    free, _ = turned(scorer, plain, design)
-    shaded, _ = turned(scorer, Weighted((1.0, plain), (5.0, penalty)), design)
+    plain = NominalScore(scorer)
+    free = refine_directions(scorer, plain, design).design
+    goal = WeightedSum((1.0, plain), (5.0, penalty))
+    shaded = refine_directions(scorer, goal, design).design
     assert penalty.value(shaded) > penalty.value(free)
     with pytest.raises(TableError, match="bend 0"):
         ShadowPenalty(finger20, replace(table, bends=np.ones(1)))

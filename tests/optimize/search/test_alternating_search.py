@@ -9,8 +9,8 @@ import pytest
 
 from optimize.design.design import Design
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.alternating_search import SearchStep, alternating_search
 from optimize.search.colors.exact import exact_colors
-from optimize.search.joint import SearchStep, optimize_jointly
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -21,7 +21,7 @@ START = Design.of_colors(np.full(9, np.pi / 2), np.repeat([0, 2, 1], 3))
 def test_it_beats_its_start_and_the_best_colors_alone(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(9))
     seen: list[SearchStep] = []
-    result = optimize_jointly(scorer, START, edges=EDGES, progress=seen.append)
+    result = alternating_search(scorer, START, edges=EDGES, progress=seen.append)
     assert result.converged
     assert result.score > exact_colors(scorer, START.phi).score
     assert result.score == pytest.approx(scorer.score(result.design.phi, result.design.power))
@@ -34,33 +34,33 @@ def test_it_beats_its_start_and_the_best_colors_alone(make_table: MakeTable) -> 
 
 def test_after_convergence_another_search_gains_nothing(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(9))
-    first = optimize_jointly(scorer, START, edges=EDGES)
-    again = optimize_jointly(scorer, first.design, edges=EDGES)
+    first = alternating_search(scorer, START, edges=EDGES)
+    again = alternating_search(scorer, first.design, edges=EDGES)
     assert again.score == pytest.approx(first.score, rel=1e-3)
     assert again.score >= first.score
 
 
 def test_the_same_seed_gives_the_same_design(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(9))
-    first, second = (optimize_jointly(scorer, START, edges=EDGES, seed=4) for _ in range(2))
+    first, second = (alternating_search(scorer, START, edges=EDGES, seed=4) for _ in range(2))
     np.testing.assert_array_equal(first.design.phi, second.design.phi)
     np.testing.assert_array_equal(first.design.power, second.design.power)
 
 
 def test_a_table_with_one_direction_gets_colors_only(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(9, nodes=1))
-    result = optimize_jointly(scorer, START, edges=EDGES)
+    result = alternating_search(scorer, START, edges=EDGES)
     assert {step.stage for step in result.history} == {"start", "grouped", "quick"}
     np.testing.assert_array_equal(result.design.phi, START.phi)
     assert result.score == pytest.approx(exact_colors(scorer, START.phi).score)
 
 
 def test_without_edges_only_free_directions_are_searched(make_table: MakeTable) -> None:
-    result = optimize_jointly(TableScorer(make_table(9)), START, max_rounds=1)
+    result = alternating_search(TableScorer(make_table(9)), START, max_rounds=1)
     assert [step.stage for step in result.history] == ["start", "grouped", "quick", "free"]
     assert not result.converged
 
 
 def test_a_monochrome_optimum_is_flagged(make_table: MakeTable) -> None:
-    result = optimize_jointly(TableScorer(make_table(9, lam=0.0)), START, max_rounds=1)
+    result = alternating_search(TableScorer(make_table(9, lam=0.0)), START, max_rounds=1)
     assert result.monochrome

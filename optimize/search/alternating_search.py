@@ -1,4 +1,4 @@
-"""Colors and directions together: alternate both searches until neither moves.
+"""Alternating search: colors, then directions, then colors again, until neither moves.
 
 The thesis searches colors once, then directions once (4.3). Better directions can change which
 colors are best, so both are repeated here: grouped and 2-opt colors, tied directions, then free
@@ -11,47 +11,41 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from optimize.design.design import Colors, Design
+from optimize.design.design import Colors, Design, ScoredDesign
 from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
 from optimize.search.colors.result import ColorResult, renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
-from optimize.search.polish import polish
+from optimize.search.local_refinement import refine_locally
 from render.errors import DesignError
 
-# A round that gains less than this share of the score ends the search.
+# A round that gains less than this fraction of the score ends the search.
 TOLERANCE = 1e-3
 MAX_ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class SearchStep:
-    """One point of the convergence plot: the best design after a stage.
+class SearchStep(ScoredDesign):
+    """The best design after a stage, a point of the convergence plot.
 
     Arguments:
         round: 0 for the start, then 1, 2, ...
         stage: ``start``, ``grouped``, ``quick``, ``tied``, ``free`` or ``power``.
-        score: S of ``design`` in counts.
         evaluated: lightings scored so far, all stages together.
         seconds: wall time so far.
-        design: the best design so far.
     """
 
     round: int
     stage: str
-    score: float
     evaluated: int
     seconds: float
-    design: Design
 
 
 @dataclass(frozen=True, eq=False)
-class JointResult:
-    """The outcome of the alternation; ``converged`` is False when the rounds ran out."""
+class AlternatingResult(ScoredDesign):
+    """The best design; ``converged`` is False when the rounds ran out."""
 
-    design: Design
-    score: float
     history: tuple[SearchStep, ...]
     converged: bool
 
@@ -71,7 +65,7 @@ class JointResult:
         return len(set(self.design.colors.tolist())) == 1
 
 
-def optimize_jointly(
+def alternating_search(
     scorer: TableScorer,
     start: Design,
     *,
@@ -80,7 +74,7 @@ def optimize_jointly(
     tolerance: float = TOLERANCE,
     max_rounds: int = MAX_ROUNDS,
     progress: Callable[[SearchStep], None] | None = None,
-) -> JointResult:
+) -> AlternatingResult:
     """Return the best design that alternating searches reach from ``start``.
 
     A stage without an allowed candidate is left out: where constraints break all pairs of
@@ -92,21 +86,21 @@ def optimize_jointly(
             it breaks the limits, the nearest allowed design is taken.
         edges: the side of each fiber, for the tied search; None skips that stage.
         seed: of the random starts and of CMA-ES; every round draws anew.
-        tolerance: a round that gains less than this share of the score ends the search.
+        tolerance: a round that gains less than this fraction of the score ends the search.
         max_rounds: the search ends unconverged after so many rounds.
         progress: called after every stage.
     """
     limits = scorer.limits
     if limits.colors_limited or limits.directions_limited:
         start = limits.nearest_design(start)
-    search = _Search(scorer, start, progress)
+    search = _Rounds(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
     for number in range(1, max_rounds + 1):
         before = search.score
         if number == 1:
             search.take_groups(number)
-        phi, known = search.design.phi, [search.design.colors]
-        starts = [colors for colors in known if (colors >= 0).all()]
+        phi, colors = search.design.phi, search.design.colors
+        starts = [colors] if (colors >= 0).all() else []
         search.take_colors(number, quick_colors(scorer, phi, starts=starts, seed=seed + number))
         if steerable and edges is not None:
             groups = tied_groups(edges, search.design.colors)
@@ -118,7 +112,7 @@ def optimize_jointly(
     return search.finished(max_rounds, converged=False)
 
 
-class _Search:
+class _Rounds:
     """The best design so far and how it was reached; a stage never makes it worse."""
 
     def __init__(
@@ -132,16 +126,16 @@ class _Search:
         self.history: list[SearchStep] = []
         self._record(0, "start")
 
-    def take_colors(self, number: int, found: ColorResult) -> None:
+    def take_colors(self, number: int, result: ColorResult) -> None:
         """Accept better colors, named so that most fibers keep the color of the start."""
-        self.evaluated += found.evaluated
-        if found.score > self.score:
-            colors = found.colors
+        self.evaluated += result.evaluated
+        if result.score > self.score:
+            colors = result.colors
             if self.scorer.colors_alike:
                 colors = renamed_like(colors, self.names)
             self.design = Design(self.design.phi, self.scorer.power(colors))
-            self.score = found.score
-        self._record(number, found.method)
+            self.score = result.score
+        self._record(number, result.method)
 
     def take_groups(self, number: int) -> None:
         """Search colors in pairs, where the limits leave any pairs."""
@@ -154,7 +148,7 @@ class _Search:
     def take_directions(self, number: int, stage: str, groups: Colors | None, seed: int) -> None:
         """Search directions from the best design and accept better ones."""
         power = self.design.power
-        found: DirectionResult = optimize_directions(
+        result: DirectionResult = optimize_directions(
             lambda phi: self.scorer.direction_scores(phi, power),
             self.design.phi,
             groups=groups,
@@ -162,25 +156,25 @@ class _Search:
             seed=seed,
             limits=self.scorer.limits,
         )
-        self.evaluated += found.evaluated
-        if found.score > self.score:
-            self.design = Design(found.phi, power)
-            self.score = found.score
+        self.evaluated += result.evaluated
+        if result.score > self.score:
+            self.design = Design(result.phi, power)
+            self.score = result.score
         self._record(number, stage)
 
-    def finished(self, number: int, *, converged: bool) -> JointResult:
+    def finished(self, number: int, *, converged: bool) -> AlternatingResult:
         """Return the outcome, with powers of their own where the limits allow that."""
         if self.scorer.limits.continuous_power:
-            found = polish(self.scorer, self.design)
-            self.evaluated += found.evaluated
-            if found.score > self.score:
-                self.design, self.score = found.design, found.score
+            optimum = refine_locally(self.scorer, self.design)
+            self.evaluated += optimum.evaluated
+            if optimum.score > self.score:
+                self.design, self.score = optimum.design, optimum.score
             self._record(number, "power")
-        return JointResult(self.design, self.score, tuple(self.history), converged)
+        return AlternatingResult(self.design, self.score, tuple(self.history), converged)
 
     def _record(self, number: int, stage: str) -> None:
         seconds = time.perf_counter() - self.began
-        step = SearchStep(number, stage, self.score, self.evaluated, seconds, self.design)
+        step = SearchStep(self.design, self.score, number, stage, self.evaluated, seconds)
         self.history.append(step)
         if self.progress is not None:
             self.progress(step)
