@@ -95,8 +95,8 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
         f"Reference: bidirectional, MIS, {reference.samples} samples per cell, "
         f"{reference.seconds:.0f} s; "
         f"its scores are known to {found.to_json()['reference']['score_se_median']:.2f} counts.\n"  # type: ignore[index]
-        f"The model's {found.held.nominal:.0%} intervals held {found.held.counts:.1%} of facet "
-        f"colors and {found.held.score:.1%} of scores.\n"
+        f"The model's {found.nominal:.0%} intervals held {found.coverage.counts:.1%} of facet "
+        f"colors and {found.coverage.score:.1%} of scores.\n"
         f"One design alone takes {found.seconds_alone:.0f} s at {found.plan.short[-1]} samples.\n"
         f"Plot: {folder / PLOT}\nJSON: {folder / RESULT}\n"
     )

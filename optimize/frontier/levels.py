@@ -1,29 +1,41 @@
-"""Levels 0 and 1, each as a function from designs to counts, and how long one design takes."""
+"""The rows that render nothing: preview, fits on it, the shipped model and a transport table."""
 
 from __future__ import annotations
 
+import hashlib
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import torch
+from pydantic import TypeAdapter
 
-from optimize.frontier.designs import HeldOut
+from optimize.frontier.held_out import FrontierRow, HeldOutDesigns, HeldOutReference, Report
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
+from render.files import write_bytes
 from render.metric import image_counts
 from render.preview.preview import Preview
-from render.scene.schema import Scene
 from render.transport import TransportTable
+from surrogate.model.checker_module import Checker as Graph
+from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.checker import Checker
+from surrogate.training.dataset import cells_from_table
+from surrogate.training.evaluation import scene_bends
+from surrogate.training.fit import FitConfig, fit_ensembles
+from surrogate.training.reference_data import data_hash
 
 BATCH = 64
-"""Designs per call where many are judged at once."""
+"""Designs per call where many are predicted at once."""
+ROUNDS = 3
+"""How often every call is timed."""
 
 
 @dataclass(frozen=True)
-class Level:
+class FrontierLevel:
     """Something that says what the camera will count.
 
     Arguments:
@@ -41,68 +53,114 @@ class Level:
     batch: int = 1
     note: str = ""
 
+    def row(self, reference: HeldOutReference) -> FrontierRow:
+        """Return errors and time of the level."""
+        designs = reference.designs
+        seconds = self._seconds_per_design(designs)
+        counts = np.asarray(self.counts(designs.phi, designs.power))
+        return reference.row(self.name, counts, seconds=seconds, setup=self.setup, note=self.note)
 
-def timed(level: Level, designs: HeldOut, rounds: int = 3) -> tuple[Array, float]:
-    """Return the counts of all designs and the median seconds that one takes, after a warm-up."""
-    size = level.batch
-    if size > 1:
-        repeat = np.arange(size) % len(designs)
-        phi, power = designs.phi[repeat], designs.power[repeat]
-        calls = [(phi, power)] * rounds
-    else:
-        calls = [
-            (designs.phi[i : i + 1], designs.power[i : i + 1]) for i in range(len(designs))
-        ] * rounds
-    level.counts(*calls[0])
-    spent = []
-    for call in calls:
-        began = time.perf_counter()
-        level.counts(*call)
-        spent.append((time.perf_counter() - began) / size)
-    return np.asarray(level.counts(designs.phi, designs.power)), float(np.median(spent))
+    def _seconds_per_design(self, designs: HeldOutDesigns) -> float:
+        """Return the median seconds that one design takes, after a warm-up."""
+        count = 1 if self.batch > 1 else len(designs)
+        each = np.arange(max(self.batch, count)).reshape(count, -1) % len(designs)
+        calls = [(designs.phi[pick], designs.power[pick]) for pick in each] * ROUNDS
+        self.counts(*calls[0])
+        spent = []
+        for call in calls:
+            began = time.perf_counter()
+            self.counts(*call)
+            spent.append((time.perf_counter() - began) / self.batch)
+        return float(np.median(spent))
 
 
-@contextmanager
-def preview_level(scene: Scene, exposure: float) -> Iterator[Level]:
-    """Give the preview: drawn at the nodes of its lights once, then superposed."""
-    began = time.perf_counter()
-    bends = np.array(scene.bending.angles)
+def preview_row(reference: HeldOutReference) -> FrontierRow:
+    """Return the preview: drawn at the nodes of its lights once, then superposed."""
+    began, scene = time.perf_counter(), reference.designs.scene
     with Preview(scene) as preview:
 
         def counts(phi: Array, power: Array) -> Array:
-            transport, _ = preview.transport(phi.T, bends)
-            return np.asarray(image_counts(transport.swapaxes(0, 1), power, exposure))
+            transport, _ = preview.transport(phi.T, np.array(scene.bending.angles))
+            return np.asarray(image_counts(transport.swapaxes(0, 1), power, reference.exposure))
 
         counts(np.full((1, scene.fibers.count), 1.0), np.ones((1, scene.fibers.count, 3)))
-        yield Level("preview", counts, time.perf_counter() - began)
+        level = FrontierLevel("preview", counts, time.perf_counter() - began)
+        return level.row(reference)
 
 
-def table_level(scene: Scene, table: TransportTable, exposure: float, setup: float) -> Level:
-    """Return a reference table, interpolated to the designs' directions."""
-    at_bends = interpolation_weights(table.bends, np.array(scene.bending.angles))
-    cells = np.einsum("ab,fjbsk->fjask", at_bends, table.T)
-
-    def counts(phi: Array, power: Array) -> Array:
-        weights = interpolation_weights(table.phi, phi)
-        light = np.einsum("dfj,fjask->dfask", weights, cells, optimize=True)
-        return np.asarray(image_counts(light, power, exposure))
-
-    return Level(
-        "transport table",
-        counts,
-        setup,
-        note=f"rendered at {len(table.phi)} directions, interpolated; once per scene",
-    )
-
-
-def onnx_levels(scene: Scene, checker: Checker, setup: float) -> tuple[Level, Level]:
+def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> list[FrontierRow]:
     """Return the shipped model, one design a call and in batches."""
-    bends = np.array(scene.bending.angles)
+    bends = np.array(reference.designs.scene.bending.angles)
 
     def counts(phi: Array, power: Array) -> Array:
         return checker.run(phi, power, bends)["counts"].astype(np.float64)
 
-    return (
-        Level("checker.onnx", counts, setup, note="one design a call"),
-        Level(f"checker.onnx, batches of {BATCH}", counts, setup, batch=BATCH),
+    levels = (
+        FrontierLevel("checker.onnx", counts, setup, note="one design a call"),
+        FrontierLevel(f"checker.onnx, batches of {BATCH}", counts, setup, batch=BATCH),
     )
+    return [level.row(reference) for level in levels]
+
+
+def table_row(reference: HeldOutReference, table: TransportTable, setup: float) -> FrontierRow:
+    """Return a reference table, interpolated to the designs' directions."""
+    bends = np.array(reference.designs.scene.bending.angles)
+    cells = np.einsum("ab,fjbsk->fjask", interpolation_weights(table.bends, bends), table.T)
+
+    def counts(phi: Array, power: Array) -> Array:
+        weights = interpolation_weights(table.phi, phi)
+        light = np.einsum("dfj,fjask->dfask", weights, cells, optimize=True)
+        return np.asarray(image_counts(light, power, reference.exposure))
+
+    note = f"rendered at {len(table.phi)} directions, interpolated; once per scene"
+    return FrontierLevel("transport table", counts, setup, note=note).row(reference)
+
+
+def fitted_rows(
+    reference: HeldOutReference,
+    grid: PreviewGrid,
+    table: TransportTable,
+    seed: int,
+    config: FitConfig,
+    folder: Path,
+    report: Report,
+) -> list[FrontierRow]:
+    """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does.
+
+    They take long, so ``folder`` keeps the rows for the same data.
+    """
+    digest = hashlib.sha256(f"{data_hash(table)} {seed} {config} {reference.lam}".encode())
+    for values in (grid.log_transport, reference.counts, reference.scores):
+        digest.update(values.tobytes())
+    path = folder / f"fits-{digest.hexdigest()[:16]}.json"
+    kept = TypeAdapter(list[FrontierRow])
+    with suppress(OSError, ValueError):  # none yet, or damaged: then they are made
+        return kept.validate_json(path.read_bytes())
+    began, scene = time.perf_counter(), reference.designs.scene
+    exposure, lam = reference.exposure, reference.lam
+    models = fit_ensembles(
+        scene,
+        grid,
+        cells_from_table(scene, table),
+        exposure=exposure,
+        lam=lam,
+        bends=scene_bends(table, scene.bending.angles),
+        seed=seed,
+        config=config,
+        progress=lambda stage, done, total: report(stage.capitalize(), done, total, None),
+    )
+    seconds, rows = time.perf_counter() - began, []
+    bends = torch.tensor([scene.bending.angles], dtype=torch.float32)
+    for kind, model in models.items():
+        graph = Graph(scene, grid, model, exposure=exposure, lam=lam, spread=(-3.0, 0.0))
+
+        def counts(phi: Array, power: Array, graph: Graph = graph) -> Array:
+            lights = (torch.as_tensor(values, dtype=torch.float32) for values in (phi, power))
+            with torch.no_grad():
+                found = graph(*lights, bends.expand(len(phi), -1))
+            return np.asarray(found.counts.double().numpy())
+
+        note = "in torch, on the preview's table"
+        rows.append(FrontierLevel(f"preview + {kind}", counts, seconds, note=note).row(reference))
+    write_bytes(path, kept.dump_json(rows))
+    return rows

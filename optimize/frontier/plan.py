@@ -6,14 +6,11 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
-from optimize.frontier.designs import HeldOut, Nodes
-from optimize.frontier.volpath import PathTracer
+from optimize.frontier.held_out import HeldOutDesigns
+from optimize.frontier.rendered_levels import PathTracer
 from optimize.ui.output import OutputError
 from render.files import read_json, write_json
 from render.reference.cost import render_pace
-from render.scene.schema import Scene
 
 PLAN = "plan.json"
 SHORTER = (32, 8)
@@ -71,9 +68,7 @@ def check_folder(folder: Path) -> None:
 
 
 def make_plan(
-    scene: Scene,
-    designs: HeldOut,
-    nodes: Nodes,
+    designs: HeldOutDesigns,
     folder: Path,
     *,
     seed: int,
@@ -84,16 +79,14 @@ def make_plan(
     """Return the plan in ``folder`` when it answers the same request, or a new one.
 
     Arguments:
-        scene: the sensor.
-        designs: what is judged.
-        nodes: theirs, for the trial renders.
+        designs: what is rendered.
         folder: of the run.
         seed: of the designs.
         minutes: of rendering in all, unless ``samples`` says it.
         samples: of the reference, per fiber and facet.
         renders_table: whether a transport table has to be rendered as well.
     """
-    wanted = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
+    wanted = {"scene_hash": designs.scene.hash, "seed": seed, "designs": len(designs)}
     wanted |= {"minutes": minutes} if samples is None else {"samples": samples}
     stored = _read(folder / PLAN)
     if stored is not None and wanted.items() <= asdict(stored).items():
@@ -101,13 +94,13 @@ def make_plan(
     if samples is None:
         seconds = 60.0 * minutes - FIT_SECONDS
         chosen = _affordable(
-            scene, nodes, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
+            designs, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
         )
-        spp = _affordable_samples(scene, designs, PATH_TRACER_SHARE * seconds)
+        spp = _affordable_samples(designs, PATH_TRACER_SHARE * seconds)
     else:
         chosen, spp, minutes = samples, list(SAMPLES), 0.0
     plan = FrontierPlan(
-        scene_hash=scene.hash,
+        scene_hash=designs.scene.hash,
         seed=seed,
         designs=len(designs),
         minutes=minutes,
@@ -119,9 +112,10 @@ def make_plan(
     return plan
 
 
-def _affordable(scene: Scene, nodes: Nodes, seconds: float, *, renders_table: bool) -> int:
+def _affordable(designs: HeldOutDesigns, seconds: float, *, renders_table: bool) -> int:
     """Return the reference's samples that fill ``seconds`` together with the shorter renders."""
-    pace, bends = render_pace(scene, nodes.phi), len(scene.bending.angles)
+    scene = designs.scene
+    pace, bends = render_pace(scene, designs.nodes), len(scene.bending.angles)
     # The longest of the short renders is made once more with small steps, and for one design.
     parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
     parts += [1.0 / TABLE_SHARE] if renders_table else []
@@ -129,9 +123,9 @@ def _affordable(scene: Scene, nodes: Nodes, seconds: float, *, renders_table: bo
     return max(SHORTER[0], int(left / (bends * pace.each * sum(parts))))
 
 
-def _affordable_samples(scene: Scene, designs: HeldOut, seconds: float) -> list[int]:
+def _affordable_samples(designs: HeldOutDesigns, seconds: float) -> list[int]:
     """Return samples per pixel of two rows, four times apart, that fill ``seconds``."""
-    tracer = PathTracer(scene, np.array(scene.bending.angles))
+    tracer = PathTracer(designs.scene)
     spent = []
     for spp in (1, 1, 9):
         began = time.monotonic()

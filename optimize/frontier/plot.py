@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.axes import Axes
@@ -53,7 +54,7 @@ def frontier_png(frontier: Frontier) -> bytes:
     with drawing(8.4, 4.2) as figure:
         axes = figure.add_subplot()
         rows = sorted(frontier.rows, key=lambda row: row.seconds_per_design)
-        draw_levels(axes, [row.to_json() for row in rows])
+        draw_levels(axes, [asdict(row) for row in rows])
         noise = 100 * frontier.noise.facet_error_median
         axes.axhline(noise, color="#8a8f98", lw=0.8, ls="--", label="noise of the reference")
         axes.set_ylim(bottom=min(0.6 * noise, axes.get_ylim()[0]))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from optimize.frontier.designs import held_out_designs, shared_nodes
+from optimize.frontier.held_out import held_out_designs
 from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_plan
 from optimize.ui.output import OutputError
 from render.scene.schema import Scene
@@ -14,12 +14,9 @@ from tests.disk import DURABLE, logged_disk
 
 
 def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:
-    designs = held_out_designs(scene, count, 0)
     wanted = {"seed": 0, "minutes": 30.0, "samples": 320} | request
     return make_plan(
-        scene,
-        designs,
-        shared_nodes(scene, designs),
+        held_out_designs(scene, count, 0),
         folder,
         renders_table=False,
         **wanted,  # type: ignore[arg-type]

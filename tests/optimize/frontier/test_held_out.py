@@ -1,0 +1,147 @@
+"""Held-out designs, the nodes that render all of them, and errors against a noisy reference."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimize.frontier.held_out import HeldOutReference, held_out_designs, scores_of
+from render.geometry.symmetry import mirrors
+from render.scene.schema import Scene, load_scene
+from surrogate.runtime.checker import Checker
+
+MODEL = Path(__file__).resolve().parents[3] / "models" / "finger20"
+DESIGNS, LAM = 40, 30.0
+
+
+def variant(scene: Scene, **counts: int) -> Scene:
+    return scene.model_copy(update={"fibers": scene.fibers.model_copy(update=counts)})
+
+
+def test_the_same_seed_gives_the_same_designs_and_another_one_others(finger20: Scene) -> None:
+    first, again, other = (held_out_designs(finger20, 5, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.phi, again.phi)
+    np.testing.assert_array_equal(first.power, again.power)
+    assert (first.phi != other.phi).all()
+
+
+def test_every_fiber_of_a_design_has_one_color(finger20: Scene) -> None:
+    designs = held_out_designs(finger20, 30, 0)
+    assert len(designs) == 30
+    assert ((designs.phi >= 0) & (designs.phi <= np.pi)).all()
+    assert (designs.power.sum(axis=-1) == 1).all()
+    assert set(np.unique(designs.power)) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("tip", [0, 3, 4])
+def test_shared_nodes_hold_every_design_and_its_mirror_image(finger20: Scene, tip: int) -> None:
+    scene = variant(finger20, tip=tip)
+    designs = held_out_designs(scene, 7, 0)
+    assert designs.nodes.shape == (scene.fibers.count, 14)
+    assert mirrors(scene, designs.nodes)
+    np.testing.assert_array_equal(designs.of_nodes(designs.nodes), designs.phi)
+
+
+def test_a_sensor_without_mirror_images_gets_its_designs_alone(finger20: Scene) -> None:
+    scene = variant(finger20, left=7)
+    designs = held_out_designs(scene, 4, 0)
+    assert designs.nodes.shape == (scene.fibers.count, 4)
+    np.testing.assert_array_equal(designs.of_nodes(designs.nodes), designs.phi)
+
+
+@pytest.fixture
+def truth() -> np.ndarray:
+    """Return counts ``(design, bend, site, facet, 3)`` whose scores differ well."""
+    rng = np.random.default_rng(0)
+    bright = rng.uniform(0.3, 1.0, (DESIGNS, 1, 1, 1, 1))
+    return rng.uniform(30, 200, (DESIGNS, 2, 4, 6, 3)) * bright
+
+
+def noisy_reference(counts: np.ndarray, noise: float, seed: int = 1) -> HeldOutReference:
+    rng = np.random.default_rng(seed)
+    error = noise * counts
+    noisy = counts + error * rng.standard_normal(counts.shape)
+    scores = scores_of(counts, LAM)
+    designs = held_out_designs(load_scene("finger20"), DESIGNS, 0)
+    return HeldOutReference(
+        designs, noisy, error, scores, np.full(DESIGNS, 0.5), 1.0, LAM, 100, 8, 60.0
+    )
+
+
+def test_a_perfect_level_has_no_errors_against_an_exact_reference(truth: np.ndarray) -> None:
+    row = noisy_reference(truth, 0.0).row("perfect", truth, seconds=0.5, setup=2.0)
+    assert row.facet_error_median == row.facet_error_p95 == row.facet_error_true == 0.0
+    assert row.score_error == 0.0
+    assert row.kendall_tau == 1.0
+    assert (row.seconds_per_design, row.setup_seconds, row.designs) == (0.5, 2.0, DESIGNS)
+
+
+def test_noise_of_the_reference_is_taken_out_of_the_true_error(truth: np.ndarray) -> None:
+    noisy = noisy_reference(truth, 0.05)
+    perfect = noisy.row("perfect", truth, seconds=1.0)
+    assert perfect.facet_error_median > 0.02
+    assert perfect.facet_error_true < 0.015
+    off = noisy.row("3 % too bright", 1.03 * truth, seconds=1.0)
+    assert off.facet_error_true == pytest.approx(0.03, abs=0.008)
+
+
+def test_the_noise_row_is_what_a_perfect_level_shows(truth: np.ndarray) -> None:
+    noisy = noisy_reference(truth, 0.05)
+    perfect, floor = noisy.row("perfect", truth, seconds=1.0), noisy.noise_row(0)
+    assert floor.facet_error_median == pytest.approx(perfect.facet_error_median, rel=0.05)
+
+
+def test_a_level_that_ranks_backwards_has_a_tau_of_minus_one(truth: np.ndarray) -> None:
+    exact = noisy_reference(truth, 0.0)
+    row = exact.row("backwards", truth, seconds=1.0, scores=-exact.scores)
+    assert row.kendall_tau == -1.0
+    assert row.kendall_tau_interval == (-1.0, -1.0)
+
+
+def test_the_interval_of_tau_holds_it_and_narrows_with_better_ranks(truth: np.ndarray) -> None:
+    exact = noisy_reference(truth, 0.0)
+    rng = np.random.default_rng(2)
+    widths = []
+    for spread in (0.05, 1.0):
+        scores = exact.scores + spread * exact.scores.std() * rng.standard_normal(DESIGNS)
+        row = exact.row("noisy ranks", truth, seconds=1.0, scores=scores)
+        low, high = row.kendall_tau_interval
+        assert low <= row.kendall_tau <= high
+        widths.append(high - low)
+    assert widths[0] < widths[1]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])
+def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
+    finger20: Scene, noise: float
+) -> None:
+    # A world in which the model's errors are normal and its factors are right.
+    checker = Checker.load(MODEL, finger20.hash)
+    designs = held_out_designs(finger20, 60, 0)
+    found = checker.run(designs.phi, designs.power, np.array(finger20.bending.angles))
+    rng = np.random.default_rng(0)
+    truth = found["counts"] + checker.counts_reach / 1.645 * found[
+        "counts_spread"
+    ] * rng.standard_normal(found["counts"].shape)
+    scores = found["score"] + checker.score_reach / 1.645 * rng.standard_normal(60)
+    reference = HeldOutReference(
+        designs=designs,
+        counts=truth + noise * rng.standard_normal(truth.shape),
+        counts_se=np.full(truth.shape, noise),
+        scores=scores + noise * rng.standard_normal(60),
+        scores_se=np.full(60, noise),
+        exposure=checker.exposure,
+        lam=checker.lam,
+        samples=1,
+        replicates=10_000,
+        seconds=1.0,
+    )
+    held = reference.coverage(checker)
+    assert checker.coverage == 0.9
+    assert held.counts == pytest.approx(0.9, abs=0.02)
+    assert held.score == pytest.approx(0.9, abs=0.1)
+    far = replace(reference, counts=reference.counts + 100.0 + 10 * noise)
+    assert far.coverage(checker).counts < 0.1
