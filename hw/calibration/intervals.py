@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.calibration.material import NAMES
-from hw.calibration.residuals import ROUGHNESS_HELD, ROUGHNESS_KNOWN, CalibrationResiduals
+from hw.calibration.residuals import MATERIAL, ROUGHNESS_HELD, ROUGHNESS_KNOWN, CalibrationResiduals
 from render.arrays import Array
 
 Z95 = 1.96
@@ -80,18 +80,18 @@ def intervals(problem: CalibrationResiduals, x: Array) -> StandardErrors:
     }
     covariance = np.sum(list(parts.values()), axis=0)
     se = np.sqrt(np.diag(covariance))
-    fibers, gains = len(problem.fibers), len(problem.channels)
+    fibers = len(problem.fibers)
     # Powers have mean 1: the first fiber's error is that of the others' mean.
     to_log = np.zeros((fibers, len(x)))
-    to_log[1:, 8 : 8 + fibers - 1] = np.eye(fibers - 1)
+    to_log[1:, problem.power_columns] = np.eye(fibers - 1)
     power, _ = problem.unpack(x)
     to_log -= (power[:, None] * to_log).sum(axis=0) / fibers
-    material = covariance[:4, :4]
+    material = covariance[MATERIAL, MATERIAL]
     outer = np.sqrt(np.outer(np.diag(material), np.diag(material)))
     return StandardErrors(
-        material=se[:4],
-        parts={name: np.sqrt(np.diag(part)[:4]) for name, part in parts.items()},
+        material=se[MATERIAL],
+        parts={name: np.sqrt(np.diag(part)[MATERIAL]) for name, part in parts.items()},
         power=np.sqrt(np.einsum("fi,ij,fj->f", to_log, covariance, to_log)),
-        gain=se[len(x) - gains :],
+        gain=se[problem.gain_columns],
         correlation=material / np.where(outer > 0, outer, 1.0),
     )

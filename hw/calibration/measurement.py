@@ -133,7 +133,7 @@ class LineReader:
         columns, rows = self._scene.camera.columns, self._scene.camera.rows
         matrix = intrinsics(self._scene, columns, rows)
         tilt = tuple(TILT_STEP if a == axis else 0.0 for a in range(3))
-        turn = rotation(tilt)  # type: ignore[arg-type]
+        turn = rotation(tilt)
         homogeneous = np.concatenate([pixels - 0.5, np.ones((len(pixels), 1))], axis=1)
         moved = homogeneous @ (matrix @ np.linalg.inv(turn) @ np.linalg.inv(matrix)).T
         return np.asarray(moved[:, :2] / moved[:, 2:] + 0.5)

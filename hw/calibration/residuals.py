@@ -83,7 +83,9 @@ class CalibrationResiduals:
         self._carries = np.repeat(carries, np.diff(self.edges), axis=0)
         self._noise = np.repeat([one.noise for one in measurements], np.diff(self.edges))
         self._log_modes = self._gathered_modes(modes)
-        self.size = FIXED + len(self.fibers) - 1 + len(self.channels)
+        self.power_columns = slice(FIXED, FIXED + len(self.fibers) - 1)
+        self.size = self.power_columns.stop + len(self.channels)
+        self.gain_columns = slice(self.power_columns.stop, self.size)
         self.rows, self.used = self._counts.size, int(self._carries.sum())
 
     def expect(self, x: Array) -> None:
@@ -127,8 +129,8 @@ class CalibrationResiduals:
         gain = np.nanmedian(ratio, axis=0)
         over = np.nanmean(ratio - gain, axis=1)
         power = np.array([np.median(over[self._own == own]) for own in range(len(self.fibers))])
-        x[FIXED : FIXED + len(power) - 1] = power[1:] - power[0]
-        x[FIXED + len(power) - 1 :] = gain + np.log(np.mean(np.exp(power)))
+        x[self.power_columns] = power[1:] - power[0]
+        x[self.gain_columns] = gain + np.log(np.mean(np.exp(power)))
         self.expect(x)
         return x
 
@@ -149,9 +151,8 @@ class CalibrationResiduals:
 
     def unpack(self, x: Array) -> tuple[Array, Array]:
         """Return powers ``(fiber,)`` with mean 1 and gains ``(channel,)`` of those in use."""
-        last = FIXED + len(self.fibers) - 1
-        power = np.exp(np.concatenate([[0.0], x[FIXED:last]]))
-        return power / power.mean(), np.exp(x[last:])
+        power = np.exp(np.concatenate([[0.0], x[self.power_columns]]))
+        return power / power.mean(), np.exp(x[self.gain_columns])
 
     def wanted(self, x: Array) -> Array:
         """Return predicted counts ``(row, channel)``."""

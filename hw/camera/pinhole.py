@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from render.arrays import Array
 from render.scene.schema import Scene
 
 
-def rotation(tilt: tuple[float, float, float]) -> Array:
-    """Return the matrix that turns by ``tilt`` (rad) about x, then y, then the viewing axis."""
+def rotation(tilt: Sequence[float]) -> Array:
+    """Return the matrix that turns by ``tilt`` (rad) about x, then y, then the viewing axis.
+
+    Every turn leads the first of the other two axes towards the second, in the order x, y, z.
+    About x (y to z) and z (x to y) that is right-handed; about y (x to z) it is left-handed, so
+    that the same sign of the first two tilts moves the picture the same way along both its axes.
+    """
     turns = []
     for axis, angle in enumerate(tilt):
         turn = np.eye(3)

@@ -8,7 +8,7 @@ leaves unhindered through the inner face (index matched) and meets a rough diele
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,8 @@ def walk(slab: Slab, photons: Photons, rng: np.random.Generator) -> tuple[Photon
     """
     rounds = events = 0
     portions: list[Photons] = []
+    # Directions are turned in place below; the caller's stay as they are.
+    photons = replace(photons, direction=photons.direction.copy())
     while len(photons.weight):
         position, direction = photons.position, photons.direction
         wall, face = _way_to_wall(slab, position, direction)

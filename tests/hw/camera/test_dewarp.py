@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hw.camera.dewarp import Dewarp, load_lens
-from hw.camera.pinhole import intrinsics, rotation
+from hw.camera.pinhole import intrinsics
 from hw.errors import CaptureError
 from render.geometry.facet_masks import pixel_directions
 from render.scene.schema import load_scene
@@ -75,8 +75,3 @@ def test_the_pinhole_agrees_with_the_renderers_rays() -> None:
     # The renderer's columns run towards -x and rows towards -y.
     seen = matrix @ (np.array([-direction[0], -direction[1], direction[2]]) / direction[2])
     np.testing.assert_allclose(seen[:2], [10.0, 20.0], atol=1e-9)
-
-
-def test_turning_back_is_the_inverse() -> None:
-    turn = rotation((0.1, -0.2, 0.3))
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)

@@ -37,6 +37,14 @@ def test_without_absorption_no_light_is_lost_in_a_layer_closed_by_reflection() -
     assert left.weight.sum() == pytest.approx(1.0, abs=0.02)
 
 
+def test_a_walk_leaves_the_photons_of_its_caller_as_they_are() -> None:
+    slab = Slab(1.0, 2.0, 5.0, 0.1, 0.5, 1.41, 0.1)
+    photons, untouched = pencil(slab, 100), pencil(slab, 100)
+    walk(slab, photons, np.random.default_rng(0))
+    for name, values in vars(untouched).items():
+        np.testing.assert_array_equal(getattr(photons, name), values)
+
+
 @pytest.mark.parametrize("g", [-0.9, 0.0, 0.6, 0.99])
 def test_scattering_has_the_mean_cosine_g(g: float) -> None:
     before = np.tile(np.float32([0.6, 0.0, -0.8]), (50_000, 1))
