@@ -122,11 +122,11 @@ def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -
     table.add_row("Difference", _pm(found.difference), f"{low:.2f} to {high:.2f}", "", "", "")
     Console(file=stream, width=None if stream.isatty() else 100).print(table)
     error = found.surrogate_score - found.design.score.value
-    held = check_interval(error, checker.score_reach, found.design.score.se, checker.coverage)
+    held = check_interval(error, checker.score_half_width, found.design.score.se, checker.coverage)
     stream.write(
         f"{found.verdict}\n"
         f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "
-        f"{checker.coverage:.0%} interval of -+{checker.score_reach:.2f} {held}.\n"
+        f"{checker.coverage:.0%} interval of -+{checker.score_half_width:.2f} {held}.\n"
         f"{len(found.seeds)} seeds, {found.difference.replicates} replicates, {found.samples} "
         f"samples per cell, {found.render_seconds:.0f} s of rendering.\n"
     )

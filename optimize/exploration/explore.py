@@ -145,7 +145,7 @@ def rate(
         for name, value in checker.run(design.phi[None], design.power[None], bends).items()
     }
     parts = design_score(output["metric"])
-    score, half = float(output["score"]), checker.score_reach
+    score, half = float(output["score"]), checker.score_half_width
     rating = Rating(
         level="surrogate",
         score=score,

@@ -23,8 +23,7 @@ from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
 from surrogate.runtime.checker import Checker
 from surrogate.training.conformal import Coverage
-from surrogate.training.reference_data import data_hash
-from surrogate.training.render_plan import estimate_table, render_plan
+from surrogate.training.render_plan import data_hash, estimate_table, render_plan
 from surrogate.training.render_plan import make_plan as make_table_plan
 from surrogate.training.train import TrainConfig
 

@@ -283,11 +283,11 @@ class HeldOutReference:
         compared = Comparison(
             error=(found["counts"] - self.counts)[lit],
             spread=spread[lit],
-            noise=factor / checker.counts_reach * self.counts_se[lit],
+            noise=factor / checker.counts_factor * self.counts_se[lit],
             score_error=found["score"] - self.scores,
             score_noise=factor * self.scores_se,
         )
-        return coverage(compared, Quantiles(checker.counts_reach, 1.0, checker.score_reach))
+        return coverage(compared, Quantiles(checker.counts_factor, 1.0, checker.score_half_width))
 
 
 def scores_of(counts: Array, lam: float) -> Array:

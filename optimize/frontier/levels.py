@@ -20,13 +20,13 @@ from render.files import write_bytes
 from render.metric import image_counts
 from render.preview.preview import Preview
 from render.transport import TransportTable
-from surrogate.model.checker_module import Checker as Graph
+from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.checker import Checker
 from surrogate.training.dataset import cells_from_table
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.fit import FitConfig, fit_ensembles
-from surrogate.training.reference_data import data_hash
+from surrogate.training.render_plan import data_hash
 
 BATCH = 64
 """Designs per call where many are predicted at once."""
@@ -152,9 +152,9 @@ def fitted_rows(
     seconds, rows = time.perf_counter() - began, []
     bends = torch.tensor([scene.bending.angles], dtype=torch.float32)
     for kind, model in models.items():
-        graph = Graph(scene, grid, model, exposure=exposure, lam=lam, spread=(-3.0, 0.0))
+        graph = CheckerModule(scene, grid, model, exposure=exposure, lam=lam, spread=(-3.0, 0.0))
 
-        def counts(phi: Array, power: Array, graph: Graph = graph) -> Array:
+        def counts(phi: Array, power: Array, graph: CheckerModule = graph) -> Array:
             lights = (torch.as_tensor(values, dtype=torch.float32) for values in (phi, power))
             with torch.no_grad():
                 found = graph(*lights, bends.expand(len(phi), -1))

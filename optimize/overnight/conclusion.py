@@ -67,7 +67,7 @@ def _finalist(context: RunContext, checker: Checker, verdict: Verdict, index: in
         gain=None if gain is None else gain.value,
         gain_se=None if gain is None else gain.se,
         predicted=float(predicted["score"]),
-        predicted_reach=checker.score_reach,
+        predicted_reach=checker.score_half_width,
         counts=counts,
         counts_se=light.std(axis=0, ddof=1) / np.sqrt(count),
         predicted_counts=predicted["counts"],
@@ -105,7 +105,7 @@ def _sentences(
     index = names.index(winner)
     design, score = verdict.renders.designs[index], verdict.of(winner).score
     off = float(_predicted(context, checker, design)["score"]) - score.value
-    reach = checker.score_reach
+    reach = checker.score_half_width
     said.append(
         f"The surrogate is off by {off:+.2f} for the {winner}: its 90% interval of ±{reach:.2f} "
         f"{check_interval(off, reach, score.se)} (renders ±{score.se:.2f})."

@@ -53,7 +53,7 @@ from render.reference.transport import pad_jobs
 from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
 from surrogate.runtime.checker import Checker
-from surrogate.training.refit import Correction, Refitter
+from surrogate.training.refit import Refitter, ResidualCorrection
 
 
 def baseline_of(context: RunContext) -> Design:
@@ -89,7 +89,9 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Desig
         }
 
     kept = context.decide("search", search)
-    context.keep_best("surrogate", kept["scores"][1], checker.score_reach, "found on the surrogate")
+    context.keep_best(
+        "surrogate", kept["scores"][1], checker.score_half_width, "found on the surrogate"
+    )
     return design_of(kept["colors"]), design_of(kept["best"])
 
 
@@ -255,10 +257,10 @@ class _LateRefitter:
         grid = draw_grid(self.context.scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
         return Refitter(self.context.scene, grid)
 
-    def fit(self, runs: Any) -> Correction:
+    def fit(self, runs: Any) -> ResidualCorrection:
         return self._refitter.fit(runs)
 
-    def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
+    def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
         return self._refitter.apply(correction, table)
 
 

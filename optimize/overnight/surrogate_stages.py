@@ -313,18 +313,18 @@ def _seconds_per_step(table: TransportTable) -> float:
     import torch
 
     from surrogate.model.facet_basis import SIZE
-    from surrogate.model.features import INPUT_NAMES
+    from surrogate.model.features import FEATURE_NAMES
+    from surrogate.training.dataset import RegressionData
     from surrogate.training.fit import FitConfig
     from surrogate.training.mlp import fit_networks
-    from surrogate.training.regression import Rows
 
     config = FitConfig()
     directions, count = len(table.phi), config.network.batch
     shape = (directions, count, 1, 1)
     rows = directions * count
     normals = table.T.shape[4] + 1
-    data = Rows(
-        x=torch.zeros(rows, len(INPUT_NAMES)),
+    data = RegressionData(
+        x=torch.zeros(rows, len(FEATURE_NAMES)),
         basis=torch.zeros(rows, SIZE, normals),
         ratio=torch.ones(rows, normals),
         noise=torch.ones(rows, normals),

@@ -89,9 +89,9 @@ def caveats(exploration: Exploration) -> list[str]:
         "All scores come from the surrogate (level 1): the preview, corrected by a model that was "
         "fitted to physically based renders. It has not seen this design.",
         f"The intervals held {checker.coverage:.0%} of held-out random designs, within "
-        f"{checker.score_reach:.2f} counts of the reference's score. A search picks the best of "
-        "many candidates and so finds the surrogate's mistakes too: the true gain is likely to be "
-        "smaller than shown.",
+        f"{checker.score_half_width:.2f} counts of the reference's score. A search picks the best "
+        "of many candidates and so finds the surrogate's mistakes too: the true gain is likely to "
+        "be smaller than shown.",
         "Both baseline and optimized design share the surrogate's errors in part, so the interval "
         "of their difference is not the sum of the two; only a verification gives it.",
         "The scene is the one described by its file. Values marked as assumed there (see "

@@ -28,7 +28,7 @@ from optimize.verification.renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.transport import TransportTable
-from surrogate.training.refit import Correction, NewRenders
+from surrogate.training.refit import NewRenders, ResidualCorrection
 
 LEAST_TAU = 0.85
 LEAST_GAIN = 1e-3
@@ -75,7 +75,7 @@ class Round:
     gains: tuple[JackknifeEstimate, ...]
     agreement: RankAgreement
     refitted: RankAgreement
-    correction: Correction
+    correction: ResidualCorrection
     seconds: float
 
 
@@ -99,10 +99,10 @@ class Rendered:
 class Refits(Protocol):
     """Fits corrections of the surrogate and applies them (``surrogate.training.refit``)."""
 
-    def fit(self, runs: Sequence[NewRenders]) -> Correction:
+    def fit(self, runs: Sequence[NewRenders]) -> ResidualCorrection:
         """Return the correction by all ``runs``."""
 
-    def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
+    def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
         """Return ``table`` with the correction."""
 
 
@@ -265,7 +265,7 @@ class Loop:
             interval,
         )
 
-    def refit(self) -> Correction:
+    def refit(self) -> ResidualCorrection:
         """Correct the surrogate by all renders so far."""
         correction = self.refitter.fit(self.runs)
         self.table = self.refitter.apply(correction, self.original)

@@ -10,14 +10,16 @@ from pathlib import Path
 import torch
 
 from render.files import write_bytes
-from surrogate.model.checker_module import Checker
+from surrogate.model.checker_module import CheckerModule
 from surrogate.runtime.model_file import INPUTS, MATERIAL, OUTPUTS
 
 OPSET = 18
 IR_VERSION = 8
 
 
-def export_onnx(checker: Checker, fibers: int, path: Path, metadata: Mapping[str, str]) -> None:
+def export_onnx(
+    checker: CheckerModule, fibers: int, path: Path, metadata: Mapping[str, str]
+) -> None:
     """Write ``checker`` to ``path`` with named dynamic axes ``batch`` and ``bends``.
 
     Node metadata and doc strings, where exporters leave source paths of the machine, are removed;

@@ -11,7 +11,7 @@ import numpy as np
 from render.errors import ModelError
 from render.files import replace_folder, temporary_name, write_npz, write_text
 from surrogate.export.onnx import export_onnx
-from surrogate.model.checker_module import Checker
+from surrogate.model.checker_module import CheckerModule
 from surrogate.runtime.metadata import ModelMetadata
 from surrogate.runtime.model_file import (
     CARD_FILE,
@@ -28,7 +28,7 @@ LARGEST = 5_000_000
 
 def write_package(
     folder: Path,
-    checker: Checker,
+    checker: CheckerModule,
     metadata: ModelMetadata,
     card: str,
     golden_inputs: Mapping[str, np.ndarray],

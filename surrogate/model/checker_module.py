@@ -1,7 +1,7 @@
 """The whole checker as one torch module: preview, residual, superposition, exposure and metric.
 
 This is what is exported to ``checker.onnx`` and what training predicts with, so the two cannot
-drift apart.
+drift deviation.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from torch import Tensor, nn
 from render.arrays import Array
 from render.metric import clip_counts, design_score, site_metric
 from render.scene.schema import Scene
-from surrogate.model.constants import store_constants
-from surrogate.model.facet_basis import Expansion
-from surrogate.model.features import BRIGHTNESS, Inputs
+from surrogate.model.facet_basis import Expansion, store_constants
+from surrogate.model.features import BRIGHTNESS, CellFeatures
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid
 
 
-class Prediction(NamedTuple):
+class CheckerOutputs(NamedTuple):
     """Outputs of the checker, named and shaped as in the ONNX contract."""
 
     counts: Tensor
@@ -126,7 +125,7 @@ class Lagrange(nn.Module):
         return torch.prod(factors, dim=-1)
 
 
-class Checker(nn.Module):
+class CheckerModule(nn.Module):
     """From a lighting design to the colors it must produce, with their uncertainty.
 
     Arguments of the constructor:
@@ -152,7 +151,7 @@ class Checker(nn.Module):
     ) -> None:
         """Assemble the parts."""
         super().__init__()
-        self.preview, self.inputs = PreviewTable(grid), Inputs(scene, grid)
+        self.preview, self.inputs = PreviewTable(grid), CellFeatures(scene, grid)
         self.residual, self.expansion = residual, Expansion(scene)
         self.exposure, self.lam, self.spread = exposure, lam, spread
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
@@ -162,7 +161,7 @@ class Checker(nn.Module):
 
     def forward(
         self, phi: Tensor, power: Tensor, bend: Tensor, material: Tensor | None = None
-    ) -> Prediction:
+    ) -> CheckerOutputs:
         """Return the prediction.
 
         Arguments:
@@ -190,7 +189,7 @@ class Checker(nn.Module):
         counts = clip_counts(self.exposure * _superposed(weight, transport))
         facets = counts[..., :-1, :]
         metric = site_metric(facets, self.lam)
-        return Prediction(
+        return CheckerOutputs(
             counts=facets,
             counts_spread=self.counts_spread(transport, residual - shared, spread, weight),
             background=counts[..., -1, :],
@@ -237,19 +236,19 @@ class Checker(nn.Module):
         return log_preview, residual, spread
 
     def counts_spread(
-        self, transport: Tensor, apart: Tensor, spread: Tensor, weight: Tensor
+        self, transport: Tensor, deviation: Tensor, spread: Tensor, weight: Tensor
     ) -> Tensor:
         """Return one standard deviation of the counts, ``(batch, bend, site, facet, 3)``.
 
         The disagreement of the members, which light from all fibers shares, and the calibrated
-        residual of every cell, independent from fiber to fiber, add in quadrature. ``apart`` is
+        residual of every cell, independent from fiber to fiber, add in quadrature. ``deviation`` is
         the deviation of every member's residual from their mean, ``(member, normal, batch, ...)``;
         ``weight`` the power ``(batch, 3, fiber)``.
         """
-        members = apart.shape[0]
+        members = deviation.shape[0]
         variance = _superposed(weight * weight, (transport * spread) ** 2)
         if members > 1:
-            together = _superposed(weight, apart * transport)
+            together = _superposed(weight, deviation * transport)
             variance = variance + (together * together).sum(dim=0) / (members - 1)
         return self.exposure * torch.sqrt(variance[..., :-1, :])
 

@@ -17,6 +17,8 @@ x > 0: seen from there, every site looks alike.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -24,7 +26,6 @@ from torch import Tensor, nn
 from render.arrays import Array
 from render.geometry.layout import facet_normals, flat_fiber_poses, flat_sites
 from render.scene.schema import Scene
-from surrogate.model.constants import store_constants
 
 ORDERS = np.array([0, 1, 1, 2, 2, 3, 3, 0])
 """How many times faster than the frame each harmonic turns; pairs are (Re, Im)."""
@@ -110,3 +111,9 @@ def contrast(log_preview: Tensor) -> Tensor:
     ``log_preview`` is ``(normal, ...)``, the untouched pad last.
     """
     return torch.tanh(0.5 * (log_preview - log_preview[-1:]))
+
+
+def store_constants(module: nn.Module, arrays: Mapping[str, Array]) -> None:
+    """Register ``arrays``, computed in float64, as float32 buffers of ``module``."""
+    for name, values in arrays.items():
+        module.register_buffer(name, torch.as_tensor(values, dtype=torch.float32))

@@ -15,11 +15,16 @@ from torch import Tensor, nn
 from render.arrays import Array
 from render.geometry.layout import flat_fiber_poses, flat_sites
 from render.scene.schema import Scene
-from surrogate.model.constants import store_constants
-from surrogate.model.facet_basis import PARTNER, facet_harmonics, mirror_signs, turning
+from surrogate.model.facet_basis import (
+    PARTNER,
+    facet_harmonics,
+    mirror_signs,
+    store_constants,
+    turning,
+)
 from surrogate.model.preview_grid import PreviewGrid
 
-INPUT_NAMES = (
+FEATURE_NAMES = (
     "fiber x",
     "fiber y",
     "fiber at the tip",
@@ -41,11 +46,11 @@ INPUT_NAMES = (
     "second harmonic of the log preview, cosine",
     "second harmonic of the log preview, sine",
 )
-BRIGHTNESS = INPUT_NAMES.index("log preview of the untouched pad")
+BRIGHTNESS = FEATURE_NAMES.index("log preview of the untouched pad")
 
 
-class Inputs(nn.Module):
-    """Inputs of the residual, ``(20, batch, fiber, bend, site)``, in the order of INPUT_NAMES.
+class CellFeatures(nn.Module):
+    """Inputs of the residual, ``(20, batch, fiber, bend, site)``, in the order of FEATURE_NAMES.
 
     A free material adds its quantities, in [-1, 1], at the end.
 

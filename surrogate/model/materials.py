@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.errors import SceneError
 from render.scene.schema import Scene
 
 LOGARITHMIC = ("reduced_scattering",)
@@ -98,21 +97,6 @@ class MaterialRange:
             for name, value in zip(self.names, material, strict=True):
                 layer = layer.with_free(name, float(value))
         return scene.model_copy(update={"diffuser": layer, "free": None})
-
-    def material_of(self, scene: Scene) -> Array:
-        """Return the free quantities of another scene of the family, ``(quantity,)``."""
-        if scene.diffuser is None:
-            raise SceneError(f"scene {scene.name} has no diffuser", field="diffuser")
-        values = scene.diffuser.free_values
-        return np.array([values[name] for name in self.names])
-
-
-def family_hash(scene: Scene, names: tuple[str, ...]) -> str:
-    """Return a hash that scenes share which differ in the quantities ``names`` alone."""
-    layer = scene.diffuser
-    for name in names:
-        layer = layer.with_free(name, 1.0) if layer is not None else None
-    return scene.model_copy(update={"diffuser": layer}).hash
 
 
 def _powers(unit: Array, exponents: np.ndarray) -> Array:

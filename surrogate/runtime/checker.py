@@ -12,7 +12,6 @@ from render.arrays import Array
 from render.errors import ModelError
 from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.model.materials import family_hash
 from surrogate.runtime.metadata import ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
@@ -105,12 +104,12 @@ class Checker:
         return float(self.metadata.conformal["coverage"])
 
     @property
-    def counts_reach(self) -> float:
+    def counts_factor(self) -> float:
         """Half-width of the interval of a channel of a facet, in units of ``counts_spread``."""
         return float(self.metadata.conformal["counts"])
 
     @property
-    def score_reach(self) -> float:
+    def score_half_width(self) -> float:
         """Half-width of the interval of a score, in counts."""
         return float(self.metadata.conformal["score"])
 
@@ -196,6 +195,14 @@ class Checker:
             background=background,
             background_se=background * (spread / transport).mean(axis=-1),
         )
+
+
+def family_hash(scene: Scene, names: tuple[str, ...]) -> str:
+    """Return a hash that scenes share which differ in the quantities ``names`` alone."""
+    layer = scene.diffuser
+    for name in names:
+        layer = layer.with_free(name, 1.0) if layer is not None else None
+    return scene.model_copy(update={"diffuser": layer}).hash
 
 
 def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata]:

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from surrogate.training.evaluation import Exam
+from surrogate.training.evaluation import HeldOutEvaluation
 
 COVERAGE = 0.9
 NOISE_DRAWS = 16
-LEAST_SHARE = 0.25
+MIN_MODEL_FRACTION = 0.25
 """Least share of the mean square error of scores that is held against the model, not the noise."""
 
 
@@ -53,28 +53,30 @@ def fit_spread(
     return float(np.clip(best[0], -10.0, 1.0)), float(np.clip(best[1], -1.0, 1.0))
 
 
-def counts_spread(exam: Exam, transport: Array, apart: Array, cell_spread: Array) -> Array:
+def counts_spread(
+    evaluation: HeldOutEvaluation, transport: Array, deviation: Array, cell_spread: Array
+) -> Array:
     """Return one standard deviation of the counts, as the exported graph computes it.
 
     Arguments:
-        exam: gives designs, bends and exposure.
+        evaluation: gives designs, bends and exposure.
         transport: ``(direction, fiber, bend, site, normal)``.
-        apart: deviation of every member from the mean in log T, ``(member, ...)`` the same.
+        deviation: deviation of every member from the mean in log T, ``(member, ...)`` the same.
         cell_spread: ``(direction, fiber, bend, site)`` calibrated residual in log T.
 
     Returns:
         ``(design, bend, site, facet, 3)``.
     """
-    light = exam.designs.transport(transport[:, :, exam.bends, :, :-1])
-    alone = light * exam.designs.transport(cell_spread[:, :, exam.bends])[..., None]
-    power = exam.designs.power
+    light = evaluation.designs.transport(transport[:, :, evaluation.bends, :, :-1])
+    alone = light * evaluation.designs.transport(cell_spread[:, :, evaluation.bends])[..., None]
+    power = evaluation.designs.power
     variance = np.einsum("dfc,dfbsk->dbskc", power**2, alone**2, optimize=True)
-    if len(apart) > 1:
-        for member in apart[..., :-1]:
-            moved = light * exam.designs.transport(member[:, :, exam.bends])
+    if len(deviation) > 1:
+        for member in deviation[..., :-1]:
+            moved = light * evaluation.designs.transport(member[:, :, evaluation.bends])
             together = np.einsum("dfc,dfbsk->dbskc", power, moved, optimize=True)
-            variance += together**2 / (len(apart) - 1)
-    return np.asarray(exam.exposure * np.sqrt(variance))
+            variance += together**2 / (len(deviation) - 1)
+    return np.asarray(evaluation.exposure * np.sqrt(variance))
 
 
 @dataclass(frozen=True)
@@ -99,35 +101,37 @@ class Comparison:
         """One standard deviation of the model's S: what the noise does not explain."""
         total = float(np.mean(self.score_error**2))
         beyond = total - float(np.mean(self.score_noise**2))
-        return math.sqrt(max(beyond, LEAST_SHARE * total))
+        return math.sqrt(max(beyond, MIN_MODEL_FRACTION * total))
 
 
-def compare(exam: Exam, transport: Array, spread: Array, rng: np.random.Generator) -> Comparison:
-    """Return the comparison of a prediction with the reference of ``exam``.
+def compare(
+    evaluation: HeldOutEvaluation, transport: Array, spread: Array, rng: np.random.Generator
+) -> Comparison:
+    """Return the comparison of a prediction with the reference of ``evaluation``.
 
     The noise of S comes from a parametric bootstrap: S of the prediction with the reference's
     noise added, against S of the prediction itself. Its mean is the bias (S absorbs noise in its
     spreads), its standard deviation the noise.
 
     Arguments:
-        exam: held-out designs with their answers.
+        evaluation: held-out designs with their answers.
         transport: out-of-fold prediction ``(direction, fiber, bend, site, normal)``.
         spread: ``(design, bend, site, facet, 3)`` one standard deviation of the counts.
         rng: of the bootstrap.
     """
-    guess = exam.counts(transport)
-    error, lit = guess - exam.counts(exam.reference), spread > 0
-    score = exam.scores(guess)
+    guess = evaluation.counts(transport)
+    error, lit = guess - evaluation.counts(evaluation.reference), spread > 0
+    score = evaluation.scores(guess)
     drawn = []
     for _ in range(NOISE_DRAWS):
-        noisy = transport + exam.error * rng.standard_normal(transport.shape)
-        drawn.append(exam.scores(exam.counts(noisy)) - score)
+        noisy = transport + evaluation.error * rng.standard_normal(transport.shape)
+        drawn.append(evaluation.scores(evaluation.counts(noisy)) - score)
     bias, deviation = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
     return Comparison(
         error=error[lit],
         spread=spread[lit],
-        noise=exam.counts_noise()[lit],
-        score_error=score + bias - exam.scores(exam.counts(exam.reference)),
+        noise=evaluation.counts_noise()[lit],
+        score_error=score + bias - evaluation.scores(evaluation.counts(evaluation.reference)),
         score_noise=deviation,
     )
 
@@ -172,11 +176,11 @@ class Coverage:
 
 def coverage(found: Comparison, quantiles: Quantiles) -> Coverage:
     """Return how often intervals with ``quantiles`` hold the comparison's reference."""
-    reach = quantiles.counts * np.hypot(found.spread, found.noise)
-    score_reach = quantiles.score_factor * np.hypot(quantiles.score_spread, found.score_noise)
+    half_width = quantiles.counts * np.hypot(found.spread, found.noise)
+    score_half_width = quantiles.score_factor * np.hypot(quantiles.score_spread, found.score_noise)
     return Coverage(
-        float(np.mean(np.abs(found.error) <= reach)),
-        float(np.mean(np.abs(found.score_error) <= score_reach)),
+        float(np.mean(np.abs(found.error) <= half_width)),
+        float(np.mean(np.abs(found.score_error) <= score_half_width)),
     )
 
 

@@ -16,7 +16,7 @@ from render.transport import TransportTable
 
 
 @dataclass(frozen=True)
-class Designs:
+class RandomDesigns:
     """Random lighting designs.
 
     Arguments:
@@ -34,7 +34,7 @@ class Designs:
 
 def random_designs(
     count: int, allowed: np.ndarray, block: np.ndarray, rng: np.random.Generator
-) -> Designs:
+) -> RandomDesigns:
     """Return ``count`` designs over the directions ``allowed`` ``(direction, fiber)``.
 
     A design stays within one ``block`` ``(direction,)``: a sensor is made of one material.
@@ -49,7 +49,7 @@ def random_designs(
         np.stack([rng.choice(np.flatnonzero(ok), size=len(share)) for ok in choices.T], axis=1)
         for choices, share in zip(usable, shares, strict=True)
     ]
-    return Designs(np.concatenate(drawn), random_colors(count, fibers, rng))
+    return RandomDesigns(np.concatenate(drawn), random_colors(count, fibers, rng))
 
 
 def random_colors(count: int, fibers: int, rng: np.random.Generator) -> Array:
@@ -88,7 +88,7 @@ class LevelErrors:
 
 
 @dataclass(frozen=True)
-class Exam:
+class HeldOutEvaluation:
     """Held-out designs with the reference's answer.
 
     Arguments:
@@ -96,17 +96,17 @@ class Exam:
             error; reliable: the same shape.
         designs: what is asked.
         exposure, lam: of the scene.
-        examined: ``(direction, fiber, bend)`` cells that were held out.
+        held_out: ``(direction, fiber, bend)`` cells that were held out.
         bends: indices of the bends that colors and scores are compared at.
     """
 
     reference: Array
     error: Array
     reliable: np.ndarray
-    designs: Designs
+    designs: RandomDesigns
     exposure: float
     lam: float
-    examined: np.ndarray
+    held_out: np.ndarray
     bends: np.ndarray
 
     def counts(self, transport: Array) -> Array:
@@ -124,9 +124,9 @@ class Exam:
         """Return S ``(design,)`` over the bends of ``counts``."""
         return np.asarray(design_score(site_metric(counts, self.lam)).score)
 
-    def grade(self, level: str, transport: Array) -> LevelErrors:
+    def errors(self, level: str, transport: Array) -> LevelErrors:
         """Return the errors of ``transport`` against the reference."""
-        known = self.reliable & self.examined[..., None, None]
+        known = self.reliable & self.held_out[..., None, None]
         cell = np.abs(transport[known] / self.reference[known] - 1.0)
         truth, guess = self.counts(self.reference), self.counts(transport)
         facet = np.linalg.norm(guess - truth, axis=-1) / np.linalg.norm(truth, axis=-1)
@@ -163,7 +163,7 @@ def kendall_tau(a: Array, b: Array) -> float:
 
 def scene_bends(table: TransportTable, angles: tuple[float, ...]) -> np.ndarray:
     """Return the indices of the scene's bends in ``table``, or all where one is missing."""
-    apart = np.abs(table.bends[None] - np.asarray(angles)[:, None])
-    nearest = apart.argmin(axis=1)
-    exact = apart[np.arange(len(angles)), nearest] < 1e-6
+    distance = np.abs(table.bends[None] - np.asarray(angles)[:, None])
+    nearest = distance.argmin(axis=1)
+    exact = distance[np.arange(len(angles)), nearest] < 1e-6
     return nearest if exact.all() else np.arange(len(table.bends))

@@ -19,7 +19,7 @@ def baseline_power(scene: Scene) -> Array:
     return np.asarray(np.eye(3)[index])
 
 
-def fix_scale(scene: Scene, table: TransportTable) -> tuple[float, float]:
+def exposure_and_lambda(scene: Scene, table: TransportTable) -> tuple[float, float]:
     """Return ``(exposure, lam)`` of the baseline design (phi = pi/2) at the scene's bends.
 
     Raises:

@@ -23,10 +23,20 @@ from surrogate.training.conformal import (
     coverage,
     fit_spread,
 )
-from surrogate.training.dataset import Cells, folds, interior_folds
-from surrogate.training.evaluation import Designs, Exam, LevelErrors, random_designs
+from surrogate.training.dataset import (
+    RegressionData,
+    TrainingCells,
+    build_rows,
+    folds,
+    interior_folds,
+)
+from surrogate.training.evaluation import (
+    HeldOutEvaluation,
+    LevelErrors,
+    RandomDesigns,
+    random_designs,
+)
 from surrogate.training.mlp import NetworkConfig, fit_networks
-from surrogate.training.regression import Rows, build_rows, held_out
 from surrogate.training.ridge import fit_ridge
 
 SPLIT_FOLDS = 3
@@ -35,7 +45,7 @@ SPLIT_FOLDS = 3
 
 @dataclass(frozen=True)
 class FitConfig:
-    """How the residual is fitted and examined.
+    """How the residual is fitted and evaluated.
 
     Arguments:
         members: folds of the cross-validation and members of the ensemble.
@@ -57,7 +67,7 @@ class Fit:
     Arguments:
         residual: the ensemble that goes into the graph.
         kind: ``ridge`` or ``network``.
-        spread: parameters of the calibrated residual (see ``graph.Checker``).
+        spread: parameters of the calibrated residual (see `CheckerModule`).
         quantiles: conformal factors from all held-out designs.
         coverage: what factors from one half of the cells cover of designs from the other half.
         levels: errors of preview, scaled preview, ridge and networks on held-out designs.
@@ -81,7 +91,7 @@ class Fit:
 def fit_residual(
     scene: Scene,
     grid: PreviewGrid,
-    cells: Cells,
+    cells: TrainingCells,
     *,
     exposure: float,
     lam: float,
@@ -92,7 +102,7 @@ def fit_residual(
 ) -> Fit:
     """Return the residual of ``cells`` on the preview ``grid``; deterministic for a seed.
 
-    ``bends`` are the indices of the bends that designs are examined at.
+    ``bends`` are the indices of the bends that designs are evaluated at.
     """
     with _one_thread():
         task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
@@ -102,7 +112,7 @@ def fit_residual(
 def fit_ensembles(
     scene: Scene,
     grid: PreviewGrid,
-    cells: Cells,
+    cells: TrainingCells,
     *,
     exposure: float,
     lam: float,
@@ -111,11 +121,11 @@ def fit_ensembles(
     config: FitConfig,
     progress: Callable[[str, int, int], None],
 ) -> dict[str, nn.Module]:
-    """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without examination."""
+    """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without evaluation."""
     with _one_thread():
         task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
         fold = folds(cells.group, config.members, seed)
-        both = _ensembles(task, config, task.exam_of(config, fold), fold, progress)
+        both = _ensembles(task, config, task.overall(config, fold), fold, progress)
         return {"ridge": both.ridge, "network": both.network}
 
 
@@ -133,27 +143,29 @@ def _one_thread() -> Iterator[None]:
 @dataclass(frozen=True)
 class _Task:
     scene: Scene
-    cells: Cells
-    rows: Rows
+    cells: TrainingCells
+    rows: RegressionData
     exposure: float
     lam: float
     bends: np.ndarray
     seed: int
 
-    def exam(self, designs: Designs, examined: np.ndarray, bends: np.ndarray) -> Exam:
+    def evaluation(
+        self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray
+    ) -> HeldOutEvaluation:
         cells = self.cells
-        return Exam(
+        return HeldOutEvaluation(
             reference=cells.transport,
             error=cells.error,
             reliable=cells.reliable,
             designs=designs,
             exposure=self.exposure,
             lam=self.lam,
-            examined=examined,
+            held_out=held_out,
             bends=bends,
         )
 
-    def designs(self, count: int, allowed: np.ndarray, stream: int) -> Designs:
+    def designs(self, count: int, allowed: np.ndarray, stream: int) -> RandomDesigns:
         return random_designs(
             count, allowed, self.cells.block, np.random.default_rng([self.seed, stream])
         )
@@ -165,34 +177,34 @@ class _Task:
     def predicted(self, model: nn.Module, fold: np.ndarray) -> Array:
         """Return the transport that members predict out of fold."""
         return np.asarray(
-            np.exp(self.rows.log_preview) * np.exp(held_out(self.residuals(model), fold))
+            np.exp(self.rows.log_preview) * np.exp(out_of_fold(self.residuals(model), fold))
         )
 
-    def exam_of(self, config: FitConfig, fold: np.ndarray) -> Exam:
+    def overall(self, config: FitConfig, fold: np.ndarray) -> HeldOutEvaluation:
         """Return designs over all cells."""
         everywhere = np.ones(fold.shape, dtype=bool)
         designs = self.designs(config.designs, everywhere[..., 0], 0)
-        return self.exam(designs, everywhere, self.bends)
+        return self.evaluation(designs, everywhere, self.bends)
 
 
 def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
     cells, rows = task.cells, task.rows
     fold = folds(cells.group, config.members, task.seed)
-    exam = task.exam_of(config, fold)
-    both = _ensembles(task, config, exam, fold, progress)
+    evaluation = task.overall(config, fold)
+    both = _ensembles(task, config, evaluation, fold, progress)
     penalty, ridge, network = both.penalty, both.ridge, both.network
     preview = np.exp(rows.log_preview)
 
-    def grade(name: str, model: nn.Module) -> LevelErrors:
-        return exam.grade(name, task.predicted(model, fold))
+    def out_of_fold_errors(name: str, model: nn.Module) -> LevelErrors:
+        return evaluation.errors(name, task.predicted(model, fold))
 
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
     levels = (
-        exam.grade("noise of the reference", _noisy(task)),
-        exam.grade("preview", preview),
-        exam.grade("preview, one factor", preview * factor),
-        grade("ridge", ridge),
-        grade("network", network),
+        evaluation.errors("noise of the reference", _noisy(task)),
+        evaluation.errors("preview", preview),
+        evaluation.errors("preview, one factor", preview * factor),
+        out_of_fold_errors("ridge", ridge),
+        out_of_fold_errors("network", network),
     )
     better = levels[-1].facet_rms < levels[-2].facet_rms
     kind, model = ("network", network) if better else ("ridge", ridge)
@@ -204,19 +216,19 @@ def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], Non
         return fit_ridge(rows, out, count, penalty)
 
     members = task.residuals(model)
-    residual, apart = held_out(members, fold), members - members.mean(axis=0)
-    b0, b1 = _spread(task, residual, apart)
+    residual, deviation = out_of_fold(members, fold), members - members.mean(axis=0)
+    b0, b1 = _spread(task, residual, deviation)
     cell_spread, transport = np.exp(b0 + b1 * rows.brightness), preview * np.exp(residual)
 
-    def compared(with_exam: Exam) -> Comparison:
-        spread = counts_spread(with_exam, transport, apart, cell_spread)
-        return compare(with_exam, transport, spread, np.random.default_rng([task.seed, 4]))
+    def compared(evaluation: HeldOutEvaluation) -> Comparison:
+        spread = counts_spread(evaluation, transport, deviation, cell_spread)
+        return compare(evaluation, transport, spread, np.random.default_rng([task.seed, 4]))
 
     return Fit(
         residual=model,
         kind=kind,
         spread=(b0, b1),
-        quantiles=conformal(compared(exam)),
+        quantiles=conformal(compared(evaluation)),
         coverage=_coverage(task, config, compared),
         levels=levels,
         splits=_splits(task, config, refit),
@@ -238,14 +250,14 @@ class _Ensembles:
 def _ensembles(
     task: _Task,
     config: FitConfig,
-    exam: Exam,
+    evaluation: HeldOutEvaluation,
     fold: np.ndarray,
     progress: Callable[[str, int, int], None],
 ) -> _Ensembles:
     progress("ridge", 0, 1)
     ridges = [(p, fit_ridge(task.rows, fold, config.members, p)) for p in config.penalties]
     penalty, ridge = min(
-        ridges, key=lambda item: exam.grade("ridge", task.predicted(item[1], fold)).facet_rms
+        ridges, key=lambda item: evaluation.errors("ridge", task.predicted(item[1], fold)).facet_rms
     )
     progress("ridge", 1, 1)
     network = _train(task, fold, config.members, "networks", config.network, progress)
@@ -264,6 +276,20 @@ def _train(
         progress(name, done, total)
 
     return fit_networks(task.rows, where, members, network, task.seed, report)
+
+
+def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
+    """Return, for every cell, the residual of the member that was trained without it.
+
+    Arguments:
+        residuals: ``(member, direction, fiber, bend, site, normal)``; member ``m`` was trained
+            without fold ``m``.
+        fold: ``(direction, fiber, bend)``; -1 where no member was held out (the mean is taken).
+    """
+    out = residuals.mean(axis=0)
+    for member, residual in enumerate(residuals):
+        out[fold == member] = residual[fold == member]
+    return np.asarray(out)
 
 
 def _splits(
@@ -285,11 +311,11 @@ def _splits(
         count = int(out.max()) + 1
         if count < 2:
             continue
-        residual = held_out(task.residuals(refit(out, count, name)), out)
+        residual = out_of_fold(task.residuals(refit(out, count, name)), out)
         bends = np.flatnonzero(held.any(axis=(0, 1))) if name == "bend" else task.bends
         designs = task.designs(config.designs, np.asarray(held.any(axis=2)), 1)
         transport = np.exp(task.rows.log_preview + residual)
-        found.append(task.exam(designs, held, bends).grade(f"unseen {name}", transport))
+        found.append(task.evaluation(designs, held, bends).errors(f"unseen {name}", transport))
     return tuple(found)
 
 
@@ -300,20 +326,20 @@ def _noisy(task: _Task) -> Array:
     return np.asarray(cells.transport + cells.error * random)
 
 
-def _spread(task: _Task, residual: Array, apart: Array) -> tuple[float, float]:
+def _spread(task: _Task, residual: Array, deviation: Array) -> tuple[float, float]:
     """Calibrate the cells' spread."""
     rows = task.rows
     predicted = np.exp(rows.log_preview + residual)
     return fit_spread(
         (task.cells.transport / predicted - 1.0).ravel(),
         (task.cells.error / predicted).ravel(),
-        ((apart**2).sum(axis=0) / max(len(apart) - 1, 1)).ravel(),
+        ((deviation**2).sum(axis=0) / max(len(deviation) - 1, 1)).ravel(),
         np.broadcast_to(rows.brightness[..., None], residual.shape).ravel(),
     )
 
 
 def _coverage(
-    task: _Task, config: FitConfig, compared: Callable[[Exam], Comparison]
+    task: _Task, config: FitConfig, compared: Callable[[HeldOutEvaluation], Comparison]
 ) -> Coverage | None:
     """Return the coverage of designs whose cells had no part in the conformal factors.
 
@@ -327,7 +353,7 @@ def _coverage(
     halves: tuple[np.ndarray, ...] = (white, ~white)
     everywhere = np.ones(cells.group.shape, dtype=bool)
     first, second = (
-        compared(task.exam(task.designs(config.designs, half, 2), everywhere, task.bends))
+        compared(task.evaluation(task.designs(config.designs, half, 2), everywhere, task.bends))
         for half in halves
     )
     found = coverage(second, conformal(first)), coverage(first, conformal(second))

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from surrogate.model.networks import NetworkEnsemble
-from surrogate.training.regression import Rows, deviance, expand
+from surrogate.training.dataset import RegressionData, expand
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class NetworkConfig:
 
 
 def fit_networks(
-    rows: Rows,
+    rows: RegressionData,
     fold: np.ndarray,
     members: int,
     config: NetworkConfig,
@@ -45,7 +46,7 @@ def fit_networks(
 ) -> NetworkEnsemble:
     """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
 
-    Minimizes the weighted gamma deviance (:func:`surrogate.training.regression.deviance`).
+    Minimizes the weighted gamma deviance (:func:`deviance`).
     ``progress`` is called with (steps done, steps in all).
     """
     generator = torch.Generator().manual_seed(seed)
@@ -72,6 +73,16 @@ def fit_networks(
         if progress and (step + 1) % 100 == 0:
             progress(step + 1, config.steps)
     return net
+
+
+def deviance(ratio: Tensor, residual: Tensor) -> Tensor:
+    """Return the gamma deviance ``y exp(-r) + r`` of every cell, up to a constant.
+
+    ``y`` is T_reference / T_preview and ``r`` the residual. Its minimum over noisy ``y`` is
+    log E[y], whatever the noise (McCullagh and Nelder 1989, 8.3), where least squares in log y
+    would be biased by -variance / 2 and could not use cells that came out as 0.
+    """
+    return ratio * torch.exp(-residual) + residual
 
 
 def _rate(step: int, steps: int) -> float:

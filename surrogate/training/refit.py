@@ -3,8 +3,10 @@
 The new renders are of designs that a search proposed. They are few and noisy, so the model is not
 trained anew. Its residual gets a linear correction in the network's own inputs times the basis of
 the facet normal, ``r(cell) = sum_ih B_ih x_i(cell) h_h(normal)``, with independent normal priors
-``B_ih ~ N(0, tau^2)``. tau is the value of greatest evidence (type II maximum likelihood; Bishop
-2006, 3.5), so that renders which agree with the surrogate within their noise change nothing.
+``B_ih ~ N(0, tau^2)``: Bayesian linear regression, whose posterior ``N(mean, covariance)`` is eq.
+(2.8) of Rasmussen and Williams (2006). tau is the prior standard deviation of greatest evidence
+(type II maximum likelihood; eq. (3.86) of Bishop 2006), so that renders which agree with the
+surrogate within their noise change nothing.
 """
 
 from __future__ import annotations
@@ -19,12 +21,12 @@ from render.errors import TableError
 from render.scene.schema import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
-from surrogate.training.regression import NOISE_FLOOR, cell_features, preview_checker, smooth_noise
+from surrogate.training.dataset import NOISE_FLOOR, cell_features, preview_checker, smooth_noise
 
 CELLS = 40_000
 """Cells that are treated at once: some 70 MB of products."""
 TAUS = (0.0, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2)
-"""Standard deviations of a coefficient that are tried; 0 leaves the surrogate as it is."""
+"""Prior standard deviations of a coefficient that are tried; 0 leaves the surrogate as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +47,8 @@ class NewRenders:
 
 
 @dataclass(frozen=True, eq=False)
-class Correction:
-    """The refitted part of the residual.
+class ResidualCorrection:
+    """The posterior of the linear correction.
 
     Arguments:
         mean: ``(21 * 10,)`` coefficients B; covariance: of them.
@@ -76,8 +78,8 @@ class Refitter:
         rows = x.double().numpy()
         return np.concatenate([np.ones((len(rows), 1)), rows], axis=1), basis.double().numpy()
 
-    def fit(self, runs: Sequence[NewRenders]) -> Correction:
-        """Return the correction of greatest evidence to all ``runs``.
+    def fit(self, runs: Sequence[NewRenders]) -> ResidualCorrection:
+        """Return the correction of greatest evidence given all ``runs``.
 
         Designs of one run share their light paths, so together they count as one render of each
         cell. The overall scale of every image is a nuisance with the standard deviation that its
@@ -90,17 +92,16 @@ class Refitter:
         inputs = len(blocks[0].right) - len(blocks[0].prior)
         size = inputs + sum(len(block.prior) for block in blocks)
         gram, right = np.zeros((size, size)), np.zeros(size)
-        precision, start, square = np.zeros(size), inputs, 0.0
+        precision, start = np.zeros(size), inputs
         for block in blocks:
             index = np.r_[0:inputs, start : start + len(block.prior)]
             gram[np.ix_(index, index)] += block.gram
             right[index] += block.right
             precision[start : start + len(block.prior)] = 1.0 / block.prior**2
             start += len(block.prior)
-            square += block.cells
         best: tuple[float, float, Array, Array] | None = None
         for tau in TAUS:
-            # A coefficient of prior width 0 is 0: leave it out instead of dividing by it.
+            # A coefficient of prior standard deviation 0 is 0: left out, not divided by.
             kept = np.arange(inputs if tau == 0.0 else 0, size)
             prior = np.where(kept < inputs, 1.0 / max(tau, 1e-12) ** 2, precision[kept])
             covariance = np.linalg.inv(gram[np.ix_(kept, kept)] + np.diag(prior))
@@ -114,9 +115,9 @@ class Refitter:
                     whole, spread = mean[:inputs], covariance[:inputs, :inputs]
                 best = (float(evidence), tau, whole, spread)
         assert best is not None  # TAUS is not empty
-        return Correction(best[2], best[3], best[1], int(square))
+        return ResidualCorrection(best[2], best[3], best[1], sum(block.cells for block in blocks))
 
-    def _normal_equations(self, run: NewRenders) -> _Block:
+    def _normal_equations(self, run: NewRenders) -> _NormalEquations:
         mean = run.replicates.mean(axis=0)
         if not (np.isfinite(mean).all() and np.isfinite(run.predicted).all()):
             raise TableError(
@@ -155,9 +156,9 @@ class Refitter:
             weighted = columns * weight[part].reshape(-1, 1)
             gram += weighted.T @ columns
             right += weighted.T @ ratio[part].ravel()
-        return _Block(gram, right, prior, ratio.size)
+        return _NormalEquations(gram, right, prior, ratio.size)
 
-    def apply(self, correction: Correction, table: TransportTable) -> TransportTable:
+    def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
         """Return ``table`` of the surrogate with the correction; its errors shrink where it knows.
 
         ``T' = T exp(r)``; the standard error of a cell shrinks by the ratio of posterior to prior
@@ -198,7 +199,7 @@ def _columns(x: Array, basis: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
+class _NormalEquations:
     """Normal equations of one run; ``prior`` are standard deviations of its last unknowns."""
 
     gram: Array

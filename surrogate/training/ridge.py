@@ -6,15 +6,17 @@ import numpy as np
 import torch
 
 from surrogate.model.networks import RidgeEnsemble, quadratic
-from surrogate.training.regression import Rows, expand
+from surrogate.training.dataset import RegressionData, expand
 
-LEAST_RATIO = 0.05
+MIN_RATIO = 0.05
 """Darkest T_reference / T_preview that the logarithm is started from."""
 
 SCORING_STEPS = 2
 
 
-def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> RidgeEnsemble:
+def fit_ridge(
+    rows: RegressionData, fold: np.ndarray, members: int, penalty: float
+) -> RidgeEnsemble:
     """Return ``members`` ridge regressions; member ``m`` does not see the rows of fold ``m``.
 
     Fisher scoring for the gamma deviance (McCullagh and Nelder 1989, 2.5): least squares for the
@@ -32,7 +34,7 @@ def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> Rid
     center, scale = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-6)
     standardized = (features - center) / scale
     index = rows.fold_rows(fold).numpy()
-    start = _project(rows, torch.log(torch.clamp(rows.ratio, min=LEAST_RATIO)))
+    start = _project(rows, torch.log(torch.clamp(rows.ratio, min=MIN_RATIO)))
     weights = []
     for member in range(members):
         seen, target = index != member, start
@@ -48,7 +50,7 @@ def fit_ridge(rows: Rows, fold: np.ndarray, members: int, penalty: float) -> Rid
     return RidgeEnsemble(torch.as_tensor(np.array(weights), dtype=torch.float32), inputs)
 
 
-def _project(rows: Rows, response: torch.Tensor) -> np.ndarray:
+def _project(rows: RegressionData, response: torch.Tensor) -> np.ndarray:
     """Return the coefficients ``(row, output)`` that fit ``response`` row by row, in its frame."""
     basis = rows.basis.double()
     weighted = basis * rows.weight[:, None, :].double()

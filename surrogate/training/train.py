@@ -14,18 +14,16 @@ from numpy.typing import NDArray
 from render.errors import TableError
 from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.export.describe_model import describe_model
-from surrogate.export.model_card import Provenance, write_card
+from surrogate.export.model_card import Provenance, describe_model, write_card
 from surrogate.export.package import write_package
-from surrogate.model.checker_module import Checker as Graph
-from surrogate.model.material_grid import MATERIALS, draw_material_grid
+from surrogate.model.checker_module import CheckerModule
 from surrogate.model.materials import MaterialRange
-from surrogate.model.preview_grid import interpolation_error
+from surrogate.model.preview_grid import MATERIALS, draw_material_grid, interpolation_error
 from surrogate.runtime.metadata import ModelMetadata
 from surrogate.training.evaluation import scene_bends
-from surrogate.training.exposure import fix_scale
+from surrogate.training.exposure import exposure_and_lambda
 from surrogate.training.fit import Fit, FitConfig, fit_residual
-from surrogate.training.reference_data import Reference, render_reference
+from surrogate.training.render_plan import ReferenceData, render_reference
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ def train(
     report("preview", 1, 1)
 
     reference = _reference(scene, table, run, seed, config, report)
-    exposure, lam = fix_scale(scene, reference.tables[0])
+    exposure, lam = exposure_and_lambda(scene, reference.tables[0])
     reference = reference.scaled(exposure, lam)
     reference.save(run)
 
@@ -142,7 +140,7 @@ def train(
 
     report("export", 0, 1)
     about = describe_model(scene, grid, preview_error, left_out, reference, fit)
-    graph = Graph(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
+    graph = CheckerModule(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
     render_seconds = reference.renderer.get("seconds", 0.0)
     made = Provenance(
         command=command or f"tactilux train {scene.name} --seed {seed}",
@@ -195,11 +193,11 @@ def _reference(
     seed: int,
     config: TrainConfig,
     report: _Reporter,
-) -> Reference:
+) -> ReferenceData:
     """Return the reference, rendered unless ``table`` is given."""
     free = MaterialRange.of(scene)
     if table is not None:
-        return Reference((table,), {"source": "an existing reference table"})
+        return ReferenceData((table,), {"source": "an existing reference table"})
     return render_reference(
         scene,
         run,

@@ -247,7 +247,7 @@ def _finalist(
         gain=None,
         gain_se=None,
         predicted=float(found["score"][0]),
-        predicted_reach=checker.score_reach,
+        predicted_reach=checker.score_half_width,
         counts=counts,
         counts_se=NOISE * predicted,
         predicted_counts=predicted,

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.metric import image_counts
 from render.scene.schema import Scene
-from surrogate.model.checker_module import Checker
+from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE
-from surrogate.model.features import INPUT_NAMES
+from surrogate.model.features import FEATURE_NAMES
 from surrogate.model.networks import NetworkEnsemble, NoResidual
 from surrogate.model.preview_grid import PreviewGrid
 
@@ -29,21 +29,21 @@ fewer = settings(max_examples=3)
 
 def network(scale: float = 0.1) -> NetworkEnsemble:
     generator = torch.Generator().manual_seed(0)
-    net = NetworkEnsemble(3, len(INPUT_NAMES), 8, SIZE, generator)
+    net = NetworkEnsemble(3, len(FEATURE_NAMES), 8, SIZE, generator)
     with torch.no_grad():
         net.weight3.copy_(scale * torch.randn(net.weight3.shape, generator=generator))
     return net
 
 
 @pytest.fixture(scope="module")
-def checker(scene: Scene, grid: PreviewGrid) -> Checker:
-    return Checker(scene, grid, network(), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.1))
+def checker(scene: Scene, grid: PreviewGrid) -> CheckerModule:
+    return CheckerModule(scene, grid, network(), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.1))
 
 
 @pytest.fixture(scope="module")
-def sharp(scene: Scene, grid: PreviewGrid) -> Checker:
+def sharp(scene: Scene, grid: PreviewGrid) -> CheckerModule:
     """A checker whose brightest facets saturate."""
-    return Checker(scene, grid, network(), exposure=1e9, lam=LAM, spread=(-3.0, 0.1))
+    return CheckerModule(scene, grid, network(), exposure=1e9, lam=LAM, spread=(-3.0, 0.1))
 
 
 def design(scene: Scene, seed: int) -> Design:
@@ -58,7 +58,7 @@ def design(scene: Scene, seed: int) -> Design:
 @few
 @given(seed=seeds)
 @torch.no_grad()
-def test_light_adds_up(checker: Checker, scene: Scene, seed: int) -> None:
+def test_light_adds_up(checker: CheckerModule, scene: Scene, seed: int) -> None:
     phi, power, bend = design(scene, seed)
     share = torch.rand(power.shape, generator=torch.Generator().manual_seed(seed))
     both, first, second = (
@@ -73,7 +73,7 @@ def test_light_adds_up(checker: Checker, scene: Scene, seed: int) -> None:
 @given(seed=seeds, factor=st.floats(1e-3, 1.0))
 @torch.no_grad()
 def test_dimming_all_light_dims_counts_and_spread_and_keeps_the_hue(
-    checker: Checker, scene: Scene, seed: int, factor: float
+    checker: CheckerModule, scene: Scene, seed: int, factor: float
 ) -> None:
     phi, power, bend = design(scene, seed)
     full, dim = checker(phi, power, bend), checker(phi, factor * power, bend)
@@ -85,7 +85,9 @@ def test_dimming_all_light_dims_counts_and_spread_and_keeps_the_hue(
 @few
 @given(seed=seeds, order=st.permutations([0, 1, 2]))
 @torch.no_grad()
-def test_colors_have_no_names(checker: Checker, scene: Scene, seed: int, order: list[int]) -> None:
+def test_colors_have_no_names(
+    checker: CheckerModule, scene: Scene, seed: int, order: list[int]
+) -> None:
     phi, power, bend = design(scene, seed)
     plain, permuted = checker(phi, power, bend), checker(phi, power[..., order], bend)
     torch.testing.assert_close(permuted.counts, plain.counts[..., order])
@@ -95,7 +97,9 @@ def test_colors_have_no_names(checker: Checker, scene: Scene, seed: int, order: 
 @few
 @given(seed=seeds)
 @torch.no_grad()
-def test_the_mirrored_design_scores_the_same(checker: Checker, scene: Scene, seed: int) -> None:
+def test_the_mirrored_design_scores_the_same(
+    checker: CheckerModule, scene: Scene, seed: int
+) -> None:
     phi, power, bend = design(scene, seed)
     twin = mirrored_fibers(scene).copy()
     tip = torch.tensor([edge == "tip" for edge in fiber_edges(scene)])
@@ -109,7 +113,9 @@ def test_the_mirrored_design_scores_the_same(checker: Checker, scene: Scene, see
 @given(seed=seeds)
 @torch.no_grad()
 def test_zero_residual_is_the_preview(scene: Scene, grid: PreviewGrid, seed: int) -> None:
-    bare = Checker(scene, grid, NoResidual(SIZE), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0))
+    bare = CheckerModule(
+        scene, grid, NoResidual(SIZE), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0)
+    )
     phi, power, bend = design(scene, seed)
     light = np.exp(grid.evaluate(phi[0].double().numpy(), bend[0].double().numpy()))
     own = light[np.arange(scene.fibers.count), np.arange(scene.fibers.count)]
@@ -124,7 +130,7 @@ def test_zero_residual_is_the_preview(scene: Scene, grid: PreviewGrid, seed: int
 def test_float32_is_float64_to_a_hundredth_of_a_count(
     request: pytest.FixtureRequest, scene: Scene, which: str, seed: int
 ) -> None:
-    model: Checker = request.getfixturevalue(which)
+    model: CheckerModule = request.getfixturevalue(which)
     inputs = design(scene, seed)
     single = model(*inputs)
     exact = model.double()(*(x.double() for x in inputs))
@@ -139,7 +145,7 @@ def test_float32_is_float64_to_a_hundredth_of_a_count(
 @torch.no_grad()
 @pytest.mark.parametrize("power", [0.0, 1.0])
 def test_no_light_and_too_much_light_are_finite(
-    checker: Checker, sharp: Checker, scene: Scene, power: float
+    checker: CheckerModule, sharp: CheckerModule, scene: Scene, power: float
 ) -> None:
     phi, _, bend = design(scene, 1)
     light = torch.full((1, scene.fibers.count, 3), power)
@@ -157,7 +163,7 @@ def test_no_light_and_too_much_light_are_finite(
 @torch.no_grad()
 @pytest.mark.parametrize("color", [0, 1, 2])
 def test_all_fibers_one_color_and_a_single_fiber_are_finite(
-    checker: Checker, scene: Scene, color: int
+    checker: CheckerModule, scene: Scene, color: int
 ) -> None:
     phi, _, bend = design(scene, 2)
     power = torch.zeros(2, scene.fibers.count, 3)

@@ -123,10 +123,10 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
     designs = held_out_designs(finger20, 60, 0)
     found = checker.run(designs.phi, designs.power, np.array(finger20.bending.angles))
     rng = np.random.default_rng(0)
-    truth = found["counts"] + checker.counts_reach / 1.645 * found[
+    truth = found["counts"] + checker.counts_factor / 1.645 * found[
         "counts_spread"
     ] * rng.standard_normal(found["counts"].shape)
-    scores = found["score"] + checker.score_reach / 1.645 * rng.standard_normal(60)
+    scores = found["score"] + checker.score_half_width / 1.645 * rng.standard_normal(60)
     reference = HeldOutReference(
         designs=designs,
         counts=truth + noise * rng.standard_normal(truth.shape),

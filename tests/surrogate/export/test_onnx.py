@@ -13,8 +13,7 @@ import torch
 
 from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.model.checker_module import Checker as Graph
-from surrogate.model.checker_module import Prediction
+from surrogate.model.checker_module import CheckerModule, CheckerOutputs
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.metadata import read_props
 from surrogate.runtime.model_file import INPUTS, MODEL_FILE, OUTPUTS
@@ -49,7 +48,7 @@ def test_onnx_gives_what_torch_gives_for_any_batch_and_bends(
     bends: int,
 ) -> None:
     spread = tuple(trained.metadata.residual["spread"])
-    graph = Graph(
+    graph = CheckerModule(
         scene,
         grid,
         trained.fit.residual,
@@ -91,7 +90,7 @@ def test_the_file_keeps_the_contract(model_folder: Path, scene: Scene) -> None:
         "score": ["batch"],
         "domain_excess": ["batch"],
     }
-    assert Prediction._fields == OUTPUTS
+    assert CheckerOutputs._fields == OUTPUTS
 
 
 def test_nodes_say_nothing_about_the_machine(model_folder: Path) -> None:

@@ -12,15 +12,17 @@ from render.errors import ModelError
 from render.scene.schema import Scene
 from surrogate.export import package
 from surrogate.export.package import FILES, write_package
-from surrogate.model.checker_module import Checker as Graph
+from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.model_file import MODEL_FILE
 from surrogate.training.train import Trained
 
 
 @pytest.fixture
-def graph(scene: Scene, grid: PreviewGrid, trained: Trained) -> Graph:
-    return Graph(scene, grid, trained.fit.residual, exposure=1.0, lam=1.0, spread=(-3.0, 0.0))
+def graph(scene: Scene, grid: PreviewGrid, trained: Trained) -> CheckerModule:
+    return CheckerModule(
+        scene, grid, trained.fit.residual, exposure=1.0, lam=1.0, spread=(-3.0, 0.0)
+    )
 
 
 def test_the_folder_holds_the_four_files_and_their_checksums_agree(model_folder: Path) -> None:
@@ -34,7 +36,7 @@ def test_nothing_is_left_beside_the_folder(model_folder: Path) -> None:
 
 
 def test_a_folder_with_other_files_is_left_alone(
-    graph: Graph, trained: Trained, tmp_path: Path
+    graph: CheckerModule, trained: Trained, tmp_path: Path
 ) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(ModelError, match=r"thesis\.txt"):
@@ -43,7 +45,7 @@ def test_a_folder_with_other_files_is_left_alone(
 
 
 def test_a_model_that_is_too_large_leaves_the_old_one_in_place(
-    graph: Graph, trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    graph: CheckerModule, trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     old = shutil.copytree(trained.folder, tmp_path / "model")
     monkeypatch.setattr(package, "LARGEST", 10)

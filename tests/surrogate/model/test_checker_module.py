@@ -13,9 +13,9 @@ from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.metric import image_counts
 from render.preview.preview import Preview
 from render.scene.schema import Scene
-from surrogate.model.checker_module import Checker, Lagrange
+from surrogate.model.checker_module import CheckerModule, Lagrange
 from surrogate.model.facet_basis import SIZE
-from surrogate.model.features import INPUT_NAMES
+from surrogate.model.features import FEATURE_NAMES
 from surrogate.model.networks import NetworkEnsemble, NoResidual
 from surrogate.model.preview_grid import PreviewGrid
 
@@ -25,15 +25,15 @@ EXPOSURE, LAM = 2e5, 40.0
 
 def _network(seed: int = 0) -> NetworkEnsemble:
     generator = torch.Generator().manual_seed(seed)
-    net = NetworkEnsemble(3, len(INPUT_NAMES), 8, SIZE, generator)
+    net = NetworkEnsemble(3, len(FEATURE_NAMES), 8, SIZE, generator)
     with torch.no_grad():
         net.weight3.copy_(0.1 * torch.randn(net.weight3.shape, generator=generator))
     return net
 
 
 @pytest.fixture(scope="module")
-def checker(scene: Scene, grid: PreviewGrid) -> Checker:
-    return Checker(scene, grid, _network(), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.1))
+def checker(scene: Scene, grid: PreviewGrid) -> CheckerModule:
+    return CheckerModule(scene, grid, _network(), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.1))
 
 
 def _design(scene: Scene, count: int = 2) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -49,7 +49,9 @@ def _design(scene: Scene, count: int = 2) -> tuple[torch.Tensor, torch.Tensor, t
 def test_without_residual_the_counts_are_those_of_the_preview(
     scene: Scene, grid: PreviewGrid
 ) -> None:
-    bare = Checker(scene, grid, NoResidual(SIZE), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0))
+    bare = CheckerModule(
+        scene, grid, NoResidual(SIZE), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0)
+    )
     phi = torch.full((1, scene.fibers.count), float(grid.phi[3]))
     _, power, _ = _design(scene, 1)
     bends = grid.bends[[0, 2]]
@@ -63,9 +65,9 @@ def test_without_residual_the_counts_are_those_of_the_preview(
 
 
 def test_an_untrained_network_is_the_preview(scene: Scene, grid: PreviewGrid) -> None:
-    fresh = NetworkEnsemble(2, len(INPUT_NAMES), 8, SIZE, torch.Generator().manual_seed(0))
+    fresh = NetworkEnsemble(2, len(FEATURE_NAMES), 8, SIZE, torch.Generator().manual_seed(0))
     models = [
-        Checker(scene, grid, net, exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0))
+        CheckerModule(scene, grid, net, exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0))
         for net in (fresh, NoResidual(SIZE))
     ]
     with torch.no_grad():
@@ -74,7 +76,7 @@ def test_an_untrained_network_is_the_preview(scene: Scene, grid: PreviewGrid) ->
 
 
 @torch.no_grad()
-def test_light_of_two_designs_adds_up(checker: Checker, scene: Scene) -> None:
+def test_light_of_two_designs_adds_up(checker: CheckerModule, scene: Scene) -> None:
     phi, power, bend = _design(scene, 1)
     parts = [
         power * mask
@@ -90,7 +92,9 @@ def test_light_of_two_designs_adds_up(checker: Checker, scene: Scene) -> None:
 @torch.no_grad()
 def test_half_the_exposure_halves_counts_and_spread(scene: Scene, grid: PreviewGrid) -> None:
     full, half = (
-        Checker(scene, grid, _network(), exposure=e, lam=LAM, spread=(-3.0, 0.1))(*_design(scene))
+        CheckerModule(scene, grid, _network(), exposure=e, lam=LAM, spread=(-3.0, 0.1))(
+            *_design(scene)
+        )
         for e in (EXPOSURE, EXPOSURE / 2)
     )
     torch.testing.assert_close(full.counts, 2 * half.counts)
@@ -99,7 +103,7 @@ def test_half_the_exposure_halves_counts_and_spread(scene: Scene, grid: PreviewG
 
 @torch.no_grad()
 def test_permuted_colors_permute_the_counts_and_leave_the_score(
-    checker: Checker, scene: Scene
+    checker: CheckerModule, scene: Scene
 ) -> None:
     phi, power, bend = _design(scene)
     order = [2, 0, 1]
@@ -110,7 +114,7 @@ def test_permuted_colors_permute_the_counts_and_leave_the_score(
 
 
 @torch.no_grad()
-def test_the_mirrored_design_has_the_mirrored_picture(checker: Checker, scene: Scene) -> None:
+def test_the_mirrored_design_has_the_mirrored_picture(checker: CheckerModule, scene: Scene) -> None:
     phi, power, bend = _design(scene, 1)
     twin = mirrored_fibers(scene).copy()
     tip = torch.tensor([edge == "tip" for edge in fiber_edges(scene)])
@@ -124,7 +128,7 @@ def test_the_mirrored_design_has_the_mirrored_picture(checker: Checker, scene: S
 
 
 @torch.no_grad()
-def test_inside_the_trained_range_there_is_no_excess(checker: Checker, scene: Scene) -> None:
+def test_inside_the_trained_range_there_is_no_excess(checker: CheckerModule, scene: Scene) -> None:
     phi, power, bend = _design(scene, 1)
     phi[0, :2] = torch.tensor([0.0, math.pi])
     power[0, 0] = torch.tensor([0.0, 1.0, 1.0])
@@ -134,7 +138,7 @@ def test_inside_the_trained_range_there_is_no_excess(checker: Checker, scene: Sc
 @torch.no_grad()
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_excess_grows_with_the_distance_from_the_trained_range(
-    checker: Checker, scene: Scene, which: int
+    checker: CheckerModule, scene: Scene, which: int
 ) -> None:
     excess = []
     for beyond in (0.0, 0.1, 1.0, 100.0, math.inf):
@@ -149,7 +153,7 @@ def test_excess_grows_with_the_distance_from_the_trained_range(
 @torch.no_grad()
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_nan_in_gives_nan_out_for_that_design_alone(
-    checker: Checker, scene: Scene, which: int
+    checker: CheckerModule, scene: Scene, which: int
 ) -> None:
     inputs = _design(scene, 2)
     clean = checker(*inputs)
@@ -163,7 +167,7 @@ def test_nan_in_gives_nan_out_for_that_design_alone(
 
 
 def test_the_score_can_be_differentiated_at_the_ends_and_the_nodes(
-    checker: Checker, scene: Scene
+    checker: CheckerModule, scene: Scene
 ) -> None:
     phi, power, bend = _design(scene, 1)
     phi[0, :3] = torch.tensor([0.0, math.pi, math.pi / 2])
@@ -173,7 +177,7 @@ def test_the_score_can_be_differentiated_at_the_ends_and_the_nodes(
     assert phi.grad.isfinite().all()
 
 
-def test_the_derivative_is_the_slope_of_the_score(checker: Checker, scene: Scene) -> None:
+def test_the_derivative_is_the_slope_of_the_score(checker: CheckerModule, scene: Scene) -> None:
     phi, power, bend = _design(scene, 1)
     phi.requires_grad_(True)
     checker(phi, power, bend).counts.mean().backward()  # type: ignore[no-untyped-call]

@@ -10,21 +10,21 @@ import torch
 from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.scene.schema import Scene
 from surrogate.model.checker_module import PreviewTable
-from surrogate.model.features import INPUT_NAMES, Inputs
+from surrogate.model.features import FEATURE_NAMES, CellFeatures
 from surrogate.model.preview_grid import PreviewGrid
 
 
 def _inputs(scene: Scene, grid: PreviewGrid, phi: np.ndarray) -> torch.Tensor:
     directions = torch.as_tensor(phi, dtype=torch.float32)
     bend = torch.linspace(0.0, 1.5, 4).expand(len(phi), -1)
-    x = Inputs(scene, grid)(directions, bend, PreviewTable(grid)(directions, bend))
+    x = CellFeatures(scene, grid)(directions, bend, PreviewTable(grid)(directions, bend))
     return x.movedim(0, -1)
 
 
 def test_inputs_are_finite_and_of_order_one(scene: Scene, grid: PreviewGrid) -> None:
     phi = np.linspace(0, np.pi, 9)[:, None].repeat(scene.fibers.count, axis=1)
     x = _inputs(scene, grid, phi)
-    assert x.shape == (9, scene.fibers.count, 4, scene.sites.count, len(INPUT_NAMES))
+    assert x.shape == (9, scene.fibers.count, 4, scene.sites.count, len(FEATURE_NAMES))
     assert x.isfinite().all()
     assert x.abs().max() < 6.0
 
@@ -58,5 +58,5 @@ def test_a_scene_with_one_bend_has_a_constant_bend_input(
     )
     phi = torch.full((2, 8), 1.0)
     bend = torch.zeros(2, 1)
-    x = Inputs(flat, grid)(phi, bend, PreviewTable(grid)(phi, bend))
-    assert (x[INPUT_NAMES.index("bend")] == 0).all()
+    x = CellFeatures(flat, grid)(phi, bend, PreviewTable(grid)(phi, bend))
+    assert (x[FEATURE_NAMES.index("bend")] == 0).all()

@@ -15,9 +15,9 @@ from render.preview.preview import Preview
 from render.scene.free_ranges import Free
 from render.scene.schema import Scene, load_scene
 from render.transport import TransportTable
-from surrogate.model.material_grid import at_material, draw_material_grid
-from surrogate.model.materials import MaterialRange, family_hash
-from surrogate.runtime.checker import Checker
+from surrogate.model.materials import MaterialRange
+from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
+from surrogate.runtime.checker import Checker, family_hash
 from surrogate.training.dataset import cells_of_materials
 from surrogate.training.fit import FitConfig, fit_residual
 from surrogate.training.mlp import NetworkConfig
@@ -62,6 +62,13 @@ def free_model(sensor: Scene, tmp_path_factory: pytest.TempPathFactory) -> Train
     return train(sensor, tmp_path_factory.mktemp("free") / "small", config=config)
 
 
+def at_material(grid: PreviewGrid, material: np.ndarray) -> np.ndarray:
+    """Return the log preview at the nodes of ``grid`` for one material ``(quantity,)``."""
+    assert grid.free is not None
+    assert grid.slopes is not None
+    return grid.log_transport + np.tensordot(grid.free.terms(material), grid.slopes, axes=1)
+
+
 def test_a_range_must_hold_the_scenes_own_value_and_need_a_diffuser(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "render" / "scenes" / "finger20.toml").read_text()
 
@@ -99,7 +106,9 @@ def test_materials_fill_the_range_and_the_scenes_own_comes_first(sensor: Scene) 
     np.testing.assert_allclose(free.from_unit(free.unit(chosen)), chosen)
     np.testing.assert_array_equal(free.terms(free.nominal), 0.0)
     other = free.scene_with(sensor, np.array([1.2, 1.8]))
-    np.testing.assert_allclose(free.material_of(other), [1.2, 1.8])
+    assert other.diffuser is not None
+    values = other.diffuser.free_values
+    np.testing.assert_allclose([values[name] for name in free.names], [1.2, 1.8])
     assert other.hash != sensor.hash
     assert family_hash(other, free.names) == family_hash(sensor, free.names)
 

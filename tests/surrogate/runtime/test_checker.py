@@ -83,8 +83,8 @@ def test_the_transport_table_has_errors_and_background(checker: Checker) -> None
 
 
 def test_intervals_come_with_the_model(checker: Checker) -> None:
-    assert checker.score_reach > 0
-    assert checker.counts_reach > 0
+    assert checker.score_half_width > 0
+    assert checker.counts_factor > 0
     assert checker.coverage == 0.9
 
 

@@ -15,38 +15,40 @@ from surrogate.training.conformal import (
     coverage,
     fit_spread,
 )
-from surrogate.training.evaluation import Exam, random_designs
+from surrogate.training.evaluation import HeldOutEvaluation, random_designs
 
 SHAPE = (4, 6, 2, 3, 5)
 MODEL = 0.05
 
 
-def _exam(seed: int, noise: float = 0.0, designs: int = 300) -> tuple[Exam, np.ndarray]:
-    """Return an exam and a prediction whose cells are off by 5 %, the reference's by ``noise``."""
+def _evaluation(
+    seed: int, noise: float = 0.0, designs: int = 300
+) -> tuple[HeldOutEvaluation, np.ndarray]:
+    """Return held-out designs and a prediction: cells off by 5 %, the reference by ``noise``."""
     rng = np.random.default_rng(seed)
     truth = rng.uniform(1.0, 2.0, SHAPE)
     guess = truth * (1 + MODEL * rng.standard_normal(SHAPE))
     known = np.ones(SHAPE, dtype=bool)
     chosen = random_designs(designs, known[..., 0, 0, 0], np.zeros(len(known), dtype=int), rng)
-    exam = Exam(
+    evaluation = HeldOutEvaluation(
         reference=truth * (1 + noise * rng.standard_normal(SHAPE)),
         error=noise * truth,
         reliable=known,
         designs=chosen,
         exposure=5.0,
         lam=10.0,
-        examined=known[..., 0, 0],
+        held_out=known[..., 0, 0],
         bends=np.arange(2),
     )
-    return exam, guess
+    return evaluation, guess
 
 
-def _compare(exam: Exam, guess: np.ndarray) -> Comparison:
-    return compare(exam, guess, _spread(exam, guess), np.random.default_rng(9))
+def _compare(evaluation: HeldOutEvaluation, guess: np.ndarray) -> Comparison:
+    return compare(evaluation, guess, _spread(evaluation, guess), np.random.default_rng(9))
 
 
-def _spread(exam: Exam, guess: np.ndarray) -> np.ndarray:
-    return counts_spread(exam, guess, np.zeros((1, *SHAPE)), np.full(SHAPE[:4], MODEL))
+def _spread(evaluation: HeldOutEvaluation, guess: np.ndarray) -> np.ndarray:
+    return counts_spread(evaluation, guess, np.zeros((1, *SHAPE)), np.full(SHAPE[:4], MODEL))
 
 
 def test_the_spread_is_found_below_the_noise_of_the_reference() -> None:
@@ -61,7 +63,9 @@ def test_the_spread_is_found_below_the_noise_of_the_reference() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_intervals_cover_nine_of_ten_of_designs_they_have_not_seen(noise: float) -> None:
     found = [
-        coverage(_compare(*_exam(10 + seed, noise)), conformal(_compare(*_exam(seed, noise))))
+        coverage(
+            _compare(*_evaluation(10 + seed, noise)), conformal(_compare(*_evaluation(seed, noise)))
+        )
         for seed in range(4)
     ]
     assert np.mean([f.counts for f in found]) == pytest.approx(0.9, abs=0.02)
@@ -69,28 +73,28 @@ def test_intervals_cover_nine_of_ten_of_designs_they_have_not_seen(noise: float)
 
 
 def test_a_noisy_reference_does_not_widen_the_intervals() -> None:
-    clean, noisy = (conformal(_compare(*_exam(3, noise))) for noise in (0.0, 0.05))
+    clean, noisy = (conformal(_compare(*_evaluation(3, noise))) for noise in (0.0, 0.05))
     assert noisy.counts == pytest.approx(clean.counts, rel=0.1)
     assert noisy.score < 1.5 * clean.score
 
 
 def test_the_conformal_quantile_is_that_of_the_finite_sample() -> None:
-    found = _compare(*_exam(0, designs=9))
+    found = _compare(*_evaluation(0, designs=9))
     quantiles = conformal(found)
     # ceil((9 + 1) 0.9) = 9: the largest of nine.
     assert quantiles.score == pytest.approx(np.abs(found.score_error).max())
 
 
 def test_disagreement_and_residual_add_in_quadrature() -> None:
-    exam, guess = _exam(2, designs=5)
+    evaluation, guess = _evaluation(2, designs=5)
     apart = 0.1 * np.array([1.0, -1.0])[:, None, None, None, None, None] * np.ones(SHAPE)
     cell = np.full(SHAPE[:4], 0.05)
     together, shared, alone = (
-        counts_spread(exam, guess, a, c)
+        counts_spread(evaluation, guess, a, c)
         for a, c in ((apart, cell), (apart, 0 * cell), (0 * apart, cell))
     )
     np.testing.assert_allclose(together**2, shared**2 + alone**2)
-    unclipped = replace(exam, exposure=1.0)
+    unclipped = replace(evaluation, exposure=1.0)
     total = unclipped.counts(guess)
     np.testing.assert_allclose(
         counts_spread(unclipped, guess, apart, 0 * cell), np.sqrt(2) * 0.1 * total

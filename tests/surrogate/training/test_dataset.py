@@ -1,4 +1,4 @@
-"""Training cells and their groups."""
+"""Training cells, their groups, and the regression data made of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from render.errors import TableError
 from render.geometry.layout import mirrored_fibers
 from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.training.dataset import cells_from_table, folds, interior_folds
+from surrogate.model.preview_grid import PreviewGrid
+from surrogate.training.dataset import (
+    build_rows,
+    cells_from_table,
+    folds,
+    interior_folds,
+    smooth_noise,
+)
 
 
 def test_mirror_twins_share_a_group(scene: Scene, reference: TransportTable) -> None:
@@ -58,3 +65,27 @@ def test_a_table_that_does_not_name_its_bends_is_refused(
 ) -> None:
     with pytest.raises(TableError, match="0 bends for 5"):
         cells_from_table(scene, replace(reference, bends=np.zeros(0)))
+
+
+def test_the_ratio_is_reference_over_preview(
+    scene: Scene, grid: PreviewGrid, reference: TransportTable
+) -> None:
+    cells = cells_from_table(scene, reference)
+    rows = build_rows(scene, grid, cells)
+    ratio = rows.ratio.numpy().reshape(cells.transport.shape)
+    preview = np.exp(grid.log_transport).swapaxes(0, 1)
+    np.testing.assert_allclose(ratio, cells.transport / preview, rtol=1e-4)
+
+
+def test_the_smoothed_noise_is_the_true_one_though_error_bars_scatter() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(4000, 2))
+    truth = 0.1 * np.exp(0.5 * x[:, :1]) * np.ones((1, 3))
+    value = np.exp(rng.normal(size=truth.shape))
+    bars = value * truth * np.sqrt(rng.chisquare(7, truth.shape) / 7)
+    smooth = smooth_noise(value, bars, x)
+    np.testing.assert_allclose(smooth, truth, rtol=0.12)
+
+
+def test_an_exact_reference_has_no_noise() -> None:
+    assert (smooth_noise(np.ones((5, 2)), np.zeros((5, 2)), np.ones((5, 1))) == 0).all()

@@ -10,58 +10,63 @@ from scipy.stats import kendalltau
 
 from render.metric import design_score, image_counts, site_metric
 from render.transport import TransportTable
-from surrogate.training.evaluation import Exam, kendall_tau, random_designs, scene_bends
+from surrogate.training.evaluation import (
+    HeldOutEvaluation,
+    kendall_tau,
+    random_designs,
+    scene_bends,
+)
 
 SHAPE = (4, 6, 2, 3, 5)  # direction, fiber, bend, site, normal
 
 
 @pytest.fixture
-def exam() -> Exam:
+def evaluation() -> HeldOutEvaluation:
     rng = np.random.default_rng(0)
     designs = random_designs(40, np.ones(SHAPE[:2], dtype=bool), np.zeros(SHAPE[0]), rng)
     reference = rng.uniform(1.0, 2.0, SHAPE)
     known = np.ones(SHAPE, dtype=bool)
-    return Exam(
+    return HeldOutEvaluation(
         reference=reference,
         error=0.1 * reference,
         reliable=known,
         designs=designs,
         exposure=5.0,
         lam=10.0,
-        examined=known[..., 0, 0],
+        held_out=known[..., 0, 0],
         bends=np.arange(2),
     )
 
 
-def test_a_perfect_prediction_has_no_error(exam: Exam) -> None:
-    grade = exam.grade("reference", exam.reference)
-    assert (grade.cell_p95, grade.facet_p95, grade.score_p95, grade.kendall_tau) == (0, 0, 0, 1)
+def test_a_perfect_prediction_has_no_error(evaluation: HeldOutEvaluation) -> None:
+    errors = evaluation.errors("reference", evaluation.reference)
+    assert (errors.cell_p95, errors.facet_p95, errors.score_p95, errors.kendall_tau) == (0, 0, 0, 1)
 
 
-def test_known_noise_of_the_reference_is_taken_off_the_error(exam: Exam) -> None:
+def test_known_noise_of_the_reference_is_taken_off_the_error(evaluation: HeldOutEvaluation) -> None:
     rng = np.random.default_rng(1)
-    noise = exam.error * rng.standard_normal(SHAPE)
-    noisy = replace(exam, reference=exam.reference + noise)
-    grade = noisy.grade("the truth", exam.reference)
-    assert grade.facet_rms > 0.03
-    assert grade.facet_rms_true < 0.4 * grade.facet_rms
+    noise = evaluation.error * rng.standard_normal(SHAPE)
+    noisy = replace(evaluation, reference=evaluation.reference + noise)
+    errors = noisy.errors("the truth", evaluation.reference)
+    assert errors.facet_rms > 0.03
+    assert errors.facet_rms_true < 0.4 * errors.facet_rms
 
 
-def test_a_common_factor_is_the_error_of_every_facet(exam: Exam) -> None:
-    grade = exam.grade("dim", 0.9 * exam.reference)
-    assert grade.cell_median == pytest.approx(0.1)
-    assert grade.facet_p95 == pytest.approx(0.1)
-    assert grade.kendall_tau > 0.9
+def test_a_common_factor_is_the_error_of_every_facet(evaluation: HeldOutEvaluation) -> None:
+    errors = evaluation.errors("dim", 0.9 * evaluation.reference)
+    assert errors.cell_median == pytest.approx(0.1)
+    assert errors.facet_p95 == pytest.approx(0.1)
+    assert errors.kendall_tau > 0.9
 
 
-def test_a_design_is_lit_by_its_own_directions_and_colors(exam: Exam) -> None:
-    counts = exam.counts(exam.reference)
-    direction, power = exam.designs.direction[7], exam.designs.power[7]
-    light = np.stack([exam.reference[direction[f], f, ..., :-1] for f in range(SHAPE[1])])
-    expected = image_counts(light, power, exam.exposure)
+def test_a_design_is_lit_by_its_own_directions_and_colors(evaluation: HeldOutEvaluation) -> None:
+    counts = evaluation.counts(evaluation.reference)
+    direction, power = evaluation.designs.direction[7], evaluation.designs.power[7]
+    light = np.stack([evaluation.reference[direction[f], f, ..., :-1] for f in range(SHAPE[1])])
+    expected = image_counts(light, power, evaluation.exposure)
     np.testing.assert_allclose(counts[7], expected)
-    score = design_score(site_metric(expected, exam.lam)).score
-    assert exam.scores(counts)[7] == pytest.approx(float(score))
+    score = design_score(site_metric(expected, evaluation.lam)).score
+    assert evaluation.scores(counts)[7] == pytest.approx(float(score))
 
 
 def test_designs_keep_to_the_allowed_directions() -> None:
