@@ -106,7 +106,7 @@ def tactilux(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Run:
     """Run the program in an empty directory and return exit code, stdout and stderr."""
-    from hw.cli.cli import main
+    from hw.cli import main
 
     monkeypatch.chdir(tmp_path)
 

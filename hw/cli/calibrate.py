@@ -6,50 +6,56 @@ import math
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-import numpy as np
+from typer import Option
 
-from hw.calibration.calibrated_scene import calibrated_toml, save_scene
-from hw.calibration.calibration_report import ReportContent, render_report, value_rows
-from hw.calibration.confirm import Confirmation
-from hw.calibration.fit import Calibration, require_known
-from hw.calibration.material import NAMES, UNITS, Material
-from hw.calibration.reference_lines import reference_lines
-from hw.calibration.refine import refine
-from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
-from hw.camera.linearity import Linearity
-from hw.camera.photo_set import PhotoSet, load_photo_set
+from hw.cli.options import Gamma, Materials, Noise, Samples, SceneOption
 from hw.errors import CalibrationError
-from optimize.design.design import Array, baseline_design
-from optimize.design.design_file import load_design
-from optimize.design.models import open_model
+from optimize.cli.options import DesignOption, Json, ModelFolder
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
-from optimize.ui.output import check_target, fresh_directory, write_manifest
 from render.errors import RenderError
-from render.files import write_json, write_text
-from render.preview.diffuser.cache import cache_folder
-from render.progress import Progress
-from render.scene.schema import Scene, load_scene
+
+if TYPE_CHECKING:
+    from hw.calibration.confirm import Confirmation
+    from hw.calibration.fit import Calibration
+    from hw.camera.linearity import Linearity
+    from hw.camera.photo_set import PhotoSet
+    from render.arrays import Array
+    from render.progress import Progress
+    from render.scene.schema import Scene
 
 
 def run(
-    scene_name: str,
-    *,
-    flat: Path,
-    bent: Path,
-    bend: float,
-    additive: Path | None,
-    design: Path | None,
-    model: Path | None,
-    out: Path | None,
-    gamma: float,
-    noise: float,
-    materials: int,
-    samples: int,
-    as_json: bool,
+    flat: Annotated[Path, Option(help="Folder of the sweep with the flat pad.")],
+    bent: Annotated[Path, Option(help="Folder of the sweep with the bent pad.")],
+    bend: Annotated[
+        float, Option(min=1.0, max=180.0, help="Total angle of the bent pad in degrees.")
+    ] = 90.0,
+    additive: Annotated[
+        Path | None,
+        Option("--linearity", help="Folder of a sweep with all fibers together as well."),
+    ] = None,
+    scene_name: SceneOption = "finger20",
+    design: DesignOption = None,
+    model: ModelFolder = None,
+    out: Annotated[
+        Path | None, Option(help="Result directory (default: runs/<scene>-calibrate).")
+    ] = None,
+    gamma: Gamma = 1.0,
+    noise: Noise = 2.55,
+    materials: Materials = 32,
+    samples: Samples = 1000,
+    as_json: Json = False,
 ) -> None:
-    """Calibrate the scene to the sweeps in ``flat`` and ``bent`` (at ``bend`` degrees)."""
+    """Fit the scene's material, powers and gains to photographs of single fibers."""
+    import numpy as np
+
+    from hw.calibration.material import Material
+    from hw.camera.photo_set import load_photo_set
+    from optimize.ui.output import check_target
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         Material.of(scene)
@@ -104,6 +110,20 @@ def calibrate_sets(
         samples: light paths per fiber and cell of the renders that correct and confirm the fit;
             0 leaves them out.
     """
+    from hw.calibration.calibrated_scene import calibrated_toml, save_scene
+    from hw.calibration.calibration_report import ReportContent, render_report
+    from hw.calibration.fit import require_known
+    from hw.calibration.reference_lines import reference_lines
+    from hw.calibration.refine import refine
+    from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
+    from optimize.design.design import baseline_design
+    from optimize.design.design_file import load_design
+    from optimize.design.models import open_model
+    from optimize.ui.output import fresh_directory, write_manifest
+    from render.files import write_json, write_text
+    from render.preview.diffuser.cache import cache_folder
+    from render.scene.schema import load_scene
+
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     additivity = require_linearity(linearity_sets, noise)
@@ -174,6 +194,9 @@ def _result(
     target: Path,
     today: str,
 ) -> dict[str, object]:
+    from hw.calibration.calibration_report import value_rows
+    from hw.calibration.material import NAMES, UNITS
+
     values = found.material.array()
     ranges = found.intervals.of(values)
     material = {}
@@ -194,8 +217,8 @@ def _result(
         else "preview corrected by the reference",
         "material": material,
         "table": value_rows(scene, found),
-        "power": [float(p) if np.isfinite(p) else None for p in found.power],
-        "gain": [float(g) if np.isfinite(g) else None for g in found.gain],
+        "power": [float(p) if math.isfinite(p) else None for p in found.power],
+        "gain": [float(g) if math.isfinite(g) else None for g in found.gain],
         "not_separable": [
             "g and sigma_s",
             "the powers' mean and the gains",

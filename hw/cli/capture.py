@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
+from typer import Option
 
-from hw.camera.dewarp import Dewarp, load_lens
-from hw.camera.opencv_camera import LockedSettings, OpenCVCamera
-from hw.camera.photo import check_photo
-from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
-from hw.camera.self_test import self_test
-from hw.cli.wiring import Wiring
-from hw.leds.fiber_lights import interruptible
-from optimize.design.design import Array, Design
-from optimize.design.design_file import load_design
+from hw.cli.options import Lens, SceneOption
+from hw.cli.wiring import Wiring, wired
+from optimize.cli.options import DesignArgument
 from optimize.ui.console import Meter, reserved_stdout
-from optimize.ui.output import OutputError, fresh_directory, write_manifest
-from render.scene.schema import Scene, load_scene
+
+if TYPE_CHECKING:
+    from hw.camera.opencv_camera import LockedSettings
+    from hw.camera.photo_set import PhotoSet
+    from optimize.design.design import Design
+    from render.arrays import Array
+    from render.scene.schema import Scene
 
 SETTLE = 0.15
 """Seconds between setting a light and photographing it."""
@@ -27,38 +26,76 @@ TEST_LEVEL = 0.3
 """Power of all LEDs of one color in the self-test."""
 
 
-@dataclass(frozen=True)
-class Shot:
-    """How photographs are taken, as the options of the command line say."""
+@wired
+def run(
+    path: DesignArgument,
+    out: Annotated[Path, Option(help="Folder to write.")],
+    scene_name: SceneOption = "finger20",
+    camera: Annotated[int, Option(min=0, help="Number of the camera.")] = 0,
+    lens: Lens = None,
+    exposure: Annotated[float | None, Option(help="In the driver's own unit.")] = None,
+    gain: Annotated[float | None, Option(help="In the driver's own unit.")] = None,
+    white_balance: Annotated[float | None, Option(help="In kelvin.")] = None,
+    frames: Annotated[int, Option(min=1, help="Photographs that are averaged.")] = 4,
+    white: Annotated[
+        float | None,
+        Option(min=0.0, max=1.0, help="Light all three channels with this power."),
+    ] = None,
+    *,
+    wiring: Wiring,
+) -> None:
+    """Photograph the dark, every fiber alone, and all together into a folder."""
+    from hw.camera.opencv_camera import LockedSettings
+    from optimize.design.design_file import load_design
+    from render.scene.schema import load_scene
 
-    camera: int
-    lens: Path | None = None
-    exposure: float | None = None
-    gain: float | None = None
-    white_balance: float | None = None
-    frames: int = 4
+    with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        design = load_design(path, scene)
+        locked = LockedSettings(exposure, gain, white_balance)
+        photos = sweep_photos(scene, design, camera, wiring, lens, locked, frames, white)
+        save_photos(photos, out)
+        stream.write(f"{len(photos)} photographs: {out}\n")
 
 
 def sweep_photos(
-    scene: Scene, design: Design, shot: Shot, wiring: Wiring, *, white: float | None = None
+    scene: Scene,
+    design: Design,
+    source: int,
+    wiring: Wiring,
+    lens: Path | None,
+    locked: LockedSettings | None,
+    frames: int,
+    white: float | None = None,
 ) -> dict[str, Array]:
     """Return the photographs of a sweep, after the self-tests.
 
     Arguments:
         scene: whose camera the photographs must fit.
         design: whose fibers are lit.
-        shot: camera and its settings.
+        source: number of the camera.
         wiring: of the lights.
+        lens: file of a fisheye lens; None is a pinhole.
+        locked: settings of the camera; None leaves the driver's.
+        frames: photographs that are averaged for each fiber.
         white: light every fiber in all three channels with this power instead of the design's.
     """
-    prepare = Dewarp(load_lens(shot.lens), scene) if shot.lens else np.asarray
-    locked = LockedSettings(shot.exposure, shot.gain, shot.white_balance)
+    import numpy as np
+
+    from hw.camera.dewarp import Dewarp, load_lens
+    from hw.camera.opencv_camera import OpenCVCamera
+    from hw.camera.photo import check_photo
+    from hw.camera.photo_set import take_sweep
+    from hw.camera.self_test import self_test
+    from hw.leds.fiber_lights import interruptible
+
+    prepare = Dewarp(load_lens(lens), scene) if lens else np.asarray
     power = design.power * wiring.scale
     if white is not None:
         power = np.any(design.power, axis=1)[:, None] * np.full(3, white)
     with (
         interruptible(),
-        closing(OpenCVCamera(shot.camera, locked)) as camera,
+        closing(OpenCVCamera(source, locked)) as camera,
         wiring.lights(len(design.phi)) as lights,
         Meter("Photographing") as meter,
     ):
@@ -70,7 +107,7 @@ def sweep_photos(
             camera,
             lights,
             power,
-            frames=shot.frames,
+            frames=frames,
             settle=SETTLE,
             together=white is None,
             prepare=prepare,
@@ -78,30 +115,17 @@ def sweep_photos(
         )
 
 
-def live(scene: Scene, design: Design, shot: Shot, wiring: Wiring) -> PhotoSet:
+def live(
+    scene: Scene, design: Design, source: int, wiring: Wiring, lens: Path | None, frames: int
+) -> PhotoSet:
     """Return a sweep for the check."""
-    photos = sweep_photos(scene, design, shot, wiring)
+    from hw.camera.photo import check_photo
+    from hw.camera.photo_set import photo_set
+
+    photos = sweep_photos(scene, design, source, wiring, lens, None, frames)
     for name, photo in photos.items():
         check_photo(photo, scene.camera.rows, scene.camera.columns, name)
     return photo_set(photos)
-
-
-def run(
-    scene_name: str,
-    path: Path,
-    shot: Shot,
-    wiring: Wiring,
-    *,
-    out: Path,
-    white: float | None,
-) -> None:
-    """Photograph a sweep of the design in ``path`` into the folder ``out``."""
-    with reserved_stdout() as stream:
-        scene = load_scene(scene_name)
-        design = load_design(path, scene)
-        photos = sweep_photos(scene, design, shot, wiring, white=white)
-        save_photos(photos, out)
-        stream.write(f"{len(photos)} photographs: {out}\n")
 
 
 def save_photos(photos: dict[str, Array], out: Path) -> None:
@@ -110,6 +134,10 @@ def save_photos(photos: dict[str, Array], out: Path) -> None:
     Raises:
         OutputError: the folder holds something else.
     """
+    import numpy as np
+
+    from optimize.ui.output import OutputError, fresh_directory, write_manifest
+
     try:
         with fresh_directory(out) as folder:
             for name, photo in photos.items():

@@ -8,29 +8,24 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Annotated
 
-import numpy as np
+from typer import Option
 
-from hw.camera.photo import check_photo, linear, read_photo
-from hw.camera.photo_set import PhotoSet, load_photo_set
-from hw.check.channel_order import check_order
-from hw.check.commission import RigRecord, commission, load_record
-from hw.check.diagnosis import WORDS, Diagnosis, FiberState
-from hw.check.image_check import check_image
-from hw.check.prediction import PadPrediction, predict
-from hw.check.rig_tolerances import STARTS, rig_tolerances
-from hw.check.site_colors import SiteSpots
-from hw.check.sweep_check import check_sweep
+from hw.cli.capture import live
+from hw.cli.options import Gamma, Lens, Noise
+from hw.cli.wiring import Wiring, wired
 from hw.errors import CaptureError
-from optimize.design.design import Array, baseline_design
-from optimize.design.design_file import load_design
-from optimize.design.models import open_model
+from optimize.cli.options import Bend, DesignOption, Json, ModelFolder, SceneName
 from optimize.ui.console import note, print_json, reserved_stdout
-from render.scene.schema import Scene, load_scene
 
 if TYPE_CHECKING:
-    from hw.cli.wiring import Wiring
+    from hw.camera.photo_set import PhotoSet
+    from hw.check.commission import RigRecord
+    from hw.check.diagnosis import Diagnosis
+    from hw.check.prediction import PadPrediction
+    from render.arrays import Array
+    from render.scene.schema import Scene
 
 FRAMES = 16
 """Photographs that are averaged for each fiber of a live sweep: ten seconds at 30 a second."""
@@ -38,26 +33,43 @@ FAULTY = 1
 """Exit code of a rig with a fault; 2 is bad input."""
 
 
+@wired
 def run(
-    scene_name: str,
+    scene_name: SceneName = "finger20",
+    design: DesignOption = None,
+    capture: Annotated[
+        Path | None, Option(help="Photograph with all fibers lit, or the folder of a sweep.")
+    ] = None,
+    camera: Annotated[int | None, Option(min=0, help="Number of a live camera.")] = None,
+    lens: Lens = None,
+    rig: Annotated[Path | None, Option(help="Record of the healthy rig, for finer checks.")] = None,
+    commissioned: Annotated[
+        Path | None, Option("--commission", help="Write such a record from this sweep.")
+    ] = None,
+    bend: Bend = 0.0,
+    gamma: Gamma = 1.0,
+    noise: Noise = 2.55,
+    model: ModelFolder = None,
     *,
-    design: Path | None,
-    model: Path | None,
-    capture: Path | None,
-    camera: int | None,
-    lens: Path | None,
     wiring: Wiring,
-    bend: float,
-    rig: Path | None,
-    commissioned: Path | None,
-    gamma: float,
-    noise: float,
-    as_json: bool,
+    as_json: Json = False,
 ) -> None:
-    """Capture or read, compare, say what is wrong; the exit code is 0, or 1 with a fault.
+    """Say whether the rig looks as designed: exit code 0 if so, 1 with a fault."""
+    import numpy as np
 
-    Arguments as on the command line; ``bend`` in degrees, ``noise`` in counts per pixel.
-    """
+    from hw.camera.photo_set import PhotoSet
+    from hw.check.channel_order import check_order
+    from hw.check.commission import commission, load_record
+    from hw.check.image_check import check_image
+    from hw.check.prediction import predict
+    from hw.check.rig_tolerances import rig_tolerances
+    from hw.check.site_colors import SiteSpots
+    from hw.check.sweep_check import check_sweep
+    from optimize.design.design import baseline_design
+    from optimize.design.design_file import load_design
+    from optimize.design.models import open_model
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
@@ -73,9 +85,7 @@ def run(
         spots = SiteSpots(scene, angle)
         seen: PhotoSet | Array
         if camera is not None:
-            from hw.cli.capture import Shot, live
-
-            seen = live(scene, lighting, Shot(camera, lens, frames=FRAMES), wiring)
+            seen = live(scene, lighting, camera, wiring, lens, FRAMES)
         else:
             assert capture is not None
             seen = _read(capture, scene, gamma)
@@ -121,6 +131,9 @@ def run(
 
 
 def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
+    from hw.camera.photo import check_photo, linear, read_photo
+    from hw.camera.photo_set import load_photo_set
+
     rows, columns = scene.camera.rows, scene.camera.columns
     if capture.is_dir():
         return load_photo_set(capture, rows, columns, gamma)
@@ -131,6 +144,9 @@ def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
 
 def _commission(record: RigRecord, prediction: PadPrediction, path: Path) -> None:
     """Write the record, joined with the starts that the file already holds."""
+    from hw.check.commission import load_record
+    from hw.check.rig_tolerances import STARTS
+
     if path.exists():
         before = load_record(path)
         before.check_fits(prediction, record.scene_hash, record.bend)
@@ -151,18 +167,18 @@ def _write(
     record: RigRecord | None,
     sweep: bool,
 ) -> None:
+    from hw.check.diagnosis import WORDS, FiberState
+
     if diagnosis.ok:
         stream.write("The rig looks as designed.\n")
-    if (
-        all(fiber.state is FiberState.UNCLEAR for fiber in diagnosis.faults)
-        and len(diagnosis.faults) > 1
-    ):
+    faults = diagnosis.faults
+    if all(fiber.state is FiberState.UNCLEAR for fiber in faults) and len(faults) > 1:
         stream.write(
-            f"{len(diagnosis.faults)} fibers differ in a way that no single fault explains: clean "
+            f"{len(faults)} fibers differ in a way that no single fault explains: clean "
             "the pad and the lens, and see that scene, design and bend are those of the rig.\n"
         )
     else:
-        for fiber in diagnosis.faults:
+        for fiber in faults:
             detail = f", {fiber.detail}" if fiber.detail else ""
             stream.write(
                 f"Fiber {fiber.index} {WORDS[fiber.state]}{detail} "
@@ -179,6 +195,8 @@ def _write(
 
 def _reach(record: RigRecord | None, sweep: bool) -> str:
     """Return what this way of checking can find; `tactilux hw recall` measures it."""
+    from hw.check.rig_tolerances import STARTS
+
     if record is None and sweep:
         return (
             "Compared with the model alone, which finds dead, dim and swapped fibers; one turned "

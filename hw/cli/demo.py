@@ -7,42 +7,32 @@ through the same readers, and the rig's true values are known to the emulated ca
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-import numpy as np
-from numpy.typing import NDArray
+from typer import Option
 
-from hw.calibration.material import NAMES, UNITS
-from hw.calibration.surrogate_correction import surrogate_correction
-from hw.camera.photo_set import PhotoSet
-from hw.camera.self_test import self_test
-from hw.check.commission import commission
-from hw.check.diagnosis import WORDS, Diagnosis
-from hw.check.prediction import predict
-from hw.check.rig_tolerances import rig_tolerances
-from hw.check.site_colors import SiteSpots
-from hw.check.sweep_check import check_sweep
 from hw.cli.calibrate import calibrate_sets, print_calibration
-from hw.emulator.emulated_camera import EmulatedCamera
-from hw.emulator.rig import RAYS, TrueParameters, random_parameters, rendered_images, true_images
-from hw.emulator.session import (
-    ADDITIVE_SCALE,
-    BENDS,
-    CALIBRATION_FIBERS,
-    EmulatedRig,
-    single_exposure,
-    switched_on,
-)
-from hw.leds.fiber_lights import interruptible, sweep
-from optimize.design.design import Array, Design, baseline_design
-from optimize.design.models import open_model
+from hw.cli.options import Materials, Samples, SceneOption
+from optimize.cli.options import Json, ModelFolder, Seed
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
-from optimize.ui.output import check_target
-from render.scene.schema import Scene, load_scene
-from surrogate.runtime.checker import Checker
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from hw.camera.photo_set import PhotoSet
+    from hw.check.diagnosis import Diagnosis
+    from hw.emulator.emulated_camera import EmulatedCamera
+    from hw.emulator.rig import TrueParameters
+    from hw.emulator.session import EmulatedRig
+    from optimize.design.design import Design
+    from render.arrays import Array
+    from render.scene.schema import Scene
+    from surrogate.runtime.checker import Checker
 
 FRAMES = 4
 """Photographs that are averaged for each fiber of the checks."""
@@ -52,23 +42,35 @@ DURATION = "about 40 minutes on two cores the first time, and eight from then on
 
 
 def run(
-    scene_name: str,
-    *,
-    out: Path | None,
-    model: Path | None,
-    seed: int,
-    rig_samples: int,
-    materials: int,
-    samples: int,
-    rays: int = RAYS,
-    calibrate: bool = True,
-    as_json: bool,
+    scene_name: SceneOption = "finger20",
+    out: Annotated[
+        Path | None, Option(help="Result directory (default: runs/<scene>-demo).")
+    ] = None,
+    model: ModelFolder = None,
+    seed: Seed = 0,
+    rig_samples: Annotated[
+        int, Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
+    ] = 2000,
+    materials: Materials = 32,
+    samples: Samples = 1000,
+    rays: Annotated[
+        int, Option(min=2000, help="Light paths of photographs that are not rendered.")
+    ] = 360_000,
+    calibrate: Annotated[
+        bool, Option(help="Also calibrate, on rendered photographs: the long part.")
+    ] = True,
+    as_json: Json = False,
 ) -> None:
-    """Play all steps on the rig of ``seed`` and tell what came out.
+    """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
+    from hw.calibration.surrogate_correction import surrogate_correction
+    from hw.emulator.rig import random_parameters, true_images
+    from hw.emulator.session import BENDS, single_exposure, switched_on
+    from hw.leds.fiber_lights import interruptible
+    from optimize.design.design import baseline_design
+    from optimize.design.models import open_model
+    from optimize.ui.output import check_target
+    from render.scene.schema import load_scene
 
-    With ``calibrate`` the rig's photographs are rendered by the reference, else drawn by the
-    preview, which takes seconds.
-    """
     with reserved_stdout() as stream, interruptible():
         began = time.monotonic()
         scene = load_scene(scene_name)
@@ -121,6 +123,9 @@ def _rendered(
     scene: Scene, truth: TrueParameters, design: Design, rig_samples: int
 ) -> NDArray[np.float32]:
     """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
+    from hw.emulator.rig import rendered_images
+    from hw.emulator.session import BENDS, CALIBRATION_FIBERS
+
     note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
     fibers = range(scene.fibers.count)
     with Meter("Rendering the rig") as meter:
@@ -136,6 +141,12 @@ def _rendered(
 
 
 def _set_and_sweep(rig: EmulatedRig) -> None:
+    import numpy as np
+
+    from hw.camera.self_test import self_test
+    from hw.emulator.session import ADDITIVE_SCALE
+    from hw.leds.fiber_lights import sweep
+
     note(f"Emulated LED board on {rig.board.port}; setting the design, then sweeping")
     rig.lights.set(rig.design.power)
     if not rig.board.wait_for((255 * rig.design.power).astype(np.uint8)):
@@ -147,6 +158,14 @@ def _set_and_sweep(rig: EmulatedRig) -> None:
 
 def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
     """Commission the rig, check it, then check it with one fault of each kind."""
+    import numpy as np
+
+    from hw.check.commission import commission
+    from hw.check.prediction import predict
+    from hw.check.rig_tolerances import rig_tolerances
+    from hw.check.site_colors import SiteSpots
+    from hw.check.sweep_check import check_sweep
+
     spots = SiteSpots(rig.scene, 0.0)
     prediction = predict(checker, rig.design.phi, rig.design.power, 0.0)
     noise = rig.truth.imperfections.noise / np.sqrt(spots.counts * FRAMES)
@@ -168,6 +187,8 @@ def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
 
 def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
     """Return the rig at later starts: name, camera with drift and noise of its own, powers."""
+    import numpy as np
+
     starts = itertools.count(1)
 
     def weaker(fiber: int, factor: float) -> EmulatedCamera:
@@ -191,11 +212,13 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
 
 def _compared(result: dict[str, object], truth: TrueParameters) -> list[dict[str, object]]:
     """Return the truth beside what was found."""
+    from hw.calibration.material import NAMES, UNITS
+
     material = result["material"]
     assert isinstance(material, dict)
     rows: list[dict[str, object]] = []
     for name, unit, true in zip(NAMES, UNITS, truth.material.array(), strict=True):
-        value = float(true) * (180 / np.pi if unit == "deg" else 1.0)
+        value = float(true) * (180 / math.pi if unit == "deg" else 1.0)
         found = material[name]
         low, high = found["interval"]
         rows.append(
@@ -211,6 +234,8 @@ def _compared(result: dict[str, object], truth: TrueParameters) -> list[dict[str
 
 
 def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, object]) -> None:
+    from hw.check.diagnosis import WORDS
+
     for name, diagnosis in checks.items():
         said = [
             f"fiber {fiber.index} {WORDS[fiber.state]} ({100 * fiber.confidence:.1f} %)"

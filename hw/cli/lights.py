@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from hw.cli.wiring import Wiring
-from hw.leds.board import dark
-from hw.leds.fiber_lights import interruptible, sweep
-from hw.leds.ports import ProtocolName, list_serial_ports, open_board, the_port
-from optimize.design.design import Design, color_name
-from optimize.design.design_file import load_saved
+from typer import Option
+
+from hw.cli.wiring import Baud, Port, SpokenProtocol, Wiring, wired
+from hw.leds import ProtocolName
+from optimize.cli.options import DesignArgument, Json
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
+
+if TYPE_CHECKING:
+    from optimize.design.design import Design
 
 UNTOLD_LEDS = 64
 """How many LEDs are switched off on a board that cannot say how many it has."""
 
 
-def ports(*, as_json: bool) -> None:
-    """Print the serial ports."""
+def ports(as_json: Json = False) -> None:
+    """List the serial ports that LED boards may be on."""
+    from hw.leds.ports import list_serial_ports
+
     with reserved_stdout() as stream:
         found = list_serial_ports()
         if as_json:
@@ -30,8 +34,19 @@ def ports(*, as_json: bool) -> None:
             note("No serial port of a USB device: plug the LED board in and ask again.")
 
 
-def set_lights(path: Path, wiring: Wiring, *, seconds: float | None) -> None:
-    """Light the design in ``path`` for ``seconds``."""
+@wired
+def set_lights(
+    path: DesignArgument,
+    *,
+    wiring: Wiring,
+    seconds: Annotated[
+        float | None, Option(min=0.0, help="How long (default: until Ctrl-C).")
+    ] = None,
+) -> None:
+    """Light the fibers as a design says; off when the command ends."""
+    from hw.leds.fiber_lights import interruptible
+    from optimize.design.design_file import load_saved
+
     with reserved_stdout() as stream, interruptible():
         design = load_saved(path).design
         with wiring.lights(len(design.phi)) as lights:
@@ -46,8 +61,18 @@ def set_lights(path: Path, wiring: Wiring, *, seconds: float | None) -> None:
         stream.write("All LEDs are off.\n")
 
 
-def sweep_lights(path: Path, wiring: Wiring, *, seconds: float) -> None:
-    """Light one fiber of the design in ``path`` after the other."""
+@wired
+def sweep_lights(
+    path: DesignArgument,
+    *,
+    wiring: Wiring,
+    seconds: Annotated[float, Option(min=0.0, help="How long each fiber is lit.")] = 0.5,
+) -> None:
+    """Light one fiber of a design after the other."""
+    from hw.leds.fiber_lights import interruptible, sweep
+    from optimize.design.design import color_name
+    from optimize.design.design_file import load_saved
+
     with reserved_stdout() as stream, interruptible():
         design = load_saved(path).design
         with wiring.lights(len(design.phi)) as lights, Meter("Sweeping") as meter:
@@ -60,13 +85,22 @@ def sweep_lights(path: Path, wiring: Wiring, *, seconds: float) -> None:
         stream.write("All LEDs are off.\n")
 
 
-def off(port: str | None, protocol: str, baud: int, *, count: int | None) -> None:
-    """Switch every LED of the board off."""
-    speech = ProtocolName(protocol)
+def off(
+    port: Port = None,
+    protocol: SpokenProtocol = ProtocolName.LINES,
+    baud: Baud = 115200,
+    count: Annotated[
+        int | None, Option(min=1, max=65536, help="LEDs of a board that cannot say (64).")
+    ] = None,
+) -> None:
+    """Switch all LEDs of a board off."""
+    from hw.leds.board import dark
+    from hw.leds.ports import open_board, the_port
+
     with reserved_stdout() as stream:
-        told = speech is not ProtocolName.ADALIGHT
+        told = protocol is not ProtocolName.ADALIGHT
         leds = count or (1 if told else UNTOLD_LEDS)
-        board = open_board(the_port(port), speech, leds=leds, baud=baud)
+        board = open_board(the_port(port), protocol, leds=leds, baud=baud)
         try:
             board.show(dark(board.leds))
         finally:

@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
+from typer import Argument
 
-from hw.camera.linearity import linearity
-from hw.camera.photo_set import load_photo_set
+from hw.cli.options import Gamma, Noise, SceneOption
 from hw.errors import CaptureError
+from optimize.cli.options import Json
 from optimize.ui.console import print_json, reserved_stdout
-from render.scene.schema import load_scene
 
 
-def run(scene_name: str, folder: Path, *, gamma: float, noise: float, as_json: bool) -> None:
-    """Test the sweep in ``folder``; light that does not add up is an error with its cause."""
+def run(
+    folder: Annotated[
+        Path, Argument(metavar="sweep", help="Folder of a sweep with all fibers together.")
+    ],
+    scene_name: SceneOption = "finger20",
+    gamma: Gamma = 1.0,
+    noise: Noise = 2.55,
+    as_json: Json = False,
+) -> None:
+    """Test whether light adds up in the photographs of a sweep."""
+    import numpy as np
+
+    from hw.camera.linearity import linearity
+    from hw.camera.photo_set import load_photo_set
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         photos = load_photo_set(folder, scene.camera.rows, scene.camera.columns, gamma)

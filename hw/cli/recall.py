@@ -2,36 +2,45 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
+from typer import Option
 
-from hw.check.prediction import predict
-from hw.check.rig_tolerances import STARTS
-from hw.studies.recall import MAX_FALSE_ALARMS, MIN_RECALL, RigSpread, measure_recall
-from optimize.design.design import Array, baseline_design
-from optimize.design.models import open_model
+from hw.cli.options import SceneOption
+from optimize.cli.options import Json, ModelFolder, Seed
 from optimize.ui.console import Meter, print_json, reserved_stdout
-from render.chebyshev import interpolation_weights
 from render.errors import TableError
-from render.geometry.layout import flat_sites
-from render.scene.schema import load_scene
-from render.transport import load_table
-from surrogate.runtime.checker import Checker
+
+if TYPE_CHECKING:
+    from render.arrays import Array
+    from surrogate.runtime.checker import Checker
 
 
 def run(
-    scene_name: str,
-    *,
-    model: Path | None,
-    rigs: int,
-    seed: int,
-    truth: Path | None,
-    as_json: bool,
+    scene_name: SceneOption = "finger20",
+    model: ModelFolder = None,
+    rigs: Annotated[int, Option(min=1, help="Number of random rigs.")] = 500,
+    seed: Seed = 0,
+    truth: Annotated[
+        Path | None, Option(help="Transport table that stands for the true light.")
+    ] = None,
+    as_json: Json = False,
 ) -> None:
-    """Print recall and false alarms of every way of checking, with 95 % intervals."""
+    """Measure how many single-fiber faults the check finds on random rigs."""
+    import numpy as np
+
+    from hw.check.prediction import predict
+    from hw.check.rig_tolerances import STARTS
+    from hw.studies.recall import MAX_FALSE_ALARMS, MIN_RECALL, RigSpread, measure_recall
+    from optimize.design.design import baseline_design
+    from optimize.design.models import open_model
+    from render.geometry.layout import flat_sites
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         checker = open_model(scene, model, threads=2)
@@ -82,6 +91,11 @@ def run(
 
 def _true_light(path: Path, nodes: Array, checker: Checker) -> Array:
     """Return the background of a table at bend 0 in counts, ``(fiber, node, site)``."""
+    import numpy as np
+
+    from render.chebyshev import interpolation_weights
+    from render.transport import load_table
+
     table = load_table(path)
     flat = np.nonzero(np.abs(table.bends) < 1e-9)[0]
     if table.background is None or not len(flat):
@@ -99,5 +113,5 @@ def _percent(part: float, count: int) -> str:
     """Return a percentage with its 95 % interval (Wilson 1927)."""
     z = 1.96
     middle = (part + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * np.sqrt(part * (1 - part) / count + (z / (2 * count)) ** 2)
+    half = z / (1 + z * z / count) * math.sqrt(part * (1 - part) / count + (z / (2 * count)) ** 2)
     return f"{100 * part:5.1f} % ({100 * (middle - half):.1f} to {100 * (middle + half):.1f})"

@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-from hw.calibration.rig_fit import line_model
-from hw.emulator.session import BENDS
-from hw.studies.recovery import BOUND, BOUNDED, Recovered, RigOutcome, recover
-from optimize.design.design import baseline_design
-from optimize.design.models import open_model
+from typer import Option
+
+from hw.cli.options import Materials, Samples, SceneOption
+from optimize.cli.options import Json, ModelFolder
 from optimize.ui.console import Meter, print_json, reserved_stdout
-from render.progress import Progress
-from render.scene.schema import load_scene
+
+if TYPE_CHECKING:
+    from hw.studies.recovery import Recovered, RigOutcome
+    from render.progress import Progress
 
 
 def run(
-    scene_name: str,
-    *,
-    model: Path | None,
-    rigs: int,
-    seed: int,
-    rig_samples: int,
-    materials: int,
-    samples: int,
-    as_json: bool,
+    scene_name: SceneOption = "finger20",
+    model: ModelFolder = None,
+    rigs: Annotated[int, Option(min=1, help="Number of random rigs.")] = 5,
+    seed: Annotated[int, Option(min=0, help="Of the first rig; the others follow.")] = 0,
+    rig_samples: Annotated[
+        int, Option(min=1, help="Light paths per fiber and cell of the photographs.")
+    ] = 8000,
+    materials: Materials = 32,
+    samples: Samples = 1000,
+    as_json: Json = False,
 ) -> None:
-    """Print true and found values of every rig, and how many keep to the bound."""
+    """Measure how well calibration recovers random rigs from rendered photographs."""
+    from hw.calibration.rig_fit import line_model
+    from hw.emulator.session import BENDS
+    from hw.studies.recovery import recover
+    from optimize.design.design import baseline_design
+    from optimize.design.models import open_model
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         checker = open_model(scene, model, threads=2)
@@ -84,6 +92,8 @@ def _write_rig(stream: IO[str], outcome: RigOutcome) -> None:
 
 
 def _write_sum(stream: IO[str], outcomes: list[RigOutcome]) -> None:
+    from hw.studies.recovery import BOUND, BOUNDED
+
     for way in ("surrogate", "rendered"):
         for name in BOUNDED:
             rows = [_row(getattr(one, way), name) for one in outcomes]

@@ -15,8 +15,8 @@ import numpy as np
 
 from hw.emulator.faults import BoardFaults
 from hw.emulator.firmware import Firmware, make_firmware
+from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
-from hw.leds.ports import ProtocolName
 
 STEP = 0.005
 """Seconds between looks at the clock, which the watchdog and greetings need."""

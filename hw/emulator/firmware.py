@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from hw.emulator.faults import BoardFaults
+from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
 from hw.leds.lines import MAKER, VERSION, crc8, framed
-from hw.leds.ports import ProtocolName
 
 GARBAGE = b"\x00\xff\x7fE (boot) \xc3\x28\n"
 

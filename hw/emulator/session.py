@@ -16,9 +16,10 @@ from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import EmulatedCamera
 from hw.emulator.rig import TrueParameters, camera_of
+from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
-from hw.leds.ports import ProtocolName, open_board
+from hw.leds.ports import open_board
 from optimize.design.design import Array, Design
 from render.scene.schema import Scene
 

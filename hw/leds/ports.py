@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 from serial.tools import list_ports
 
 from hw.errors import PortError
+from hw.leds import ProtocolName
 from hw.leds.adalight_board import AdalightBoard
 from hw.leds.board import Board
 from hw.leds.line_board import LineBoard
 from hw.leds.link import SerialLink
 from hw.leds.wled_board import WledBoard
-
-
-class ProtocolName(StrEnum):
-    """What a board speaks."""
-
-    LINES = "lines"
-    WLED = "wled"
-    ADALIGHT = "adalight"
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from optimize.design.design import Array, color_name
-from optimize.scoring.score_noise import score_interval
-from optimize.scoring.table_scorer import TableScorer
+from typer import Argument, Option
+
+from optimize.cli.options import Json, Seed
 from optimize.ui.console import Meter, print_json, reserved_stdout
 from render.errors import TableError
-from render.transport import TransportTable, load_table
 
 if TYPE_CHECKING:
+    from optimize.scoring.table_scorer import TableScorer
     from optimize.search.colors.result import ColorResult
+    from render.arrays import Array
+    from render.transport import TransportTable
 
 
 SHOWN = 20
@@ -21,15 +23,25 @@ SHOWN = 20
 
 
 def run(
-    path: Path,
-    *,
-    method: str,
-    phi_index: int | None,
-    seed: int,
-    device: str | None,
-    as_json: bool,
+    path: Annotated[Path, Argument(metavar="table", help="Transport table, an .npz file.")],
+    method: Annotated[
+        Literal["grouped", "quick", "exact"], Option(help="Search method.")
+    ] = "quick",
+    phi_index: Annotated[
+        int | None, Option(help="Direction node to use, where the table has several.")
+    ] = None,
+    seed: Seed = 0,
+    device: Annotated[
+        str | None, Option(help="Let torch search on this device, for example cuda.")
+    ] = None,
+    as_json: Json = False,
 ) -> None:
-    """Search colors on the table in ``path`` at one direction node and print the best."""
+    """Search the colors of a transport table."""
+    from optimize.design.design import color_name
+    from optimize.scoring.score_noise import score_interval
+    from optimize.scoring.table_scorer import TableScorer
+    from render.transport import load_table
+
     if device is not None and method != "exact":
         raise TableError(
             f"--device is for the method exact, not {method}: leave it out", field="device"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from optimize.cli.options import Json, SceneName
 from optimize.ui.console import print_json, reserved_stdout
-from render.describe import describe
-from render.scene.schema import load_scene, sources
 
 
-def run(scene_name: str, *, as_json: bool) -> None:
-    """Print what a scene declares, with the source of every value, and what is left out."""
+def run(scene_name: SceneName = "finger20", as_json: Json = False) -> None:
+    """Say what a scene models and leaves out."""
+    from render.describe import describe
+    from render.scene.schema import load_scene, sources
+
     with reserved_stdout() as stream:
         description = describe(load_scene(scene_name), sources(scene_name))
         if as_json:

@@ -5,34 +5,45 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated, Literal
 
-from optimize.design.models import find_model, open_model
-from optimize.exploration.explore import Exploration, explore
-from optimize.report.exploration_report import score_row, warnings, write_exploration
-from optimize.report.illustrations import STAGES
-from optimize.robust.robust import Measure
-from optimize.robust.study import Study, check_tolerances, study
-from optimize.robust.study_table import print_study
-from optimize.search.alternating_search import SearchStep
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
-from optimize.ui.output import check_target
+from typer import Option
+
+from optimize.cli.options import Json, ModelFolder, SceneName, Seed
+from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
 from render.errors import DesignError
-from render.preview.gl import create_context
-from render.scene.schema import load_scene
+
+if TYPE_CHECKING:
+    from optimize.exploration.explore import Exploration
+    from optimize.search.alternating_search import SearchStep
 
 
 def run(
-    scene_name: str,
-    *,
-    out: Path | None,
-    model: Path | None,
-    seed: int,
-    robust: Measure | None,
-    shadow: float | None,
-    as_json: bool,
+    scene_name: SceneName = "finger20",
+    out: Annotated[
+        Path | None, Option(help="Result directory (default: runs/<scene>-explore).")
+    ] = None,
+    model: ModelFolder = None,
+    seed: Seed = 0,
+    robust: Annotated[
+        Literal["quantile", "spread"] | None,
+        Option(help="Against the scene's tolerances: lower 10 % quantile, or mean - spread."),
+    ] = None,
+    shadow: Annotated[
+        float | None, Option(min=0.0, help="Weight of the penalty for a bolt's shadows.")
+    ] = None,
+    as_json: Json = False,
 ) -> None:
-    """Search, rate, write the result directory and print the outcome."""
+    """Find a better lighting design on the surrogate."""
+    from optimize.design.models import find_model, open_model
+    from optimize.exploration.explore import explore
+    from optimize.report.exploration_report import warnings, write_exploration
+    from optimize.robust.study import Study, check_tolerances, study
+    from optimize.robust.study_table import print_study
+    from optimize.ui.output import check_target
+    from render.preview.gl import create_context
+    from render.scene.schema import load_scene
+
     began = time.monotonic()
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
@@ -81,6 +92,8 @@ class _Steps:
         self.meter, self.done, self.expected = meter, 0, 9
 
     def __call__(self, step: SearchStep) -> None:
+        from optimize.report.illustrations import STAGES
+
         label = STAGES[step.stage][0]
         self.meter.note(
             f"  {step.seconds:5.1f} s  {label:<17}  score {step.score:8.3f}"
@@ -108,22 +121,22 @@ class _Parts:
 
 
 def _print_table(stream: IO[str], found: Exploration) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from optimize.report.exploration_report import score_row
 
-    table = Table(title=f"{found.scene.name}, {found.scene.hash}", title_justify="left")
-    table.add_column("design")
-    for heading in (
-        "score S",
-        f"{found.checker.coverage:.0%} interval",
-        "mean M",
-        "spread over sites",
-        "spread over bends",
-    ):
-        table.add_column(heading, justify="right")
-    table.add_column("level")
-    for stage in found.stages:
-        row = score_row(stage)
-        keys = ("title", "score", "interval", "mean", "spread_sites", "spread_bends", "level")
-        table.add_row(*(row[key] for key in keys))
-    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+    columns = {
+        "title": "design",
+        "score": "score S",
+        "interval": f"{found.checker.coverage:.0%} interval",
+        "mean": "mean M",
+        "spread_sites": "spread over sites",
+        "spread_bends": "spread over bends",
+        "level": "level",
+    }
+    rows = [score_row(stage) for stage in found.stages]
+    print_table(
+        stream,
+        f"{found.scene.name}, {found.scene.hash}",
+        list(columns.values()),
+        [[row[key] for key in columns] for row in rows],
+        words=("design", "level"),
+    )

@@ -4,34 +4,51 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-from optimize.design.models import open_model
-from optimize.frontier.frontier import Frontier, measure
-from optimize.frontier.plan import check_folder
-from optimize.frontier.plot import frontier_png
-from optimize.ui.console import Stages, note, print_json, reserved_stdout
-from optimize.ui.output import write_result
-from render.reference.llvm import ensure_llvm
-from render.scene.schema import load_scene
-from render.transport import load_table
+from typer import Option
+
+from optimize.cli.options import Json, ModelFolder, SceneName, Seed
+from optimize.ui.console import Stages, note, print_json, print_table, reserved_stdout
+
+if TYPE_CHECKING:
+    from optimize.frontier.frontier import Frontier
 
 RESULT, PLOT = "frontier.json", "frontier.png"
 
 
 def run(
-    scene_name: str,
-    *,
-    out: Path | None,
-    model: Path | None,
-    table: Path | None,
-    designs: int,
-    minutes: float,
-    samples: int | None,
-    seed: int,
-    as_json: bool,
+    scene_name: SceneName = "finger20",
+    out: Annotated[
+        Path | None, Option(help="Run directory (default: runs/<scene>-frontier).")
+    ] = None,
+    model: ModelFolder = None,
+    table: Annotated[
+        Path | None,
+        Option(
+            help="Reference table to fit to (default: models/<scene>-training/reference.npz, "
+            "or a new render)."
+        ),
+    ] = None,
+    designs: Annotated[int, Option(min=2, help="Random held-out designs.")] = 30,
+    minutes: Annotated[float, Option(min=3.0, help="Time for everything together.")] = 30.0,
+    samples: Annotated[
+        int | None,
+        Option(min=32, help="Samples per cell of the reference: the same work on any machine."),
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
 ) -> None:
-    """Measure, write plot and JSON into the run directory, and print the table."""
+    """Measure what every level costs and how wrong it is."""
+    from optimize.design.models import open_model
+    from optimize.frontier.frontier import measure
+    from optimize.frontier.plan import check_folder
+    from optimize.frontier.plot import frontier_png
+    from optimize.ui.output import write_result
+    from render.reference.llvm import ensure_llvm
+    from render.scene.schema import load_scene
+    from render.transport import load_table
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         folder = out or Path("runs") / f"{scene.name}-frontier"
@@ -68,28 +85,27 @@ def run(
 
 
 def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(
-        title=f"{found.scene.name}: {found.plan.designs} random held-out designs",
-        title_justify="left",
-    )
-    table.add_column("level")
-    for heading in ("s per design", "color error", "95 %", "rms, no noise", "S off by", "tau"):
-        table.add_column(heading, justify="right")
+    rows = []
     for row in (*found.rows, found.noise):
         low, high = row.kendall_tau_interval
-        table.add_row(
-            row.level,
-            f"{row.seconds_per_design:.2g}",
-            f"{row.facet_error_median:.1%}",
-            f"{row.facet_error_p95:.1%}",
-            f"{row.facet_error_true:.1%}",
-            f"{row.score_error:.2f}",
-            f"{row.kendall_tau:.2f} ({low:.2f} to {high:.2f})",
+        rows.append(
+            (
+                row.level,
+                f"{row.seconds_per_design:.2g}",
+                f"{row.facet_error_median:.1%}",
+                f"{row.facet_error_p95:.1%}",
+                f"{row.facet_error_true:.1%}",
+                f"{row.score_error:.2f}",
+                f"{row.kendall_tau:.2f} ({low:.2f} to {high:.2f})",
+            )
         )
-    Console(file=stream, width=None if stream.isatty() else 110).print(table)
+    print_table(
+        stream,
+        f"{found.scene.name}: {found.plan.designs} random held-out designs",
+        ("level", "s per design", "color error", "95 %", "rms, no noise", "S off by", "tau"),
+        rows,
+        width=110,
+    )
     reference = found.reference
     stream.write(
         f"Reference: bidirectional, MIS, {reference.samples} samples per cell, "

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated, Literal
 
-from optimize.design.models import find_model, open_model
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
-from optimize.ui.output import check_target
-from optimize.verification.optimization import Method, Optimization, OptimizeConfig, optimize
-from optimize.verification.optimize_output import optimization_to_json, write_optimization
-from optimize.verification.renders import reference_renders
-from optimize.verification.verification_loop import Round
+from typer import Option
+
+from optimize.cli.options import Json, ModelFolder, SceneName, Seed
+from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
 from render.errors import ModelError, SceneError
-from render.progress import Progress
-from render.reference.llvm import ensure_llvm
-from render.scene.schema import Scene, load_scene
-from surrogate.runtime.checker import Checker
+
+if TYPE_CHECKING:
+    from optimize.verification.optimization import Optimization
+    from optimize.verification.verification_loop import Round
+    from render.progress import Progress
+    from render.scene.schema import Scene
+    from surrogate.runtime.checker import Checker
 
 TITLES = {
     "baseline": "Baseline",
@@ -27,20 +27,37 @@ TITLES = {
 
 
 def run(
-    scene_name: str,
-    *,
-    method: Method,
-    out: Path | None,
-    model: Path | None,
-    rounds: int,
-    generations: int,
-    samples: int,
-    final_samples: int,
-    final_seeds: int,
-    seed: int,
-    as_json: bool,
+    scene_name: SceneName = "finger20",
+    method: Annotated[
+        Literal["loop", "thesis", "both"],
+        Option(help="Verification loop, the thesis's procedure, or both side by side."),
+    ] = "loop",
+    out: Annotated[
+        Path | None, Option(help="Result directory (default: runs/<scene>-optimize).")
+    ] = None,
+    model: ModelFolder = None,
+    rounds: Annotated[int, Option(min=1, help="Rounds of the loop at most.")] = 4,
+    generations: Annotated[
+        int, Option(min=1, help="Generations of the thesis's CMA-ES at most.")
+    ] = 20,
+    samples: Annotated[
+        int, Option(min=1, help="Samples per cell of every candidate's render.")
+    ] = 96,
+    final_samples: Annotated[
+        int, Option(min=1, help="Samples per cell and seed of the finalists' renders.")
+    ] = 192,
+    final_seeds: Annotated[int, Option(min=1, help="Seeds of the finalists' renders.")] = 2,
+    seed: Seed = 0,
+    as_json: Json = False,
 ) -> None:
-    """Search, render, write the result directory and print the outcome."""
+    """Search with renders deciding: propose, render, refit."""
+    from optimize.ui.output import check_target
+    from optimize.verification.optimization import OptimizeConfig, optimize
+    from optimize.verification.optimize_output import optimization_to_json, write_optimization
+    from optimize.verification.renders import reference_renders
+    from render.reference.llvm import ensure_llvm
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         if method != "loop" and scene.constraints is not None:
@@ -82,6 +99,8 @@ def run(
 
 def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | None:
     """Return the surrogate; the thesis takes exposure and lambda from it where there is one."""
+    from optimize.design.models import find_model, open_model
+
     try:
         folder = find_model(scene.name, model)
     except ModelError:
@@ -133,15 +152,7 @@ class _Meters:
 
 
 def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"{scene.name}, {scene.hash}, level reference", title_justify="left")
-    table.add_column("design")
-    headings = ("score S", "95% interval", "over baseline", "renders", "render s", "wall s")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    verdict = found.verdict
+    verdict, rows = found.verdict, []
     for name in verdict.names:
         score = verdict.of(name).score
         low, high = score.interval()
@@ -149,14 +160,14 @@ def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
         if name != "baseline":
             over = verdict.gain("baseline", name)
             gain = f"{over.value:+.2f} ± {over.se:.2f}"
-        table.add_row(
-            TITLES[name],
-            f"{score.value:.2f} ± {score.se:.2f}",
-            f"{low:.2f} to {high:.2f}",
-            gain,
-            *_costs(found, name),
-        )
-    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+        measured = f"{score.value:.2f} ± {score.se:.2f}", f"{low:.2f} to {high:.2f}", gain
+        rows.append((TITLES[name], *measured, *_costs(found, name)))
+    print_table(
+        stream,
+        f"{scene.name}, {scene.hash}, level reference",
+        ("design", "score S", "95% interval", "over baseline", "renders", "render s", "wall s"),
+        rows,
+    )
     for first, second in (
         ("baseline", found.winner),
         ("runner-up", "winner"),

@@ -4,32 +4,54 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-from optimize.overnight.job import OvernightConfig, check_directory, overnight
-from optimize.overnight.report import REPORT
-from optimize.overnight.result import DESIGNS, OvernightResult
-from optimize.overnight.run_log import Stopped
-from optimize.overnight.status import status_of
-from optimize.overnight.workers import LocalWorker, Workers
-from optimize.ui.console import note, print_json, reserved_stdout
-from render.reference.llvm import ensure_llvm
-from render.scene.schema import load_scene
+from typer import BadParameter, Option
+
+from optimize.cli.options import Json, SceneName, Seed
+from optimize.ui.console import note, print_json, print_table, reserved_stdout
+
+if TYPE_CHECKING:
+    from optimize.overnight.result import OvernightResult
+    from optimize.overnight.workers import Workers
 
 
 def run(
-    scene_name: str,
-    *,
-    out: Path | None,
-    hours: float | None,
-    samples: int | None,
-    workers: int | None,
-    dask: str | None,
-    seed: int,
-    as_json: bool,
-    json_lines: bool,
+    scene_name: SceneName = "finger20",
+    out: Annotated[
+        Path | None, Option(help="Run directory (default: runs/<scene>-overnight).")
+    ] = None,
+    hours: Annotated[
+        float | None,
+        Option(min=0.01, help="Time for everything, over all attempts (default: 8)."),
+    ] = None,
+    samples: Annotated[
+        int | None, Option(min=1, help="A fixed amount of work instead: per cell of the table.")
+    ] = None,
+    workers: Annotated[
+        int | None, Option(min=1, help="Render in so many processes on this machine.")
+    ] = None,
+    dask: Annotated[
+        str | None, Option(help="Render on the workers of a Dask scheduler, tcp://host:8786.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    json_lines: Annotated[
+        bool, Option("--json-lines", help="Print progress as JSON, one object per line.")
+    ] = False,
 ) -> None:
-    """Do the job, print its outcome, and say where everything is."""
+    """Verify designs by rendering for hours; survives interruptions."""
+    for first, second, both in (
+        ("--hours", "--samples", hours is not None and samples is not None),
+        ("--workers", "--dask", workers is not None and dask is not None),
+    ):
+        if both:
+            raise BadParameter(f"give {first} or {second}, not both")
+    from optimize.overnight.job import OvernightConfig, check_directory, overnight
+    from optimize.overnight.run_log import Stopped
+    from render.reference.llvm import ensure_llvm
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         target = out or Path("runs") / f"{scene.name}-overnight"
@@ -38,6 +60,8 @@ def run(
             ensure_llvm()
 
         def make_workers() -> Workers:
+            from optimize.overnight.workers import LocalWorker
+
             if workers is None and dask is None:
                 return LocalWorker()
             from optimize.overnight.dask_workers import DaskWorkers
@@ -64,6 +88,10 @@ def run(
 
 def result_to_json(result: OvernightResult, target: Path) -> dict[str, object]:
     """Return what programs rely on; ``design`` is the path of the design that is handed over."""
+    from optimize.overnight.report import REPORT
+    from optimize.overnight.result import DESIGNS
+    from optimize.overnight.status import status_of
+
     status = status_of(target)
     return {
         "scene": result.scene.name,
@@ -90,24 +118,24 @@ def result_to_json(result: OvernightResult, target: Path) -> dict[str, object]:
 
 
 def _print(stream: IO[str], result: OvernightResult, target: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from optimize.overnight.report import REPORT
+    from optimize.overnight.result import DESIGNS
 
-    table = Table(
-        title=f"{result.scene.name}, {result.scene.hash}, level reference", title_justify="left"
-    )
-    table.add_column("design")
-    for heading in ("score S", "over baseline", "surrogate said"):
-        table.add_column(heading, justify="right")
-    for entry in result.finalists:
-        gain = "" if entry.gain is None else f"{entry.gain:+.2f} ± {entry.gain_se:.2f}"
-        table.add_row(
+    rows = [
+        (
             entry.title,
             f"{entry.score:.2f} ± {entry.se:.2f}",
-            gain,
+            "" if entry.gain is None else f"{entry.gain:+.2f} ± {entry.gain_se:.2f}",
             f"{entry.predicted:.2f} ± {entry.predicted_reach:.2f}",
         )
-    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+        for entry in result.finalists
+    ]
+    print_table(
+        stream,
+        f"{result.scene.name}, {result.scene.hash}, level reference",
+        ("design", "score S", "over baseline", "surrogate said"),
+        rows,
+    )
     for sentence in result.verdict:
         stream.write(sentence + "\n")
     stream.write(f"Design: {target / DESIGNS / result.winner}.json\nReport: {target / REPORT}\n")

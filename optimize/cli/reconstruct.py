@@ -4,37 +4,46 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-import numpy as np
+from typer import Option
 
-from optimize.design.design import Array, Design
-from optimize.design.design_file import open_rated
-from optimize.design.models import open_model
-from optimize.design.rating import RatedDesign
-from optimize.reconstruction.reconstruct import CameraNoise
-from optimize.reconstruction.reconstruction_table import Compared, compare_reconstruction
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.cli.options import Json, ModelFolder, RatedDesignArgument, SceneOfDesign, Seed
+from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
 from render.errors import DesignError
-from surrogate.runtime.checker import Checker
+
+if TYPE_CHECKING:
+    from optimize.design.design import Design
+    from optimize.design.rating import RatedDesign
+    from optimize.reconstruction.reconstruct import CameraNoise
+    from optimize.reconstruction.reconstruction_table import Compared
+    from render.arrays import Array
+    from surrogate.runtime.checker import Checker
 
 SEEDS = 8
-Colors = tuple[Array, Array]
 RENDER_SEED = 700
 
 
 def run(
-    path: Path,
-    *,
-    scene: str | None,
-    model: Path | None,
-    read_noise: float,
-    full_well: float,
-    samples: int | None,
-    seed: int,
-    as_json: bool,
+    path: RatedDesignArgument,
+    scene: SceneOfDesign = None,
+    model: ModelFolder = None,
+    read_noise: Annotated[float, Option(min=0.0, help="Read noise of the camera in counts.")] = 1.0,
+    full_well: Annotated[
+        float, Option(min=1.0, help="Photoelectrons at 255 counts, for the shot noise.")
+    ] = 10000.0,
+    samples: Annotated[
+        int | None, Option(min=1, help="Use renders with so many samples per cell instead.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
 ) -> None:
-    """Recover normals from the colors of baseline and design, and print the errors."""
+    """Recover surface normals from the colors, in degrees."""
+    from optimize.design.design_file import open_rated
+    from optimize.design.models import open_model
+    from optimize.reconstruction.reconstruct import CameraNoise
+    from optimize.reconstruction.reconstruction_table import compare_reconstruction
+
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
         if not math.isfinite(value):
             raise DesignError(
@@ -66,7 +75,10 @@ def run(
             _print(stream, path, level, noise, found)
 
 
-def _predicted(candidate: RatedDesign, checker: Checker, design: Design) -> Colors:
+def _predicted(candidate: RatedDesign, checker: Checker, design: Design) -> tuple[Array, Array]:
+    """Return colors of facets and pad as the surrogate predicts them, counts."""
+    import numpy as np
+
     bends = np.array(candidate.scene.bending.angles)
     found = checker.run(design.phi[None], design.power[None], bends)
     facets, pad = (np.asarray(found[key][0], np.float64) for key in ("counts", "background"))
@@ -75,8 +87,10 @@ def _predicted(candidate: RatedDesign, checker: Checker, design: Design) -> Colo
 
 def _rendered(
     path: Path, candidate: RatedDesign, designs: list[Design], samples: int, seed: int
-) -> tuple[list[Colors], list[Colors]]:
+) -> tuple[list[tuple[Array, Array]], list[tuple[Array, Array]]]:
     """Return colors of two independent halves of a render: to learn from, and to be shown."""
+    import numpy as np
+
     from optimize.verification.renders import reference_renders
     from render.reference.llvm import ensure_llvm
 
@@ -106,23 +120,22 @@ def _rendered(
 def _print(
     stream: IO[str], path: Path, level: str, noise: CameraNoise, found: dict[str, Compared]
 ) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"{path}, level {level}: errors in degrees", title_justify="left")
-    table.add_column("reader")
-    for heading in ("baseline", "design", "difference", "95% interval"):
-        table.add_column(heading, justify="right")
-    for name, entry in found.items():
-        low, high = entry.interval
-        table.add_row(
+    rows = [
+        (
             name.replace("_", ", "),
             f"{entry.baseline:.2f}",
             f"{entry.design:.2f}",
             f"{entry.difference:+.2f}",
-            f"{low:+.2f} to {high:+.2f}",
+            f"{entry.interval[0]:+.2f} to {entry.interval[1]:+.2f}",
         )
-    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+        for name, entry in found.items()
+    ]
+    print_table(
+        stream,
+        f"{path}, level {level}: errors in degrees",
+        ("reader", "baseline", "design", "difference", "95% interval"),
+        rows,
+    )
     stream.write(
         f"Camera noise: read {noise.read:g} counts, shot noise of {noise.full_well:g} electrons "
         f"at 255 counts, rounding. Intervals are over {SEEDS} draws of normals and noise.\n"

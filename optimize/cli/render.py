@@ -4,22 +4,40 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
+from typer import Option
 
-from optimize.design.design import Array, Design, baseline_design
-from optimize.design.design_file import load_design, load_saved
-from optimize.report.illustrations import picture_png
+from optimize.cli.options import Bend, DesignOption, SceneName
 from optimize.ui.console import Meter, note, reserved_stdout
-from optimize.ui.output import write_result
-from render.metric import THESIS
-from render.scene.schema import Scene, load_scene
+
+if TYPE_CHECKING:
+    from optimize.design.design import Design
+    from render.arrays import Array
+    from render.scene.schema import Scene
 
 SAMPLES = 128  # samples per pixel at level 2, at a third of the camera's resolution: some minutes
 
 
-def run(scene_name: str, *, design: Path | None, bend: float, level: str, out: Path | None) -> None:
-    """Draw ``design`` (default: the baseline) at ``bend`` degrees into a PNG file."""
+def run(
+    scene_name: SceneName = "finger20",
+    design: DesignOption = None,
+    bend: Bend = 0.0,
+    level: Annotated[
+        Literal["preview", "reference"], Option(help="Which renderer draws.")
+    ] = "preview",
+    out: Annotated[Path | None, Option(help="PNG file to write.")] = None,
+) -> None:
+    """Draw what the camera sees."""
+    import numpy as np
+
+    from optimize.design.design import baseline_design
+    from optimize.design.design_file import load_design, load_saved
+    from optimize.report.illustrations import picture_png
+    from optimize.ui.output import write_result
+    from render.metric import THESIS
+    from render.scene.schema import load_scene
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
@@ -44,7 +62,7 @@ def _preview(scene: Scene, design: Design, bend: float) -> Array:
         picture = preview.picture(
             design.phi, design.power, bend, scene.camera.columns, scene.camera.rows
         )
-    return picture.astype(np.float64)
+    return picture.astype(float)
 
 
 def _reference(scene: Scene, design: Design, bend: float) -> Array:

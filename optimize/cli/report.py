@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from optimize.overnight.report import write_report
-from optimize.overnight.result import OvernightResult
+from typer import Argument
+
 from optimize.ui.console import reserved_stdout
-from optimize.ui.output import OutputError
 
 
-def run(directory: Path) -> None:
-    """Write ``report.html`` into the run directory and say where it is."""
+def run(
+    directory: Annotated[Path, Argument(metavar="run", help="The directory of a finished night.")],
+) -> None:
+    """Write the report of a finished night anew, from its files alone."""
+    from optimize.overnight.report import write_report
+    from optimize.overnight.result import OvernightResult
+    from optimize.ui.output import OutputError
+
     with reserved_stdout() as stream:
         result = OvernightResult.load(directory)
         try:

@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Annotated
 
-import numpy as np
+from typer import Option
 
-from optimize.design.design_file import open_rated
-from optimize.design.limits import limits_of
-from optimize.design.models import open_model
-from optimize.exploration.explore import PHI_NODES
-from optimize.robust.material_slopes import MATERIALS, material_slopes
-from optimize.robust.sensitivity import score_slopes, sensitivities
-from optimize.robust.study import check_tolerances, sensitivity_json
-from optimize.robust.study_table import print_sensitivities
-from optimize.scoring.table_scorer import TableScorer
+from optimize.cli.options import Json, ModelFolder, RatedDesignArgument, Seed
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
-from render.chebyshev import chebyshev_nodes
 
 RENDER_SEED = 600
 
 
 def run(
-    path: Path,
-    *,
-    scene: str | None,
-    model: Path | None,
-    samples: int | None,
-    seed: int,
-    as_json: bool,
+    path: RatedDesignArgument,
+    scene: Annotated[
+        str | None, Option(help="Scene file with the tolerances, where it is not shipped.")
+    ] = None,
+    model: ModelFolder = None,
+    samples: Annotated[
+        int | None,
+        Option(min=1, help="Check the slopes on renders with so many samples per cell."),
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
 ) -> None:
-    """Print the sensitivity table; with ``samples``, check its slopes on renders."""
+    """Say which manufacturing tolerance costs the most score."""
+    import numpy as np
+
+    from optimize.design.design_file import open_rated
+    from optimize.design.limits import limits_of
+    from optimize.design.models import open_model
+    from optimize.exploration.explore import PHI_NODES
+    from optimize.robust.material_slopes import MATERIALS, material_slopes
+    from optimize.robust.sensitivity import score_slopes, sensitivities
+    from optimize.robust.study import check_tolerances, sensitivity_json
+    from optimize.robust.study_table import print_sensitivities
+    from optimize.scoring.table_scorer import TableScorer
+    from render.chebyshev import chebyshev_nodes
+
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
         sensor = candidate.scene

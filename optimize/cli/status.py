@@ -5,17 +5,15 @@ from __future__ import annotations
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-from optimize.overnight.scaling import (
-    Scaling,
-    load_scaling,
-    scaling_of,
-    scaling_rows,
-    scaling_words,
-)
-from optimize.overnight.status import status_of
-from optimize.ui.console import clock, print_json, reserved_stdout
+from typer import Argument, BadParameter, Option
+
+from optimize.cli.options import Json
+from optimize.ui.console import clock, print_json, print_table, reserved_stdout
+
+if TYPE_CHECKING:
+    from optimize.overnight.scaling import Scaling
 
 _WORDS = {
     "running": "works now",
@@ -25,11 +23,22 @@ _WORDS = {
 }
 
 
-def run(directory: Path, *, scaling: bool, hours: float | None, as_json: bool) -> None:
-    """Print progress, the best design so far and the time left.
+def run(
+    directory: Annotated[Path, Argument(metavar="run", help="Directory of an overnight run.")],
+    scaling: Annotated[
+        bool, Option("--scaling", help="Say what 2, 8 and 64 workers would do.")
+    ] = False,
+    hours: Annotated[
+        float | None,
+        Option(min=0.01, help="With --scaling: for a night of so many hours instead."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say how far an overnight run is, also while it works."""
+    if hours is not None and not scaling:
+        raise BadParameter("--hours goes with --scaling")
+    from optimize.overnight.status import status_of
 
-    ``scaling``: also what more workers would do, for ``hours`` instead of the run itself.
-    """
     with reserved_stdout() as stream:
         found = status_of(directory)
         more = _scaling(directory, hours) if scaling else None
@@ -59,19 +68,15 @@ def run(directory: Path, *, scaling: bool, hours: float | None, as_json: bool) -
 
 def _scaling(directory: Path, hours: float | None) -> Scaling:
     """Return what the finished run has kept, or a simulation by what there is so far."""
+    from optimize.overnight.scaling import load_scaling, scaling_of
+
     kept = load_scaling(directory) if hours is None else None
     return kept or scaling_of(directory, Path(tempfile.gettempdir()), hours)
 
 
 def _print_scaling(stream: IO[str], scaling: Scaling) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from optimize.overnight.scaling import scaling_rows, scaling_words
 
-    table = Table(title="More workers", title_justify="left")
-    for heading in ("workers", "the night takes", "times as fast", "renders in the same time"):
-        table.add_column(heading, justify="right")
-    for row in scaling_rows(scaling):
-        table.add_row(*row)
-    console = Console(file=stream, width=None if stream.isatty() else 100)
-    console.print(table)
-    console.print(scaling_words(scaling), highlight=False)
+    headings = ("workers", "the night takes", "times as fast", "renders in the same time")
+    rows, below = scaling_rows(scaling), scaling_words(scaling)
+    print_table(stream, "More workers", headings, rows, words=(), below=below)

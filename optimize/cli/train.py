@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Annotated
 
+from typer import Option
+
+from optimize.cli.options import SceneName, Seed
 from optimize.ui.console import Stages, reserved_stdout
-from render.reference.llvm import ensure_llvm
-from render.scene.schema import load_scene
-from render.transport import load_table
-from surrogate.export.package import check_replaceable
-from surrogate.training.train import TrainConfig, train
 
 
 def run(
-    scene_name: str,
-    *,
-    out: Path | None,
-    minutes: float,
-    samples: int | None,
-    seed: int,
-    table: Path | None,
+    scene_name: SceneName = "finger20",
+    out: Annotated[Path | None, Option(help="Model folder (default: models/<scene>).")] = None,
+    minutes: Annotated[float, Option(min=0.1, help="Rendering time.")] = 40.0,
+    samples: Annotated[
+        int | None,
+        Option(min=1, help="Samples per fiber and facet: the same work on any machine."),
+    ] = None,
+    seed: Seed = 0,
+    table: Annotated[
+        Path | None, Option(help="Fit to this reference table instead of rendering one.")
+    ] = None,
 ) -> None:
-    """Render (unless ``table`` is given), fit, export, and print where the model is."""
+    """Make the surrogate: render, fit, export."""
+    from render.reference.llvm import ensure_llvm
+    from render.scene.schema import load_scene
+    from render.transport import load_table
+    from surrogate.export.package import check_replaceable
+    from surrogate.training.train import TrainConfig, train
+
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         folder = out or Path("models") / scene.name

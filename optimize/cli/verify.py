@@ -3,38 +3,46 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Annotated
 
-from optimize.design.design_file import open_rated
-from optimize.design.models import open_model
-from optimize.design.rating import PARTS, RatedDesign
-from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.rendered_score import RenderedScore
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
-from optimize.verification.interval_check import check_interval
-from optimize.verification.verify import Verification, verify
-from optimize.verification.verify_budget import affordable_samples
+from typer import Option
+
+from optimize.cli.options import DesignArgument, Json, ModelFolder, SceneOfDesign
+from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
 from render.errors import RenderError
-from render.files import write_json
 from render.progress import Progress
-from render.reference.llvm import ensure_llvm
-from surrogate.runtime.checker import Checker
+
+if TYPE_CHECKING:
+    from optimize.design.rating import RatedDesign
+    from optimize.scoring.jackknife import JackknifeEstimate
+    from optimize.scoring.rendered_score import RenderedScore
+    from optimize.verification.verify import Verification
+    from surrogate.runtime.checker import Checker
 
 SAMPLES = 200
 """Per cell and seed, unless told otherwise."""
 
 
 def run(
-    path: Path,
-    *,
-    scene: str | None,
-    model: Path | None,
-    samples: int | None,
-    minutes: float | None,
-    seeds: int,
-    as_json: bool,
+    path: DesignArgument,
+    scene: SceneOfDesign = None,
+    model: ModelFolder = None,
+    samples: Annotated[
+        int | None, Option(min=1, help="Samples per cell and seed (default: 200).")
+    ] = None,
+    minutes: Annotated[
+        float | None, Option(min=0.1, help="Rendering time, instead of --samples.")
+    ] = None,
+    seeds: Annotated[int, Option(min=2, help="Number of independent seeds.")] = 4,
+    as_json: Json = False,
 ) -> None:
-    """Render, compare and print; the renders are kept beside the design and taken up again."""
+    """Render design and baseline with error bars."""
+    from optimize.design.design_file import open_rated
+    from optimize.design.models import open_model
+    from optimize.verification.verify import verify
+    from render.files import write_json
+    from render.reference.llvm import ensure_llvm
+
     if samples is not None and minutes is not None:
         raise RenderError(
             "--samples and --minutes both say how long to render: give one of them",
@@ -86,6 +94,8 @@ def run(
 def _count(candidate: RatedDesign, minutes: float | None, seeds: int, folder: Path) -> int:
     if minutes is None:
         return SAMPLES
+    from optimize.verification.verify_budget import affordable_samples
+
     note("Timing two short renders")
     return affordable_samples(
         candidate.scene,
@@ -103,24 +113,24 @@ def _close(meters: dict[str, Meter]) -> None:
 
 
 def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from optimize.design.rating import PARTS
+    from optimize.verification.interval_check import check_interval
 
-    table = Table(title=f"{path}, reference (bidirectional, MIS)", title_justify="left")
-    table.add_column("design")
-    for heading in ("score S", "95% interval", "mean M", "spread over sites", "spread over bends"):
-        table.add_column(heading, justify="right")
+    def row(name: str, score: JackknifeEstimate, measured: RenderedScore | None) -> tuple[str, ...]:
+        low, high = score.interval()
+        parts = [_pm(measured.parts[part]) if measured else "" for part in PARTS[1:]]
+        return name, _pm(score), f"{low:.2f} to {high:.2f}", *parts
 
-    def row(name: str, measured: RenderedScore) -> None:
-        low, high = measured.score.interval()
-        cells = [_pm(measured.parts[part]) for part in PARTS]
-        table.add_row(name, cells[0], f"{low:.2f} to {high:.2f}", *cells[1:])
-
-    row("Baseline", found.baseline)
-    row("Design", found.design)
-    low, high = found.difference.interval()
-    table.add_row("Difference", _pm(found.difference), f"{low:.2f} to {high:.2f}", "", "", "")
-    Console(file=stream, width=None if stream.isatty() else 100).print(table)
+    print_table(
+        stream,
+        f"{path}, reference (bidirectional, MIS)",
+        ("design", "score S", "95% interval", "mean M", "spread over sites", "spread over bends"),
+        [
+            row("Baseline", found.baseline.score, found.baseline),
+            row("Design", found.design.score, found.design),
+            row("Difference", found.difference, None),
+        ],
+    )
     error = found.surrogate_score - found.design.score.value
     held = check_interval(error, checker.score_half_width, found.design.score.se, checker.coverage)
     stream.write(

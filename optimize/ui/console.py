@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -43,6 +43,43 @@ def reserved_stdout() -> Iterator[IO[str]]:
 def print_json(stream: IO[str], result: dict[str, object]) -> None:
     """Write one JSON object; NaN and infinity are errors, not extensions of the format."""
     stream.write(json.dumps(result, allow_nan=False) + "\n")
+
+
+def print_table(
+    stream: IO[str],
+    title: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    words: Collection[str] | None = None,
+    width: int = 100,
+    below: str = "",
+) -> None:
+    """Write a table with lines around its cells, ``width`` columns wide where no terminal says.
+
+    Arguments:
+        stream: where to.
+        title: above the table.
+        headings: of the columns.
+        rows: a cell for each column.
+        words: headings of columns that begin at the left, which is the first column unless told;
+            numbers end at the right.
+        width: columns of text where ``stream`` is no terminal.
+        below: sentences under the table, broken into lines of that width.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for heading in headings:
+        left = heading in (headings[:1] if words is None else words)
+        table.add_column(heading, justify="left" if left else "right")
+    for row in rows:
+        table.add_row(*row)
+    console = Console(file=stream, width=None if stream.isatty() else width)
+    console.print(table)
+    if below:
+        console.print(below, highlight=False)
 
 
 def note(text: str) -> None:

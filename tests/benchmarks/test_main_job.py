@@ -36,7 +36,7 @@ def report(capsys: pytest.CaptureFixture[str], what: str, seconds: float, allowe
 
 
 def tactilux(*words: str) -> str:
-    command = [sys.executable, "-m", "optimize.cli.cli", *words]
+    command = [sys.executable, "-m", "optimize.cli", *words]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 

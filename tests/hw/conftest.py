@@ -12,7 +12,7 @@ import pytest
 from hw.check.prediction import PadPrediction, predict
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.faults import BoardFaults
-from hw.leds.ports import ProtocolName
+from hw.leds import ProtocolName
 from surrogate.runtime.checker import Checker
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"

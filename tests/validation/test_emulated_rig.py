@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 def test_the_demonstration_names_its_own_faults(tmp_path: Path) -> None:
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "hw.cli.cli", "hw", "demo", "--no-calibrate"),
+            *(sys.executable, "-m", "hw.cli", "hw", "demo", "--no-calibrate"),
             *("--rays", "20000", "--out", str(tmp_path / "demo"), "--json"),
         ],
         cwd=ROOT,

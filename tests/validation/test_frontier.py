@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.cli.cli import main
+from optimize.cli import main
 from render.chebyshev import chebyshev_nodes
 from render.preview.preview import Preview
 from render.scene.schema import load_scene

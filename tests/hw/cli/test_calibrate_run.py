@@ -47,7 +47,7 @@ def test_photographs_become_a_calibrated_scene(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table = toy_table()
-    monkeypatch.setattr("hw.cli.calibrate.line_model", lambda *_: model_of(table))
+    monkeypatch.setattr("hw.calibration.rig_fit.line_model", lambda *_: model_of(table))
     sets, additive, _ = taken(load_scene("finger20"), IMPERFECTIONS)
     flat, bent, sums = (
         save(photos, tmp_path / name)

@@ -32,7 +32,7 @@ class Block:
             raise ModuleNotFoundError(f"blocked: {{name}}", name=name)
 sys.meta_path.insert(0, Block())
 sys.argv = ["tactilux", *{arguments!r}]
-from hw.cli.cli import main
+from hw.cli import main
 main()
 """
 

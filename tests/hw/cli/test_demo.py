@@ -19,9 +19,9 @@ def test_the_demonstration_recovers_the_rigs_secrets(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table = toy_table()
-    monkeypatch.setattr("hw.cli.calibrate.line_model", lambda *_: model_of(table))
+    monkeypatch.setattr("hw.calibration.rig_fit.line_model", lambda *_: model_of(table))
     monkeypatch.setattr(
-        "hw.cli.demo.rendered_images",
+        "hw.emulator.rig.rendered_images",
         lambda scene, truth, *_, **__: toy_images(scene, truth.material.array(), ROWS, COLUMNS),
     )
     result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from hw.emulator.emulated_board import EmulatedBoard
-from hw.leds.ports import ProtocolName, open_board
+from hw.leds import ProtocolName
+from hw.leds.ports import open_board
 from optimize.design.design import Design
 from optimize.design.design_file import save_design
 from render.scene.schema import load_scene

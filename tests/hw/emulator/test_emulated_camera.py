@@ -11,9 +11,10 @@ from hw.camera.photo_set import photo_set, take_sweep
 from hw.camera.self_test import self_test
 from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.errors import CameraError, CaptureError
+from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
-from hw.leds.ports import ProtocolName, open_board
+from hw.leds.ports import open_board
 from render.scene.schema import Scene, load_scene
 from tests.hw.conftest import Plug
 

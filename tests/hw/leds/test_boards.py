@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 from hw.errors import LinkError, PortError, ProtocolError, UnpluggedError
+from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
 from hw.leds.line_board import LineBoard
 from hw.leds.link import SerialLink
-from hw.leds.ports import ProtocolName, open_board
+from hw.leds.ports import open_board
 from tests.hw.conftest import Plug
 
 PROTOCOLS = [name.value for name in ProtocolName]
@@ -146,7 +147,7 @@ def test_another_program_cannot_take_the_port(plug: Plug) -> None:
     rig = plug()
     board = opened(rig.port)
     done = subprocess.run(
-        [sys.executable, "-m", "hw.cli.cli", "hw", "off", "--port", str(rig.port)],
+        [sys.executable, "-m", "hw.cli", "hw", "off", "--port", str(rig.port)],
         cwd=ROOT,
         capture_output=True,
         text=True,

@@ -16,10 +16,11 @@ import pytest
 
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.errors import LinkError
+from hw.leds import ProtocolName
 from hw.leds.board import dark
 from hw.leds.channels import ChannelMap
 from hw.leds.fiber_lights import FiberLights, sweep
-from hw.leds.ports import ProtocolName, open_board
+from hw.leds.ports import open_board
 from tests.hw.conftest import Plug
 
 ROOT = Path(__file__).parents[3]
@@ -61,7 +62,8 @@ def test_all_leds_are_off_when_the_program_is_told_to_end(
     code = (
         "import signal, sys, numpy as np\n"
         "from functools import partial\n"
-        "from hw.leds.ports import ProtocolName, open_board\n"
+        "from hw.leds import ProtocolName\n"
+        "from hw.leds.ports import open_board\n"
         "from hw.leds.channels import ChannelMap\n"
         "from hw.leds.fiber_lights import FiberLights, interruptible\n"
         # Started in the background, tests would hand on that SIGINT is ignored.

@@ -162,7 +162,7 @@ def test_no_graphics_library(
     model = ["--model", str(small_model)] if command == "explore" else []
     # A process of its own: the EGL library reads its list of drivers once.
     done = subprocess.run(
-        [sys.executable, "-m", "optimize.cli.cli", command, str(small_scene), *model],
+        [sys.executable, "-m", "optimize.cli", command, str(small_scene), *model],
         cwd=tmp_path,
         env=os.environ
         | {"TACTILUX_GL": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}

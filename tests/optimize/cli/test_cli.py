@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from optimize.cli import cli
+from optimize.cli import main
 
 HEAVY = {"numpy", "pydantic", "torch", "mitsuba", "cma", "matplotlib", "moderngl", "onnxruntime"}
 COMMANDS = (
@@ -27,12 +27,12 @@ COMMANDS = (
 def call(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     monkeypatch.setattr(sys, "argv", ["tactilux", *arguments])
     with pytest.raises(SystemExit) as end:
-        cli.main()
+        main()
     return int(end.value.code or 0)
 
 
 def test_nothing_heavy_is_imported_for_help() -> None:
-    code = "import sys, optimize.cli.cli; print(*{name.partition('.')[0] for name in sys.modules})"
+    code = "import sys, optimize.cli; print(*{name.partition('.')[0] for name in sys.modules})"
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=Path(__file__).parents[3],
@@ -74,13 +74,13 @@ def test_an_interrupt_ends_with_130(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("optimize.cli.describe.load_scene", interrupt)
+    monkeypatch.setattr("render.scene.schema.load_scene", interrupt)
     assert call(monkeypatch, "describe") == 130
 
 
 def test_a_missing_extra_is_one_sentence() -> None:
     # A process of its own, in which nothing has imported torch yet.
-    code = "import sys; sys.modules['torch'] = None; import optimize.cli.cli as cli; cli.main()"
+    code = "import sys; sys.modules['torch'] = None; from optimize.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, "train"],
         cwd=Path(__file__).parents[3],
@@ -97,7 +97,7 @@ def test_a_mistake_of_the_program_keeps_its_traceback(monkeypatch: pytest.Monkey
     def fail(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("optimize.cli.describe.load_scene", fail)
+    monkeypatch.setattr("render.scene.schema.load_scene", fail)
     monkeypatch.setattr(sys, "argv", ["tactilux", "describe"])
     with pytest.raises(ZeroDivisionError):
-        cli.main()
+        main()

@@ -40,7 +40,7 @@ def explored(
 ) -> Explored:
     place = tmp_path_factory.mktemp("explore")
     done = subprocess.run(
-        [sys.executable, "-m", "optimize.cli.cli", "explore", small_scene]
+        [sys.executable, "-m", "optimize.cli", "explore", small_scene]
         + ["--model", small_model, "--json"],
         cwd=place,
         env={**os.environ, "PYTHONPATH": str(ROOT)},

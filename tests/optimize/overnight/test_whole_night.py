@@ -37,7 +37,7 @@ shift, real = float(sys.argv.pop(1)), time.time
 time.time = lambda: real() + shift
 import optimize.overnight.job
 optimize.overnight.job.write_report = lambda result, run: None
-from hw.cli.cli import main
+from hw.cli import main
 main()
 """
 DAY = 86400.0

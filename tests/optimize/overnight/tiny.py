@@ -59,7 +59,7 @@ def request_of(scene: Scene) -> RunRequest:
 
 def command(*words: object) -> list[str]:
     """Return the command line of the program."""
-    return [sys.executable, "-m", "hw.cli.cli", *map(str, words)]
+    return [sys.executable, "-m", "hw.cli", *map(str, words)]
 
 
 def start(*words: object, **options: object) -> subprocess.Popen[str]:
