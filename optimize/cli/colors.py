@@ -13,7 +13,7 @@ from render.errors import TableError
 
 if TYPE_CHECKING:
     from optimize.scoring.table_scorer import TableScorer
-    from optimize.search.colors.result import ColorResult
+    from optimize.search.colors.colorings import ColorResult
     from render.arrays import Array
     from render.transport import TransportTable
 

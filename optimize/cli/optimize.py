@@ -89,7 +89,7 @@ def run(
             print_json(stream, result)
         else:
             _print(stream, scene, found)
-            if len(set(found.design.colors.tolist())) == 1:
+            if found.design.monochrome:
                 stream.write(
                     "Note: The optimum is monochrome: the weight of the color term does not "
                     "reward color differences in this scene.\n"

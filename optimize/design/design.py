@@ -69,6 +69,11 @@ class Design:
         """The color of each fiber as ``red``, ``green``, ``blue`` or ``off``."""
         return [color_name(index) for index in self.colors]
 
+    @property
+    def monochrome(self) -> bool:
+        """Whether one color lights everything: then hue says nothing, and lam is too large."""
+        return len(set(self.colors.tolist())) == 1
+
 
 @dataclass(frozen=True, eq=False)
 class ScoredDesign:

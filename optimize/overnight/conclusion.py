@@ -111,7 +111,7 @@ def _sentences(
         f"{check_interval(off, reach, score.se)} (renders ±{score.se:.2f})."
     )
     said.append(f"The verification loop stopped because {loop_outcome.reason}.")
-    if len(set(design.colors.tolist())) == 1:
+    if design.monochrome:
         said.append(
             "The optimum is monochrome: the weight of the color term does not reward color "
             "differences in this scene."

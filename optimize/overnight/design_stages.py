@@ -39,8 +39,8 @@ from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rendered_score import rendered_score
 from optimize.scoring.table_scorer import TableScorer
 from optimize.search.alternating_search import SearchStep, alternating_search
+from optimize.search.colors.colorings import renamed_like
 from optimize.search.colors.grouped import grouped_colors
-from optimize.search.colors.result import renamed_like
 from optimize.search.directions import optimize_directions, population, tied_groups
 from optimize.verification.proposals import Proposal
 from optimize.verification.renders import DesignRenders, distinct_directions, reference_renders
@@ -85,7 +85,7 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Desig
             "colors": design_json(colored.design),
             "best": design_json(found.design),
             "scores": [colored.score, found.score],
-            "monochrome": found.monochrome,
+            "monochrome": found.design.monochrome,
         }
 
     kept = context.decide("search", search)

@@ -15,7 +15,7 @@ from render.geometry.layout import fiber_edges, flat_fiber_poses
 from render.scene.schema import Scene
 
 CLIPPED = 0.01
-"""A design with a larger share of saturated facets gets a warning."""
+"""A design with a larger fraction of saturated facets gets a warning."""
 
 
 def render_page(template: str, context: Mapping[str, Any]) -> str:
@@ -71,7 +71,7 @@ def wiring_sheet(scene: Scene, design: Design, title: str, scheme: bytes) -> dic
 
 def monochrome_warning(design: Design) -> list[str]:
     """Return a warning where one color lights everything; usually nothing."""
-    if len(set(design.colors.tolist())) > 1:
+    if not design.monochrome:
         return []
     return [
         "The optimum is monochrome: the weight of the color term does not reward color "
@@ -80,7 +80,7 @@ def monochrome_warning(design: Design) -> list[str]:
 
 
 def clipping_warning(clipped: float) -> list[str]:
-    """Return a warning where facets saturate, for their share; usually nothing."""
+    """Return a warning where facets saturate, for their fraction; usually nothing."""
     if clipped <= CLIPPED:
         return []
     return [

@@ -16,8 +16,8 @@ from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import ShadowPenalty
 from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.colors.colorings import renamed_like
 from optimize.search.colors.quick import quick_colors
-from optimize.search.colors.result import renamed_like
 from optimize.search.local_refinement import NominalScore, Objective, WeightedSum, multi_start
 from render.chebyshev import chebyshev_nodes
 from render.errors import SceneError

@@ -110,10 +110,10 @@ def score_by_counts(counts: Array, lam: float, config: MetricConfig) -> tuple[fl
 def _mean_minus_std(values: Array, ddof: int) -> tuple[Array, Array]:
     """Return mean minus standard deviation over the last axis, and its derivative."""
     count = values.shape[-1]
-    apart = values - values.mean(axis=-1, keepdims=True)
-    spread = np.sqrt((apart**2).sum(axis=-1) / (count - ddof))
+    deviation = values - values.mean(axis=-1, keepdims=True)
+    spread = np.sqrt((deviation**2).sum(axis=-1) / (count - ddof))
     safe = np.where(spread > 0.0, spread, 1.0)[..., None]
-    return values.mean(axis=-1) - spread, 1.0 / count - apart / ((count - ddof) * safe)
+    return values.mean(axis=-1) - spread, 1.0 / count - deviation / ((count - ddof) * safe)
 
 
 def _design_score(metric: Array, ddof: int) -> tuple[float, Array]:

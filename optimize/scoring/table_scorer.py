@@ -22,6 +22,8 @@ from render.transport import TransportTable
 
 # Lanes per kernel call: enough to amortise its overhead, few enough to stay in the cache.
 LANES = 128
+# Scores closer than this (relative) are the same number with other roundings.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,3 +196,8 @@ class TableScorer:
                 field="phi",
                 value=value,
             )
+
+
+def improves(score: float, best: float) -> bool:
+    """Return whether ``score`` is above ``best`` by more than rounding."""
+    return score > best + ROUNDING * abs(best)

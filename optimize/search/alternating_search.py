@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from optimize.design.design import Colors, Design, ScoredDesign
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.colors.colorings import ColorResult, renamed_like
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
-from optimize.search.colors.result import ColorResult, renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
 from optimize.search.local_refinement import refine_locally
 from render.errors import DesignError
@@ -58,11 +58,6 @@ class AlternatingResult(ScoredDesign):
     def seconds(self) -> float:
         """Wall time."""
         return self.history[-1].seconds
-
-    @property
-    def monochrome(self) -> bool:
-        """Whether one color lights everything: then hue says nothing, and lam is too large."""
-        return len(set(self.design.colors.tolist())) == 1
 
 
 def alternating_search(

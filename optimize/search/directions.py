@@ -15,6 +15,7 @@ import numpy as np
 
 from optimize.design.design import Array, Colors
 from optimize.design.limits import SearchLimits, unlimited
+from optimize.scoring.table_scorer import improves
 from render.errors import TactiluxError
 
 DirectionScores = Callable[[Array], Array]
@@ -25,8 +26,6 @@ FIRST_STEP = math.radians(20.0)
 # The search ends when its steps are this small, 0.1 degrees: far below what can be mounted.
 LAST_STEP = math.radians(0.1)
 MAX_EVALUATIONS = 20_000
-# Scores closer than this (relative) are the same number with other roundings.
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +160,7 @@ def _stepwise_ascent(
         scores = np.asarray(score(moved))
         tried += len(scores)
         leader = int(np.argmax(scores))
-        if scores[leader] <= best + ROUNDING * abs(best):
+        if not improves(scores[leader], best):
             return phi, best, tried
         phi, best = moved[leader], float(scores[leader])
 

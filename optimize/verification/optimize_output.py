@@ -47,7 +47,7 @@ def optimization_to_json(scene: Scene, found: Optimization, target: Path) -> dic
         },
         "final_render_seconds": verdict.renders.seconds,
         "surrogate_training_render_seconds": found.training_seconds,
-        "monochrome": len(set(found.design.colors.tolist())) == 1,
+        "monochrome": found.design.monochrome,
     }
     if found.loop is not None:
         result["loop"] = {

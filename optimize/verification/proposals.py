@@ -15,8 +15,8 @@ from optimize.design.design import Array, Colors, Design
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws
 from optimize.scoring.table_scorer import TableScorer
 from optimize.search.alternating_search import alternating_search
+from optimize.search.colors.colorings import canonical, renamed_like
 from optimize.search.colors.quick import quick_colors
-from optimize.search.colors.result import canonical, renamed_like
 from optimize.search.local_refinement import refine_locally
 
 ALTERNATIVES = 8

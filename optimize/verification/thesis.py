@@ -15,8 +15,8 @@ import numpy as np
 from optimize.design.design import Array, Design
 from optimize.design.rating import ScoreSettings
 from optimize.scoring.table_scorer import TableScorer
+from optimize.search.colors.colorings import renamed_like
 from optimize.search.colors.grouped import grouped_colors
-from optimize.search.colors.result import renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, population, tied_groups
 from optimize.verification.renders import DesignRenders, RenderDesigns
 from render.metric import choose_exposure, choose_lambda

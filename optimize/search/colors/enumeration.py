@@ -16,10 +16,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optimize.design.design import Array, Colors
+from optimize.design.limits import SearchLimits
 from optimize.scoring.metric_kernel import Single, best_of_tile, kernel_constants
-from optimize.search.colors.quota import Quota, digits
 from render.errors import TableError
 from render.metric import MetricConfig
 
@@ -41,7 +42,7 @@ class SearchProgress:
 
 
 @dataclass(frozen=True, eq=False)
-class Best:
+class BestAssignments:
     """The ``keep`` best assignments, best first, and how many were scored.
 
     Arguments:
@@ -53,6 +54,57 @@ class Best:
     colors: Colors
     scores: Single
     evaluated: int
+
+
+@dataclass(frozen=True, eq=False)
+class Quota:
+    """SearchLimits of colorings, by unit.
+
+    Arguments:
+        allowed: ``(U, 3)`` which colors each unit may have.
+        fibers: ``(U,)`` fibers of each unit.
+        led_counts: ``(3,)`` LEDs of each color, one for every fiber.
+    """
+
+    allowed: NDArray[np.bool_]
+    fibers: Colors
+    led_counts: Colors
+
+    @classmethod
+    def open(cls, units: int) -> Quota:
+        """Return the quota that allows everything."""
+        one = np.ones(units, dtype=np.int64)
+        return cls(np.ones((units, 3), dtype=bool), one, np.full(3, units, dtype=np.int64))
+
+    @classmethod
+    def of(cls, limits: SearchLimits, groups: Colors | None = None) -> Quota:
+        """Return the quota of ``limits`` for fibers, or for whole ``groups`` ``(F,)``, 0..G-1."""
+        fibers = len(limits.allowed)
+        member = np.arange(fibers) if groups is None else groups
+        count = int(member.max()) + 1
+        allowed = np.stack([limits.allowed[member == unit].all(axis=0) for unit in range(count)])
+        return cls(allowed, np.bincount(member).astype(np.int64), limits.led_counts)
+
+    @property
+    def limited(self) -> bool:
+        """Whether anything is forbidden."""
+        return bool(not self.allowed.all() or (self.led_counts < self.fibers.sum()).any())
+
+    def codes(self, start: int, stop: int) -> Colors:
+        """Return the base-3 codes of all colorings of units ``start`` to ``stop`` that fit."""
+        count = stop - start
+        codes: Colors = np.arange(3**count, dtype=np.int64)
+        if not self.limited or not count:
+            return codes
+        chosen = digits(codes, count)
+        fits = self.allowed[np.arange(start, stop), chosen].all(axis=1)
+        fits &= (self.used(codes, start, stop) <= self.led_counts).all(axis=1)
+        return codes[fits]
+
+    def used(self, codes: Colors, start: int, stop: int) -> Colors:
+        """Return the fibers per color ``(N, 3)`` of ``codes`` over units ``start`` to ``stop``."""
+        chosen, weight = digits(codes, stop - start), self.fibers[start:stop]
+        return np.stack([((chosen == c) * weight).sum(axis=1) for c in range(3)], axis=1)
 
 
 class Enumeration:
@@ -123,7 +175,7 @@ class Enumeration:
         keep: int,
         progress: Callable[[SearchProgress], None] | None = None,
         limit: int | None = None,
-    ) -> Best:
+    ) -> BestAssignments:
         """Return the ``keep`` best assignments of all, or of the first tasks up to ``limit``."""
         start = time.perf_counter()
         scores, codes, done = np.empty(0, np.float32), np.empty(0, np.int64), 0
@@ -132,24 +184,27 @@ class Enumeration:
         with ThreadPoolExecutor(workers) as pool:
             while batch := list(itertools.islice(tasks, workers * _TASKS_PER_ROUND)):
                 threshold = scores[-1] if len(scores) == keep else np.float32(-np.inf)
-                found = list(pool.map(lambda code, t=threshold: self._task(code, keep, t), batch))
-                scores = np.concatenate([scores, *(part[0] for part in found)])
-                codes = np.concatenate([codes, *(part[1] for part in found)])
+                parts = list(pool.map(lambda code, t=threshold: self._task(code, keep, t), batch))
+                scores = np.concatenate([scores, *(part[0] for part in parts)])
+                codes = np.concatenate([codes, *(part[1] for part in parts)])
                 order = np.lexsort((codes, -scores))[:keep]
                 scores, codes = scores[order], codes[order]
                 done += len(batch) * per_task
                 if progress is not None:
                     seconds = time.perf_counter() - start
                     rate = done / seconds
-                    left = (self.total - done) / rate
-                    progress(SearchProgress(done, self.total, seconds, rate, left))
+                    remaining = (self.total - done) / rate
+                    progress(SearchProgress(done, self.total, seconds, rate, remaining))
                 if limit is not None and done >= limit:
                     break
-        return Best(digits(codes, self.units), scores, done)
+        return BestAssignments(digits(codes, self.units), scores, done)
 
     def workers(self) -> int:
         """Return how many tasks run at once: as many as the process has cores."""
-        return _workers()
+        try:
+            return len(os.sched_getaffinity(0))
+        except AttributeError:  # not on every operating system
+            return os.cpu_count() or 1
 
     def _prefix_codes(self) -> Iterable[int]:
         if self.quota.limited and self.prefix:
@@ -166,7 +221,7 @@ class Enumeration:
         for unit, color in enumerate(chosen):
             base[..., color] += self._prefix_units[unit, ..., color]
         used = self.quota.used(np.array([code]), 0, self.prefix)[0]
-        free = self.quota.most - used
+        free = self.quota.led_counts - used
         scores, codes = self.best_of_tile(base.astype(np.float32), free, keep, threshold)
         middle, suffix = np.divmod(codes, self.suffixes)
         whole = self._codes[0][middle] * self._all_suffixes + self._codes[1][suffix]
@@ -220,9 +275,7 @@ def _lane_blocks(sums: Array) -> Single:
     return np.ascontiguousarray(np.moveaxis(parts, 1, -1))
 
 
-def _workers() -> int:
-    """Return how many cores this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on every operating system
-        return os.cpu_count() or 1
+def digits(codes: Colors, count: int) -> Colors:
+    """Return ``count`` base-3 digits of each code, the first unit's most significant."""
+    powers = 3 ** np.arange(count - 1, -1, -1, dtype=np.int64)
+    return np.asarray(codes[:, None] // powers % 3, dtype=np.int64)

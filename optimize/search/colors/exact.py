@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import NoReturn
 
 import numpy as np
 
-from optimize.design.design import Array, Colors
+from optimize.design.design import Array
 from optimize.scoring.score_noise import tied
 from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.enumeration import Enumeration, SearchProgress
-from optimize.search.colors.quota import Quota
-from optimize.search.colors.result import ColorResult, canonical, ranked
-from render.errors import DesignError, TactiluxError
+from optimize.search.colors.colorings import (
+    ColorResult,
+    canonical,
+    color_units,
+    raise_unreachable,
+    ranked,
+)
+from optimize.search.colors.enumeration import Enumeration, Quota, SearchProgress
+from render.errors import TactiluxError
 
 # Best assignments that are scored again in float64 and examined for ties.
 KEEP = 128
@@ -65,14 +69,14 @@ def exact_colors(
         symmetric=scorer.colors_alike,
         quota=Quota.of(scorer.limits),
     )
-    found = search.best(KEEP, progress)
-    if not len(found.scores):
+    best = search.best(KEEP, progress)
+    if not len(best.scores):
         raise_unreachable()
-    checked = scorer.scores(found.colors, phi)
-    rounding = 2.0 * float(np.abs(checked - found.scores).max())
-    full = len(found.scores) == KEEP
-    crowded = full and checked.max() - found.scores[-1] <= rounding
-    colors = canonical(found.colors) if scorer.colors_alike else found.colors
+    checked = scorer.scores(best.colors, phi)
+    rounding = 2.0 * float(np.abs(checked - best.scores).max())
+    full = len(best.scores) == KEEP
+    crowded = full and checked.max() - best.scores[-1] <= rounding
+    colors = canonical(best.colors) if scorer.colors_alike else best.colors
     colors = np.unique(colors, axis=0)
     scores = scorer.scores(colors, phi)
     order = np.argsort(-scores, kind="stable")
@@ -82,35 +86,9 @@ def exact_colors(
         method="exact",
         colors=colors[0],
         score=scorer.score(phi, scorer.power(colors[0])),
-        evaluated=found.evaluated,
+        evaluated=best.evaluated,
         seconds=time.perf_counter() - start,
         ties=tuple(tuple(row.tolist()) for row in colors[1:][same[1:]]),
         ties_complete=not (crowded or (full and same.all())),
         top=ranked(colors, scores),
     )
-
-
-def raise_unreachable() -> NoReturn:
-    """Say that a search found no coloring within its limits."""
-    raise DesignError(
-        "no choice of colors of this search fulfills the constraints: fix fewer fibers, allow "
-        "more LEDs per color, or use the method quick",
-        field="constraints",
-    )
-
-
-def color_units(scorer: TableScorer, phi: Array) -> Array:
-    """Return the counts ``(F, 3, B * S, K)`` that each fiber adds to a channel of its color."""
-    light = scorer.light(phi)
-    if not scorer.table.by_channel:
-        light = light[..., None]
-    light = np.moveaxis(light, -1, 1)
-    light = light.reshape(scorer.fibers, light.shape[1], -1, scorer.facets)
-    return np.asarray(light * scorer.led_power[:, :, None, None])
-
-
-def grouped_units(units: Array, groups: Colors) -> Array:
-    """Return the units of whole groups, ``(G, 3, B * S, K)``; ``groups`` ``(F,)`` holds 0..G-1."""
-    sums = np.zeros((int(groups.max()) + 1, *units.shape[1:]))
-    np.add.at(sums, groups, units)
-    return sums

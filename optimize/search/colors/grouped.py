@@ -12,15 +12,16 @@ import time
 import numpy as np
 
 from optimize.design.design import Array, Colors
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.enumeration import Enumeration
-from optimize.search.colors.exact import color_units, grouped_units, raise_unreachable
-from optimize.search.colors.quota import Quota
-from optimize.search.colors.result import ColorResult, canonical
+from optimize.scoring.table_scorer import TableScorer, improves
+from optimize.search.colors.colorings import (
+    ColorResult,
+    canonical,
+    color_units,
+    raise_unreachable,
+)
+from optimize.search.colors.enumeration import Enumeration, Quota
 
 _KEEP = 8
-# Scores closer than this (relative) are the same number with other roundings.
-_ROUNDING = 1e-12
 
 
 def pair_groups(fibers: int, phase: int) -> Colors:
@@ -47,16 +48,16 @@ def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
     for phase in (0, 1):
         groups = pair_groups(scorer.fibers, phase)
         search = Enumeration(
-            grouped_units(units, groups),
+            _summed_by_group(units, groups),
             scorer.bends,
             scorer.table.lam,
             scorer.config,
             symmetric=scorer.colors_alike,
             quota=Quota.of(scorer.limits, groups),
         )
-        found = search.best(_KEEP)
-        candidates.append(found.colors[:, groups])
-        evaluated += found.evaluated
+        best = search.best(_KEEP)
+        candidates.append(best.colors[:, groups])
+        evaluated += best.evaluated
     pool = np.concatenate(candidates)
     if not len(pool):
         raise_unreachable()
@@ -94,6 +95,13 @@ def repair_boundaries(scorer: TableScorer, phi: Array, colors: Colors) -> tuple[
         scores = scorer.scores(changed, phi)
         tried += len(changed)
         best = int(np.argmax(scores))
-        if scores[best] <= score + _ROUNDING * abs(score):
+        if not improves(scores[best], score):
             return colors, score, tried
         colors, score = changed[best], float(scores[best])
+
+
+def _summed_by_group(units: Array, groups: Colors) -> Array:
+    """Return the units of whole groups, ``(G, 3, B * S, K)``; ``groups`` ``(F,)`` holds 0..G-1."""
+    sums = np.zeros((int(groups.max()) + 1, *units.shape[1:]))
+    np.add.at(sums, groups, units)
+    return sums

@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 from optimize.design.design import Array, Colors
 from optimize.scoring.metric_kernel import kernel_constants, score_moves
 from optimize.scoring.score_noise import tied
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.exact import color_units
-from optimize.search.colors.result import ColorResult, canonical, ranked
+from optimize.scoring.table_scorer import TableScorer, improves
+from optimize.search.colors.colorings import ColorResult, canonical, color_units, ranked
 
 RESTARTS = 24
 _LANES = 128
-# Scores closer than this (relative) are the same number with other roundings.
-_ROUNDING = 1e-12
 
 
 def quick_colors(
@@ -41,9 +38,10 @@ def quick_colors(
     rng = np.random.default_rng(seed)
     limits = scorer.limits
     if limits.colors_limited:
-        # Random wishes make random allowed colorings.
-        wishes = rng.uniform(size=(restarts, scorer.fibers, 3))
-        random = np.array([limits.nearest_colors(wish) for wish in wishes]).reshape(restarts, -1)
+        # Random preferences make random allowed colorings.
+        preferences = rng.uniform(size=(restarts, scorer.fibers, 3))
+        random = np.array([limits.nearest_colors(row) for row in preferences])
+        random = random.reshape(restarts, -1)
         starts = [colors for colors in starts if limits.fits(colors[None])[0]]
     else:
         random = rng.integers(0, 3, size=(restarts, scorer.fibers))
@@ -102,7 +100,7 @@ class _TwoOpt:
             best = int(np.argmax(scores))
             # Move 0 keeps the colors.
             score = float(scores[0])
-            if scores[best] <= score + _ROUNDING * abs(score):
+            if not improves(scores[best], score):
                 return colors, score
             colors = _moved(colors, pairs[best : best + 1])[0]
 

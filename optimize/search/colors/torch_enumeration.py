@@ -53,7 +53,7 @@ def torch_enumeration(device: str) -> type[Enumeration]:
                 up(self._middle).reshape(self.middles, 1, *self._shaped(shape)),
                 up(suffixes).reshape(1, self.suffixes, *self._shaped(shape)),
             )
-            self._taken = tuple(map(up, self._used))
+            self._fibers_used = tuple(map(up, self._used))
 
         def _shaped(self, shape: tuple[int, ...]) -> tuple[int, ...]:
             cells = self._middle.shape[1]
@@ -69,15 +69,15 @@ def torch_enumeration(device: str) -> type[Enumeration]:
             """Return the best assignments of the tile, as the kernel does."""
             middle, suffix = self._tile
             start = torch.as_tensor(base, device=chosen).reshape(middle.shape[2:])
-            left = torch.as_tensor(free, device=chosen) - self._taken[0]
+            free_fibers = torch.as_tensor(free, device=chosen) - self._fibers_used[0]
             size = suffix[0].numel()
             step = max(1, COUNTS_AT_ONCE[chosen.type if chosen.type == "cuda" else "cpu"] // size)
             parts = []
             for first in range(0, self.middles, step):
                 counts = clip_counts(start + middle[first : first + step] + suffix, self.config)
                 score = design_score(site_metric(counts, self.lam, self.config), self.config).score
-                room = left[first : first + step, None] - self._taken[1]
-                parts.append(torch.where((room >= 0).all(dim=-1), score, -torch.inf))
+                unused = free_fibers[first : first + step, None] - self._fibers_used[1]
+                parts.append(torch.where((unused >= 0).all(dim=-1), score, -torch.inf))
             scores = torch.cat(parts).reshape(-1)
             best, codes = torch.topk(scores, min(keep, len(scores)))
             kept = best > float(threshold)

@@ -63,4 +63,4 @@ def test_without_edges_only_free_directions_are_searched(make_table: MakeTable) 
 
 def test_a_monochrome_optimum_is_flagged(make_table: MakeTable) -> None:
     result = alternating_search(TableScorer(make_table(9, lam=0.0)), START, max_rounds=1)
-    assert result.monochrome
+    assert result.design.monochrome

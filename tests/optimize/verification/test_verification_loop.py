@@ -12,7 +12,7 @@ from optimize.design.design import Design, baseline_design
 from optimize.design.rating import ScoreSettings
 from optimize.scoring.rank_agreement import rank_agreement
 from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.result import canonical
+from optimize.search.colors.colorings import canonical
 from optimize.verification.proposals import propose, random_design, same_design
 from optimize.verification.renders import DesignRenders, RenderDesigns, distinct_directions
 from optimize.verification.thesis import baseline_scale, thesis_procedure

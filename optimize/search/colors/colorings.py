@@ -1,13 +1,16 @@
-"""What every color search returns, and the symmetry of colors."""
+"""What every color search works on and returns: light by color, and the symmetry of colors."""
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
 from optimize.design.design import Array, Colors
+from optimize.scoring.table_scorer import TableScorer
+from render.errors import DesignError
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,3 +68,22 @@ def renamed_like(colors: Colors, reference: Colors) -> Colors:
     """Return ``colors`` renamed so that most fibers keep their color of ``reference``."""
     names = [np.array(order) for order in itertools.permutations(range(3))]
     return max((order[colors] for order in names), key=lambda new: int((new == reference).sum()))
+
+
+def raise_unreachable() -> NoReturn:
+    """Say that a search found no coloring within its limits."""
+    raise DesignError(
+        "no choice of colors of this search fulfills the constraints: fix fewer fibers, allow "
+        "more LEDs per color, or use the method quick",
+        field="constraints",
+    )
+
+
+def color_units(scorer: TableScorer, phi: Array) -> Array:
+    """Return the counts ``(F, 3, B * S, K)`` that each fiber adds to a channel of its color."""
+    light = scorer.light(phi)
+    if not scorer.table.by_channel:
+        light = light[..., None]
+    light = np.moveaxis(light, -1, 1)
+    light = light.reshape(scorer.fibers, light.shape[1], -1, scorer.facets)
+    return np.asarray(light * scorer.led_power[:, :, None, None])
