@@ -18,7 +18,7 @@ from render.arrays import Array
 from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.reference.job import Sampler
-from render.reference.transport import Estimate, render_transport
+from render.reference.transport import TransportEstimate, render_transport
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker
 from surrogate.training.conformal import Comparison, Coverage, Quantiles, coverage
@@ -67,7 +67,7 @@ class HeldOutDesigns:
         checkpoint: Path,
         report: Report,
         sampler: Sampler = "monte-carlo",
-    ) -> Estimate:
+    ) -> TransportEstimate:
         """Render all nodes at the scene's bends in one go; resumes in ``checkpoint``.
 
         Raises:
@@ -170,7 +170,7 @@ class HeldOutReference:
 
     @classmethod
     def of(
-        cls, estimate: Estimate, designs: HeldOutDesigns, exposure: float, lam: float
+        cls, estimate: TransportEstimate, designs: HeldOutDesigns, exposure: float, lam: float
     ) -> HeldOutReference:
         """Return counts and scores with error bars from the replicates of ``estimate``."""
         replicates = np.stack([designs.of_nodes(one) for one in estimate.replicates])

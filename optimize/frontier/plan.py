@@ -10,7 +10,7 @@ from optimize.frontier.held_out import HeldOutDesigns
 from optimize.frontier.rendered_levels import PathTracer
 from optimize.ui.output import OutputError
 from render.files import read_json, write_json
-from render.reference.cost import render_pace
+from render.reference.cost import measure_render_cost
 
 PLAN = "plan.json"
 SHORTER = (32, 8)
@@ -115,12 +115,11 @@ def make_plan(
 def _affordable(designs: HeldOutDesigns, seconds: float, *, renders_table: bool) -> int:
     """Return the reference's samples that fill ``seconds`` together with the shorter renders."""
     scene = designs.scene
-    pace, bends = render_pace(scene, designs.nodes), len(scene.bending.angles)
+    cost = measure_render_cost(scene, designs.nodes)
     # The longest of the short renders is made once more with small steps, and for one design.
-    parts = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
-    parts += [1.0 / TABLE_SHARE] if renders_table else []
-    left = seconds - pace.spent - bends * pace.fixed * len(parts)
-    return max(SHORTER[0], int(left / (bends * pace.each * sum(parts))))
+    renders = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
+    renders += [1.0 / TABLE_SHARE] if renders_table else []
+    return max(SHORTER[0], cost.samples_within(seconds, renders * len(scene.bending.angles)))
 
 
 def _affordable_samples(designs: HeldOutDesigns, seconds: float) -> list[int]:

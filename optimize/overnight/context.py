@@ -20,7 +20,7 @@ from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Store
 from optimize.overnight.workers import StoredRenders
 from render.progress import Progress
-from render.reference.job import PadJob
+from render.reference.job import RenderJob
 from render.scene.schema import Scene
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
@@ -58,7 +58,7 @@ class CostModel:
     workers: int
 
     @classmethod
-    def of(cls, jobs: Sequence[PadJob], seconds: Sequence[float], workers: int) -> CostModel:
+    def of(cls, jobs: Sequence[RenderJob], seconds: Sequence[float], workers: int) -> CostModel:
         """Return the cost by small jobs and larger ones of the same pads, in this order."""
         half = len(jobs) // 2
         sizes = [sum(job.samples for job in part) for part in (jobs[:half], jobs[half:])]
@@ -66,14 +66,14 @@ class CostModel:
         each = max(spent[1] - spent[0], 1e-3) / (sizes[1] - sizes[0])
         return cls(max(spent[0] - each * sizes[0], 0.0) / half, each, workers)
 
-    def seconds(self, jobs: Sequence[PadJob]) -> float:
+    def seconds(self, jobs: Sequence[RenderJob]) -> float:
         """Return how long ``jobs`` take when they are rendered together."""
         work = sum(self.fixed + self.each * job.samples for job in jobs)
         rounds = math.ceil(len(jobs) / self.workers)
         largest = max(self.fixed + self.each * job.samples for job in jobs)
         return max(work / self.workers, largest, rounds * work / len(jobs))
 
-    def samples(self, unit: Sequence[PadJob], per: int, seconds: float) -> int:
+    def samples(self, unit: Sequence[RenderJob], per: int, seconds: float) -> int:
         """Return the samples per cell whose jobs take ``seconds``.
 
         Arguments:

@@ -24,7 +24,7 @@ import numpy as np
 from optimize.overnight.run_directory import RunError
 from optimize.overnight.workers import FinishedJob
 from render.errors import RenderError, TactiluxError
-from render.reference.job import PadJob, PadResult, render_pad
+from render.reference.job import RenderJob, RenderResult, run_job
 
 CONNECT_SECONDS = 10.0
 WORKER_TTL = 45
@@ -48,7 +48,7 @@ def render_remotely(text: str, key: str, threads: int | None) -> tuple[np.ndarra
     """
     import drjit as dr
 
-    job = PadJob.from_json(text)
+    job = RenderJob.from_json(text)
     if job.key != key:
         raise RenderError(
             "a worker has another version of tactilux, Mitsuba or Dr.Jit than this machine, so its "
@@ -58,7 +58,7 @@ def render_remotely(text: str, key: str, threads: int | None) -> tuple[np.ndarra
     with _one_render:
         if threads is not None:
             dr.set_thread_count(threads)
-        result = render_pad(job)
+        result = run_job(job)
         gc.collect()
     return result.estimate, result.seconds, f"{socket.gethostname()}:{os.getpid()}"
 
@@ -68,7 +68,7 @@ class _Pending:
     """A job that is out: its index, attempts so far, and who has had it since when."""
 
     index: int
-    job: PadJob
+    job: RenderJob
     futures: list[Any] = field(default_factory=list)
     lost: int = 0
     seen: dict[str, float] = field(default_factory=dict)
@@ -129,8 +129,8 @@ class DaskWorkers:
 
     def render(
         self,
-        jobs: Sequence[PadJob],
-        state: Callable[[PadJob], Path],
+        jobs: Sequence[RenderJob],
+        state: Callable[[RenderJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
         """Yield the results as they come; unfinished jobs of a worker are not kept.
@@ -224,7 +224,7 @@ class DaskWorkers:
             self._submit(pending, arrived)
             return None
         self._rate.append(seconds / pending.job.samples)
-        return FinishedJob(pending.index, PadResult(estimate, seconds), worker)
+        return FinishedJob(pending.index, RenderResult(estimate, seconds), worker)
 
     def _others(self, future: Any) -> list[str] | None:
         """Return the workers that do not hold the result of ``future``, None if all do."""

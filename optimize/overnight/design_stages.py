@@ -49,7 +49,7 @@ from optimize.verification.verdict import Verdict
 from optimize.verification.verification_loop import CONVERGED, Contender, Loop, LoopConfig, Rendered
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry.layout import fiber_edges
-from render.reference.transport import pad_jobs
+from render.reference.transport import transport_jobs
 from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
 from surrogate.runtime.checker import Checker
@@ -234,7 +234,9 @@ def _config(context: RunContext, start: Design, cost: CostModel | None) -> LoopC
         assert cost is not None  # with hours it is measured
         phi, _ = distinct_directions([baseline_of(context), start])
         seeds = min(ROUND_SEEDS, -(-cost.workers // (2 * len(context.bends))))
-        unit = pad_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+        unit = transport_jobs(
+            context.scene, phi, context.bends, samples=64, seeds=list(range(seeds))
+        )
         least = MIN_SHARE * (context.until - context.began)
         seconds = max(ROUND_SHARE * context.seconds_until(LOOP_UNTIL), least)
         samples = max(MIN_SAMPLES, cost.samples(unit, 64, seconds))
@@ -471,7 +473,9 @@ def _amount(
         phi, _ = distinct_directions(designs)
         jobs = 2 * len(context.bends)
         seeds = -(-2 * cost.workers // jobs) if cost.workers > jobs else 1
-        unit = pad_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+        unit = transport_jobs(
+            context.scene, phi, context.bends, samples=64, seeds=list(range(seeds))
+        )
         free = (context.seconds_left - REPORT_SECONDS) / MIN_BATCHES
         least = MIN_SHARE * (context.until - context.began)
         seconds = max(least, min(2 * cost.fixed * jobs, free))

@@ -37,7 +37,7 @@ from optimize.overnight.run_directory import RunError
 from optimize.ui.provenance import program_version
 from render.errors import TableError
 from render.files import TEMPORARY, read_npz, sync_folder, temporary_name, write_bytes
-from render.reference.job import PadJob, PadResult
+from render.reference.job import RenderJob, RenderResult
 from render.scene.serialization import scene_of
 
 SCHEMA = 2
@@ -177,11 +177,11 @@ class Store:
         rows = self._db.execute("SELECT kind, TOTAL(seconds) FROM evaluations GROUP BY kind")
         return {str(kind): float(seconds) for kind, seconds in rows.fetchall()}
 
-    def state(self, job: PadJob) -> Path:
+    def state(self, job: RenderJob) -> Path:
         """Return where an unfinished render of ``job`` is kept."""
         return self.run / STATES / f"{job.key}.npz"
 
-    def finished(self, job: PadJob, kind: str) -> PadResult | None:
+    def finished(self, job: RenderJob, kind: str) -> RenderResult | None:
         """Return the render of ``job`` if it is there and whole; a damaged one is told of."""
         path = self.run / RENDERS / f"{job.key}.npz"
         row = self._db.execute(
@@ -202,9 +202,9 @@ class Store:
         # A process that was killed right after logging has left it.
         self.state(job).unlink(missing_ok=True)
         with np.load(BytesIO(content), allow_pickle=False) as arrays:
-            return PadResult(arrays["estimate"], float(seconds))
+            return RenderResult(arrays["estimate"], float(seconds))
 
-    def _adopt(self, job: PadJob, kind: str, path: Path, content: bytes) -> PadResult | None:
+    def _adopt(self, job: RenderJob, kind: str, path: Path, content: bytes) -> RenderResult | None:
         """Log a render whose process was killed between renaming its file and logging it."""
         try:
             arrays = read_npz(path)
@@ -213,12 +213,12 @@ class Store:
         if str(arrays.get("key")) != job.key or "estimate" not in arrays:
             return None
         # Nobody noted how long it took.
-        result = PadResult(arrays["estimate"], 0.0)
+        result = RenderResult(arrays["estimate"], 0.0)
         self._log(job, kind, result, content, "")
         self.state(job).unlink(missing_ok=True)
         return result
 
-    def keep(self, job: PadJob, result: PadResult, kind: str, worker: str) -> None:
+    def keep(self, job: RenderJob, result: RenderResult, kind: str, worker: str) -> None:
         """Write the render of ``job``, then log it; the same result makes the same bytes."""
         buffer = BytesIO()
         np.savez(buffer, key=np.array(job.key), estimate=result.estimate)
@@ -227,7 +227,9 @@ class Store:
         self._log(job, kind, result, content, worker)
         self.state(job).unlink(missing_ok=True)
 
-    def _log(self, job: PadJob, kind: str, result: PadResult, content: bytes, worker: str) -> None:
+    def _log(
+        self, job: RenderJob, kind: str, result: RenderResult, content: bytes, worker: str
+    ) -> None:
         spec = asdict(job) | {"scene": scene_of(job.scene).hash}
         self._db.execute(
             "INSERT INTO evaluations (key, kind, level, seed, spec, seconds, sha256, worker, time)"

@@ -31,8 +31,8 @@ from optimize.scoring.rendered_score import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
-from render.reference.job import PadJob, PadResult
-from render.reference.transport import gather, pad_jobs
+from render.reference.job import RenderJob, RenderResult
+from render.reference.transport import transport_estimate, transport_jobs
 from render.scene.schema import Scene
 from render.transport import TransportTable
 from surrogate.runtime.checker import Checker
@@ -57,10 +57,10 @@ def measure_cost(context: RunContext) -> CostModel:
         context.stage("Trial renders", "trial")
         phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
         seed = context.random_seed(PILOT_PURPOSE, 0)
-        jobs: list[PadJob] = []
+        jobs: list[RenderJob] = []
         # The smallest ones first, so that nobody measures how long kernels take to compile.
         for samples in (PILOT[0], *PILOT):
-            jobs += pad_jobs(
+            jobs += transport_jobs(
                 context.scene, phi, context.bends[:1], samples=samples, seeds=[seed + len(jobs)]
             )
         clock = Clock(sum(job.samples for job in jobs), context.progress)
@@ -177,20 +177,20 @@ def _passes(context: RunContext, cost: CostModel | None) -> dict[str, int]:
     return found
 
 
-def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[PadJob]:
+def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[RenderJob]:
     phi, bends = chebyshev_nodes(PHI_NODES, 0.0, np.pi), table_bends(context)
-    jobs = pad_jobs(context.scene, phi, bends, samples=samples, seeds=seeds)
+    jobs = transport_jobs(context.scene, phi, bends, samples=samples, seeds=seeds)
     ranks = {bend: int(i >= len(context.bends)) for i, bend in enumerate(bends.tolist())}
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
 
 
-def _corrected(cost: CostModel, jobs: list[PadJob], seconds: float) -> CostModel:
+def _corrected(cost: CostModel, jobs: list[RenderJob], seconds: float) -> CostModel:
     ratio = seconds / cost.seconds(jobs)
     return CostModel(cost.fixed * ratio, cost.each * ratio, cost.workers)
 
 
-def _table(scene: Scene, jobs: list[PadJob], results: list[PadResult]) -> TransportTable:
-    found = gather(scene, jobs, results, 0)
+def _table(scene: Scene, jobs: list[RenderJob], results: list[RenderResult]) -> TransportTable:
+    found = transport_estimate(scene, jobs, results, 0)
     check_visible(found.replicates)
     bends = np.array(list(dict.fromkeys(job.bend for job in jobs)))
     order = np.argsort(bends)

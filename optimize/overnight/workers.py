@@ -17,7 +17,7 @@ from typing import Protocol
 from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
 from render.progress import Clock
-from render.reference.job import PadJob, PadResult, render_pad
+from render.reference.job import RenderJob, RenderResult, run_job
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class FinishedJob:
     """A finished job: its place among those asked for, its result, and who rendered it."""
 
     index: int
-    result: PadResult
+    result: RenderResult
     worker: str
 
 
@@ -38,8 +38,8 @@ class Workers(Protocol):
 
     def render(
         self,
-        jobs: Sequence[PadJob],
-        state: Callable[[PadJob], Path],
+        jobs: Sequence[RenderJob],
+        state: Callable[[RenderJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
         """Yield the results as they come, in any order.
@@ -61,13 +61,13 @@ class LocalWorker:
 
     def render(
         self,
-        jobs: Sequence[PadJob],
-        state: Callable[[PadJob], Path],
+        jobs: Sequence[RenderJob],
+        state: Callable[[RenderJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
         """Yield the results in order."""
         for index, job in enumerate(jobs):
-            result = render_pad(job, state(job), tick)
+            result = run_job(job, state(job), tick)
             # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
             gc.collect()
             yield FinishedJob(index, result, "here")
@@ -106,15 +106,15 @@ class StoredRenders:
         finally:
             self.deadline = None
 
-    def __call__(self, jobs: Sequence[PadJob], clock: Clock) -> list[PadResult]:
+    def __call__(self, jobs: Sequence[RenderJob], clock: Clock) -> list[RenderResult]:
         """Return the results in the order of ``jobs``.
 
         Raises:
             OutOfTime: the deadline has come.
             Stopped: a signal asked for the end.
         """
-        found: dict[str, PadResult] = {}
-        missing: dict[str, PadJob] = {}
+        found: dict[str, RenderResult] = {}
+        missing: dict[str, RenderJob] = {}
         for job in jobs:
             if job.key in found or job.key in missing:
                 continue

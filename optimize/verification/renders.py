@@ -17,7 +17,7 @@ import numpy as np
 from optimize.design.design import Array, Design
 from optimize.scoring.rendered_score import check_visible
 from render.progress import Progress
-from render.reference.transport import RunPads, render_transport
+from render.reference.transport import JobRunner, render_transport
 from render.scene.schema import Scene
 
 
@@ -51,7 +51,7 @@ def reference_renders(
     scene: Scene,
     checkpoint: Path | None,
     progress: Callable[[str, Progress], None] | None = None,
-    runner: RunPads | None = None,
+    runner: JobRunner | None = None,
 ) -> RenderDesigns:
     """Return what renders designs of ``scene`` at level 2.
 

@@ -23,7 +23,7 @@ from optimize.scoring.rendered_score import (
     rendered_score,
 )
 from render.progress import Progress
-from render.reference.transport import Estimate, render_transport
+from render.reference.transport import TransportEstimate, render_transport
 from surrogate.runtime.checker import Checker
 
 
@@ -89,7 +89,7 @@ def verify(
     scene, design, baseline = candidate.scene, candidate.design, candidate.baseline
     bends = np.array(scene.bending.angles)
 
-    def render(name: str, phi: Array) -> Estimate:
+    def render(name: str, phi: Array) -> TransportEstimate:
         return render_transport(
             scene,
             phi[:, None],

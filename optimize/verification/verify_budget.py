@@ -6,17 +6,17 @@ from pathlib import Path
 
 from optimize.design.design import Array
 from render.files import read_json, write_json
-from render.reference.cost import render_pace
+from render.reference.cost import measure_render_cost
 from render.scene.schema import Scene
 
-LEAST = 4
+MIN_SAMPLES = 4
 """Samples per cell, however little time there is."""
 
 
 def affordable_samples(
     scene: Scene, phi: Array, *, minutes: float, seeds: int, designs: int, folder: Path
 ) -> int:
-    """Return the samples per cell and seed that fill ``minutes``, at least LEAST.
+    """Return the samples per cell and seed that fill ``minutes``, at least MIN_SAMPLES.
 
     The choice is kept in ``folder``, so that a verification that was interrupted goes on with
     the same number instead of measuring again.
@@ -34,8 +34,8 @@ def affordable_samples(
     known = read_json(path)
     if all(known.get(key) == value for key, value in plan.items()) and "samples" in known:
         return int(str(known["samples"]))
-    pace = render_pace(scene, phi[:, None])
-    share = (60.0 * minutes - pace.spent) / (len(scene.bending.angles) * seeds * designs)
-    samples = max(LEAST, int((share - pace.fixed) / pace.each))
+    cost = measure_render_cost(scene, phi[:, None])
+    renders = len(scene.bending.angles) * seeds * designs
+    samples = max(MIN_SAMPLES, cost.samples_within(60.0 * minutes, [1.0] * renders))
     write_json(path, {**plan, "samples": samples})
     return samples

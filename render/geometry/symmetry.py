@@ -13,7 +13,7 @@ from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.scene.schema import Scene
 
 
-def mirrors(scene: Scene, phi: Array) -> bool:
+def is_mirror_symmetric(scene: Scene, phi: Array) -> bool:
     """Return whether sensor and directions ``phi`` ``(fiber, node)`` rad are mirror-symmetric."""
     if scene.fibers.left != scene.fibers.right or scene.sites.centre_x != 0.0:
         return False
@@ -28,10 +28,10 @@ def _mirrored_phi(scene: Scene, phi: Array) -> Array:
     return np.asarray(twin)
 
 
-def mirrored(scene: Scene, values: Array, *, facets: bool) -> Array:
+def mirror_image(scene: Scene, values: Array, *, facets: bool) -> Array:
     """Return the values of the mirrored cells.
 
-    ``values`` is ``(..., fiber, node, bend, site[, facet])``; only valid where ``mirrors``.
+    ``values`` is ``(..., fiber, node, bend, site[, facet])``; of a mirror-symmetric sensor.
     """
     axis = values.ndim - (5 if facets else 4)
     moved = np.moveaxis(values, axis, 0)[mirrored_fibers(scene)]

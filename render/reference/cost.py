@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,32 +18,40 @@ Their difference is free of the time for compiling, which the first one spends."
 
 
 @dataclass(frozen=True)
-class RenderPace:
-    """Seconds of a render at one bend, ``fixed + each * samples``, and of measuring them.
+class RenderCost:
+    """Seconds of a render at one bend, ``fixed + per_sample * samples``, and of measuring them.
 
     Arguments:
         fixed: seconds that do not depend on the samples.
-        each: seconds per sample of every (fiber, facet) pair.
-        spent: seconds of the trial renders.
+        per_sample: seconds per sample of every (fiber, facet) pair.
+        trials: seconds of the trial renders.
     """
 
     fixed: float
-    each: float
-    spent: float
+    per_sample: float
+    trials: float
+
+    def samples_within(self, seconds: float, renders: Sequence[float]) -> int:
+        """Return the samples per cell that fill ``seconds``, trials included; below 1 if too few.
+
+        ``renders`` are all that is rendered: of each, how many times these samples it takes.
+        """
+        left = seconds - self.trials - self.fixed * len(renders)
+        return int(left / (self.per_sample * sum(renders)))
 
 
-def render_pace(scene: Scene, phi: Array) -> RenderPace:
-    """Return the pace of renders of ``scene`` at one bend.
+def measure_render_cost(scene: Scene, phi: Array) -> RenderCost:
+    """Return what renders of ``scene`` at one bend cost on this machine, by two short ones.
 
     Arguments:
         scene: the sensor.
         phi: direction nodes in rad, ``(node,)`` or ``(fiber, node)``.
     """
-    spent = []
+    seconds = []
     for samples in TRIALS:
         began = time.monotonic()
         bend = np.array(scene.bending.angles[:1])
         render_transport(scene, phi, bend, samples=samples, seeds=[0])
-        spent.append(time.monotonic() - began)
-    each = max(spent[1] - spent[0], 1e-3) / (TRIALS[1] - TRIALS[0])
-    return RenderPace(max(spent[0] - each * TRIALS[0], 0.0), each, sum(spent))
+        seconds.append(time.monotonic() - began)
+    per_sample = max(seconds[1] - seconds[0], 1e-3) / (TRIALS[1] - TRIALS[0])
+    return RenderCost(max(seconds[0] - per_sample * TRIALS[0], 0.0), per_sample, sum(seconds))

@@ -44,7 +44,7 @@ PILOT_FLOOR = 0.05
 
 
 @dataclass(frozen=True)
-class PadJob:
+class RenderJob:
     """What one run renders; JSON-able by ``to_json``.
 
     Arguments:
@@ -70,7 +70,7 @@ class PadJob:
     sampler: Sampler = "monte-carlo"
 
     @classmethod
-    def of(cls, scene: Scene, phi: Array, **rest: Any) -> PadJob:
+    def of(cls, scene: Scene, phi: Array, **rest: Any) -> RenderJob:
         """Return the job of ``scene`` at nodes ``phi`` ``(fiber, node)`` rad."""
         return cls(scene_content(scene), tuple(tuple(row) for row in phi.tolist()), **rest)
 
@@ -103,7 +103,7 @@ class PadJob:
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_json(cls, text: str) -> PadJob:
+    def from_json(cls, text: str) -> RenderJob:
         """Return the job that ``to_json`` wrote."""
         content = json.loads(text)
         content["phi"] = tuple(tuple(row) for row in content["phi"])
@@ -111,7 +111,7 @@ class PadJob:
 
 
 @dataclass(frozen=True, eq=False)
-class PadResult:
+class RenderResult:
     """Transport of one pad.
 
     Arguments:
@@ -128,14 +128,14 @@ class PadResult:
         return {"estimate": self.estimate, "seconds": np.array(self.seconds)}
 
     @classmethod
-    def of(cls, arrays: dict[str, np.ndarray]) -> PadResult:
+    def of(cls, arrays: dict[str, np.ndarray]) -> RenderResult:
         """Return the result in the arrays of a file."""
         return cls(arrays["estimate"], float(arrays["seconds"]))
 
 
-def render_pad(
-    job: PadJob, state: Path | None = None, tick: Callable[[int], None] | None = None
-) -> PadResult:
+def run_job(
+    job: RenderJob, state: Path | None = None, tick: Callable[[int], None] | None = None
+) -> RenderResult:
     """Run ``job``.
 
     Arguments:
@@ -177,7 +177,7 @@ def render_pad(
     if not np.nansum(estimate) > 0:
         raise _no_light()
     estimate[..., np.diff(cells.targets.offset) == 0] = np.nan
-    return PadResult(estimate, time.monotonic() - began)
+    return RenderResult(estimate, time.monotonic() - began)
 
 
 @lru_cache(maxsize=64)
@@ -210,7 +210,7 @@ def pad_cells(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
 
 
 def _start(
-    scene: Scene, cells: Any, job: PadJob, kept: dict[str, np.ndarray] | None
+    scene: Scene, cells: Any, job: RenderJob, kept: dict[str, np.ndarray] | None
 ) -> tuple[MarkovChains | MonteCarlo, float]:
     """Return a run, restored or at its beginning, and the seconds that it has cost so far."""
     from render.sampling.monte_carlo import MonteCarlo

@@ -20,21 +20,21 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry.symmetry import mirrored, mirrors
+from render.geometry.symmetry import is_mirror_symmetric, mirror_image
 from render.progress import Clock, Progress
 from render.reference.error_bars import standard_error
-from render.reference.job import CHUNK, VERSION, PadJob, PadResult, Sampler, render_pad
+from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
 from render.scene.schema import Scene
 
-CHAINS_MIN, CHAINS_MAX = 64, 16384
-ITERATIONS_MIN = 24
-UNTOUCHED_SHARE = 2
-"""How many times more samples a cell of the untouched pad gets: there are few of them."""
+MIN_CHAINS, MAX_CHAINS = 64, 16384
+MIN_ITERATIONS = 24
+UNTOUCHED_SAMPLES = 2
+"""Samples of a cell of the untouched pad, in units of those of a facet: there are few cells."""
 
 
 @dataclass(frozen=True)
-class Estimate:
+class TransportEstimate:
     """Rendered transport; axes ``(fiber, phi_node, bend, site, facet)``, float64.
 
     ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
@@ -53,10 +53,10 @@ class Estimate:
     settings: dict[str, object]
 
 
-class RunPads(Protocol):
+class JobRunner(Protocol):
     """Runs jobs: here, on other machines, or by looking up what was rendered before."""
 
-    def __call__(self, jobs: Sequence[PadJob], clock: Clock) -> Sequence[PadResult]:
+    def __call__(self, jobs: Sequence[RenderJob], clock: Clock) -> Sequence[RenderResult]:
         """Return the results in the order of ``jobs``; ``clock`` is told of their samples."""
 
 
@@ -70,9 +70,9 @@ def render_transport(
     replicates: int = 8,
     sampler: Sampler = "monte-carlo",
     checkpoint: Path | None = None,
-    runner: RunPads | None = None,
+    runner: JobRunner | None = None,
     progress: Callable[[Progress], None] | None = None,
-) -> Estimate:
+) -> TransportEstimate:
     """Render the transport of all fibers at all bends.
 
     Arguments:
@@ -91,18 +91,18 @@ def render_transport(
     Raises:
         RenderError: phi or bends out of range, or no light found.
     """
-    jobs = pad_jobs(
+    jobs = transport_jobs(
         scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler
     )
     clock = Clock(sum(job.samples for job in jobs), progress)
-    results = (runner or run_here(checkpoint))(jobs, clock)
-    return gather(scene, jobs, results, samples)
+    results = (runner or local_runner(checkpoint))(jobs, clock)
+    return transport_estimate(scene, jobs, results, samples)
 
 
-def run_here(checkpoint: Path | None = None) -> RunPads:
+def local_runner(checkpoint: Path | None = None) -> JobRunner:
     """Return what runs jobs in this process, one after the other, going on from ``checkpoint``."""
 
-    def run(jobs: Sequence[PadJob], clock: Clock) -> list[PadResult]:
+    def run(jobs: Sequence[RenderJob], clock: Clock) -> list[RenderResult]:
         results = []
         for job in jobs:
             results.append(_run(job, checkpoint, clock))
@@ -113,21 +113,21 @@ def run_here(checkpoint: Path | None = None) -> RunPads:
     return run
 
 
-def _run(job: PadJob, folder: Path | None, clock: Clock) -> PadResult:
+def _run(job: RenderJob, folder: Path | None, clock: Clock) -> RenderResult:
     if folder is None:
-        return render_pad(job, tick=clock.tick)
+        return run_job(job, tick=clock.tick)
     finished, state = folder / f"{job.name}.npz", folder / f"{job.name}.state.npz"
     kept = read_or_drop(finished)
     if kept is not None and "estimate" in kept:
         clock.skip(job.samples)
-        return PadResult.of(kept)
-    result = render_pad(job, state, clock.tick)
+        return RenderResult.of(kept)
+    result = run_job(job, state, clock.tick)
     write_npz(finished, result.arrays())
     state.unlink(missing_ok=True)
     return result
 
 
-def pad_jobs(
+def transport_jobs(
     scene: Scene,
     phi: Array,
     bends: Array,
@@ -136,7 +136,7 @@ def pad_jobs(
     seeds: Sequence[int],
     replicates: int = 8,
     sampler: Sampler = "monte-carlo",
-) -> list[PadJob]:
+) -> list[RenderJob]:
     """Return the jobs of ``render_transport`` (its arguments): seed by seed, bend by bend.
 
     Raises:
@@ -149,10 +149,10 @@ def pad_jobs(
             for indented in (True, False):
                 # One sample serves all facets of a site.
                 pairs = scene.sites.count * phi.shape[0]
-                total = samples * pairs * (1 if indented else UNTOUCHED_SHARE)
+                total = samples * pairs * (1 if indented else UNTOUCHED_SAMPLES)
                 chains, iterations = _shape(total, sampler)
                 jobs.append(
-                    PadJob.of(
+                    RenderJob.of(
                         scene,
                         phi,
                         bend=float(bend),
@@ -167,17 +167,17 @@ def pad_jobs(
     return jobs
 
 
-def gather(
-    scene: Scene, jobs: Sequence[PadJob], results: Sequence[PadResult], samples: int
-) -> Estimate:
-    """Return the transport that the jobs of ``pad_jobs`` found.
+def transport_estimate(
+    scene: Scene, jobs: Sequence[RenderJob], results: Sequence[RenderResult], samples: int
+) -> TransportEstimate:
+    """Return the transport that the jobs of ``transport_jobs`` found.
 
     Arguments:
         scene: the sensor.
         jobs: every seed at every bend, pressed and untouched, all with the same nodes; seeds and
             bends in the estimate are in the order of their first job.
         results: of the jobs.
-        samples: per (fiber, facet) pair and seed, as ``pad_jobs`` was asked for.
+        samples: per (fiber, facet) pair and seed, as ``transport_jobs`` was asked for.
     """
     bends = list(dict.fromkeys(job.bend for job in jobs))
     seeds = list(dict.fromkeys(job.seed for job in jobs))
@@ -195,10 +195,10 @@ def gather(
     shape = (scene.sites.count, scene.indenter.faces)
     pressed = pressed.reshape(*pressed.shape[:-1], *shape)
     first, phi = jobs[0], np.array(jobs[0].phi)
-    if mirrors(scene, phi):
-        pressed = 0.5 * (pressed + mirrored(scene, pressed, facets=True))
-        untouched = 0.5 * (untouched + mirrored(scene, untouched, facets=False))
-    return Estimate(
+    if is_mirror_symmetric(scene, phi):
+        pressed = 0.5 * (pressed + mirror_image(scene, pressed, facets=True))
+        untouched = 0.5 * (untouched + mirror_image(scene, untouched, facets=False))
+    return TransportEstimate(
         T=pressed.mean(axis=0),
         se=standard_error(pressed),
         background=untouched.mean(axis=0),
@@ -224,10 +224,10 @@ def _shape(total: int, sampler: Sampler) -> tuple[int, int]:
     the fewest passes. Chains need their passes, to move away from where they started.
     """
     if sampler == "monte-carlo":
-        passes = max(1, math.ceil(total / CHAINS_MAX))
-        return CHAINS_MIN * max(1, round(total / passes / CHAINS_MIN)), passes
-    chains = CHAINS_MAX
-    while chains > CHAINS_MIN and total < ITERATIONS_MIN * chains:
+        passes = max(1, math.ceil(total / MAX_CHAINS))
+        return MIN_CHAINS * max(1, round(total / passes / MIN_CHAINS)), passes
+    chains = MAX_CHAINS
+    while chains > MIN_CHAINS and total < MIN_ITERATIONS * chains:
         chains //= 2
     return chains, CHUNK * max(1, round(total / chains / CHUNK))
 

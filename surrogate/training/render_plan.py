@@ -16,8 +16,8 @@ from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.files import read_json, write_json
 from render.progress import Progress
-from render.reference.cost import render_pace
-from render.reference.transport import Estimate, RunPads, render_transport
+from render.reference.cost import measure_render_cost
+from render.reference.transport import JobRunner, TransportEstimate, render_transport
 from render.scene.schema import Scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
@@ -95,8 +95,8 @@ def render_plan(
     plan: RenderPlan,
     folder: Path,
     progress: Callable[[Progress], None] | None,
-    runner: RunPads | None = None,
-) -> Estimate:
+    runner: JobRunner | None = None,
+) -> TransportEstimate:
     """Render the cells of ``plan``, going on where ``folder`` stands, or by ``runner``.
 
     The estimate's ``seconds`` are those of all attempts together.
@@ -113,7 +113,7 @@ def render_plan(
     )
 
 
-def estimate_table(scene: Scene, plan: RenderPlan, estimate: Estimate) -> TransportTable:
+def estimate_table(scene: Scene, plan: RenderPlan, estimate: TransportEstimate) -> TransportTable:
     """Return the estimate as a table, with exposure and lambda still to be fixed."""
     return TransportTable(
         T=estimate.T,
@@ -235,9 +235,8 @@ def data_hash(table: TransportTable) -> str:
 
 def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
     """Return the samples that fill ``minutes``."""
-    pace = render_pace(scene, phi)
-    seconds_left = 60.0 * minutes - pace.spent - pace.fixed * len(bends)
-    return max(MIN_SAMPLES, int(seconds_left / (pace.each * len(bends))))
+    cost = measure_render_cost(scene, phi)
+    return max(MIN_SAMPLES, cost.samples_within(60.0 * minutes, [1.0] * len(bends)))
 
 
 def _read(path: Path) -> RenderPlan | None:

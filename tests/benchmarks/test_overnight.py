@@ -16,8 +16,8 @@ from optimize.overnight.store import RECORD, STATES, RunRequest, Store
 from optimize.overnight.workers import FinishedJob, LocalWorker, StoredRenders
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
-from render.reference.job import PadJob
-from render.reference.transport import pad_jobs
+from render.reference.job import RenderJob
+from render.reference.transport import transport_jobs
 from render.scene.schema import load_scene
 from tests.optimize.overnight.tiny import rows, start
 
@@ -36,8 +36,8 @@ class Timed:
 
     def render(
         self,
-        jobs: Sequence[PadJob],
-        state: Callable[[PadJob], Path],
+        jobs: Sequence[RenderJob],
+        state: Callable[[RenderJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
         def outside(count: int) -> None:
@@ -63,7 +63,7 @@ def test_what_logging_and_scheduling_add_to_renders(
 ) -> None:
     scene = load_scene("finger20")
     phi, bends = chebyshev_nodes(11, 0.0, np.pi), np.array(scene.bending.angles)
-    jobs = pad_jobs(scene, phi, bends, samples=SAMPLES, seeds=[1])
+    jobs = transport_jobs(scene, phi, bends, samples=SAMPLES, seeds=[1])
     store = Store(tmp_path, RunRequest(scene.hash, "", 0, SAMPLES), lambda text: None)
     workers = Timed()
     runner = StoredRenders(store, workers, Signals())

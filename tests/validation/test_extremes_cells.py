@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 
 from render.errors import RenderError, SceneError
-from render.reference.transport import Estimate, render_transport
+from render.reference.transport import TransportEstimate, render_transport
 from render.scene.schema import Scene, load_scene
 from tests.validation.film import LONG
 
@@ -50,7 +50,7 @@ def edited(folder: Path, **values: Any) -> Scene:
     return load_scene(path)
 
 
-def render(scene: Scene, bend: float = 0.0, **settings: Any) -> Estimate:
+def render(scene: Scene, bend: float = 0.0, **settings: Any) -> TransportEstimate:
     chosen = {"samples": SAMPLES, "replicates": 8} | settings
     return render_transport(scene, PHI, np.radians([bend]), **chosen)
 

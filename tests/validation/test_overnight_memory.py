@@ -11,7 +11,7 @@ from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
-from render.reference.transport import pad_jobs
+from render.reference.transport import transport_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene
 from tests.validation.film import LONG
 
@@ -38,7 +38,9 @@ def test_resident_memory_is_flat_over_many_evaluations(tmp_path: Path) -> None:
     while len(found) < EVALUATIONS:
         nodes = NODES[len(found) // 2 % len(NODES)]
         phi = rng.uniform(0.5, 2.6, (scene.fibers.count, nodes))
-        jobs = pad_jobs(scene, phi, np.array([0.0]), samples=4, seeds=[len(found)], replicates=4)
+        jobs = transport_jobs(
+            scene, phi, np.array([0.0]), samples=4, seeds=[len(found)], replicates=4
+        )
         runner(jobs, Clock(sum(job.samples for job in jobs), None))
         found += [resident()] * len(jobs)
     count = store.evaluations()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optimize.frontier.held_out import HeldOutReference, held_out_designs, scores_of
-from render.geometry.symmetry import mirrors
+from render.geometry.symmetry import is_mirror_symmetric
 from render.scene.schema import Scene, load_scene
 from surrogate.runtime.checker import Checker
 
@@ -41,7 +41,7 @@ def test_shared_nodes_hold_every_design_and_its_mirror_image(finger20: Scene, ti
     scene = variant(finger20, tip=tip)
     designs = held_out_designs(scene, 7, 0)
     assert designs.nodes.shape == (scene.fibers.count, 14)
-    assert mirrors(scene, designs.nodes)
+    assert is_mirror_symmetric(scene, designs.nodes)
     np.testing.assert_array_equal(designs.of_nodes(designs.nodes), designs.phi)
 
 

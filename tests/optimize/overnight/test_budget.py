@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from optimize.overnight.context import FIT_STEPS, MIN_SAMPLES, CostModel, FixedBudget
-from render.reference.job import PadJob
-from render.reference.transport import pad_jobs
+from render.reference.job import RenderJob
+from render.reference.transport import transport_jobs
 from render.scene.schema import Scene
 
 PHI, BENDS = np.array([np.pi / 2]), np.array([0.0, 0.5])
 
 
-def jobs_of(scene: Scene, samples: int) -> list[PadJob]:
-    return pad_jobs(scene, PHI, BENDS, samples=samples, seeds=[0])
+def jobs_of(scene: Scene, samples: int) -> list[RenderJob]:
+    return transport_jobs(scene, PHI, BENDS, samples=samples, seeds=[0])
 
 
-def seconds_of(jobs: list[PadJob], fixed: float, each: float) -> list[float]:
+def seconds_of(jobs: list[RenderJob], fixed: float, each: float) -> list[float]:
     return [fixed + each * job.samples for job in jobs]
 
 

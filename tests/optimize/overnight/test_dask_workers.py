@@ -17,7 +17,7 @@ from optimize.overnight.dask_workers import DaskWorkers
 from optimize.overnight.run_directory import RunError
 from optimize.overnight.workers import LocalWorker
 from render.errors import RenderError
-from render.reference.job import PadJob
+from render.reference.job import RenderJob
 from render.scene.schema import Scene
 from tests.optimize.overnight.tiny import tiny_jobs, tiny_scene
 
@@ -34,12 +34,12 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def jobs(scene: Scene) -> list[PadJob]:
+def jobs(scene: Scene) -> list[RenderJob]:
     return tiny_jobs(scene, 3)
 
 
 @pytest.fixture(scope="module")
-def alone(jobs: list[PadJob]) -> list[np.ndarray]:
+def alone(jobs: list[RenderJob]) -> list[np.ndarray]:
     """Return what one process renders."""
     done = LocalWorker().render(
         jobs, lambda job: Path("/nonexistent") / job.key, lambda count: None
@@ -58,7 +58,7 @@ def workers() -> Iterator[DaskWorkers]:
 
 
 def rendered(
-    workers: DaskWorkers, jobs: Sequence[PadJob], meanwhile: Callable[[int], None] | None = None
+    workers: DaskWorkers, jobs: Sequence[RenderJob], meanwhile: Callable[[int], None] | None = None
 ) -> tuple[list[np.ndarray], list[str]]:
     """Return the results in order, and who made them; ``meanwhile`` is told of every arrival."""
     found: dict[int, np.ndarray] = {}
@@ -85,7 +85,7 @@ def assert_equal(found: list[np.ndarray], wanted: list[np.ndarray]) -> None:
 
 
 def test_two_workers_give_the_answer_of_one_process(
-    workers: DaskWorkers, jobs: list[PadJob], alone: list[np.ndarray]
+    workers: DaskWorkers, jobs: list[RenderJob], alone: list[np.ndarray]
 ) -> None:
     found, names = rendered(workers, jobs)
     assert_equal(found, alone)
@@ -94,7 +94,7 @@ def test_two_workers_give_the_answer_of_one_process(
 
 
 def test_a_worker_that_is_killed_loses_nothing(
-    workers: DaskWorkers, jobs: list[PadJob], alone: list[np.ndarray]
+    workers: DaskWorkers, jobs: list[RenderJob], alone: list[np.ndarray]
 ) -> None:
     before = pids(workers)
 
@@ -111,7 +111,7 @@ def test_a_worker_that_is_killed_loses_nothing(
 
 
 def test_the_job_of_a_worker_that_hangs_is_given_to_another(
-    workers: DaskWorkers, jobs: list[PadJob], alone: list[np.ndarray]
+    workers: DaskWorkers, jobs: list[RenderJob], alone: list[np.ndarray]
 ) -> None:
     deadline = time.monotonic() + 60
     while workers.count < 2 and time.monotonic() < deadline:
@@ -130,7 +130,7 @@ def test_the_job_of_a_worker_that_hangs_is_given_to_another(
 
 
 def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
-    workers: DaskWorkers, jobs: list[PadJob]
+    workers: DaskWorkers, jobs: list[RenderJob]
 ) -> None:
     guest = DaskWorkers(address=workers.cluster.scheduler_address)
     joined = threading.Thread(target=workers.cluster.scale, args=(3,))
@@ -147,7 +147,7 @@ def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
 
 
 def test_a_worker_of_another_version_is_refused_instead_of_mixing_results(
-    workers: DaskWorkers, jobs: list[PadJob]
+    workers: DaskWorkers, jobs: list[RenderJob]
 ) -> None:
     foreign = replace(jobs[0], seed=77)
     # As if the worker had another Mitsuba: its key of the same job is another.

@@ -21,7 +21,7 @@ from optimize.overnight.job import check_directory
 from optimize.overnight.run_directory import LOCK, RunError, RunInUseError, holder, locked, writing
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RECORD, RENDERS, Store
-from render.reference.job import PadJob, PadResult
+from render.reference.job import RenderJob, RenderResult
 from render.scene.schema import Scene
 from tests.optimize.overnight.tiny import ROOT, request_of, tiny_jobs, tiny_scene
 
@@ -32,7 +32,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def job(scene: Scene) -> PadJob:
+def job(scene: Scene) -> RenderJob:
     return tiny_jobs(scene, 1)[0]
 
 
@@ -67,20 +67,20 @@ def opened(scene: Scene, tmp_path: Path, said: list[str]) -> Iterator[Opener]:
 
 
 @pytest.fixture
-def result() -> PadResult:
-    return PadResult(np.random.default_rng(0).random((4, 5, 1, 8)), 1.5)
+def result() -> RenderResult:
+    return RenderResult(np.random.default_rng(0).random((4, 5, 1, 8)), 1.5)
 
 
 def contents(run: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
 
 
-def file_of(run: Path, job: PadJob) -> Path:
+def file_of(run: Path, job: RenderJob) -> Path:
     return run / RENDERS / f"{job.key}.npz"
 
 
 def test_a_render_comes_back_bit_equal_with_its_seconds(
-    opened: Opener, job: PadJob, result: PadResult
+    opened: Opener, job: RenderJob, result: RenderResult
 ) -> None:
     assert opened().finished(job, "table") is None
     opened().keep(job, result, "table", "here")
@@ -91,7 +91,7 @@ def test_a_render_comes_back_bit_equal_with_its_seconds(
 
 
 def test_every_render_is_logged_with_its_hash_and_what_it_is_of(
-    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path, scene: Scene
+    opened: Opener, job: RenderJob, result: RenderResult, tmp_path: Path, scene: Scene
 ) -> None:
     opened().keep(job, result, "1/table", "worker 3")
     opened()
@@ -105,7 +105,12 @@ def test_every_render_is_logged_with_its_hash_and_what_it_is_of(
 
 @pytest.mark.parametrize("damage", ["truncated", "bit", "empty", "missing"])
 def test_a_damaged_render_is_told_of_and_made_again(
-    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path, said: list[str], damage: str
+    opened: Opener,
+    job: RenderJob,
+    result: RenderResult,
+    tmp_path: Path,
+    said: list[str],
+    damage: str,
 ) -> None:
     opened().keep(job, result, "table", "here")
     path = file_of(tmp_path, job)
@@ -131,7 +136,7 @@ def test_a_damaged_render_is_told_of_and_made_again(
 
 
 def test_a_render_whose_process_died_before_it_was_logged_is_not_lost(
-    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path
+    opened: Opener, job: RenderJob, result: RenderResult, tmp_path: Path
 ) -> None:
     opened().keep(job, result, "table", "here")
     opened()
@@ -147,7 +152,7 @@ def test_a_render_whose_process_died_before_it_was_logged_is_not_lost(
 
 
 def test_an_unlogged_file_that_is_cut_off_or_of_another_job_is_not_taken(
-    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path
+    opened: Opener, job: RenderJob, result: RenderResult, tmp_path: Path
 ) -> None:
     other = replace(job, seed=99)
     opened().keep(job, result, "table", "here")
@@ -160,7 +165,7 @@ def test_an_unlogged_file_that_is_cut_off_or_of_another_job_is_not_taken(
 
 
 def test_what_a_killed_process_left_half_written_is_swept_away(
-    opened: Opener, job: PadJob, tmp_path: Path
+    opened: Opener, job: RenderJob, tmp_path: Path
 ) -> None:
     opened()
     half = tmp_path / RENDERS / f".{job.key}.npz.{'0' * 32}"
@@ -231,7 +236,7 @@ def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, sce
 
 @pytest.mark.parametrize("damage", ["text", "hole", "cut"])
 def test_a_damaged_record_is_one_sentence_and_nothing_is_destroyed(
-    opened: Opener, job: PadJob, result: PadResult, tmp_path: Path, scene: Scene, damage: str
+    opened: Opener, job: RenderJob, result: RenderResult, tmp_path: Path, scene: Scene, damage: str
 ) -> None:
     store = opened()
     for seed in range(60):

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from optimize.overnight.store import RECORD, RunRequest
-from render.reference.job import PadJob
-from render.reference.transport import pad_jobs
+from render.reference.job import RenderJob
+from render.reference.transport import transport_jobs
 from render.scene.schema import Scene, load_scene
 
 ROOT = Path(__file__).parents[3]
@@ -40,16 +40,18 @@ def write_tiny(folder: Path) -> Path:
     return path
 
 
-def tiny_jobs(scene: Scene, seeds: int, iterations: int = 16) -> list[PadJob]:
+def tiny_jobs(scene: Scene, seeds: int, iterations: int = 16) -> list[RenderJob]:
     """Return two jobs per seed, each of some chunks."""
     phi, bends = np.array([np.pi / 2]), np.array([0.0])
-    jobs = pad_jobs(scene, phi, bends, samples=4, seeds=list(range(1, seeds + 1)), replicates=4)
-    return [PadJob(**{**vars_of(job), "iterations": iterations}) for job in jobs]
+    jobs = transport_jobs(
+        scene, phi, bends, samples=4, seeds=list(range(1, seeds + 1)), replicates=4
+    )
+    return [RenderJob(**{**vars_of(job), "iterations": iterations}) for job in jobs]
 
 
-def vars_of(job: PadJob) -> dict[str, object]:
+def vars_of(job: RenderJob) -> dict[str, object]:
     """Return the fields of a job."""
-    return {name: getattr(job, name) for name in PadJob.__dataclass_fields__}
+    return {name: getattr(job, name) for name in RenderJob.__dataclass_fields__}
 
 
 def request_of(scene: Scene) -> RunRequest:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optimize.verification import verify_budget
-from render.reference.cost import RenderPace
+from render.reference.cost import RenderCost
 from render.scene.schema import Scene
 from tests.disk import DURABLE, logged_disk
 
@@ -21,10 +21,12 @@ def test_the_plan_is_synced_and_asked_instead_of_measuring_again(
             finger20, np.zeros(20), minutes=1.0, seeds=2, designs=1, folder=tmp_path
         )
 
-    monkeypatch.setattr(verify_budget, "render_pace", lambda *_: RenderPace(1.0, 0.5, 6.0))
+    monkeypatch.setattr(verify_budget, "measure_render_cost", lambda *_: RenderCost(1.0, 0.5, 6.0))
     calls = logged_disk(monkeypatch)
     # 54 s for three bends and two seeds, of which each render spends one at its start.
     assert samples() == 16
     assert calls == DURABLE
-    monkeypatch.setattr(verify_budget, "render_pace", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(
+        verify_budget, "measure_render_cost", lambda *_: pytest.fail("measured again")
+    )
     assert samples() == 16

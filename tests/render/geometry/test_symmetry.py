@@ -9,7 +9,7 @@ from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.geometry.bending import bend_points
 from render.geometry.layout import facet_normals, fiber_poses, flat_sites
-from render.geometry.symmetry import mirrored, mirrors
+from render.geometry.symmetry import is_mirror_symmetric, mirror_image
 from render.scene.schema import Scene, load_scene
 
 
@@ -30,30 +30,30 @@ def test_mirroring_twice_changes_nothing(
     shape = (*leading, scene.fibers.count, 4, 2, scene.sites.count)
     shape += (scene.indenter.faces,) if facets else ()
     values = np.random.default_rng(1).random(shape)
-    once = mirrored(scene, values, facets=facets)
+    once = mirror_image(scene, values, facets=facets)
     assert (once != values).any()
-    np.testing.assert_array_equal(mirrored(scene, once, facets=facets), values)
+    np.testing.assert_array_equal(mirror_image(scene, once, facets=facets), values)
 
 
 def test_the_default_sensor_with_chebyshev_nodes_is_its_own_mirror_image(scene: Scene) -> None:
-    assert mirrors(scene, nodes(scene))
+    assert is_mirror_symmetric(scene, nodes(scene))
 
 
 def test_directions_that_differ_between_left_and_right_break_the_mirror(scene: Scene) -> None:
     phi = nodes(scene)
     phi[0] += 0.01
-    assert not mirrors(scene, phi)
+    assert not is_mirror_symmetric(scene, phi)
 
 
 def test_tip_directions_that_lean_to_one_side_break_the_mirror(scene: Scene) -> None:
-    assert not mirrors(scene, np.full((scene.fibers.count, 1), 1.0))
+    assert not is_mirror_symmetric(scene, np.full((scene.fibers.count, 1), 1.0))
 
 
 def test_a_sensor_with_more_fibers_on_one_side_has_no_mirror(scene: Scene) -> None:
     lopsided = scene.model_copy(
         update={"fibers": scene.fibers.model_copy(update={"left": 7, "right": 9})}
     )
-    assert not mirrors(lopsided, nodes(scene))
+    assert not is_mirror_symmetric(lopsided, nodes(scene))
 
 
 def test_values_made_from_the_geometry_alone_are_their_own_mirror_image(scene: Scene) -> None:
@@ -71,9 +71,9 @@ def test_values_made_from_the_geometry_alone_are_their_own_mirror_image(scene: S
     cells = pad[..., None] + lit[:, :, None, :]
     shape = (scene.fibers.count, 4, 1, scene.sites.count)
     np.testing.assert_allclose(
-        mirrored(scene, pad.reshape(shape), facets=False), pad.reshape(shape), atol=1e-9
+        mirror_image(scene, pad.reshape(shape), facets=False), pad.reshape(shape), atol=1e-9
     )
     shape = (*shape, scene.indenter.faces)
     np.testing.assert_allclose(
-        mirrored(scene, cells.reshape(shape), facets=True), cells.reshape(shape), atol=1e-9
+        mirror_image(scene, cells.reshape(shape), facets=True), cells.reshape(shape), atol=1e-9
     )

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from render.errors import SceneError
-from render.reference.job import PadJob, render_pad
-from render.reference.transport import gather, pad_jobs, render_transport
+from render.reference.job import RenderJob, run_job
+from render.reference.transport import render_transport, transport_estimate, transport_jobs
 from render.scene.schema import Scene, load_scene, shipped_scenes
 from render.scene.serialization import scene_content, scene_of
 
@@ -22,9 +22,9 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def jobs(scene: Scene) -> list[PadJob]:
+def jobs(scene: Scene) -> list[RenderJob]:
     phi = np.array([np.pi / 2, 1.0])
-    return pad_jobs(scene, phi, np.array([0.0]), samples=4, seeds=(1,), replicates=4)
+    return transport_jobs(scene, phi, np.array([0.0]), samples=4, seeds=(1,), replicates=4)
 
 
 @pytest.mark.parametrize("name", shipped_scenes())
@@ -51,14 +51,14 @@ def test_an_altered_number_of_a_scene_is_noticed(scene: Scene) -> None:
         scene_of(json.dumps(content))
 
 
-def test_a_job_travels_as_text_and_keeps_its_key(jobs: list[PadJob]) -> None:
+def test_a_job_travels_as_text_and_keeps_its_key(jobs: list[RenderJob]) -> None:
     for job in jobs:
-        arrived = PadJob.from_json(job.to_json())
+        arrived = RenderJob.from_json(job.to_json())
         assert arrived == job
         assert arrived.key == job.key
 
 
-def test_everything_that_changes_the_result_changes_the_key(jobs: list[PadJob]) -> None:
+def test_everything_that_changes_the_result_changes_the_key(jobs: list[RenderJob]) -> None:
     job = jobs[0]
     scene = scene_of(job.scene)
     other = scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": 0.5})})
@@ -77,16 +77,16 @@ def test_everything_that_changes_the_result_changes_the_key(jobs: list[PadJob]) 
     assert len({one.name for one in changed}) == len(changed)
 
 
-def test_the_name_of_a_scene_has_no_part_in_the_key(scene: Scene, jobs: list[PadJob]) -> None:
+def test_the_name_of_a_scene_has_no_part_in_the_key(scene: Scene, jobs: list[RenderJob]) -> None:
     renamed = scene.model_copy(update={"name": "other"})
     assert replace(jobs[0], scene=scene_content(renamed)).key == jobs[0].key
 
 
 def test_jobs_that_traveled_and_ran_backwards_gather_to_the_same_estimate(
-    scene: Scene, jobs: list[PadJob]
+    scene: Scene, jobs: list[RenderJob]
 ) -> None:
-    results = [render_pad(PadJob.from_json(job.to_json())) for job in reversed(jobs)]
-    found = gather(scene, jobs, results[::-1], 4)
+    results = [run_job(RenderJob.from_json(job.to_json())) for job in reversed(jobs)]
+    found = transport_estimate(scene, jobs, results[::-1], 4)
     phi, bends = np.array([np.pi / 2, 1.0]), np.array([0.0])
     whole = render_transport(scene, phi, bends, samples=4, seeds=(1,), replicates=4)
     np.testing.assert_array_equal(found.replicates, whole.replicates)
@@ -94,16 +94,16 @@ def test_jobs_that_traveled_and_ran_backwards_gather_to_the_same_estimate(
     assert found.settings == whole.settings
 
 
-def test_a_run_that_is_stopped_saves_its_state_first(jobs: list[PadJob], tmp_path: Path) -> None:
+def test_a_run_that_is_stopped_saves_its_state_first(jobs: list[RenderJob], tmp_path: Path) -> None:
     job, state = replace(jobs[0], iterations=3), tmp_path / "state.npz"
 
     def stop(count: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        render_pad(job, state, stop)
+        run_job(job, state, stop)
     ticks: list[int] = []
-    resumed = render_pad(job, state, ticks.append)
+    resumed = run_job(job, state, ticks.append)
     assert ticks[0] == job.chains
     assert sum(ticks) == job.samples
-    np.testing.assert_array_equal(resumed.estimate, render_pad(job).estimate)
+    np.testing.assert_array_equal(resumed.estimate, run_job(job).estimate)

@@ -11,7 +11,7 @@ import pytest
 import render.reference.job
 from render.errors import RenderError
 from render.progress import Progress
-from render.reference.transport import Estimate, render_transport
+from render.reference.transport import TransportEstimate, render_transport
 from render.scene.schema import Scene, load_scene
 
 PHI, BENDS = np.array([np.pi / 2]), np.array([0.0])
@@ -24,12 +24,12 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def estimate(scene: Scene) -> Estimate:
+def estimate(scene: Scene) -> TransportEstimate:
     return render_transport(scene, PHI, BENDS, **TINY)
 
 
 def test_every_axis_of_the_estimate_is_where_the_table_wants_it(
-    scene: Scene, estimate: Estimate
+    scene: Scene, estimate: TransportEstimate
 ) -> None:
     shape = (scene.fibers.count, 1, 1, scene.sites.count, scene.indenter.faces)
     assert estimate.T.shape == estimate.se.shape == shape
@@ -39,7 +39,7 @@ def test_every_axis_of_the_estimate_is_where_the_table_wants_it(
 
 
 def test_cells_are_positive_with_an_error_bar_unless_the_camera_cannot_see_them(
-    estimate: Estimate,
+    estimate: TransportEstimate,
 ) -> None:
     seen = np.isfinite(estimate.T)
     assert seen.mean() > 0.9
@@ -50,13 +50,13 @@ def test_cells_are_positive_with_an_error_bar_unless_the_camera_cannot_see_them(
     assert (estimate.background > 0).all()
 
 
-def test_the_estimate_is_the_mean_of_its_replicates(estimate: Estimate) -> None:
+def test_the_estimate_is_the_mean_of_its_replicates(estimate: TransportEstimate) -> None:
     np.testing.assert_array_equal(estimate.T, estimate.replicates.mean(axis=0))
     assert estimate.seconds > 0
     assert estimate.settings["seeds"] == [1]
 
 
-def test_a_fiber_lights_the_sites_near_it_most(scene: Scene, estimate: Estimate) -> None:
+def test_a_fiber_lights_the_sites_near_it_most(scene: Scene, estimate: TransportEstimate) -> None:
     sites = estimate.background[:, 0, 0].reshape(-1, scene.sites.rows, scene.sites.columns)
     left, right = scene.fibers.left, scene.fibers.right
     assert sites[:left, :, 0].mean() > sites[:left, :, -1].mean()
@@ -64,7 +64,7 @@ def test_a_fiber_lights_the_sites_near_it_most(scene: Scene, estimate: Estimate)
 
 
 def test_an_interrupted_render_goes_on_and_ends_bit_equal_to_an_unbroken_one(
-    scene: Scene, estimate: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, estimate: TransportEstimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(render.reference.job, "SAVE_SECONDS", 0.0)
 
