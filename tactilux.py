@@ -197,7 +197,7 @@ def verify(
 
     Returns:
         ``baseline`` and ``design`` (scores with standard errors, counts), their ``difference``
-        with an interval, and ``verdict``, the conclusion in one sentence.
+        with an interval, and ``conclusion``, one sentence.
     """
     from optimize.exploration.explore import rate
     from optimize.verification.verify import verify as run
@@ -234,9 +234,9 @@ def optimize(
         checkpoint: a folder; interrupted, the same call goes on from there.
         progress: called every few seconds with what is rendered.
     """
+    from optimize.verification.design_renders import reference_renders
     from optimize.verification.optimization import OptimizeConfig
     from optimize.verification.optimization import optimize as run
-    from optimize.verification.renders import reference_renders
 
     folder = None if checkpoint is None else Path(checkpoint)
     render = reference_renders(scene, folder, progress)

@@ -13,7 +13,7 @@ from render.errors import ModelError, SceneError
 
 if TYPE_CHECKING:
     from optimize.verification.optimization import Optimization
-    from optimize.verification.verification_loop import Round
+    from optimize.verification.verification_loop import LoopRound
     from render.progress import Progress
     from render.scene.schema import Scene
     from surrogate.runtime.checker import Checker
@@ -52,9 +52,13 @@ def run(
 ) -> None:
     """Search with renders deciding: propose, render, refit."""
     from optimize.ui.output import check_target
-    from optimize.verification.optimization import OptimizeConfig, optimize
-    from optimize.verification.optimize_output import optimization_to_json, write_optimization
-    from optimize.verification.renders import reference_renders
+    from optimize.verification.design_renders import reference_renders
+    from optimize.verification.optimization import (
+        OptimizeConfig,
+        optimization_to_json,
+        optimize,
+        write_optimization,
+    )
     from render.reference.llvm import ensure_llvm
     from render.scene.schema import load_scene
 
@@ -129,11 +133,11 @@ class _Meters:
             self._title, self._meter = title, Meter(f"Rendering {title}")
         self._meter(state.done, state.total, state.eta_seconds)
 
-    def round(self, done: Round) -> None:
+    def round(self, done: LoopRound) -> None:
         """Say what a round found."""
         self._meter.close()
         note(f"  Round {done.number}: {done.seconds:.0f} s of rendering")
-        rows = zip(done.proposals, [None, *done.gains], done.measured, strict=True)
+        rows = zip(done.proposals, [None, *done.gains], done.scores, strict=True)
         for entry, gain, measured in rows:
             over = "" if gain is None else f", gain {gain.value:+.2f} ± {gain.se:.2f}"
             note(
@@ -152,13 +156,13 @@ class _Meters:
 
 
 def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
-    verdict, rows = found.verdict, []
-    for name in verdict.names:
-        score = verdict.of(name).score
+    finalists, rows = found.finalists, []
+    for name in finalists.names:
+        score = finalists.score(name).score
         low, high = score.interval()
         gain = ""
         if name != "baseline":
-            over = verdict.gain("baseline", name)
+            over = finalists.difference("baseline", name)
             gain = f"{over.value:+.2f} ± {over.se:.2f}"
         measured = f"{score.value:.2f} ± {score.se:.2f}", f"{low:.2f} to {high:.2f}", gain
         rows.append((TITLES[name], *measured, *_costs(found, name)))
@@ -173,8 +177,8 @@ def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
         ("runner-up", "winner"),
         ("thesis", "winner"),
     ):
-        if {first, second} <= set(verdict.names):
-            stream.write(verdict.sentence(first, second) + "\n")
+        if {first, second} <= set(finalists.names):
+            stream.write(finalists.comparison(first, second) + "\n")
     if found.loop is not None:
         stream.write(f"The loop stopped because {found.loop.reason}.\n")
     if found.loop is not None and found.thesis is not None:
@@ -185,7 +189,7 @@ def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
             f"Training the surrogate, once for all designs of the scene, took "
             f"{found.training_seconds:.0f} s of rendering; it is not in the table.\n"
         )
-    stream.write(f"The finalists took {verdict.renders.seconds:.0f} s of rendering.\n")
+    stream.write(f"The finalists took {finalists.renders.seconds:.0f} s of rendering.\n")
 
 
 def _costs(found: Optimization, name: str) -> tuple[str, str, str]:

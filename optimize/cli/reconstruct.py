@@ -91,7 +91,7 @@ def _rendered(
     """Return colors of two independent halves of a render: to learn from, and to be shown."""
     import numpy as np
 
-    from optimize.verification.renders import reference_renders
+    from optimize.verification.design_renders import reference_renders
     from render.reference.llvm import ensure_llvm
 
     ensure_llvm()

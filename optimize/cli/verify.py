@@ -134,7 +134,7 @@ def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -
     error = found.surrogate_score - found.design.score.value
     held = check_interval(error, checker.score_half_width, found.design.score.se, checker.coverage)
     stream.write(
-        f"{found.verdict}\n"
+        f"{found.conclusion}\n"
         f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "
         f"{checker.coverage:.0%} interval of -+{checker.score_half_width:.2f} {held}.\n"
         f"{len(found.seeds)} seeds, {found.difference.replicates} replicates, {found.samples} "

@@ -1,4 +1,4 @@
-"""From the verdict to the finished night: finalists with all figures, sentences, steps, facts."""
+"""From the evaluation of finalists to the finished night: figures, sentences, steps, facts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.scoring.jackknife import jackknife_se
 from optimize.ui.provenance import package_versions
+from optimize.verification.design_renders import FinalistEvaluation
 from optimize.verification.interval_check import check_interval
-from optimize.verification.verdict import Verdict
 from render.metric import site_metric
 from surrogate.runtime.checker import Checker
 from surrogate.runtime.model_file import MODEL_FILE, sha256
@@ -27,37 +27,39 @@ def conclude(
     context: RunContext,
     checker: Checker,
     loop_outcome: LoopOutcome,
-    verdict: Verdict,
-    checks: Sequence[tuple[int, Verdict]],
+    evaluation: FinalistEvaluation,
+    checks: Sequence[tuple[int, FinalistEvaluation]],
     hours: float | None,
 ) -> OvernightResult:
     """Return the night that is over."""
-    winner = choose_winner(verdict)
+    winner = choose_winner(evaluation)
     return OvernightResult(
         scene=context.scene,
-        scale=verdict.scale,
-        replicates=len(verdict.renders.replicates),
+        scale=evaluation.settings,
+        replicates=len(evaluation.renders.replicates),
         finalists=tuple(
-            _finalist(context, checker, verdict, index) for index in range(len(verdict.names))
+            _finalist(context, checker, evaluation, index) for index in range(len(evaluation.names))
         ),
         winner=winner,
-        verdict=_sentences(context, checker, loop_outcome, verdict, winner),
+        verdict=_sentences(context, checker, loop_outcome, evaluation, winner),
         steps=_steps(context, loop_outcome, checks, checker),
         trade=_trade(context, checker, loop_outcome),
-        facts=_facts(context, loop_outcome, verdict, hours),
+        facts=_facts(context, loop_outcome, evaluation, hours),
     )
 
 
-def _finalist(context: RunContext, checker: Checker, verdict: Verdict, index: int) -> Finalist:
-    name, design = verdict.names[index], verdict.renders.designs[index]
-    replicates = verdict.renders.replicates[:, index]
-    scale, score = verdict.scale, verdict.measured[index].score
+def _finalist(
+    context: RunContext, checker: Checker, evaluation: FinalistEvaluation, index: int
+) -> Finalist:
+    name, design = evaluation.names[index], evaluation.renders.designs[index]
+    replicates = evaluation.renders.replicates[:, index]
+    scale, score = evaluation.settings, evaluation.scores[index].score
     count = len(replicates)
     counts = scale.counts(replicates.mean(axis=0), design.power)
     # The error bar is the one before clipping: a clipped channel would seem to be known exactly.
     light = scale.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
     predicted = _predicted(context, checker, design)
-    gain = None if name == "baseline" else verdict.gain("baseline", name)
+    gain = None if name == "baseline" else evaluation.difference("baseline", name)
     return Finalist(
         key=name,
         title=TITLES[name],
@@ -72,7 +74,7 @@ def _finalist(context: RunContext, checker: Checker, verdict: Verdict, index: in
         counts_se=light.std(axis=0, ddof=1) / np.sqrt(count),
         predicted_counts=predicted["counts"],
         metric=np.asarray(site_metric(counts, scale.lam, scale.conventions)),
-        metric_se=_metric_se(verdict, index),
+        metric_se=_metric_se(evaluation, index),
     )
 
 
@@ -81,29 +83,33 @@ def _predicted(context: RunContext, checker: Checker, design: Design) -> dict[st
     return {name: np.asarray(value[0], dtype=np.float64) for name, value in found.items()}
 
 
-def _metric_se(verdict: Verdict, index: int) -> Array:
+def _metric_se(evaluation: FinalistEvaluation, index: int) -> Array:
     """Return the jackknife's standard error of M, ``(bend, site)``."""
-    scale, power = verdict.scale, verdict.renders.designs[index].power
+    scale, power = evaluation.settings, evaluation.renders.designs[index].power
 
     def metric(transport: Array) -> Array:
         return np.asarray(site_metric(scale.counts(transport, power), scale.lam, scale.conventions))
 
-    return jackknife_se(metric, verdict.renders.replicates[:, index])
+    return jackknife_se(metric, evaluation.renders.replicates[:, index])
 
 
 def _sentences(
-    context: RunContext, checker: Checker, loop_outcome: LoopOutcome, verdict: Verdict, winner: str
+    context: RunContext,
+    checker: Checker,
+    loop_outcome: LoopOutcome,
+    evaluation: FinalistEvaluation,
+    winner: str,
 ) -> tuple[str, ...]:
-    names, said = verdict.names, []
+    names, said = evaluation.names, []
     if winner != "baseline":
-        said.append(verdict.sentence("baseline", winner))
+        said.append(evaluation.comparison("baseline", winner))
     said += [
-        verdict.sentence(other, winner)
+        evaluation.comparison(other, winner)
         for other in ("runner-up", "thesis", "colors", "winner")
         if other in names and other != winner
     ]
     index = names.index(winner)
-    design, score = verdict.renders.designs[index], verdict.of(winner).score
+    design, score = evaluation.renders.designs[index], evaluation.score(winner).score
     off = float(_predicted(context, checker, design)["score"]) - score.value
     reach = checker.score_half_width
     said.append(
@@ -122,7 +128,7 @@ def _sentences(
 def _steps(
     context: RunContext,
     loop_outcome: LoopOutcome,
-    checks: Sequence[tuple[int, Verdict]],
+    checks: Sequence[tuple[int, FinalistEvaluation]],
     checker: Checker,
 ) -> tuple[ConvergencePoint, ...]:
     spent = context.store.render_seconds_by_kind()
@@ -135,18 +141,18 @@ def _steps(
         steps += [
             ConvergencePoint("rounds", done.number, entry.role, before, m.score.value, m.score.se,
                  entry.predicted)
-            for entry, m in zip(done.proposals, done.measured, strict=True)
+            for entry, m in zip(done.proposals, done.scores, strict=True)
         ]  # fmt: skip
-    for number, verdict in checks:
-        for index, name in enumerate(verdict.names):
-            score = verdict.measured[index].score
-            predicted = _predicted(context, checker, verdict.renders.designs[index])["score"]
+    for number, evaluation in checks:
+        for index, name in enumerate(evaluation.names):
+            score = evaluation.scores[index].score
+            predicted = _predicted(context, checker, evaluation.renders.designs[index])["score"]
             steps.append(
                 ConvergencePoint(
                     "final",
                     number,
                     name,
-                    before + verdict.renders.seconds,
+                    before + evaluation.renders.seconds,
                     score.value,
                     score.se,
                     float(predicted),
@@ -215,7 +221,10 @@ def _median_seconds(work: Callable[[], None]) -> float:
 
 
 def _facts(
-    context: RunContext, loop_outcome: LoopOutcome, verdict: Verdict, hours: float | None
+    context: RunContext,
+    loop_outcome: LoopOutcome,
+    evaluation: FinalistEvaluation,
+    hours: float | None,
 ) -> tuple[tuple[str, str], ...]:
     store, scene = context.store, context.scene
     table = context.decided("table")
@@ -238,8 +247,8 @@ def _facts(
             f"{passes} passes, {table['samples']} samples per cell in the last",
         ),
         ("Rounds", str(len(loop_outcome.rounds))),
-        ("Final verification", f"{len(verdict.renders.replicates)} replicates"),
+        ("Final verification", f"{len(evaluation.renders.replicates)} replicates"),
         ("Surrogate", sha256((store.run / "model" / MODEL_FILE).read_bytes())),
-        ("Exposure, lambda", f"{verdict.scale.exposure:.6g}, {verdict.scale.lam:.6g}"),
+        ("Exposure, lambda", f"{evaluation.settings.exposure:.6g}, {evaluation.settings.lam:.6g}"),
         *((f"Version of {name}", value) for name, value in versions.items()),
     )

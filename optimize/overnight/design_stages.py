@@ -36,17 +36,26 @@ from optimize.overnight.context import (
 )
 from optimize.overnight.workers import OutOfTime
 from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.rendered_score import rendered_score
 from optimize.scoring.table_scorer import TableScorer
 from optimize.search.alternating_search import SearchStep, alternating_search
 from optimize.search.colors.colorings import renamed_like
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.directions import optimize_directions, population, tied_groups
+from optimize.verification.design_renders import (
+    DesignRenders,
+    FinalistEvaluation,
+    distinct_directions,
+    reference_renders,
+)
 from optimize.verification.proposals import Proposal
-from optimize.verification.renders import DesignRenders, distinct_directions, reference_renders
 from optimize.verification.thesis import GENERATIONS
-from optimize.verification.verdict import Verdict
-from optimize.verification.verification_loop import CONVERGED, Contender, Loop, LoopConfig, Rendered
+from optimize.verification.verification_loop import (
+    CONVERGED,
+    Candidate,
+    LoopConfig,
+    RenderedRound,
+    VerificationLoop,
+)
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry.layout import fiber_edges
 from render.reference.transport import transport_jobs
@@ -150,12 +159,14 @@ class LoopOutcome:
 
     Arguments:
         rounds: as they were rendered.
-        contenders: of all periods, best first.
+        candidates: of all periods, best first.
         reason: why it stopped.
     """
 
-    def __init__(self, rounds: list[Rendered], contenders: list[Contender], reason: str) -> None:
-        self.rounds, self.contenders, self.reason = rounds, contenders, reason
+    def __init__(
+        self, rounds: list[RenderedRound], candidates: list[Candidate], reason: str
+    ) -> None:
+        self.rounds, self.candidates, self.reason = rounds, candidates, reason
 
 
 def run_loop(
@@ -170,7 +181,7 @@ def run_loop(
         cost: of renders; None for a fixed amount of work.
     """
     config = _config(context, start, cost)
-    loop = Loop(
+    loop = VerificationLoop(
         checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)),
         baseline_of(context),
         reference_renders(
@@ -182,8 +193,8 @@ def run_loop(
         limits_of(context.scene),
         start,
     )
-    loop.contenders = _known(context)
-    rounds: list[Rendered] = []
+    loop.candidates = _known(context)
+    rounds: list[RenderedRound] = []
     reason = f"the {config.rounds} rounds ran out"
     took = 0.0
     for number in range(1, config.rounds + 1):
@@ -217,11 +228,11 @@ def run_loop(
         rounds.append(done)
         took = max(context.store.spent() - began, took)
         _tell_round(context, done)
-        best = max(zip(done.measured, done.proposals, strict=True), key=lambda m: m[0].score.value)
+        best = max(zip(done.scores, done.proposals, strict=True), key=lambda m: m[0].score.value)
         low, high = best[0].score.interval()
         context.keep_best("reference", best[0].score.value, (high - low) / 2, f"round {number}")
     ranking = loop.ranking()
-    context.decide("contenders", lambda: [_contender_json(entry) for entry in ranking])
+    context.decide("contenders", lambda: [_candidate_json(entry) for entry in ranking])
     return LoopOutcome(rounds, ranking, reason)
 
 
@@ -266,12 +277,12 @@ class _LateRefitter:
         return self._refitter.apply(correction, table)
 
 
-def _tell_round(context: RunContext, done: Rendered) -> None:
+def _tell_round(context: RunContext, done: RenderedRound) -> None:
     said = context.decided(f"round {done.number} said")
     if said is not None:
         return
     context.log.note(f"Round {done.number}: {done.agreement.shown}")
-    for entry, measured in zip(done.proposals, done.measured, strict=True):
+    for entry, measured in zip(done.proposals, done.scores, strict=True):
         score = measured.score
         context.log.note(
             f"  {entry.role}: predicted {entry.predicted:.2f}, rendered {score.value:.2f} "
@@ -280,13 +291,13 @@ def _tell_round(context: RunContext, done: Rendered) -> None:
     context.decide(f"round {done.number} said", lambda: True)
 
 
-def _known(context: RunContext) -> list[Contender]:
-    """Return the contenders of the period before this one."""
+def _known(context: RunContext) -> list[Candidate]:
+    """Return the candidates of the period before this one."""
     if context.number == 1:
         return []
     kept = context.store.decided(f"{context.number - 1}/contenders")
     return [
-        Contender(
+        Candidate(
             entry["role"],
             design_of(entry["design"]),
             [
@@ -298,7 +309,7 @@ def _known(context: RunContext) -> list[Contender]:
     ]
 
 
-def _contender_json(entry: Contender) -> dict[str, Any]:
+def _candidate_json(entry: Candidate) -> dict[str, Any]:
     gains = [asdict(gain) | {"pseudo": gain.pseudo.tolist()} for gain in entry.gains]
     return {"role": entry.role, "design": design_json(entry.design), "gains": gains}
 
@@ -339,7 +350,7 @@ def choose_finalists(
     def choose() -> list[dict[str, Any]]:
         found = [("baseline", baseline_of(context)), ("colors", colored)]
         found += [("thesis", thesis)] if thesis is not None else []
-        best = [entry.design for entry in loop_outcome.contenders[:2]]
+        best = [entry.design for entry in loop_outcome.candidates[:2]]
         found += list(zip(("winner", "runner-up"), best, strict=False))
         return [{"key": key, "design": design_json(design)} for key, design in found]
 
@@ -352,8 +363,8 @@ def verify_finalists(
     finalists: Sequence[tuple[str, Design]],
     scale: ScoreSettings,
     cost: CostModel | None,
-) -> tuple[Verdict, list[tuple[int, Verdict]]]:
-    """Return the verdict of all seeds, and those of the first 1, 2, 4, ... seeds.
+) -> tuple[FinalistEvaluation, list[tuple[int, FinalistEvaluation]]]:
+    """Return the evaluation of all seeds, and those of the first 1, 2, 4, ... seeds.
 
     The finalists were chosen before the first of these seeds, so those of extensions are pooled.
 
@@ -369,7 +380,7 @@ def verify_finalists(
         context.scene, None, lambda _, state: context.progress(state), runner=context.renders
     )
     pooled = _Pool(finalists, scale)
-    checks: list[tuple[int, Verdict]] = []
+    checks: list[tuple[int, FinalistEvaluation]] = []
     longest, number, extension = 0.0, 0, 0
     while True:
         began = context.store.spent()
@@ -406,10 +417,10 @@ def verify_finalists(
         number += 1
         longest = max(longest, context.store.spent() - began)
         if number & (number - 1) == 0:
-            checks.append((number, pooled.verdict()))
+            checks.append((number, pooled.evaluation()))
             _rate(context, checks[-1][1])
     if checks[-1][0] != number:
-        checks.append((number, pooled.verdict()))
+        checks.append((number, pooled.evaluation()))
     _rate(context, checks[-1][1])
     return checks[-1][1], checks
 
@@ -431,7 +442,7 @@ class _Pool:
         self.untouched += np.split(renders.background, seeds)
         self.seconds += renders.seconds
 
-    def verdict(self) -> Verdict:
+    def evaluation(self) -> FinalistEvaluation:
         """Return scores and differences by all renders so far."""
         pressed, untouched = self.pressed, self.untouched
         if len(pressed) >= MANY_SEEDS:
@@ -441,22 +452,18 @@ class _Pool:
         renders = DesignRenders(
             self.designs, np.concatenate(pressed), np.concatenate(untouched), self.seconds
         )
-        measured = tuple(
-            rendered_score(self.scale, renders.replicates[:, i], design.power)
-            for i, design in enumerate(self.designs)
-        )
-        return Verdict(self.names, measured, renders, self.scale)
+        return FinalistEvaluation(self.names, renders, self.scale)
 
 
-def choose_winner(verdict: Verdict) -> str:
+def choose_winner(evaluation: FinalistEvaluation) -> str:
     """Return the key of the design that is handed over.
 
     The winner of the rounds, unless fresh renders show that another finalist is better by more
     than the error bars.
     """
     chosen = "winner"
-    for name in verdict.names:
-        if name != chosen and verdict.gain(chosen, name).interval()[0] > 0:
+    for name in evaluation.names:
+        if name != chosen and evaluation.difference(chosen, name).interval()[0] > 0:
             chosen = name
     return chosen
 
@@ -485,7 +492,7 @@ def _amount(
     return found
 
 
-def _rate(context: RunContext, verdict: Verdict) -> None:
-    name = choose_winner(verdict)
-    low, high = verdict.of(name).score.interval()
-    context.keep_best("reference", verdict.of(name).score.value, (high - low) / 2, name)
+def _rate(context: RunContext, evaluation: FinalistEvaluation) -> None:
+    name = choose_winner(evaluation)
+    low, high = evaluation.score(name).score.interval()
+    context.keep_best("reference", evaluation.score(name).score.value, (high - low) / 2, name)

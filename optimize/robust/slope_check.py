@@ -17,7 +17,7 @@ from optimize.design.design import Array, Design
 from optimize.design.rating import RatedDesign
 from optimize.robust.material_slopes import MATERIALS, neighbors
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
-from optimize.verification.renders import reference_renders
+from optimize.verification.design_renders import reference_renders
 from render.progress import Progress
 
 TURN = np.radians(10.0)

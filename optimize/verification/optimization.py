@@ -5,22 +5,30 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from optimize.design.design import Design
+from optimize.design.design_file import save_design
 from optimize.design.limits import dimmed_baseline, limits_of
-from optimize.design.rating import ScoreSettings
+from optimize.design.rating import PARTS, Rating, ScoreSettings
 from optimize.exploration.explore import PHI_NODES
-from optimize.verification.renders import RenderDesigns
+from optimize.scoring.jackknife import JackknifeEstimate
+from optimize.scoring.rank_agreement import RankAgreement
+from optimize.ui.output import fresh_directory, write_manifest
+from optimize.verification.design_renders import (
+    FinalistEvaluation,
+    RenderDesigns,
+    evaluate_finalists,
+)
 from optimize.verification.thesis import GENERATIONS, ThesisResult, thesis_procedure
-from optimize.verification.verdict import Verdict, pronounce
 from optimize.verification.verification_loop import (
     SEED_STRIDE,
     LoopConfig,
     LoopResult,
-    Round,
+    LoopRound,
     verification_loop,
 )
 from render.chebyshev import chebyshev_nodes
@@ -62,14 +70,14 @@ class Optimization:
     Arguments:
         loop, thesis: outcomes of the methods that were run.
         wall: seconds by method, without the final renders.
-        verdict: fresh scores of ``baseline``, ``thesis``, ``winner`` and ``runner-up``.
+        finalists: fresh scores of ``baseline``, ``thesis``, ``winner`` and ``runner-up``.
         training_seconds: of rendering that the surrogate took once, for all designs of the scene.
     """
 
     loop: LoopResult | None
     thesis: ThesisResult | None
     wall: dict[str, float]
-    verdict: Verdict
+    finalists: FinalistEvaluation
     training_seconds: float | None
 
     @property
@@ -80,8 +88,8 @@ class Optimization:
     @property
     def design(self) -> Design:
         """The design that is handed over."""
-        verdict = self.verdict
-        return verdict.renders.designs[verdict.names.index(self.winner)]
+        finalists = self.finalists
+        return finalists.renders.designs[finalists.names.index(self.winner)]
 
 
 def optimize(
@@ -90,7 +98,7 @@ def optimize(
     render: RenderDesigns,
     config: OptimizeConfig,
     *,
-    on_round: Callable[[Round], None] | None = None,
+    on_round: Callable[[LoopRound], None] | None = None,
     on_candidate: Callable[[int, int, float], None] | None = None,
 ) -> Optimization:
     """Return the outcome of the methods asked for, verified by renders that both share.
@@ -104,7 +112,7 @@ def optimize(
         on_candidate: called after every generation of the thesis, see `thesis_procedure`.
     """
     baseline, edges = dimmed_baseline(scene), fiber_edges(scene)
-    scale = None if checker is None else ScoreSettings(checker.exposure, checker.lam)
+    settings = None if checker is None else ScoreSettings(checker.exposure, checker.lam)
     seeds = SEED_STRIDE * (config.seed + 1)
     loop = thesis = None
     wall: dict[str, float] = {}
@@ -115,34 +123,34 @@ def optimize(
             baseline,
             render,
             edges=edges,
-            scale=scale,
+            settings=settings,
             samples=config.samples,
             seed=config.seed,
             render_seed=seeds + THESIS_SEED,
             generations=config.generations,
             report=on_candidate,
         )
-        scale = thesis.scale
+        settings = thesis.settings
         wall["thesis"] = time.monotonic() - began
         finalists.append(("thesis", thesis.design))
     if config.method != "thesis" and checker is not None:
         began = time.monotonic()
         loop = _run_loop(scene, checker, baseline, render, config, on_round)
         wall["loop"] = time.monotonic() - began
-        best = loop.contenders[:2]
+        best = loop.candidates[:2]
         names = ("winner", "runner-up")
         finalists += [(name, entry.design) for name, entry in zip(names, best, strict=False)]
-    assert scale is not None  # from the surrogate or from the thesis's first render
-    verdict = pronounce(
+    assert settings is not None  # from the surrogate or from the thesis's first render
+    evaluation = evaluate_finalists(
         render,
-        scale,
+        settings,
         finalists,
         samples=config.final_samples,
         seeds=[seeds + FINAL_SEED + i for i in range(config.final_seeds)],
     )
     trained = None if checker is None else checker.metadata.renderer.get("seconds")
     return Optimization(
-        loop, thesis, wall, verdict, float(trained) if isinstance(trained, float) else None
+        loop, thesis, wall, evaluation, float(trained) if isinstance(trained, float) else None
     )
 
 
@@ -152,7 +160,7 @@ def _run_loop(
     baseline: Design,
     render: RenderDesigns,
     config: OptimizeConfig,
-    report: Callable[[Round], None] | None,
+    report: Callable[[LoopRound], None] | None,
 ) -> LoopResult:
     from surrogate.model.preview_grid import draw_grid
     from surrogate.training.refit import Refitter
@@ -169,3 +177,111 @@ def _run_loop(
         config=LoopConfig(config.samples, config.rounds, config.seed),
         report=report,
     )
+
+
+DESIGN, BASELINE, THESIS = "design.json", "baseline.json", "thesis.json"
+
+
+def write_optimization(
+    scene: Scene, found: Optimization, target: Path, result: dict[str, object]
+) -> None:
+    """Write designs and record into ``target``, which they replace together."""
+    with fresh_directory(target) as folder:
+        for name, design in zip(
+            found.finalists.names, found.finalists.renders.designs, strict=True
+        ):
+            file = {"baseline": BASELINE, "thesis": THESIS, "runner-up": "runner-up.json"}
+            if name == found.winner:
+                file[name] = DESIGN
+            save_design(folder / file[name], design, scene, _rating(found, name))
+        write_manifest(folder, result)
+
+
+def optimization_to_json(scene: Scene, found: Optimization, target: Path) -> dict[str, object]:
+    """Return what programs rely on; ``design`` is the path of the design that is handed over."""
+    finalists = found.finalists
+    result: dict[str, object] = {
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "level": "reference",
+        "design": str(target / DESIGN),
+        "finalists": {
+            name: {
+                "score": _estimate(finalists.score(name).score),
+                "gain": None
+                if name == "baseline"
+                else _estimate(finalists.difference("baseline", name)),
+            }
+            for name in finalists.names
+        },
+        "final_render_seconds": finalists.renders.seconds,
+        "surrogate_training_render_seconds": found.training_seconds,
+        "monochrome": found.design.monochrome,
+    }
+    if found.loop is not None:
+        result["loop"] = {
+            "render_seconds": found.loop.seconds,
+            "wall_seconds": found.wall["loop"],
+            "renders": len(found.loop.rounds),
+            "reason": found.loop.reason,
+            "verdict": finalists.comparison("runner-up", "winner")
+            if "runner-up" in finalists.names
+            else None,
+            "rounds": [_round(entry) for entry in found.loop.rounds],
+        }
+    if found.thesis is not None:
+        result["thesis"] = {
+            "render_seconds": found.thesis.seconds,
+            "wall_seconds": found.wall["thesis"],
+            "renders": found.thesis.runs,
+            "converged": found.thesis.directions.converged,
+            "believed_score": found.thesis.score,
+        }
+    if found.loop is not None and found.thesis is not None:
+        result["difference"] = _estimate(finalists.difference("thesis", "winner"))
+    return result
+
+
+def _rating(found: Optimization, name: str) -> Rating:
+    measured = found.finalists.score(name)
+    values = {part: measured.parts[part].value for part in PARTS}
+    return found.finalists.settings.rating("reference", values, measured.score.interval())
+
+
+def _estimate(found: JackknifeEstimate) -> dict[str, object]:
+    return {
+        "value": found.value,
+        "se": found.se,
+        "interval": list(found.interval()),
+        "noise_bias": found.plain - found.value,
+    }
+
+
+def _round(done: LoopRound) -> dict[str, object]:
+    gains: list[JackknifeEstimate | None] = [None, *done.gains]
+    return {
+        "number": done.number,
+        "render_seconds": done.seconds,
+        "ranking": _agreement(done.agreement),
+        "ranking_after_refit": _agreement(done.refitted),
+        "refit_prior": done.correction.tau,
+        "designs": [
+            {
+                "role": entry.role,
+                **_described(entry.design),
+                "predicted": entry.predicted,
+                "spread": entry.spread,
+                "score": _estimate(measured.score),
+                "gain": None if gain is None else _estimate(gain),
+            }
+            for entry, measured, gain in zip(done.proposals, done.scores, gains, strict=True)
+        ],
+    }
+
+
+def _agreement(found: RankAgreement) -> dict[str, object]:
+    return {"tau": found.tau, "decided": found.decided, "pairs": found.pairs}
+
+
+def _described(design: Design) -> dict[str, object]:
+    return {"phi": design.phi.tolist(), "power": design.power.tolist()}

@@ -18,7 +18,7 @@ from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.colorings import renamed_like
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.directions import DirectionResult, optimize_directions, population, tied_groups
-from optimize.verification.renders import DesignRenders, RenderDesigns
+from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.metric import choose_exposure, choose_lambda
 from render.transport import TransportTable
 
@@ -32,7 +32,7 @@ class ThesisResult:
     Arguments:
         design: its result; colored: after the colors alone.
         score: what it believes S of the result to be.
-        scale: the camera and the weights that it scored with.
+        settings: the camera and the weights that it scored with.
         directions: the direction search.
         runs: number of renders; seconds: of rendering.
     """
@@ -40,7 +40,7 @@ class ThesisResult:
     design: Design
     colored: Design
     score: float
-    scale: ScoreSettings
+    settings: ScoreSettings
     directions: DirectionResult
     runs: int
     seconds: float
@@ -51,7 +51,7 @@ def thesis_procedure(
     render: RenderDesigns,
     *,
     edges: Sequence[str],
-    scale: ScoreSettings | None,
+    settings: ScoreSettings | None,
     samples: int,
     seed: int,
     render_seed: int,
@@ -64,7 +64,7 @@ def thesis_procedure(
         baseline: directions that colors are searched at, names of colors.
         render: renders one design.
         edges: the side of each fiber.
-        scale: of the scores; None fixes it from the baseline's render (design of chapter 5.1).
+        settings: of the scores; None fixes it from the baseline's render (design of chapter 5.1).
         samples: per cell and candidate.
         seed: of CMA-ES.
         render_seed: of every render, so that candidates share random numbers.
@@ -72,9 +72,9 @@ def thesis_procedure(
         report: called with candidates rendered, candidates at most, and the best score.
     """
     first = render([baseline], samples=samples, seeds=[render_seed], title="single fibers")
-    scale = scale or baseline_scale(first.replicates[:, 0].mean(axis=0), baseline.power)
+    settings = settings or baseline_settings(first.replicates[:, 0].mean(axis=0), baseline.power)
     seconds, runs = first.seconds, 1
-    scorer = TableScorer(_table(first, scale), scale.conventions)
+    scorer = TableScorer(_table(first, settings), settings.conventions)
     found = grouped_colors(scorer, baseline.phi)
     colors = renamed_like(found.colors, baseline.colors)
     colored = Design.of_colors(baseline.phi, colors)
@@ -93,7 +93,7 @@ def thesis_procedure(
             )
             seconds, runs = seconds + rendered.seconds, runs + 1
             transport = rendered.replicates[:, 0].mean(axis=0)
-            out.append(float(scale.parts(transport, colored.power)[0]))
+            out.append(float(settings.parts(transport, colored.power)[0]))
         return np.array(out)
 
     def progress(evaluated: int, best: float) -> None:
@@ -109,11 +109,11 @@ def thesis_procedure(
         progress=progress,
     )
     return ThesisResult(
-        Design(turned.phi, colored.power), colored, turned.score, scale, turned, runs, seconds
+        Design(turned.phi, colored.power), colored, turned.score, settings, turned, runs, seconds
     )
 
 
-def baseline_scale(transport: Array, power: Array) -> ScoreSettings:
+def baseline_settings(transport: Array, power: Array) -> ScoreSettings:
     """Return exposure and lambda from the baseline's transport ``(F, B, S, K)``, bend 0 first."""
     exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power))
     return ScoreSettings(
@@ -121,7 +121,7 @@ def baseline_scale(transport: Array, power: Array) -> ScoreSettings:
     )
 
 
-def _table(renders: DesignRenders, scale: ScoreSettings) -> TransportTable:
+def _table(renders: DesignRenders, settings: ScoreSettings) -> TransportTable:
     """Return the table of one design's renders, with its directions as the only node."""
     replicates = renders.replicates[:, 0]
     error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
@@ -129,6 +129,6 @@ def _table(renders: DesignRenders, scale: ScoreSettings) -> TransportTable:
         T=replicates.mean(axis=0)[:, None],
         se=error[:, None],
         phi=renders.designs[0].phi[:1],
-        exposure=scale.exposure,
-        lam=scale.lam,
+        exposure=settings.exposure,
+        lam=settings.lam,
     )

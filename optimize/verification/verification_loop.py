@@ -21,18 +21,18 @@ from optimize.design.limits import SearchLimits
 from optimize.design.rating import ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
-from optimize.scoring.rendered_score import RenderedScore, paired_difference, rendered_score
+from optimize.scoring.rendered_score import RenderedScore
 from optimize.scoring.table_scorer import TableScorer
+from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from optimize.verification.proposals import Proposal, described, propose, same_design
-from optimize.verification.renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.transport import TransportTable
 from surrogate.training.refit import NewRenders, ResidualCorrection
 
-LEAST_TAU = 0.85
-LEAST_GAIN = 1e-3
-"""A proposal that promises less than this share of the score is no reason for another round."""
+MIN_TAU = 0.85
+MIN_RELATIVE_GAIN = 1e-3
+"""Predicted gain, as a fraction of the score, below which a proposal needs no further round."""
 SEED_STRIDE = 1000
 """Between the render seeds of different seeds of the loop."""
 SEED_STEP = 50
@@ -57,47 +57,42 @@ class LoopConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Round:
-    """One round: what was proposed, what the renders said, and what the refit made of it.
+class RenderedRound:
+    """A round before its refit: what was proposed, and what the renders said.
 
     Arguments:
         proposals: what was rendered, the baseline first; predictions are those before the refit.
-        measured: their scores.
+        scores: theirs.
         gains: score minus the baseline's, paired.
-        agreement: of predicted and rendered ranking; refitted: the same after the refit.
-        correction: what the refit found in all rounds so far.
+        agreement: of predicted and rendered ranking.
         seconds: of rendering.
-    """
-
-    number: int
-    proposals: tuple[Proposal, ...]
-    measured: tuple[RenderedScore, ...]
-    gains: tuple[JackknifeEstimate, ...]
-    agreement: RankAgreement
-    refitted: RankAgreement
-    correction: ResidualCorrection
-    seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class Rendered:
-    """A round before its refit, with the fields of ``Round``.
-
-    Arguments:
         interval: 95 % interval of the score of design j minus that of design i.
     """
 
     number: int
     proposals: tuple[Proposal, ...]
-    measured: tuple[RenderedScore, ...]
+    scores: tuple[RenderedScore, ...]
     gains: tuple[JackknifeEstimate, ...]
     agreement: RankAgreement
     seconds: float
     interval: Callable[[int, int], tuple[float, float]]
 
 
-class Refits(Protocol):
-    """Fits corrections of the surrogate and applies them (``surrogate.training.refit``)."""
+@dataclass(frozen=True, eq=False)
+class LoopRound(RenderedRound):
+    """A whole round, with what the refit made of it.
+
+    Arguments:
+        refitted: agreement of the ranking after the refit.
+        correction: what the refit found in all rounds so far.
+    """
+
+    refitted: RankAgreement
+    correction: ResidualCorrection
+
+
+class SurrogateRefit(Protocol):
+    """Fits corrections of the surrogate and applies them, see `surrogate.training.refit`."""
 
     def fit(self, runs: Sequence[NewRenders]) -> ResidualCorrection:
         """Return the correction by all ``runs``."""
@@ -107,7 +102,7 @@ class Refits(Protocol):
 
 
 @dataclass
-class Contender:
+class Candidate:
     """A rendered design with all that rounds said about its gain over the baseline."""
 
     role: str
@@ -124,10 +119,10 @@ class Contender:
 
 @dataclass(frozen=True, eq=False)
 class LoopResult:
-    """The outcome: contenders, best first, rounds, the refitted table and why it stopped."""
+    """The outcome: candidates, best first, rounds, the refitted table and why it stopped."""
 
-    contenders: tuple[Contender, ...]
-    rounds: tuple[Round, ...]
+    candidates: tuple[Candidate, ...]
+    rounds: tuple[LoopRound, ...]
     table: TransportTable
     seconds: float
     reason: str
@@ -137,12 +132,12 @@ def verification_loop(
     table: TransportTable,
     baseline: Design,
     render: RenderDesigns,
-    refitter: Refits,
+    refitter: SurrogateRefit,
     *,
     edges: Sequence[str],
     config: LoopConfig,
     limits: SearchLimits | None = None,
-    report: Callable[[Round], None] | None = None,
+    report: Callable[[LoopRound], None] | None = None,
 ) -> LoopResult:
     """Return the designs that renders found best.
 
@@ -156,8 +151,8 @@ def verification_loop(
         limits: of what is proposed.
         report: called after every round.
     """
-    loop = Loop(table, baseline, render, refitter, edges, config, limits)
-    rounds: list[Round] = []
+    loop = VerificationLoop(table, baseline, render, refitter, edges, config, limits)
+    rounds: list[LoopRound] = []
     reason = f"the {config.rounds} rounds ran out"
     for number in range(1, config.rounds + 1):
         proposals = loop.proposals(number)
@@ -176,8 +171,8 @@ def verification_loop(
     )
 
 
-class Loop:
-    """What the rounds share: contenders, renders and the surrogate as it stands.
+class VerificationLoop:
+    """What the rounds share: candidates, renders and the surrogate as it stands.
 
     ``round`` is ``render`` and then ``refit``; a round that is only read from a record needs no
     refit of its own, because a refit takes all renders so far.
@@ -188,13 +183,13 @@ class Loop:
         table: TransportTable,
         baseline: Design,
         render: RenderDesigns,
-        refitter: Refits,
+        refitter: SurrogateRefit,
         edges: Sequence[str],
         config: LoopConfig,
         limits: SearchLimits | None,
         start: Design | None = None,
     ) -> None:
-        """Begin without contenders, see ``verification_loop``.
+        """Begin without candidates, see ``verification_loop``.
 
         Searches begin at ``start`` while the surrogate rates it above the best contender.
         """
@@ -202,14 +197,14 @@ class Loop:
         self.baseline, self.renderer, self.refitter = baseline, render, refitter
         self.edges, self.config, self.limits = edges, config, limits
         self.start = start
-        self.scale = ScoreSettings(table.exposure, table.lam)
-        self.contenders: list[Contender] = []
+        self.settings = ScoreSettings(table.exposure, table.lam)
+        self.candidates: list[Candidate] = []
         self.runs: list[NewRenders] = []
         self.agreement: RankAgreement | None = None
 
-    def ranking(self) -> list[Contender]:
-        """Return the contenders, best rendered gain first."""
-        return sorted(self.contenders, key=lambda entry: -entry.gain[0])
+    def ranking(self) -> list[Candidate]:
+        """Return the candidates, best rendered gain first."""
+        return sorted(self.candidates, key=lambda entry: -entry.gain[0])
 
     def proposals(self, number: int) -> list[Proposal]:
         """Return what round ``number`` renders beside the baseline; nothing when it has converged.
@@ -221,21 +216,21 @@ class Loop:
         best = ranking[0].design if ranking else self.baseline
         if self.start is not None:
             best = max((best, self.start), key=lambda d: scorer.score(d.phi, d.power))
-        known = [entry.design for entry in self.contenders]
+        known = [entry.design for entry in self.candidates]
         seed = SEED_STRIDE * self.config.seed + number
         found = propose(scorer, best, edges=self.edges, seed=seed, known=known)
         if self.agreement is not None:
             tau = self.agreement.tau
             first = ranking[0].design
             leader = scorer.score(first.phi, first.power)
-            promised = max((p.predicted for p in found if p.role == "best"), default=leader)
-            converged = promised - leader < LEAST_GAIN * abs(leader)
-            if not found or (converged and tau is not None and tau >= LEAST_TAU):
+            best_found = max((p.predicted for p in found if p.role == "best"), default=leader)
+            converged = best_found - leader < MIN_RELATIVE_GAIN * abs(leader)
+            if not found or (converged and tau is not None and tau >= MIN_TAU):
                 return []
         again = [described(scorer, "incumbent", entry.design) for entry in ranking[:2]]
         return [described(scorer, "baseline", self.baseline), *again, *found]
 
-    def render(self, number: int, chosen: Sequence[Proposal]) -> Rendered:
+    def render(self, number: int, chosen: Sequence[Proposal]) -> RenderedRound:
         """Render and measure what ``proposals`` returned."""
         first = SEED_STRIDE * (self.config.seed + 1) + number
         renders = self.renderer(
@@ -244,21 +239,21 @@ class Loop:
             seeds=[first + SEED_STEP * i for i in range(self.config.seeds)],
             title=f"round {number}",
         )
-        measured = [self._measure(renders, i) for i in range(len(chosen))]
-        gains = [self._gain(renders, 0, i) for i in range(1, len(chosen))]
+        scores = [renders.score(self.settings, i) for i in range(len(chosen))]
+        gains = [renders.difference(self.settings, 0, i) for i in range(1, len(chosen))]
         for proposal, gain in zip(chosen[1:], gains, strict=True):
-            self._contender(proposal).gains.append(gain)
+            self._candidate(proposal).gains.append(gain)
 
         def interval(i: int, j: int) -> tuple[float, float]:
-            return self._gain(renders, i, j).interval()
+            return renders.difference(self.settings, i, j).interval()
 
         predicted = np.array([entry.predicted for entry in chosen])
         self.agreement = rank_agreement(predicted, interval)
         self.runs.append(self._observed(renders))
-        return Rendered(
+        return RenderedRound(
             number,
             tuple(chosen),
-            tuple(measured),
+            tuple(scores),
             tuple(gains),
             self.agreement,
             renders.seconds,
@@ -271,44 +266,21 @@ class Loop:
         self.table = self.refitter.apply(correction, self.original)
         return correction
 
-    def round(self, number: int, chosen: Sequence[Proposal]) -> Round:
+    def round(self, number: int, chosen: Sequence[Proposal]) -> LoopRound:
         """Render, measure and refit."""
         done = self.render(number, chosen)
         correction = self.refit()
         scorer = TableScorer(self.table, limits=self.limits)
         after = [scorer.score(entry.design.phi, entry.design.power) for entry in chosen]
-        return Round(
-            number,
-            done.proposals,
-            done.measured,
-            done.gains,
-            done.agreement,
-            rank_agreement(np.array(after), done.interval),
-            correction,
-            done.seconds,
-        )
+        refitted = rank_agreement(np.array(after), done.interval)
+        return LoopRound(**vars(done), refitted=refitted, correction=correction)
 
-    def _contender(self, proposal: Proposal) -> Contender:
-        for entry in self.contenders:
+    def _candidate(self, proposal: Proposal) -> Candidate:
+        for entry in self.candidates:
             if same_design(entry.design, proposal.design):
                 return entry
-        self.contenders.append(Contender(proposal.role, proposal.design))
-        return self.contenders[-1]
-
-    def _measure(self, renders: DesignRenders, index: int) -> RenderedScore:
-        return rendered_score(
-            self.scale, renders.replicates[:, index], renders.designs[index].power
-        )
-
-    def _gain(self, renders: DesignRenders, first: int, second: int) -> JackknifeEstimate:
-        low, high = renders.designs[first], renders.designs[second]
-        return paired_difference(
-            self.scale,
-            renders.replicates[:, first],
-            low.power,
-            renders.replicates[:, second],
-            high.power,
-        )
+        self.candidates.append(Candidate(proposal.role, proposal.design))
+        return self.candidates[-1]
 
     def _observed(self, renders: DesignRenders) -> NewRenders:
         """Return the renders beside the prediction of the surrogate as it was shipped."""

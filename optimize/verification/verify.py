@@ -40,7 +40,7 @@ class Verification:
     samples: int
 
     @property
-    def verdict(self) -> str:
+    def conclusion(self) -> str:
         """The conclusion in one sentence."""
         low, high = self.difference.interval()
         if low > 0:
@@ -131,12 +131,12 @@ def compare(
         RenderError: the camera cannot see some facet, so the score is not defined.
     """
     check_visible(np.stack([baseline, design], axis=1))
-    scale = candidate.settings
+    settings = candidate.settings
     powers = (candidate.baseline.power, candidate.design.power)
     return Verification(
-        baseline=rendered_score(scale, baseline, powers[0]),
-        design=rendered_score(scale, design, powers[1]),
-        difference=paired_difference(scale, baseline, powers[0], design, powers[1]),
+        baseline=rendered_score(settings, baseline, powers[0]),
+        design=rendered_score(settings, design, powers[1]),
+        difference=paired_difference(settings, baseline, powers[0], design, powers[1]),
         surrogate_score=surrogate_score,
         render_seconds=render_seconds,
         seeds=seeds,

@@ -13,10 +13,14 @@ from optimize.design.rating import ScoreSettings
 from optimize.scoring.rank_agreement import rank_agreement
 from optimize.scoring.table_scorer import TableScorer
 from optimize.search.colors.colorings import canonical
+from optimize.verification.design_renders import (
+    DesignRenders,
+    RenderDesigns,
+    distinct_directions,
+    evaluate_finalists,
+)
 from optimize.verification.proposals import propose, random_design, same_design
-from optimize.verification.renders import DesignRenders, RenderDesigns, distinct_directions
-from optimize.verification.thesis import baseline_scale, thesis_procedure
-from optimize.verification.verdict import pronounce
+from optimize.verification.thesis import baseline_settings, thesis_procedure
 from optimize.verification.verification_loop import LoopConfig, verification_loop
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry.layout import fiber_edges
@@ -66,8 +70,8 @@ def table(small: Scene) -> TransportTable:
         background_se=0.03 * background,
     )
     base = baseline_design(small)
-    scale = baseline_scale(plain.at(base.phi), base.power)
-    return replace(plain, exposure=scale.exposure, lam=scale.lam)
+    settings = baseline_settings(plain.at(base.phi), base.power)
+    return replace(plain, exposure=settings.exposure, lam=settings.lam)
 
 
 def biased(phi: np.ndarray, strength: float) -> np.ndarray:
@@ -138,12 +142,12 @@ def test_the_loop_finds_what_the_surrogate_alone_does_not(
     truth = replace(table, T=table.T * biased(table.phi, BASE)[:, None, None, None])
     scorer, alone = TableScorer(truth), found.rounds[0].proposals[1]
     assert alone.role == "best"
-    best = found.contenders[0].design
+    best = found.candidates[0].design
     assert scorer.score(best.phi, best.power) > scorer.score(alone.design.phi, alone.design.power)
     assert scorer.score(best.phi, best.power) > scorer.score(baseline.phi, baseline.power)
     assert found.seconds == 5.0 * len(found.rounds)
     assert all(entry.proposals[0].role == "baseline" for entry in found.rounds)
-    gain, se = found.contenders[0].gain
+    gain, se = found.candidates[0].gain
     assert se > 0
     exact = scorer.score(best.phi, best.power) - scorer.score(baseline.phi, baseline.power)
     assert gain == pytest.approx(exact, abs=4 * se)
@@ -213,36 +217,38 @@ def test_the_thesis_procedure_renders_every_candidate(small: Scene, table: Trans
 
     baseline, edges = baseline_design(small), fiber_edges(small)
     found = thesis_procedure(
-        baseline, counted, edges=edges, scale=None, samples=7, seed=1, render_seed=3,
+        baseline, counted, edges=edges, settings=None, samples=7, seed=1, render_seed=3,
         generations=3,
     )  # fmt: skip
     assert found.runs == len(calls) == found.directions.evaluated + 1
     assert found.seconds == 7.0 * len(calls)
-    assert found.score > found.scale.parts(table.at(baseline.phi), baseline.power)[0]
+    assert found.score > found.settings.parts(table.at(baseline.phi), baseline.power)[0]
     keys = list(zip(edges, found.design.colors.tolist(), strict=True))
     for key in set(keys):  # fibers of one side and color share a direction
         own = [phi for phi, other in zip(found.design.phi, keys, strict=True) if other == key]
         assert len(set(own)) == 1
 
 
-def test_the_verdict_tells_a_gain_from_a_tie(small: Scene, table: TransportTable) -> None:
-    base, scale = baseline_design(small), ScoreSettings(table.exposure, table.lam)
+def test_the_evaluation_of_finalists_tells_a_gain_from_a_tie(
+    small: Scene, table: TransportTable
+) -> None:
+    base, settings = baseline_design(small), ScoreSettings(table.exposure, table.lam)
     dim = Design(base.phi, 0.5 * base.power)
     same = Design(base.phi + 1e-4, base.power)
-    found = pronounce(
-        pretended(table, 0.02), scale, [("baseline", base), ("dim", dim), ("same", same)],
+    found = evaluate_finalists(
+        pretended(table, 0.02), settings, [("baseline", base), ("dim", dim), ("same", same)],
         samples=3, seeds=[1, 2],
     )  # fmt: skip
-    assert found.sentence("dim", "baseline").startswith("The baseline is better than the dim")
-    assert "tie" in found.sentence("baseline", "same")
+    assert found.comparison("dim", "baseline").startswith("The baseline is better than the dim")
+    assert "tie" in found.comparison("baseline", "same")
     plural = replace(found, names=("baseline", "colors", *found.names[2:]))
-    said = {plural.sentence("baseline", "colors"), plural.sentence("colors", "baseline")}
+    said = {plural.comparison("baseline", "colors"), plural.comparison("colors", "baseline")}
     assert all(text.startswith("The baseline is better than the colors") for text in said)
     worse = replace(plural, names=("colors", "baseline", *found.names[2:]))
-    assert worse.sentence("colors", "baseline").startswith(
+    assert worse.comparison("colors", "baseline").startswith(
         "The colors are better than the baseline"
     )
-    exact = scale.parts(table.at(base.phi) * biased(base.phi, BASE)[:, None, None, None],
+    exact = settings.parts(table.at(base.phi) * biased(base.phi, BASE)[:, None, None, None],
                         base.power)[0]  # fmt: skip
-    score = found.of("baseline").score
+    score = found.score("baseline").score
     assert score.value == pytest.approx(exact, abs=4 * score.se)

@@ -64,7 +64,7 @@ def other(finger20: Scene) -> Design:
 def test_a_clear_loss_is_called_worse(finger20: Scene, other: Design) -> None:
     found = judged(finger20, other, sigma=0.02, brighter=0.5)
     assert found.difference.interval()[1] < 0
-    assert "worse" in found.verdict
+    assert "worse" in found.conclusion
     assert found.difference.value == pytest.approx(
         found.design.score.value - found.baseline.score.value, rel=1e-9
     )
@@ -74,7 +74,7 @@ def test_noise_alone_is_called_a_tie(finger20: Scene, other: Design) -> None:
     found = judged(finger20, other, sigma=0.3)
     low, high = found.difference.interval()
     assert low < 0 < high
-    assert "tie" in found.verdict
+    assert "tie" in found.conclusion
 
 
 def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: Scene) -> None:
