@@ -45,10 +45,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from optimize.design.design import Design, baseline_design
-    from optimize.design.design_file import load_design, save_design
-    from optimize.exploration.explore import Exploration
-    from optimize.search.alternating_search import SearchStep
+    from optimize.design import Design, baseline_design, load_design, save_design
+    from optimize.exploration import Exploration
+    from optimize.search import SearchStep
     from optimize.verification.optimization import Method, Optimization
     from optimize.verification.verify import Verification
     from render import register_plugins
@@ -145,7 +144,7 @@ def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
     Raises:
         ModelError: there is none, or it is altered, corrupt or of another scene.
     """
-    from optimize.design.models import open_model
+    from optimize.scoring import open_model
 
     return open_model(scene, None if folder is None else Path(folder))
 
@@ -169,7 +168,7 @@ def explore(
         ``design``, its ``rating`` (score S of thesis eq. 4.7 in counts with a 90 % interval), and
         ``stages`` from the baseline on.
     """
-    from optimize.exploration.explore import explore as run
+    from optimize.exploration import explore as run
 
     return run(scene, model or load_model(scene), seed=seed, progress=progress)
 
@@ -199,7 +198,7 @@ def verify(
         ``baseline`` and ``design`` (scores with standard errors, counts), their ``difference``
         with an interval, and ``conclusion``, one sentence.
     """
-    from optimize.exploration.explore import rate
+    from optimize.exploration import rate
     from optimize.verification.verify import verify as run
 
     checker = model or load_model(scene)

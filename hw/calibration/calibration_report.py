@@ -17,6 +17,7 @@ from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import NAMES as LINES
 from hw.calibration.reference_lines import ReferenceLines
 from hw.camera.linearity import Linearity
+from optimize.scoring import normal_factor
 from render.arrays import Array
 from render.scene.schema import Scene
 
@@ -64,7 +65,7 @@ def render_report(content: ReportContent) -> str:
             {
                 "fiber": fiber,
                 "power": f"{content.found.power[fiber]:.3f}",
-                "se": f"{1.96 * se:.3f}",
+                "se": f"{normal_factor() * se:.3f}",
             }
             for fiber, se in zip(
                 np.nonzero(np.isfinite(content.found.power))[0].tolist(),

@@ -16,9 +16,9 @@ import numpy as np
 
 from hw.calibration.material import NAMES
 from hw.calibration.residuals import MATERIAL, ROUGHNESS_HELD, ROUGHNESS_KNOWN, CalibrationResiduals
+from optimize.scoring import normal_factor
 from render.arrays import Array
 
-Z95 = 1.96
 MODEL_ERROR_FACTOR = 1.8
 """By how much errors of the model exceed what its modes say. With 1, the values of five emulated
 rigs were off by 1.5 standard errors in the root mean square; with this, by 1."""
@@ -45,8 +45,9 @@ class StandardErrors:
 
     def of(self, values: Array) -> list[tuple[float, float]]:
         """Return 95 % intervals of the material ``values`` ``(4,)``; none reaches below 0."""
+        factor = normal_factor()
         return [
-            (max(float(value - Z95 * se), 0.0), float(value + Z95 * se))
+            (max(float(value - factor * se), 0.0), float(value + factor * se))
             for value, se in zip(values, self.material, strict=True)
         ]
 

@@ -116,9 +116,8 @@ def calibrate_sets(
     from hw.calibration.reference_lines import reference_lines
     from hw.calibration.refine import refine
     from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
-    from optimize.design.design import baseline_design
-    from optimize.design.design_file import load_design
-    from optimize.design.models import open_model
+    from optimize.design import baseline_design, load_design
+    from optimize.scoring import open_model
     from optimize.ui.output import fresh_directory, write_manifest
     from render.files import write_json, write_text
     from render.preview.diffuser.cache import cache_folder

@@ -16,7 +16,7 @@ from optimize.ui.console import Meter, reserved_stdout
 if TYPE_CHECKING:
     from hw.camera.opencv_camera import LockedSettings
     from hw.camera.photo_set import PhotoSet
-    from optimize.design.design import Design
+    from optimize.design import Design
     from render.arrays import Array
     from render.scene.schema import Scene
 
@@ -46,7 +46,7 @@ def run(
 ) -> None:
     """Photograph the dark, every fiber alone, and all together into a folder."""
     from hw.camera.opencv_camera import LockedSettings
-    from optimize.design.design_file import load_design
+    from optimize.design import load_design
     from render.scene.schema import load_scene
 
     with reserved_stdout() as stream:

@@ -65,9 +65,8 @@ def run(
     from hw.check.rig_tolerances import rig_tolerances
     from hw.check.site_colors import SiteSpots
     from hw.check.sweep_check import check_sweep
-    from optimize.design.design import baseline_design
-    from optimize.design.design_file import load_design
-    from optimize.design.models import open_model
+    from optimize.design import baseline_design, load_design
+    from optimize.scoring import open_model
     from render.scene.schema import load_scene
 
     with reserved_stdout() as stream:

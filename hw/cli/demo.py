@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hw.emulator.emulated_camera import EmulatedCamera
     from hw.emulator.rig import TrueParameters
     from hw.emulator.session import EmulatedRig
-    from optimize.design.design import Design
+    from optimize.design import Design
     from render.arrays import Array
     from render.scene.schema import Scene
     from surrogate.runtime.checker import Checker
@@ -66,8 +66,8 @@ def run(
     from hw.emulator.rig import random_parameters, true_images
     from hw.emulator.session import BENDS, single_exposure, switched_on
     from hw.leds.fiber_lights import interruptible
-    from optimize.design.design import baseline_design
-    from optimize.design.models import open_model
+    from optimize.design import baseline_design
+    from optimize.scoring import open_model
     from optimize.ui.output import check_target
     from render.scene.schema import load_scene
 

@@ -13,7 +13,7 @@ from optimize.cli.options import DesignArgument, Json
 from optimize.ui.console import Meter, note, print_json, reserved_stdout
 
 if TYPE_CHECKING:
-    from optimize.design.design import Design
+    from optimize.design import Design
 
 UNTOLD_LEDS = 64
 """How many LEDs are switched off on a board that cannot say how many it has."""
@@ -45,7 +45,7 @@ def set_lights(
 ) -> None:
     """Light the fibers as a design says; off when the command ends."""
     from hw.leds.fiber_lights import interruptible
-    from optimize.design.design_file import load_saved
+    from optimize.design import load_saved
 
     with reserved_stdout() as stream, interruptible():
         design = load_saved(path).design
@@ -70,8 +70,7 @@ def sweep_lights(
 ) -> None:
     """Light one fiber of a design after the other."""
     from hw.leds.fiber_lights import interruptible, sweep
-    from optimize.design.design import color_name
-    from optimize.design.design_file import load_saved
+    from optimize.design import color_name, load_saved
 
     with reserved_stdout() as stream, interruptible():
         design = load_saved(path).design

@@ -36,8 +36,8 @@ def run(
     from hw.check.prediction import predict
     from hw.check.rig_tolerances import STARTS
     from hw.studies.recall import MAX_FALSE_ALARMS, MIN_RECALL, RigSpread, measure_recall
-    from optimize.design.design import baseline_design
-    from optimize.design.models import open_model
+    from optimize.design import baseline_design
+    from optimize.scoring import open_model
     from render.geometry.layout import flat_sites
     from render.scene.schema import load_scene
 
@@ -111,7 +111,9 @@ def _true_light(path: Path, nodes: Array, checker: Checker) -> Array:
 
 def _percent(part: float, count: int) -> str:
     """Return a percentage with its 95 % interval (Wilson 1927)."""
-    z = 1.96
+    from optimize.scoring import normal_factor
+
+    z = normal_factor()
     middle = (part + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * math.sqrt(part * (1 - part) / count + (z / (2 * count)) ** 2)
     return f"{100 * part:5.1f} % ({100 * (middle - half):.1f} to {100 * (middle + half):.1f})"

@@ -32,8 +32,8 @@ def run(
     from hw.calibration.rig_fit import line_model
     from hw.emulator.session import BENDS
     from hw.studies.recovery import recover
-    from optimize.design.design import baseline_design
-    from optimize.design.models import open_model
+    from optimize.design import baseline_design
+    from optimize.scoring import open_model
     from render.scene.schema import load_scene
 
     with reserved_stdout() as stream:

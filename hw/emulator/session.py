@@ -20,7 +20,7 @@ from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import open_board
-from optimize.design.design import Array, Design
+from optimize.design import Array, Design
 from render.scene.schema import Scene
 
 BENDS = np.array([0.0, np.pi / 2])

@@ -15,7 +15,7 @@ from hw.calibration.rig_fit import LineModel, fit_rig, measure
 from hw.emulator.rig import TrueParameters, random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from hw.errors import CalibrationError
-from optimize.design.design import Design
+from optimize.design import Design
 from render.preview.diffuser.cache import cache_folder
 from render.progress import Progress
 from render.scene.schema import Scene

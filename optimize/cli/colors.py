@@ -12,8 +12,8 @@ from optimize.ui.console import Meter, print_json, reserved_stdout
 from render.errors import TableError
 
 if TYPE_CHECKING:
-    from optimize.scoring.table_scorer import TableScorer
-    from optimize.search.colors.colorings import ColorResult
+    from optimize.scoring import TableScorer
+    from optimize.search.colors import ColorResult
     from render.arrays import Array
     from render.transport import TransportTable
 
@@ -37,9 +37,8 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Search the colors of a transport table."""
-    from optimize.design.design import color_name
-    from optimize.scoring.score_noise import score_interval
-    from optimize.scoring.table_scorer import TableScorer
+    from optimize.design import color_name
+    from optimize.scoring import TableScorer, score_interval
     from render.transport import load_table
 
     if device is not None and method != "exact":
@@ -97,14 +96,14 @@ def _search(
     scorer: TableScorer, phi: Array, method: str, seed: int, device: str | None, meter: Meter
 ) -> ColorResult:
     if method == "grouped":
-        from optimize.search.colors.grouped import grouped_colors
+        from optimize.search.colors import grouped_colors
 
         return grouped_colors(scorer, phi)
     if method == "quick":
-        from optimize.search.colors.quick import quick_colors
+        from optimize.search.colors import quick_colors
 
         return quick_colors(scorer, phi, seed=seed, progress=meter)
-    from optimize.search.colors.exact import exact_colors
+    from optimize.search.colors import exact_colors
 
     return exact_colors(
         scorer, phi, lambda at: meter(at.done, at.total, at.eta_seconds), device=device

@@ -14,8 +14,8 @@ from optimize.ui.console import Meter, note, print_json, print_table, reserved_s
 from render.errors import DesignError
 
 if TYPE_CHECKING:
-    from optimize.exploration.explore import Exploration
-    from optimize.search.alternating_search import SearchStep
+    from optimize.exploration import Exploration
+    from optimize.search import SearchStep
 
 
 def run(
@@ -35,11 +35,11 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Find a better lighting design on the surrogate."""
-    from optimize.design.models import find_model, open_model
-    from optimize.exploration.explore import explore
-    from optimize.report.exploration_report import warnings, write_exploration
+    from optimize.exploration import explore
+    from optimize.report import warnings, write_exploration
     from optimize.robust.study import Study, check_tolerances, study
     from optimize.robust.study_table import print_study
+    from optimize.scoring import find_model, open_model
     from optimize.ui.output import check_target
     from render.preview.gl import create_context
     from render.scene.schema import load_scene
@@ -92,7 +92,7 @@ class _Steps:
         self.meter, self.done, self.expected = meter, 0, 9
 
     def __call__(self, step: SearchStep) -> None:
-        from optimize.report.illustrations import STAGES
+        from optimize.report import STAGES
 
         label = STAGES[step.stage][0]
         self.meter.note(
@@ -121,7 +121,7 @@ class _Parts:
 
 
 def _print_table(stream: IO[str], found: Exploration) -> None:
-    from optimize.report.exploration_report import score_row
+    from optimize.report import score_row
 
     columns = {
         "title": "design",

@@ -40,10 +40,10 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Measure what every level costs and how wrong it is."""
-    from optimize.design.models import open_model
     from optimize.frontier.frontier import measure
     from optimize.frontier.plan import check_folder
     from optimize.frontier.plot import frontier_png
+    from optimize.scoring import open_model
     from optimize.ui.output import write_result
     from render.reference.llvm import ensure_llvm
     from render.scene.schema import load_scene

@@ -103,7 +103,7 @@ def run(
 
 def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | None:
     """Return the surrogate; the thesis takes exposure and lambda from it where there is one."""
-    from optimize.design.models import find_model, open_model
+    from optimize.scoring import find_model, open_model
 
     try:
         folder = find_model(scene.name, model)

@@ -13,8 +13,7 @@ from optimize.ui.console import Meter, note, print_json, print_table, reserved_s
 from render.errors import DesignError
 
 if TYPE_CHECKING:
-    from optimize.design.design import Design
-    from optimize.design.rating import RatedDesign
+    from optimize.design import Design, RatedDesign
     from optimize.reconstruction.reconstruct import CameraNoise
     from optimize.reconstruction.reconstruction_table import Compared
     from render.arrays import Array
@@ -39,10 +38,10 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Recover surface normals from the colors, in degrees."""
-    from optimize.design.design_file import open_rated
-    from optimize.design.models import open_model
+    from optimize.design import open_rated
     from optimize.reconstruction.reconstruct import CameraNoise
     from optimize.reconstruction.reconstruction_table import compare_reconstruction
+    from optimize.scoring import open_model
 
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
         if not math.isfinite(value):

@@ -12,7 +12,7 @@ from optimize.cli.options import Bend, DesignOption, SceneName
 from optimize.ui.console import Meter, note, reserved_stdout
 
 if TYPE_CHECKING:
-    from optimize.design.design import Design
+    from optimize.design import Design
     from render.arrays import Array
     from render.scene.schema import Scene
 
@@ -31,9 +31,8 @@ def run(
     """Draw what the camera sees."""
     import numpy as np
 
-    from optimize.design.design import baseline_design
-    from optimize.design.design_file import load_design, load_saved
-    from optimize.report.illustrations import picture_png
+    from optimize.design import baseline_design, load_design, load_saved
+    from optimize.report import picture_png
     from optimize.ui.output import write_result
     from render.metric import THESIS
     from render.scene.schema import load_scene

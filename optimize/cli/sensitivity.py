@@ -28,15 +28,13 @@ def run(
     """Say which manufacturing tolerance costs the most score."""
     import numpy as np
 
-    from optimize.design.design_file import open_rated
-    from optimize.design.limits import limits_of
-    from optimize.design.models import open_model
-    from optimize.exploration.explore import PHI_NODES
+    from optimize.design import limits_of, open_rated
+    from optimize.exploration import PHI_NODES
     from optimize.robust.material_slopes import MATERIALS, material_slopes
     from optimize.robust.sensitivity import score_slopes, sensitivities
     from optimize.robust.study import check_tolerances, sensitivity_json
     from optimize.robust.study_table import print_sensitivities
-    from optimize.scoring.table_scorer import TableScorer
+    from optimize.scoring import TableScorer, open_model
     from render.chebyshev import chebyshev_nodes
 
     with reserved_stdout() as stream:

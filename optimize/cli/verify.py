@@ -13,9 +13,8 @@ from render.errors import RenderError
 from render.progress import Progress
 
 if TYPE_CHECKING:
-    from optimize.design.rating import RatedDesign
-    from optimize.scoring.jackknife import JackknifeEstimate
-    from optimize.scoring.rendered_score import RenderedScore
+    from optimize.design import RatedDesign
+    from optimize.scoring import JackknifeEstimate, RenderedScore
     from optimize.verification.verify import Verification
     from surrogate.runtime.checker import Checker
 
@@ -37,8 +36,8 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Render design and baseline with error bars."""
-    from optimize.design.design_file import open_rated
-    from optimize.design.models import open_model
+    from optimize.design import open_rated
+    from optimize.scoring import open_model
     from optimize.verification.verify import verify
     from render.files import write_json
     from render.reference.llvm import ensure_llvm
@@ -113,8 +112,8 @@ def _close(meters: dict[str, Meter]) -> None:
 
 
 def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:
-    from optimize.design.rating import PARTS
-    from optimize.verification.interval_check import check_interval
+    from optimize.design import PARTS
+    from optimize.scoring import check_interval
 
     def row(name: str, score: JackknifeEstimate, measured: RenderedScore | None) -> tuple[str, ...]:
         low, high = score.interval()

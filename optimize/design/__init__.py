@@ -1,1 +1,47 @@
-"""A lighting design: what it is, what may be chosen, and its file."""
+"""A lighting design: what it is, what may be chosen, how good it is, and its file.
+
+Rooms of this package import each other one way, low to high: design, scoring, search, exploration,
+robust, verification, reconstruction and report, frontier and overnight, cli. Every room may use
+``ui``, which knows none of them.
+"""
+
+from optimize.design.design import (
+    Array,
+    Colors,
+    Design,
+    ScoredDesign,
+    baseline_design,
+    color_name,
+)
+from optimize.design.design_file import (
+    SavedDesign,
+    load_design,
+    load_saved,
+    open_rated,
+    save_design,
+)
+from optimize.design.limits import SearchLimits, dimmed_baseline, limits_of, unlimited
+from optimize.design.rating import PARTS, Level, RatedDesign, Rating, ScoreSettings
+
+__all__ = [
+    "PARTS",
+    "Array",
+    "Colors",
+    "Design",
+    "Level",
+    "RatedDesign",
+    "Rating",
+    "SavedDesign",
+    "ScoreSettings",
+    "ScoredDesign",
+    "SearchLimits",
+    "baseline_design",
+    "color_name",
+    "dimmed_baseline",
+    "limits_of",
+    "load_design",
+    "load_saved",
+    "open_rated",
+    "save_design",
+    "unlimited",
+]

@@ -1,1 +1,19 @@
 """The quick job: a better design, searched and rated on the surrogate."""
+
+from optimize.exploration.exploration import (
+    PHI_NODES,
+    Exploration,
+    Stage,
+    StudyResult,
+    explore,
+    rate,
+)
+
+__all__ = [
+    "PHI_NODES",
+    "Exploration",
+    "Stage",
+    "StudyResult",
+    "explore",
+    "rate",
+]

@@ -11,9 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.scoring.intervals import student_factor
-from optimize.scoring.jackknife import jackknife
-from optimize.scoring.rendered_score import check_visible
+from optimize.scoring import check_visible, jackknife, student_factor
 from render.arrays import Array
 from render.geometry.layout import fiber_edges, mirrored_fibers
 from render.metric import clip_counts, design_score, image_counts, site_metric

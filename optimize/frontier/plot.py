@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from optimize.report.illustrations import drawing, png_bytes
+from optimize.report import drawing, png_bytes
 
 if TYPE_CHECKING:
     from optimize.frontier.frontier import Frontier

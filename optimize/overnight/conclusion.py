@@ -7,14 +7,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from optimize.design.design import Array, Design
+from optimize.design import Array, Design
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
-from optimize.scoring.jackknife import jackknife_se
+from optimize.scoring import check_interval, jackknife_se
 from optimize.ui.provenance import package_versions
 from optimize.verification.design_renders import FinalistEvaluation
-from optimize.verification.interval_check import check_interval
 from render.metric import site_metric
 from surrogate.runtime.checker import Checker
 from surrogate.runtime.model_file import MODEL_FILE, sha256

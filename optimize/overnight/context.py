@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Array, Design
+from optimize.design import Array, Design
 from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Store
 from optimize.overnight.workers import StoredRenders

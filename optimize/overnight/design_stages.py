@@ -15,10 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Array, Design
-from optimize.design.limits import dimmed_baseline, limits_of
-from optimize.design.rating import ScoreSettings
-from optimize.exploration.explore import PHI_NODES
+from optimize.design import Array, Design, ScoreSettings, dimmed_baseline, limits_of
+from optimize.exploration import PHI_NODES
 from optimize.overnight.context import (
     FIXED_ROUNDS,
     FIXED_SEEDS,
@@ -35,12 +33,15 @@ from optimize.overnight.context import (
     extended,
 )
 from optimize.overnight.workers import OutOfTime
-from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.alternating_search import SearchStep, alternating_search
-from optimize.search.colors.colorings import renamed_like
-from optimize.search.colors.grouped import grouped_colors
-from optimize.search.directions import optimize_directions, population, tied_groups
+from optimize.scoring import JackknifeEstimate, TableScorer
+from optimize.search import (
+    SearchStep,
+    alternating_search,
+    optimize_directions,
+    population,
+    tied_groups,
+)
+from optimize.search.colors import grouped_colors, renamed_like
 from optimize.verification.design_renders import (
     DesignRenders,
     FinalistEvaluation,

@@ -8,18 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optimize.design.design import Array
+from optimize.design import Array
 from optimize.frontier.plot import draw_levels
 from optimize.overnight.result import ConvergencePoint, OvernightResult
-from optimize.report.illustrations import (
-    INK,
-    drawing,
-    facet_strip,
-    metric_strip,
-    picture_png,
-    png_bytes,
-    scheme,
-)
+from optimize.report import INK, drawing, facet_strip, metric_strip, picture_png, png_bytes, scheme
 from render.geometry.indenter import bolt
 from render.preview.preview import Preview
 

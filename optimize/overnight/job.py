@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from optimize.design.rating import ScoreSettings
+from optimize.design import ScoreSettings
 from optimize.overnight.conclusion import conclude
 from optimize.overnight.context import FixedBudget, RunContext, extended
 from optimize.overnight.design_stages import (

@@ -13,7 +13,7 @@ import numpy as np
 from optimize.overnight.figures import bolt_pictures, report_pictures, timed_levels
 from optimize.overnight.result import Finalist, OvernightResult
 from optimize.overnight.scaling import Scaling, load_scaling, scaling_rows, scaling_words
-from optimize.report.page import (
+from optimize.report import (
     bend_titles,
     clipping_warning,
     data_uri,
@@ -22,7 +22,7 @@ from optimize.report.page import (
     stage_pictures,
     wiring_sheet,
 )
-from optimize.verification.interval_check import IntervalCheck, check_interval
+from optimize.scoring import IntervalCheck, check_interval
 from render.errors import SceneError
 from render.files import write_text
 from render.geometry.indenter import BoltHead

@@ -15,10 +15,16 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from optimize.design.design import Array, Design
-from optimize.design.design_file import load_design, load_saved, save_design
-from optimize.design.rating import Rating, ScoreSettings
-from optimize.scoring.intervals import student_factor
+from optimize.design import (
+    Array,
+    Design,
+    Rating,
+    ScoreSettings,
+    load_design,
+    load_saved,
+    save_design,
+)
+from optimize.scoring import student_factor
 from render.errors import TactiluxError
 from render.files import read_npz, write_npz, write_text
 from render.metric import clipped_fraction, design_score

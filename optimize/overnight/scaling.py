@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from optimize.design.design import Array
+from optimize.design import Array
 from optimize.overnight.context import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TABLE_UNTIL
 from optimize.overnight.design_stages import ROUND_SHARE
 from optimize.overnight.result import ResultError

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optimize.design.design import Array
+from optimize.design import Array
 from optimize.overnight.context import (
     FIT_STEPS,
     JOB_SECONDS,
@@ -27,7 +27,7 @@ from optimize.overnight.context import (
 )
 from optimize.overnight.store import TABLE
 from optimize.overnight.workers import OutOfTime
-from optimize.scoring.rendered_score import check_visible
+from optimize.scoring import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock

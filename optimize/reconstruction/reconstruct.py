@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array
+from optimize.design import Array
 from render.geometry.layout import flat_sites
 from render.scene.schema import Scene
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array
+from optimize.design import Array
 from optimize.reconstruction.reconstruct import CameraNoise, reconstruct
-from optimize.scoring.intervals import student_factor
+from optimize.scoring import student_factor
 from render.scene.schema import Scene
 
 

@@ -1,1 +1,55 @@
 """Reports: single HTML files with pictures, and what they are drawn with."""
+
+from optimize.report.exploration_report import (
+    ExplorationReport,
+    render_report,
+    score_row,
+    warnings,
+    write_exploration,
+)
+from optimize.report.illustrations import (
+    INK,
+    STAGES,
+    convergence,
+    drawing,
+    encode_srgb,
+    facet_strip,
+    metric_strip,
+    picture_png,
+    png_bytes,
+    scheme,
+)
+from optimize.report.page import (
+    bend_titles,
+    clipping_warning,
+    data_uri,
+    monochrome_warning,
+    render_page,
+    stage_pictures,
+    wiring_sheet,
+)
+
+__all__ = [
+    "INK",
+    "STAGES",
+    "ExplorationReport",
+    "bend_titles",
+    "clipping_warning",
+    "convergence",
+    "data_uri",
+    "drawing",
+    "encode_srgb",
+    "facet_strip",
+    "metric_strip",
+    "monochrome_warning",
+    "picture_png",
+    "png_bytes",
+    "render_page",
+    "render_report",
+    "scheme",
+    "score_row",
+    "stage_pictures",
+    "warnings",
+    "wiring_sheet",
+    "write_exploration",
+]

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design_file import save_design
-from optimize.exploration.explore import Exploration, Stage
+from optimize.design import save_design
+from optimize.exploration import Exploration, Stage
 from optimize.report.illustrations import (
     convergence,
     facet_strip,

@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from optimize.design.design import Design
-from optimize.search.alternating_search import SearchStep
+from optimize.design import Design
+from optimize.search import SearchStep
 from render.arrays import Array
 from render.geometry.layout import flat_fiber_poses, flat_sites, pyramid
 from render.scene.schema import Scene

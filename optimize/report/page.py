@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from optimize.design.design import Design
+from optimize.design import Design
 from optimize.report.illustrations import INK
 from render.geometry.layout import fiber_edges, flat_fiber_poses
 from render.scene.schema import Scene

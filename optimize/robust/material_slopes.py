@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array
+from optimize.design import Array
 from render.preview.preview import Preview
 from render.scene.schema import Scene
 

@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from optimize.design.design import Array, Design
+from optimize.design import Array, Design
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.table_scorer import TableScorer
+from optimize.scoring import TableScorer
 
 Measure = Literal["quantile", "spread"]
 QUANTILE = 0.1

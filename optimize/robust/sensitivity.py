@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array, Design
+from optimize.design import Array, Design
 from optimize.robust.material_slopes import PER_FIBER
 from optimize.robust.robust import QUANTILE
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.score_gradient import Differentiator
-from optimize.scoring.table_scorer import TableScorer
+from optimize.scoring import Differentiator, TableScorer
 from render.chebyshev import interpolation_weights
 from render.scene.tolerances import Spread
 

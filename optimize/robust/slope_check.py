@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design.design import Array, Design
-from optimize.design.rating import RatedDesign
+from optimize.design import Array, Design, RatedDesign
 from optimize.robust.material_slopes import MATERIALS, neighbors
-from optimize.scoring.jackknife import JackknifeEstimate, jackknife
+from optimize.scoring import JackknifeEstimate, jackknife
 from optimize.verification.design_renders import reference_renders
 from render.progress import Progress
 

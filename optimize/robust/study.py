@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optimize.design.design import Design
-from optimize.design.limits import limits_of
-from optimize.exploration.explore import PHI_NODES, Exploration, rate
+from optimize.design import Design, limits_of
+from optimize.exploration import PHI_NODES, Exploration, rate
 from optimize.robust.material_slopes import MATERIALS, material_slopes
 from optimize.robust.robust import Measure, RobustRating, RobustScore, rate_robustly
 from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import ShadowPenalty
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.colorings import renamed_like
-from optimize.search.colors.quick import quick_colors
-from optimize.search.local_refinement import NominalScore, Objective, WeightedSum, multi_start
+from optimize.scoring import TableScorer
+from optimize.search import NominalScore, Objective, WeightedSum, multi_start
+from optimize.search.colors import quick_colors, renamed_like
 from render.chebyshev import chebyshev_nodes
 from render.errors import SceneError
 from render.scene.schema import Scene

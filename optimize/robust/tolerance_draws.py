@@ -11,10 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from optimize.design.design import Array, Design
+from optimize.design import Array, Design
 from optimize.robust.material_slopes import PER_FIBER
-from optimize.scoring.score_gradient import score_by_counts
-from optimize.scoring.table_scorer import TableScorer
+from optimize.scoring import TableScorer, score_by_counts
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.scene.tolerances import Spread
 

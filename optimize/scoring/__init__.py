@@ -1,1 +1,46 @@
-"""Scores of designs on transport tables, their derivatives and their uncertainty."""
+"""Scores of designs, on transport tables and from renders, with derivatives and uncertainty."""
+
+from optimize.scoring.confidence import (
+    IntervalCheck,
+    check_interval,
+    normal_factor,
+    student_factor,
+)
+from optimize.scoring.jackknife import JackknifeEstimate, jackknife, jackknife_se
+from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
+from optimize.scoring.render_scores import (
+    RenderedScore,
+    check_visible,
+    paired_difference,
+    rendered_score,
+)
+from optimize.scoring.score_gradient import Differentiator, score_by_counts
+from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
+from optimize.scoring.surrogate_model import find_model, open_model
+from optimize.scoring.table_scorer import TableScorer, improves
+
+__all__ = [
+    "TIE_DRAWS",
+    "Differentiator",
+    "IntervalCheck",
+    "JackknifeEstimate",
+    "RankAgreement",
+    "RenderedScore",
+    "TableScorer",
+    "check_interval",
+    "check_visible",
+    "find_model",
+    "improves",
+    "jackknife",
+    "jackknife_se",
+    "normal_factor",
+    "open_model",
+    "paired_difference",
+    "rank_agreement",
+    "rendered_score",
+    "score_by_counts",
+    "score_draws",
+    "score_interval",
+    "student_factor",
+    "tied",
+]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.scoring.intervals import student_factor
+from optimize.scoring.confidence import student_factor
 from render.errors import RenderError
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from optimize.design.design import Array
+from optimize.design import Array
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array
+from optimize.design import Array
 from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import TableError

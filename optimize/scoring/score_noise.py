@@ -16,8 +16,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from optimize.design.design import Array
-from optimize.scoring.intervals import NORMAL_95
+from optimize.design import Array
+from optimize.scoring.confidence import normal_factor
 from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import interpolation_weights
 
@@ -61,7 +61,7 @@ def score_interval(scorer: TableScorer, phi: Array, power: Array) -> tuple[float
         return score, score
     drawn = score_draws(scorer, phi, power[None])[:, 0]
     debiased = 2.0 * score - float(drawn.mean())
-    half = NORMAL_95 * float(drawn.std(ddof=1))
+    half = normal_factor() * float(drawn.std(ddof=1))
     return min(score, debiased) - half, max(score, debiased) + half
 
 
@@ -78,7 +78,7 @@ def tied(scorer: TableScorer, phi: Array, power: Array) -> np.ndarray:
         return np.asarray(lag <= rounding)
     drawn = score_draws(scorer, phi, power, TIE_DRAWS)
     spread = (drawn[:, :1] - drawn).std(axis=0, ddof=1)
-    return np.asarray(lag <= rounding + NORMAL_95 * spread)
+    return np.asarray(lag <= rounding + normal_factor() * spread)
 
 
 def _noise(

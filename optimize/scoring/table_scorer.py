@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array, Colors
-from optimize.design.limits import SearchLimits, unlimited
+from optimize.design import Array, Colors, SearchLimits, unlimited
 from render.errors import TableError
 from render.metric import (
     THESIS,

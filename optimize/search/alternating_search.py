@@ -11,11 +11,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from optimize.design.design import Colors, Design, ScoredDesign
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.colorings import ColorResult, renamed_like
-from optimize.search.colors.grouped import grouped_colors
-from optimize.search.colors.quick import quick_colors
+from optimize.design import Colors, Design, ScoredDesign
+from optimize.scoring import TableScorer
+from optimize.search.colors import ColorResult, grouped_colors, quick_colors, renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
 from optimize.search.local_refinement import refine_locally
 from render.errors import DesignError

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Array, Colors
-from optimize.design.limits import SearchLimits, unlimited
-from optimize.scoring.table_scorer import improves
+from optimize.design import Array, Colors, SearchLimits, unlimited
+from optimize.scoring import improves
 from render.errors import TactiluxError
 
 DirectionScores = Callable[[Array], Array]

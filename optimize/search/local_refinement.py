@@ -18,9 +18,8 @@ from typing import Protocol
 
 import numpy as np
 
-from optimize.design.design import Array, Design, ScoredDesign
-from optimize.scoring.score_gradient import Differentiator
-from optimize.scoring.table_scorer import TableScorer
+from optimize.design import Array, Design, ScoredDesign
+from optimize.scoring import Differentiator, TableScorer
 
 MAX_ITERATIONS = 200
 DIRECTIONS_OPTIONS = {"maxiter": 60, "ftol": 1e-7}

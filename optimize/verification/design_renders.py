@@ -18,10 +18,9 @@ from typing import Protocol
 
 import numpy as np
 
-from optimize.design.design import Array, Design
-from optimize.design.rating import ScoreSettings
-from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.rendered_score import (
+from optimize.design import Array, Design, ScoreSettings
+from optimize.scoring import (
+    JackknifeEstimate,
     RenderedScore,
     check_visible,
     paired_difference,

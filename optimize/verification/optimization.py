@@ -10,13 +10,17 @@ from typing import Literal
 
 import numpy as np
 
-from optimize.design.design import Design
-from optimize.design.design_file import save_design
-from optimize.design.limits import dimmed_baseline, limits_of
-from optimize.design.rating import PARTS, Rating, ScoreSettings
-from optimize.exploration.explore import PHI_NODES
-from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.rank_agreement import RankAgreement
+from optimize.design import (
+    PARTS,
+    Design,
+    Rating,
+    ScoreSettings,
+    dimmed_baseline,
+    limits_of,
+    save_design,
+)
+from optimize.exploration import PHI_NODES
+from optimize.scoring import JackknifeEstimate, RankAgreement
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.verification.design_renders import (
     FinalistEvaluation,

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array, Colors, Design
-from optimize.scoring.score_noise import TIE_DRAWS, score_draws
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.alternating_search import alternating_search
-from optimize.search.colors.colorings import canonical, renamed_like
-from optimize.search.colors.quick import quick_colors
-from optimize.search.local_refinement import refine_locally
+from optimize.design import Array, Colors, Design
+from optimize.scoring import TIE_DRAWS, TableScorer, score_draws
+from optimize.search import alternating_search, refine_locally
+from optimize.search.colors import canonical, quick_colors, renamed_like
 
 ALTERNATIVES = 8
 """Next-best colorings that get directions of their own: local optima, then neighbors."""

@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optimize.design.design import Array, Design
-from optimize.design.rating import ScoreSettings
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.colorings import renamed_like
-from optimize.search.colors.grouped import grouped_colors
-from optimize.search.directions import DirectionResult, optimize_directions, population, tied_groups
+from optimize.design import Array, Design, ScoreSettings
+from optimize.scoring import TableScorer
+from optimize.search import DirectionResult, optimize_directions, population, tied_groups
+from optimize.search.colors import grouped_colors, renamed_like
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.metric import choose_exposure, choose_lambda
 from render.transport import TransportTable

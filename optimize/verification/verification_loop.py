@@ -16,13 +16,14 @@ from typing import Protocol
 
 import numpy as np
 
-from optimize.design.design import Array, Design
-from optimize.design.limits import SearchLimits
-from optimize.design.rating import ScoreSettings
-from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
-from optimize.scoring.rendered_score import RenderedScore
-from optimize.scoring.table_scorer import TableScorer
+from optimize.design import Array, Design, ScoreSettings, SearchLimits
+from optimize.scoring import (
+    JackknifeEstimate,
+    RankAgreement,
+    RenderedScore,
+    TableScorer,
+    rank_agreement,
+)
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from optimize.verification.proposals import Proposal, described, propose, same_design
 from render.chebyshev import interpolation_weights

@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design.design import Array
-from optimize.design.rating import RatedDesign
-from optimize.scoring.jackknife import JackknifeEstimate
-from optimize.scoring.rendered_score import (
+from optimize.design import Array, RatedDesign
+from optimize.scoring import (
+    JackknifeEstimate,
     RenderedScore,
     check_visible,
     paired_difference,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from optimize.design.design import Array
+from optimize.design import Array
 from render.files import read_json, write_json
 from render.reference.cost import measure_render_cost
 from render.scene.schema import Scene

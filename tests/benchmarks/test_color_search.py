@@ -11,12 +11,12 @@ import time
 import numpy as np
 import pytest
 
-from optimize.design.design import Design
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.alternating_search import alternating_search
+from optimize.design import Design
+from optimize.scoring import TableScorer
+from optimize.search import alternating_search
+from optimize.search.colors import exact_colors
 from optimize.search.colors.colorings import color_units
 from optimize.search.colors.enumeration import Enumeration
-from optimize.search.colors.exact import exact_colors
 from render.chebyshev import chebyshev_nodes
 from render.transport import TransportTable
 

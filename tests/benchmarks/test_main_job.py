@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.design.design import baseline_design
+from optimize.design import baseline_design
 from render.preview.preview import Preview
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker

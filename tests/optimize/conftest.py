@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from optimize.design.design import Array, Design, baseline_design
-from optimize.design.rating import Rating, ScoreSettings
-from optimize.exploration.explore import Stage
+from optimize.design import Array, Design, Rating, ScoreSettings, baseline_design
+from optimize.exploration import Stage
 from optimize.overnight.report import write_report
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
 from optimize.overnight.scaling import Scaling, StageRenders, TransferCost, keep_scaling, simulated

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from optimize.design.design import Design, baseline_design
-from optimize.exploration.explore import Exploration, rate
-from optimize.report.exploration_report import write_exploration
-from optimize.search.alternating_search import AlternatingResult, SearchStep
+from optimize.design import Design, baseline_design
+from optimize.exploration import Exploration, rate
+from optimize.report import write_exploration
+from optimize.search import AlternatingResult, SearchStep
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker
 

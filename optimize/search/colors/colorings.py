@@ -8,8 +8,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from optimize.design.design import Array, Colors
-from optimize.scoring.table_scorer import TableScorer
+from optimize.design import Array, Colors
+from optimize.scoring import TableScorer
 from render.errors import DesignError
 
 

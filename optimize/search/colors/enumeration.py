@@ -14,15 +14,17 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array, Colors
-from optimize.design.limits import SearchLimits
-from optimize.scoring.metric_kernel import Single, best_of_tile, kernel_constants
+from optimize.design import Array, Colors, SearchLimits
 from render.errors import TableError
 from render.metric import MetricConfig
+
+if TYPE_CHECKING:
+    from optimize.scoring.metric_kernel import Single
 
 # Measured best: 2 million assignments per second and core with 3 bends, 15 sites, 10 facets.
 SUFFIX, MIDDLE, LANES = 5, 4, 64
@@ -128,6 +130,8 @@ class Enumeration:
         symmetric: bool,
         quota: Quota | None = None,
     ) -> None:
+        from optimize.scoring.metric_kernel import kernel_constants
+
         with np.errstate(over="ignore"):
             single = units.astype(np.float32)
         if not np.isfinite(single).all():
@@ -236,6 +240,8 @@ class Enumeration:
         Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(3,)``
         fibers per color may still be used.
         """
+        from optimize.scoring.metric_kernel import best_of_tile
+
         scores, codes = np.empty(keep, np.float32), np.empty(keep, np.int64)
         count = best_of_tile(
             base,

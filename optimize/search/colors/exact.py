@@ -11,9 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from optimize.design.design import Array
-from optimize.scoring.score_noise import tied
-from optimize.scoring.table_scorer import TableScorer
+from optimize.design import Array
+from optimize.scoring import TableScorer, tied
 from optimize.search.colors.colorings import (
     ColorResult,
     canonical,

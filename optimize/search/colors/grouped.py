@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 
-from optimize.design.design import Array, Colors
-from optimize.scoring.table_scorer import TableScorer, improves
+from optimize.design import Array, Colors
+from optimize.scoring import TableScorer, improves
 from optimize.search.colors.colorings import (
     ColorResult,
     canonical,

@@ -8,10 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array, Colors
-from optimize.scoring.metric_kernel import kernel_constants, score_moves
-from optimize.scoring.score_noise import tied
-from optimize.scoring.table_scorer import TableScorer, improves
+from optimize.design import Array, Colors
+from optimize.scoring import TableScorer, improves, tied
 from optimize.search.colors.colorings import ColorResult, canonical, color_units, ranked
 
 RESTARTS = 24
@@ -71,6 +69,9 @@ class _TwoOpt:
     """Best-improvement search; counts are updated by differences, never summed anew."""
 
     def __init__(self, scorer: TableScorer, phi: Array) -> None:
+        from optimize.scoring.metric_kernel import kernel_constants, score_moves
+
+        self.score_moves = score_moves
         self.units = color_units(scorer, phi)
         self.bends = scorer.bends
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
@@ -95,7 +96,7 @@ class _TwoOpt:
                     change[..., old, 2 * fiber + step] = -self.units[fiber, old]
                     change[..., new, 2 * fiber + step] = self.units[fiber, new]
             pairs = self._allowed(colors)
-            scores = score_moves(counts, change, pairs, self.bends, self.constants, _LANES)
+            scores = self.score_moves(counts, change, pairs, self.bends, self.constants, _LANES)
             self.evaluated += len(scores)
             best = int(np.argmax(scores))
             # Move 0 keeps the colors.

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optimize.design.design import Colors
-from optimize.scoring.metric_kernel import Single
+from optimize.design import Colors
 from optimize.search.colors.enumeration import Enumeration
 from render.errors import TactiluxError
 from render.metric import clip_counts, design_score, site_metric
+
+if TYPE_CHECKING:
+    from optimize.scoring.metric_kernel import Single
 
 COUNTS_AT_ONCE = {"cpu": 4_000_000, "cuda": 400_000_000}
 """Counts held at once, by type of device."""

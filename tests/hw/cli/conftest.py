@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from hw.camera.projection import pad_positions
-from optimize.design.design import baseline_design
+from optimize.design import baseline_design
 from render.arrays import Array
 from render.geometry.layout import flat_sites
 from render.scene.schema import load_scene

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from optimize.design.design import baseline_design
+from optimize.design import baseline_design
 from render.arrays import Array
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker

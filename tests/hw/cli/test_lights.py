@@ -13,8 +13,7 @@ import pytest
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.leds import ProtocolName
 from hw.leds.ports import open_board
-from optimize.design.design import Design
-from optimize.design.design_file import save_design
+from optimize.design import Design, save_design
 from render.scene.schema import load_scene
 from tests.conftest import Run
 

@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design import baseline_design
-from optimize.design.design_file import save_design
-from optimize.design.rating import Rating, ScoreSettings
+from optimize.design import Rating, ScoreSettings, baseline_design, save_design
 from render.scene.schema import load_scene
 from render.transport import TransportTable
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design_file import load_design, load_saved
-from optimize.exploration.explore import PHI_NODES
-from optimize.scoring.table_scorer import TableScorer
+from optimize.design import load_design, load_saved
+from optimize.exploration import PHI_NODES
+from optimize.scoring import TableScorer
 from render.chebyshev import chebyshev_nodes
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from optimize.design.design_file import load_saved
+from optimize.design import load_saved
 
 Run = Callable[..., Any]
 

@@ -9,9 +9,7 @@ from typing import Any
 
 import pytest
 
-from optimize.design.design import Design, baseline_design
-from optimize.design.design_file import save_design
-from optimize.design.rating import Rating, ScoreSettings
+from optimize.design import Design, Rating, ScoreSettings, baseline_design, save_design
 from render.scene.schema import load_scene
 from surrogate.runtime.checker import Checker
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.design.design import Design, baseline_design
+from optimize.design import Design, baseline_design
 from render.errors import DesignError
 from render.scene.schema import load_scene
 

@@ -11,9 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design import Design, baseline_design
-from optimize.design.design_file import load_design, load_saved, save_design
-from optimize.design.rating import Rating, ScoreSettings
+from optimize.design import (
+    Design,
+    Rating,
+    ScoreSettings,
+    baseline_design,
+    load_design,
+    load_saved,
+    save_design,
+)
 from render.errors import DesignError
 from render.scene.schema import Scene, load_scene
 

@@ -10,15 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design.design import Design
-from optimize.design.limits import SearchLimits, limits_of, unlimited
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.alternating_search import alternating_search
-from optimize.search.colors.exact import exact_colors
-from optimize.search.colors.grouped import grouped_colors
-from optimize.search.colors.quick import quick_colors
-from optimize.search.directions import optimize_directions
-from optimize.search.local_refinement import refine_locally
+from optimize.design import Design, SearchLimits, limits_of, unlimited
+from optimize.scoring import TableScorer
+from optimize.search import alternating_search, optimize_directions, refine_locally
+from optimize.search.colors import exact_colors, grouped_colors, quick_colors
 from render.errors import DesignError
 from render.scene.constraints import Constraints, Fixed
 from render.scene.schema import Scene

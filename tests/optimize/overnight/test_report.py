@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design import Design
+from optimize.design import Design
 from optimize.overnight.figures import bolt_pictures, convergence, timed_levels
 from optimize.overnight.report import prediction_check, render_report, summary, warnings
 from optimize.overnight.result import OvernightResult

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design.design_file import load_saved
+from optimize.design import load_saved
 from optimize.overnight.result import Finalist, OvernightResult, ResultError, keep_scene
 from render.scene.schema import load_scene, scene_text
 

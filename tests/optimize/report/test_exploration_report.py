@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from optimize.exploration.explore import Stage
-from optimize.report.exploration_report import ExplorationReport, render_report, warnings
+from optimize.exploration import Stage
+from optimize.report import ExplorationReport, render_report, warnings
 from render.scene.schema import Scene
 
 PIXEL = b"\x89PNG fake"

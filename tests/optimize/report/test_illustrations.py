@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from optimize.design.design import baseline_design
-from optimize.report.illustrations import (
-    convergence,
-    encode_srgb,
-    facet_strip,
-    metric_strip,
-    png_bytes,
-    scheme,
-)
-from optimize.search.alternating_search import SearchStep
+from optimize.design import baseline_design
+from optimize.report import convergence, encode_srgb, facet_strip, metric_strip, png_bytes, scheme
+from optimize.search import SearchStep
 from render.geometry.layout import flat_sites
 from render.scene.schema import Scene
 

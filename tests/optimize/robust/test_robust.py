@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design.design import Design
+from optimize.design import Design
 from optimize.robust.material_slopes import neighbors
 from optimize.robust.robust import RobustScore, rate_robustly
 from optimize.robust.sensitivity import score_slopes, sensitivities
 from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.local_refinement import multi_start
+from optimize.scoring import TableScorer
+from optimize.search import multi_start
 from render.scene.schema import Scene
 from render.scene.tolerances import Spread
 from render.transport import TransportTable

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design.design import Design
+from optimize.design import Design
 from optimize.robust.shadow import Bolt, ShadowPenalty, hidden_part
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.local_refinement import NominalScore, WeightedSum, refine_directions
+from optimize.scoring import TableScorer
+from optimize.search import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites
 from render.preview.lights import make_lights

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.scoring.jackknife import jackknife
+from optimize.scoring import jackknife
 from render.errors import RenderError
 
 CELLS = np.linspace(1.0, 2.0, 24).reshape(4, 6)

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.scoring.score_gradient import Differentiator
-from optimize.scoring.table_scorer import TableScorer
+from optimize.scoring import Differentiator, TableScorer
 from render.metric import MetricConfig
 from render.transport import TransportTable
 

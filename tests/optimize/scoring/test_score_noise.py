@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.scoring.score_noise import score_draws, score_interval, tied
-from optimize.scoring.table_scorer import TableScorer
+from optimize.scoring import TableScorer, score_draws, score_interval, tied
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]

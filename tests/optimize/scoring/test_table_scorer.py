@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optimize.scoring.table_scorer import TableScorer
+from optimize.scoring import TableScorer
 from render.errors import TableError
 from render.metric import MetricConfig, design_score, image_counts, site_metric
 from render.transport import TransportTable

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optimize.design.design import Design
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.alternating_search import SearchStep, alternating_search
-from optimize.search.colors.exact import exact_colors
+from optimize.design import Design
+from optimize.scoring import TableScorer
+from optimize.search import SearchStep, alternating_search
+from optimize.search.colors import exact_colors
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]

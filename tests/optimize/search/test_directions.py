@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optimize.search.directions import optimize_directions, tied_groups
+from optimize.search import optimize_directions, tied_groups
 from render.errors import TactiluxError
 
 Array = NDArray[np.float64]

@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design.design import Design, baseline_design
-from optimize.design.rating import ScoreSettings
-from optimize.scoring.rank_agreement import rank_agreement
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.colorings import canonical
+from optimize.design import Design, ScoreSettings, baseline_design
+from optimize.scoring import TableScorer, rank_agreement
+from optimize.search.colors import canonical
 from optimize.verification.design_renders import (
     DesignRenders,
     RenderDesigns,

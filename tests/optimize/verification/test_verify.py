@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.design.design import Design, baseline_design
-from optimize.design.rating import RatedDesign, Rating, ScoreSettings
+from optimize.design import Design, RatedDesign, Rating, ScoreSettings, baseline_design
 from optimize.verification.verify import Verification, compare
 from render.errors import RenderError
 from render.metric import choose_exposure, choose_lambda, image_counts

@@ -200,7 +200,7 @@ def test_a_material_beyond_the_range_raises_domain_excess(
 def test_commands_warn_where_the_material_leaves_the_range(
     free_model: Trained, sensor: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from optimize.design.models import open_model
+    from optimize.scoring import open_model
 
     free = MaterialRange.of(sensor)
     assert free is not None

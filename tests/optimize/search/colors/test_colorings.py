@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optimize.search.colors.colorings import canonical, renamed_like
+from optimize.search.colors import canonical, renamed_like
 
 
 def test_canonical_names_follow_the_first_appearance() -> None:

@@ -9,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design.limits import unlimited
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.enumeration import SearchProgress
-from optimize.search.colors.exact import exact_colors
+from optimize.design import unlimited
+from optimize.scoring import TableScorer
+from optimize.search.colors import SearchProgress, exact_colors
 from render.errors import TableError, TactiluxError
 from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.transport import TransportTable

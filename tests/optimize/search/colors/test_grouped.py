@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.grouped import grouped_colors, pair_groups, repair_boundaries
+from optimize.scoring import TableScorer
+from optimize.search.colors import grouped_colors
+from optimize.search.colors.grouped import pair_groups, repair_boundaries
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]

@@ -8,9 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.colors.exact import exact_colors
-from optimize.search.colors.quick import quick_colors
+from optimize.scoring import TableScorer
+from optimize.search.colors import exact_colors, quick_colors
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]

@@ -10,11 +10,17 @@ from typing import Protocol
 
 import numpy as np
 
-from optimize.design.design import Array, Design
-from optimize.design.limits import dimmed_baseline, limits_of
-from optimize.design.rating import RatedDesign, Rating, ScoreSettings
-from optimize.scoring.table_scorer import TableScorer
-from optimize.search.alternating_search import AlternatingResult, SearchStep, alternating_search
+from optimize.design import (
+    Array,
+    Design,
+    RatedDesign,
+    Rating,
+    ScoreSettings,
+    dimmed_baseline,
+    limits_of,
+)
+from optimize.scoring import TableScorer
+from optimize.search import AlternatingResult, SearchStep, alternating_search
 from render.chebyshev import chebyshev_nodes
 from render.geometry.layout import fiber_edges
 from render.metric import clipped_fraction, design_score

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from optimize.verification.interval_check import check_interval
+from optimize.scoring import check_interval
 
 
 def test_the_error_bar_of_the_renders_is_allowed_for_at_the_same_coverage() -> None:

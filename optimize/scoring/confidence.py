@@ -1,4 +1,4 @@
-"""Whether renders bear out the interval that the surrogate states for a score."""
+"""How far intervals reach to either side of an estimate, and whether renders bear one out."""
 
 from __future__ import annotations
 
@@ -6,6 +6,28 @@ import math
 from typing import Literal
 
 IntervalCheck = Literal["holds", "does not hold", "cannot be tested"]
+
+
+def normal_factor(confidence: float = 0.95) -> float:
+    """Return how many standard errors a normal error's two-sided interval reaches.
+
+    >>> round(normal_factor(), 3), round(normal_factor(0.9), 3)
+    (1.96, 1.645)
+    """
+    from scipy.special import ndtri
+
+    return float(ndtri(0.5 + confidence / 2))
+
+
+def student_factor(replicates: int, confidence: float = 0.95) -> float:
+    """Return the same for a standard error that comes from ``replicates`` (Student 1908).
+
+    >>> round(student_factor(4), 3), round(student_factor(1000), 3)
+    (3.182, 1.962)
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(replicates - 1, 0.5 + confidence / 2))
 
 
 def check_interval(
@@ -29,9 +51,7 @@ def check_interval(
         se: standard error of the rendered score.
         coverage: of the surrogate's interval.
     """
-    from scipy.special import ndtri
-
-    noise = float(ndtri(0.5 + coverage / 2)) * se
+    noise = normal_factor(coverage) * se
     if abs(error) > math.hypot(half_width, noise):
         return "does not hold"
     return "cannot be tested" if noise > half_width else "holds"

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design.design import Array
-from optimize.design.rating import PARTS, ScoreSettings
+from optimize.design import PARTS, Array, ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
 from render.errors import RenderError
 from render.metric import clipped_fraction
