@@ -37,8 +37,12 @@ def run(
     """Find a better lighting design on the surrogate."""
     from optimize.exploration import explore
     from optimize.report import warnings, write_exploration
-    from optimize.robust.study import Study, check_tolerances, study
-    from optimize.robust.study_table import print_study
+    from optimize.robust.robustness_study import (
+        RobustnessStudy,
+        check_tolerances,
+        print_study,
+        study_robustness,
+    )
     from optimize.scoring import find_model, open_model
     from optimize.ui.output import check_target
     from render.preview.gl import create_context
@@ -66,7 +70,7 @@ def run(
             found = explore(scene, checker, seed=seed, progress=_Steps(meter))
             if robust is not None or shadow is not None:
                 meter.note("  refining for what was asked")
-                found = study(found, robust, shadow, _Parts(meter))
+                found = study_robustness(found, robust, shadow, _Parts(meter))
             meter.note("  drawing pictures and the report")
             result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
         if as_json:
@@ -75,7 +79,7 @@ def run(
             print_json(stream, result)
         else:
             _print_table(stream, found)
-            if isinstance(found.study, Study):
+            if isinstance(found.study, RobustnessStudy):
                 print_study(stream, found.study, {e.key: e.title for e in found.stages})
             for warning in warnings(found.stages):
                 stream.write(f"Note: {warning}\n")

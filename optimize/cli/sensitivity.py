@@ -31,9 +31,8 @@ def run(
     from optimize.design import limits_of, open_rated
     from optimize.exploration import PHI_NODES
     from optimize.robust.material_slopes import MATERIALS, material_slopes
-    from optimize.robust.sensitivity import score_slopes, sensitivities
-    from optimize.robust.study import check_tolerances, sensitivity_json
-    from optimize.robust.study_table import print_sensitivities
+    from optimize.robust.robustness_study import check_tolerances, print_sensitivities
+    from optimize.robust.sensitivity import check_slopes, score_slopes, sensitivities
     from optimize.scoring import TableScorer, open_model
     from render.chebyshev import chebyshev_nodes
 
@@ -53,11 +52,10 @@ def run(
         result: dict[str, object] = {
             "scene_hash": sensor.hash,
             "score": scorer.score(candidate.design.phi, candidate.design.power),
-            "sensitivities": [sensitivity_json(entry) for entry in found],
+            "sensitivities": [entry.to_json() for entry in found],
         }
         lines = []
         if samples is not None:
-            from optimize.robust.slope_check import check_slopes
             from render.reference.llvm import ensure_llvm
 
             ensure_llvm()

@@ -76,15 +76,15 @@ def material_slopes(
         phi: ``(phi_node,)`` rad.
         progress: called with previews drawn and previews in all.
     """
-    bends, found = np.array(scene.bending.angles), {}
+    bends, slopes = np.array(scene.bending.angles), {}
     for index, name in enumerate(names):
         around = neighbors(scene, name)
         logs = []
-        for side, one in enumerate((around.below, around.above)):
-            with Preview(one) as preview:
+        for side, neighbor in enumerate((around.below, around.above)):
+            with Preview(neighbor) as preview:
                 transport, _ = preview.transport(phi, bends)
             logs.append(np.log(np.maximum(transport, 1e-12 * transport.max())))
             if progress is not None:
                 progress(2 * index + side + 1, 2 * len(names))
-        found[name] = np.asarray((logs[1] - logs[0]) / (2.0 * around.step))
-    return found
+        slopes[name] = np.asarray((logs[1] - logs[0]) / (2.0 * around.step))
+    return slopes

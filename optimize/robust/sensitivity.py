@@ -1,21 +1,31 @@
-"""Which tolerance costs the most score: exact derivatives, and the loss over drawn sensors."""
+"""Which tolerance costs the most score: exact derivatives, and the loss over perturbed sensors.
+
+Slopes can be checked by finite differences on renders. All fibers then change together, so every
+slope is one number: the sum over fibers. Powers and gain act linearly on one render. Directions on
+both sides are nodes of the same run. Other materials need runs of their own, with the same seeds.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from optimize.design import Array, Design
-from optimize.robust.material_slopes import PER_FIBER
-from optimize.robust.robust import QUANTILE
-from optimize.robust.tolerance_draws import BuiltSensors
-from optimize.scoring import Differentiator, TableScorer
+from optimize.design import Array, Design, RatedDesign
+from optimize.robust.material_slopes import MATERIALS, PER_FIBER, neighbors
+from optimize.robust.perturbed_sensors import QUANTILE, PerturbedSensors
+from optimize.scoring import Differentiator, JackknifeEstimate, TableScorer, jackknife
+from optimize.verification.design_renders import reference_renders
 from render.chebyshev import interpolation_weights
+from render.progress import Progress
 from render.scene.tolerances import Spread
 
 DRAWS = 400
+PHI_STEP, LIGHT_STEP = np.radians(10.0), 0.01
+"""Steps of the checks on renders, rad and relative; that of light is small beside the kinks where
+facets begin to clip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +56,10 @@ class Sensitivity:
         """The fiber whose error matters most, None for errors of the whole sensor."""
         return int(np.abs(self.slope).argmax()) if len(self.slope) > 1 else None
 
+    def to_json(self) -> dict[str, object]:
+        """Return plain data."""
+        return {**vars(self), "slope": self.slope.tolist(), "worst_fiber": self.worst_fiber}
+
 
 def sensitivities(
     scorer: TableScorer,
@@ -67,13 +81,13 @@ def sensitivities(
         seed: of the draws.
     """
     exact = score_slopes(scorer, design, list(spreads), slopes)
-    nominal, found = scorer.score(design.phi, design.power), []
+    nominal, losses = scorer.score(design.phi, design.power), []
     rng = np.random.default_rng(seed)
     for name, spread in spreads.items():
-        sensors = BuiltSensors(scorer, {name: spread}, slopes, draws=draws, seed=seed)
+        sensors = PerturbedSensors(scorer, {name: spread}, slopes, draws=draws, seed=seed)
         scores = sensors.scores(design)
         lows = np.quantile(rng.choice(scores, (200, draws)), QUANTILE, axis=1)
-        found.append(
+        losses.append(
             Sensitivity(
                 name=name,
                 sigma=spread.sigma,
@@ -84,7 +98,7 @@ def sensitivities(
                 low_loss_se=float(lows.std(ddof=1)),
             )
         )
-    return sorted(found, key=lambda entry: -entry.low_loss)
+    return sorted(losses, key=lambda entry: -entry.low_loss)
 
 
 def score_slopes(
@@ -97,15 +111,103 @@ def score_slopes(
     gradient = Differentiator(scorer).at(design.phi, design.power)
     by_light = gradient.light.sum(axis=(1, 2, 3))
     weights = interpolation_weights(scorer.table.phi, design.phi)
-    found: dict[str, Array] = {}
+    derivatives: dict[str, Array] = {}
     for name in names:
         if name == "fiber_angle":
-            found[name] = gradient.phi
+            derivatives[name] = gradient.phi
         elif name in slopes:
             at = np.einsum("fj,fjbsk->fbsk", weights, slopes[name])
-            found[name] = (gradient.light * at).sum(axis=(1, 2, 3))
+            derivatives[name] = (gradient.light * at).sum(axis=(1, 2, 3))
         else:
-            found[name] = by_light
+            derivatives[name] = by_light
         if name not in PER_FIBER:
-            found[name] = found[name].sum(keepdims=True)
-    return found
+            derivatives[name] = derivatives[name].sum(keepdims=True)
+    return derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedSlope:
+    """A slope by the surrogate and by finite differences on renders, with its error bar."""
+
+    name: str
+    surrogate: float
+    rendered: JackknifeEstimate
+
+    @property
+    def sentence(self) -> str:
+        """Whether both agree."""
+        low, high = self.rendered.interval()
+        word = "agrees" if low <= self.surrogate <= high else "does not agree"
+        return (
+            f"{self.name}: {self.surrogate:+.1f} by the surrogate, {self.rendered.value:+.1f} ± "
+            f"{self.rendered.se:.1f} on renders; {word} (95% interval {low:+.1f} to {high:+.1f})."
+        )
+
+    def to_json(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "name": self.name,
+            "surrogate": self.surrogate,
+            "rendered": self.rendered.value,
+            "se": self.rendered.se,
+            "interval": list(self.rendered.interval()),
+        }
+
+
+def check_slopes(
+    candidate: RatedDesign,
+    exact: Mapping[str, float],
+    *,
+    samples: int,
+    seed: int,
+    checkpoint: Path | None,
+    progress: Callable[[Progress], None] | None = None,
+) -> list[CheckedSlope]:
+    """Return every slope of ``exact`` (sums over fibers) beside that of renders.
+
+    Arguments:
+        candidate: the design with its scene and settings.
+        exact: slopes by the surrogate, per rad, mm or relative error.
+        samples: per cell and run.
+        seed: of every run.
+        checkpoint: folder where an interrupted check goes on.
+        progress: called as each run goes on.
+    """
+    scene, design, settings = candidate.scene, candidate.design, candidate.settings
+    turned = [
+        replace(design, phi=np.clip(design.phi + sign * PHI_STEP, 0.0, np.pi))
+        for sign in (-1.0, 1.0)
+    ]
+
+    def rendered(what: RatedDesign, designs: list[Design]) -> Array:
+        render = reference_renders(
+            what.scene, checkpoint, None if progress is None else lambda _, at: progress(at)
+        )
+        return render(designs, samples=samples, seeds=[seed], title="neighbors").replicates
+
+    def slope(pair: Array, width: float) -> JackknifeEstimate:
+        """Return the difference quotient of ``pair`` ``(replicate, side, ...)``."""
+
+        def quotient(mean: Array) -> float:
+            scores = [settings.parts(side, design.power)[0] for side in mean]
+            return float(scores[1] - scores[0]) / width
+
+        return jackknife(quotient, pair)
+
+    replicates, checked = rendered(candidate, [design, *turned]), []
+    for name, value in exact.items():
+        if name == "fiber_angle":
+            pair, width = replicates[:, 1:], 2.0 * PHI_STEP
+        elif name in MATERIALS:
+            around = neighbors(scene, name)
+            sides = [
+                rendered(replace(candidate, scene=one), [design])[:, 0]
+                for one in (around.below, around.above)
+            ]
+            pair, width = np.stack(sides, axis=1), 2.0 * around.step
+        else:
+            factors = np.exp([-LIGHT_STEP, LIGHT_STEP])
+            pair = np.stack([factor * replicates[:, 0] for factor in factors], axis=1)
+            width = 2.0 * LIGHT_STEP
+        checked.append(CheckedSlope(name, value, slope(pair, width)))
+    return checked

@@ -31,8 +31,8 @@ GLOW_MEAN, BEAM_PEAK = 0, 3
 
 
 @dataclass(frozen=True)
-class Bolt:
-    """A cylinder pressed into the pad, and where around it the skin is looked at; mm.
+class PressedCylinder:
+    """A bolt's head pressed into the pad, and where around it the skin is looked at; mm.
 
     Arguments:
         radius, depth: of the cylinder.
@@ -48,7 +48,9 @@ class Bolt:
 class ShadowPenalty:
     """Mean length of the color that a bolt takes away, in counts; negated as an objective."""
 
-    def __init__(self, scene: Scene, table: TransportTable, bolt: Bolt | None = None) -> None:
+    def __init__(
+        self, scene: Scene, table: TransportTable, bolt: PressedCylinder | None = None
+    ) -> None:
         """Multiply the untouched pad's light by what the bolt hides of it.
 
         Raises:
@@ -59,7 +61,7 @@ class ShadowPenalty:
                 "shadows need the background of the flat pad: use a table that has bend 0 first",
                 field="background",
             )
-        hidden = hidden_part(scene, table.phi, bolt or Bolt())
+        hidden = hidden_fraction(scene, table.phi, bolt or PressedCylinder())
         self._phi = table.phi
         light = table.exposure * table.background[:, :, 0, :, None] * np.nan_to_num(hidden)
         self._seen = np.isfinite(hidden[0, 0]).ravel()
@@ -82,8 +84,8 @@ class ShadowPenalty:
         return -float(length.mean()), -slope
 
 
-def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
-    """Return which part of each fiber's light a bolt at each site hides from the points around it.
+def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
+    """Return the fraction of a fiber's light that a bolt at a site hides from the points around it.
 
     ``(fiber, phi_node, site, point)`` in [0, 1]; NaN for points beyond the pad. ``phi`` is
     ``(phi_node,)`` rad. The glow's lights weigh by their diffuse radiance, the cosines at both ends
@@ -140,8 +142,8 @@ def hidden_part(scene: Scene, phi: Array, bolt: Bolt) -> Array:
         sent = _beam_radiance(scene, emission[:, :, beam], way) * weight[:, beam]
         total += sent.sum(axis=2).swapaxes(0, 1)
         hidden += (sent * blocked[:, beam]).sum(axis=2).swapaxes(0, 1)
-    part = hidden / np.where(total > 0.0, total, 1.0)
-    return np.asarray(np.where(on_pad, part, np.nan))
+    fraction = hidden / np.where(total > 0.0, total, 1.0)
+    return np.asarray(np.where(on_pad, fraction, np.nan))
 
 
 def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optimize.design import Design
-from optimize.robust.shadow import Bolt, ShadowPenalty, hidden_part
+from optimize.robust.shadow import PressedCylinder, ShadowPenalty, hidden_fraction
 from optimize.scoring import TableScorer
 from optimize.search import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
@@ -19,7 +19,9 @@ from render.scene.schema import Scene
 from render.transport import TransportTable
 
 
-def blocked_by_brute_force(scene: Scene, bolt: Bolt, site: int, point: np.ndarray) -> np.ndarray:
+def blocked_by_brute_force(
+    scene: Scene, bolt: PressedCylinder, site: int, point: np.ndarray
+) -> np.ndarray:
     """Return which lights ``(fiber, light)`` a point cannot see, by walking along the lines."""
     lights = make_lights(scene).position[..., :3]
     start = np.append(point, scene.pad.thickness)
@@ -31,8 +33,8 @@ def blocked_by_brute_force(scene: Scene, bolt: Bolt, site: int, point: np.ndarra
 
 
 def test_hidden_light_equals_a_walk_along_the_lines(finger20: Scene) -> None:
-    bolt = Bolt(radius=2.0, depth=1.2, distance=0.5, points=4)
-    found = hidden_part(finger20, np.array([np.pi / 2]), bolt)[:, 0]
+    bolt = PressedCylinder(radius=2.0, depth=1.2, distance=0.5, points=4)
+    found = hidden_fraction(finger20, np.array([np.pi / 2]), bolt)[:, 0]
     site = 4
     for index in range(4):
         turn = np.pi / 2 * index
@@ -88,10 +90,10 @@ def sent_by_beam(scene: Scene, direction: np.ndarray, phi: float, peak: float) -
 def test_a_thin_layer_lets_beams_pass_and_their_shadow_is_what_they_send(
     thin: Scene, phi: float
 ) -> None:
-    bolt = Bolt(radius=2.0, depth=1.2, distance=0.5, points=4)
+    bolt = PressedCylinder(radius=2.0, depth=1.2, distance=0.5, points=4)
     lights, angles = make_lights(thin), np.full(thin.fibers.count, phi)
     emission, marks = lights.emission(angles), lights.position[..., 3].astype(int)
-    found, beams_matter = hidden_part(thin, np.array([phi]), bolt)[:, 0], 0
+    found, beams_matter = hidden_fraction(thin, np.array([phi]), bolt)[:, 0], 0
     for site, index in ((0, 0), (4, 1), (4, 3), (7, 2), (14, 2)):
         turn = np.pi / 2 * index
         out = (bolt.radius + bolt.distance) * np.array([np.cos(turn), np.sin(turn)])
@@ -125,8 +127,8 @@ def test_a_layer_that_hardly_scatters_hides_what_a_clear_pad_hides(finger20: Sce
     fibers = finger20.fibers.model_copy(update={"gap": gap})
     clear = finger20.model_copy(update={"diffuser": None, "fibers": fibers})
     ahead = np.array([np.pi / 2])
-    bolt = Bolt(radius=2.0, depth=1.2, distance=0.5, points=8)
-    thin, none = (hidden_part(scene, ahead, bolt)[:, 0] for scene in (nearly, clear))
+    bolt = PressedCylinder(radius=2.0, depth=1.2, distance=0.5, points=8)
+    thin, none = (hidden_fraction(scene, ahead, bolt)[:, 0] for scene in (nearly, clear))
     # Points that a beam straight ahead reaches: at most 20 deg off it.
     lights = make_lights(clear)
     azimuth = np.pi / 4 * np.arange(8)
@@ -143,10 +145,10 @@ def test_a_layer_that_hardly_scatters_hides_what_a_clear_pad_hides(finger20: Sce
 
 def test_a_flat_bolt_hides_nothing_and_a_deep_one_is_refused(finger20: Scene) -> None:
     phi = np.array([1.0])
-    shallow = hidden_part(finger20, phi, Bolt(depth=1e-6))
+    shallow = hidden_fraction(finger20, phi, PressedCylinder(depth=1e-6))
     assert np.nanmax(shallow) == 0.0
     with pytest.raises(SceneError, match="does not fit"):
-        hidden_part(finger20, phi, Bolt(depth=9.0))
+        hidden_fraction(finger20, phi, PressedCylinder(depth=9.0))
 
 
 def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: Scene) -> None:

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import IO
 
 import numpy as np
 
 from optimize.design import Design, limits_of
 from optimize.exploration import PHI_NODES, Exploration, rate
 from optimize.robust.material_slopes import MATERIALS, material_slopes
-from optimize.robust.robust import Measure, RobustRating, RobustScore, rate_robustly
+from optimize.robust.perturbed_sensors import (
+    Measure,
+    PerturbedSensors,
+    RobustRating,
+    RobustScore,
+    rate_robustly,
+)
 from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import ShadowPenalty
-from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring import TableScorer
 from optimize.search import NominalScore, Objective, WeightedSum, multi_start
 from optimize.search.colors import quick_colors, renamed_like
+from optimize.ui.console import print_table
 from render.chebyshev import chebyshev_nodes
 from render.errors import SceneError
 from render.scene.schema import Scene
@@ -24,11 +32,12 @@ from render.scene.schema import Scene
 SEARCH_DRAWS, RATING_DRAWS = 48, 1000
 COLORINGS = 6
 """Best colorings of the nominal search that get directions of their own."""
-Report = Callable[[str, int, int], None]
+UNITS = {"fiber_angle": ("deg", 180.0 / math.pi), "diffuser_thickness": ("mm", 1.0)}
+"""Of tolerances in tables, with their number per rad or mm; the others are relative, in %."""
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class RobustnessStudy:
     """Ratings of all stages beyond their nominal score.
 
     Arguments:
@@ -36,7 +45,7 @@ class Study:
         robust: by stage key, over sensors that the search did not see.
         shadows: by stage key, the penalty in counts; shadow_weight: of it in the search.
         sensitivities: of the last stage, the dearest tolerance first.
-        at_end: part of fiber directions that errors turned beyond 0 to 180 deg in the last stage.
+        at_end: fraction of directions that errors turned beyond 0 to 180 deg in the last stage.
     """
 
     measure: Measure | None
@@ -53,7 +62,7 @@ class Study:
             "robust": {key: rating.to_json() for key, rating in self.robust.items()},
             "shadow_weight": self.shadow_weight,
             "shadow_penalty": self.shadows,
-            "sensitivities": [sensitivity_json(entry) for entry in self.sensitivities],
+            "sensitivities": [entry.to_json() for entry in self.sensitivities],
             "directions_at_end": self.at_end,
         }
 
@@ -72,11 +81,6 @@ class Study:
         return lines
 
 
-def sensitivity_json(entry: Sensitivity) -> dict[str, object]:
-    """Return plain data of one line of the sensitivity table."""
-    return {**vars(entry), "slope": entry.slope.tolist(), "worst_fiber": entry.worst_fiber}
-
-
 def check_tolerances(scene: Scene) -> None:
     """Refuse a scene without tolerances.
 
@@ -92,8 +96,11 @@ def check_tolerances(scene: Scene) -> None:
         )
 
 
-def study(
-    found: Exploration, measure: Measure | None, shadow_weight: float | None, report: Report
+def study_robustness(
+    found: Exploration,
+    measure: Measure | None,
+    shadow_weight: float | None,
+    report: Callable[[str, int, int], None],
 ) -> Exploration:
     """Return the exploration with one more stage, the design for tolerances or shadows.
 
@@ -141,15 +148,15 @@ def study(
             report("Rating", index + 1, len(stages) + 1)
         costs = tuple(sensitivities(scorer, design, spreads, slopes, seed=found.seed))
         report("Rating", len(stages) + 1, len(stages) + 1)
-        at_end = fresh.at_end(design.phi)
+        at_end = fresh.fraction_at_end(design.phi)
     shadows = {} if shadow is None else {e.key: -shadow.value(e.design) for e in stages}
-    more = Study(measure, ratings, shadows, shadow_weight, costs, at_end)
-    return replace(found, stages=stages, study=more)
+    extra = RobustnessStudy(measure, ratings, shadows, shadow_weight, costs, at_end)
+    return replace(found, stages=stages, study=extra)
 
 
 def _sensors(
-    scene: Scene, scorer: TableScorer, seed: int, report: Report
-) -> tuple[BuiltSensors, BuiltSensors, dict[str, np.ndarray]]:
+    scene: Scene, scorer: TableScorer, seed: int, report: Callable[[str, int, int], None]
+) -> tuple[PerturbedSensors, PerturbedSensors, dict[str, np.ndarray]]:
     """Return sensors to search on, others to rate on, and the slopes of their materials."""
     assert scene.tolerances is not None  # checked before
     spreads = scene.tolerances.spreads()
@@ -158,7 +165,59 @@ def _sensors(
         scene, names, scorer.table.phi, lambda i, n: report("Previews of other materials", i, n)
     )
 
-    def drawn(draws: int, stream: int) -> BuiltSensors:
-        return BuiltSensors(scorer, spreads, slopes, draws=draws, seed=1000 * seed + stream)
+    def drawn(draws: int, stream: int) -> PerturbedSensors:
+        return PerturbedSensors(scorer, spreads, slopes, draws=draws, seed=1000 * seed + stream)
 
     return drawn(SEARCH_DRAWS, 1), drawn(RATING_DRAWS, 2), slopes
+
+
+def print_study(stream: IO[str], study: RobustnessStudy, titles: Mapping[str, str]) -> None:
+    """Write the tables to ``stream``; ``titles`` names the stages by key."""
+    if study.robust:
+        draws = next(iter(study.robust.values())).draws
+        print_table(
+            stream,
+            f"On {draws} sensors as built",
+            ("design", "S as drawn", "mean S", "deviation", "lower 10 %", "95% interval of it"),
+            [
+                (
+                    titles[key],
+                    f"{rating.nominal:.1f}",
+                    f"{rating.mean:.1f}",
+                    f"{rating.deviation:.1f}",
+                    f"{rating.low:.1f}",
+                    "{:.1f} to {:.1f}".format(*rating.low_interval),
+                )
+                for key, rating in study.robust.items()
+            ],
+        )
+    if study.sensitivities:
+        print_sensitivities(stream, study.sensitivities)
+    if study.at_end:
+        stream.write(
+            f"{study.at_end:.1%} of the turned fibers would leave 0 to 180 deg and stay there.\n"
+        )
+    for key, penalty in study.shadows.items():
+        stream.write(f"{titles[key]}: a bolt's shadows take {penalty:.1f} counts.\n")
+
+
+def print_sensitivities(stream: IO[str], sensitivities: Sequence[Sensitivity]) -> None:
+    """Write the sensitivity table, the dearest tolerance first."""
+    rows = []
+    for entry in sensitivities:
+        unit, factor = UNITS.get(entry.name, ("%", 100.0))
+        steepest = entry.slope[abs(entry.slope).argmax()] / factor
+        rows.append(
+            (
+                entry.name,
+                f"{entry.sigma * factor:.3g} {unit}",
+                f"{steepest:+.3g} / {unit}",
+                f"{entry.deviation:.2f}",
+                f"{entry.mean_loss:.2f}",
+                f"{entry.low_loss:.2f} ± {entry.low_loss_se:.2f}",
+                "" if entry.worst_fiber is None else str(entry.worst_fiber),
+            )
+        )
+    headings = ("sigma", "slope of S", "spread of S", "mean loss", "loss at low 10 %", "fiber")
+    title = "What each tolerance alone costs, in counts"
+    print_table(stream, title, ("tolerance", *headings), rows)

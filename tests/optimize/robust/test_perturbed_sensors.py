@@ -10,9 +10,8 @@ import pytest
 
 from optimize.design import Design
 from optimize.robust.material_slopes import neighbors
-from optimize.robust.robust import RobustScore, rate_robustly
+from optimize.robust.perturbed_sensors import PerturbedSensors, RobustScore, rate_robustly
 from optimize.robust.sensitivity import score_slopes, sensitivities
-from optimize.robust.tolerance_draws import BuiltSensors
 from optimize.scoring import TableScorer
 from optimize.search import multi_start
 from render.scene.schema import Scene
@@ -50,14 +49,14 @@ def design() -> Design:
 
 
 def test_without_errors_every_sensor_is_the_one_drawn(scorer: TableScorer, design: Design) -> None:
-    sensors = BuiltSensors(scorer, {}, {}, draws=3, seed=0)
+    sensors = PerturbedSensors(scorer, {}, {}, draws=3, seed=0)
     assert sensors.scores(design) == pytest.approx(scorer.score(design.phi, design.power))
 
 
 def test_a_built_sensor_is_the_table_with_its_errors(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors = BuiltSensors(scorer, SPREADS, slopes, draws=4, seed=3)
+    sensors = PerturbedSensors(scorer, SPREADS, slopes, draws=4, seed=3)
     errors = {name: error[2] for name, error in sensors.errors.items()}
     log = sum(
         errors[name][:, None, None, None, None] * slopes.get(name, 1.0)
@@ -73,7 +72,7 @@ def test_a_built_sensor_is_the_table_with_its_errors(
 def test_derivatives_of_the_robust_score_equal_finite_differences(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors, h = BuiltSensors(scorer, SPREADS, slopes, draws=12, seed=1), 1e-6
+    sensors, h = PerturbedSensors(scorer, SPREADS, slopes, draws=12, seed=1), 1e-6
     for measure in ("quantile", "spread"):
         goal = RobustScore(sensors, measure)
         value, slope = goal.gradient(design)
@@ -87,13 +86,15 @@ def test_derivatives_of_the_robust_score_equal_finite_differences(
 def test_refining_raises_the_robust_score_and_keeps_to_full_power(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    goal = RobustScore(BuiltSensors(scorer, SPREADS, slopes, draws=12, seed=1), "quantile")
+    goal = RobustScore(PerturbedSensors(scorer, SPREADS, slopes, draws=12, seed=1), "quantile")
     found = multi_start(scorer, goal, [design])
     best, value = found.design, found.score
     assert value > goal.value(design)
     assert value == pytest.approx(goal.value(best))
     assert np.array_equal(best.power.max(axis=1), np.ones(FIBERS))
-    rating = rate_robustly(scorer, BuiltSensors(scorer, SPREADS, slopes, draws=60, seed=9), best)
+    rating = rate_robustly(
+        scorer, PerturbedSensors(scorer, SPREADS, slopes, draws=60, seed=9), best
+    )
     assert rating.low_interval[0] <= rating.low <= rating.low_interval[1] < rating.nominal
 
 
@@ -105,7 +106,7 @@ def test_slopes_by_tolerance_equal_finite_differences(
     def moved(name: str, error: np.ndarray) -> float:
         if name == "fiber_angle":
             return scorer.score(design.phi + error, design.power)
-        sensors = BuiltSensors(scorer, {name: SPREADS[name]}, slopes, draws=1, seed=0)
+        sensors = PerturbedSensors(scorer, {name: SPREADS[name]}, slopes, draws=1, seed=0)
         sensors.errors[name] = error[None]
         sensors._factor = error[None] if name not in slopes else np.zeros((1, FIBERS))
         return float(sensors.scores(design)[0])
