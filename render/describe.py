@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from render.geometry.microfacets import SMOOTHEST
+from render.geometry.microfacets import MIN_ROUGHNESS
 from render.scene.constraints import Constraints
-from render.scene.free_ranges import Free
+from render.scene.free_ranges import FreeRanges
 from render.scene.quantities import Quantity
 from render.scene.schema import EDGES, Scene
 from render.scene.tolerances import Tolerances
@@ -28,7 +28,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class OmittedPart:
     """A part of the model that this scene does not require."""
 
     what: str
@@ -49,7 +49,7 @@ class Description:
     axes: dict[str, int]
     cells: int
     background_cells: int
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[OmittedPart, ...]
     limits: tuple[str, ...] = ()
     tolerances: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
@@ -104,7 +104,7 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         axes=axes,
         cells=cells,
         background_cells=cells // scene.indenter.faces,
-        left_out=tuple(LeftOut(what, why) for what, why in _left_out(scene)),
+        left_out=tuple(OmittedPart(what, why) for what, why in _left_out(scene)),
         limits=tuple(scene.constraints.sentences()) if scene.constraints else (),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
         free=tuple(scene.free.sentences()) if scene.free else (),
@@ -118,7 +118,7 @@ def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
 def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> Iterator[Value]:
     for name, info in type(part).model_fields.items():
         content, key = getattr(part, name), f"{prefix}{name}"
-        if isinstance(content, Constraints | Tolerances | Free):
+        if isinstance(content, Constraints | Tolerances | FreeRanges):
             continue  # told in sentences of their own
         if isinstance(content, BaseModel):
             yield from _values(content, origins, f"{key}.")
@@ -150,7 +150,8 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.pad.roughness == 0.0:
         yield (
             "rough refraction",
-            f"pad.roughness is 0, the outer faces are smooth; renders take {SMOOTHEST:g} for it",
+            f"pad.roughness is 0, the outer faces are smooth; "
+            f"renders take {MIN_ROUGHNESS:g} for it",
         )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.preview.diffuser.cache import beam_of, slab_of
+from render.preview.diffuser.cache import fiber_end_of, slab_of
 from render.preview.diffuser.response import compute_response
 from render.preview.glow import Glow
 from render.preview.preview import Preview
@@ -14,7 +14,7 @@ from render.scene.schema import Scene
 
 FEW = 4
 """Directions up to which the random walk serves these alone, with less noise."""
-LEVELS = (0.0, 0.18, 0.36, 0.52, 0.66, 0.78, 0.88, 0.94, 0.98)
+OFFSET_QUANTILES = (0.0, 0.18, 0.36, 0.52, 0.66, 0.78, 0.88, 0.94, 0.98)
 """Twice as many points of light along the edge as the preview has: 2 mm from the edge, nearer than
 any site, those of the preview show as a ripple of 3 % that moves with the material."""
 WALKED, HEIGHTS = 5, 16
@@ -49,11 +49,11 @@ def fiber_images(
     """
     response = compute_response(
         slab_of(scene),
-        beam_of(scene),
+        fiber_end_of(scene),
         rays=rays,
         seed=seed,
         phi=_few_nodes(phi),
-        levels=LEVELS,
+        quantiles=OFFSET_QUANTILES,
         heights=WALKED,
     ).spread_upwards(HEIGHTS)
     fibers = scene.fibers.count

@@ -21,8 +21,8 @@ from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites
 from render.geometry.microfacets import fresnel
 from render.preview.beams import BEAM_MARK
-from render.preview.diffuser.cache import beam_of
-from render.preview.lights import make_lights
+from render.preview.diffuser.cache import fiber_end_of
+from render.preview.lights import point_lights
 from render.scene.schema import Scene
 from render.transport import TransportTable
 
@@ -110,7 +110,7 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     on_pad = (np.abs(point) < [scene.pad.width / 2, scene.pad.length / 2]).all(axis=-1)
     if not on_pad.any():
         raise SceneError("no point around a bolt lies on the pad: make the pad larger", field="pad")
-    lights = make_lights(scene)
+    lights = point_lights(scene)
     position = lights.position[..., :3]
     # (node, fiber, light, n); a light is a beam for all fibers or for none.
     emission = lights.emission(np.repeat(phi[:, None], len(position), axis=1))
@@ -171,5 +171,5 @@ def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:
     # The solid angle grows by n^2 cos_pad / cos_air in air; the cosine is the caller's.
     passed = np.where((squared > 0.0) & (way[..., 1] > 0.0), passed * index**2 / height, 0.0)
     towards = np.clip(np.einsum("jfli,flsqi->jflsq", emission[..., :3], air), -1.0, 1.0)
-    shape = beam_of(scene).radiance(np.arccos(towards)) * np.maximum(towards, 0.0)
+    shape = fiber_end_of(scene).radiance(np.arccos(towards)) * np.maximum(towards, 0.0)
     return np.asarray(emission[..., BEAM_PEAK, None, None] * shape * passed)

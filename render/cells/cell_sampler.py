@@ -25,7 +25,7 @@ from render.cells.light_vertex_picks import LightPicks, light_picks
 from render.cells.lower_face_mirror import Bridge
 from render.cells.resampling import Promise
 from render.geometry.layout import facets, fiber_poses
-from render.reference.optics import joinable, pad_scene
+from render.reference.optics import pad_scene, with_min_roughness
 from render.sampling.proposals import Splat
 from render.scene.schema import Scene
 
@@ -87,7 +87,7 @@ class CellSampler:
 
         ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`); their cells stay 0.
         """
-        scene = joinable(scene)
+        scene = with_min_roughness(scene)
         self.scene = scene
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi, bend)

@@ -18,7 +18,13 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.fiber_profile import cut, density, falloff, peak_radiance, sample_direction
+from render.geometry.fiber_profile import (
+    density,
+    falloff,
+    peak_radiance,
+    sample_direction,
+    truncated_mass,
+)
 from render.geometry.layout import fiber_poses
 from render.scene.schema import Scene
 
@@ -36,7 +42,7 @@ class FiberLight:
         self.sigma_v = scene.fibers.sigma_v
         self.area = np.pi * self.radius**2
         self.peak = peak_radiance(self.sigma_v, self.area)
-        self.norm = cut(self.sigma_v)
+        self.norm = truncated_mass(self.sigma_v)
         self.center = mi.TensorXf(poses.position.astype(np.float32)).array
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
         self.constants = mi.Float([self.radius, self.sigma_v, self.peak, self.norm])

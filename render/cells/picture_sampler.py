@@ -17,7 +17,7 @@ from render.cells.guiding import FacetAim, Guide
 from render.cells.light_vertex_picks import light_picks
 from render.cells.lower_face_mirror import Bridge
 from render.cells.resampling import Promise
-from render.reference.optics import joinable, pad_scene
+from render.reference.optics import pad_scene, with_min_roughness
 from render.sampling.proposals import Splat
 from render.scene.schema import Scene
 
@@ -41,7 +41,7 @@ class PictureSampler:
         height: int,
     ) -> None:
         """Load the pad; ``phi`` ``(fiber,)`` rad, ``power`` ``(fiber, 3)``, ``bend`` rad."""
-        scene = joinable(scene)
+        scene = with_min_roughness(scene)
         self.scene, self.width, self.height = scene, width, height
         self.bins = width * height
         self.pad = pad_scene(scene, bend, indented)

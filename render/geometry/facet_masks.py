@@ -20,7 +20,7 @@ from render.scene.schema import Scene
 
 Index = NDArray[np.int64]
 
-BACKGROUND_REACH = 0.7
+BACKGROUND_RADIUS = 0.7
 """Radius of a site's background spot in units of the pyramid's radius."""
 
 
@@ -104,7 +104,7 @@ def facet_masks(
     origin, directions = camera_rays(scene, columns, rows)
     center_rays = refract_into_pad(scene, bend, origin, directions.reshape(-1, 3))
     # A pixel whose center ray passes no site cannot have all its rays on one target.
-    close = (_gap_to_sites(scene, bend, center_rays) < _reach(scene)).any(axis=0)
+    close = (_distance_to_sites(scene, bend, center_rays) < _bounding_radius(scene)).any(axis=0)
     pixels = np.nonzero(close & center_rays.inside)[0]
     steps = (np.arange(samples) + 0.5) / samples
     step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
@@ -130,20 +130,20 @@ def facet_masks(
     return FacetMasks(columns, rows, owned[order], offset, scene.sites.count, scene.indenter.faces)
 
 
-def _reach(scene: Scene) -> float:
+def _bounding_radius(scene: Scene) -> float:
     """Return the radius (mm) of a sphere about a site that holds its whole pyramid."""
     return max(scene.indenter.radius, scene.indenter.depth)
 
 
-def _gap_to_sites(scene: Scene, bend: float, rays: PadRays) -> Array:
+def _distance_to_sites(scene: Scene, bend: float, rays: PadRays) -> Array:
     """Return the distance (mm) of every site from every ray's line, ``(site, ray)``."""
-    gaps = []
+    distances = []
     for position in facets(scene, bend).site_position:
         to_site = position - rays.entry
         along = np.einsum("ri,ri->r", to_site, rays.direction)
         squared = np.einsum("ri,ri->r", to_site, to_site) - along**2
-        gaps.append(np.sqrt(np.maximum(squared, 0.0)))
-    return np.stack(gaps)
+        distances.append(np.sqrt(np.maximum(squared, 0.0)))
+    return np.stack(distances)
 
 
 def _first_facet(scene: Scene, bend: float, rays: PadRays, margin: float) -> Index:
@@ -151,7 +151,7 @@ def _first_facet(scene: Scene, bend: float, rays: PadRays, margin: float) -> Ind
     corners, faces = facets(scene, bend).corners, scene.indenter.faces
     nearest = distance_to_coating(scene, bend, rays) + 1e-9
     target = np.full(nearest.shape, -1)
-    near = _gap_to_sites(scene, bend, rays) < _reach(scene)
+    near = _distance_to_sites(scene, bend, rays) < _bounding_radius(scene)
     for site in range(scene.sites.count):
         chosen = np.nonzero(near[site] & rays.inside)[0]
         for facet in range(faces):
@@ -165,7 +165,7 @@ def _first_facet(scene: Scene, bend: float, rays: PadRays, margin: float) -> Ind
 
 
 def _meet_triangle(rays: PadRays, corners: Array) -> tuple[Array, Array]:
-    """Return the way (mm) to a triangle seen from its front, and the least barycentric weight.
+    """Return the way (mm) to a triangle seen from its front, and the smallest barycentric weight.
 
     Moeller and Trumbore 1997. The way is inf where the ray misses or comes from behind.
     """
@@ -179,8 +179,8 @@ def _meet_triangle(rays: PadRays, corners: Array) -> tuple[Array, Array]:
     u = np.einsum("ri,ri->r", offset, p) / safe
     q = np.cross(offset, edge1)
     v = np.einsum("ri,ri->r", rays.direction, q) / safe
-    least = np.minimum(np.minimum(u, v), 1.0 - u - v)
-    return np.where(front & (least >= 0.0), (q @ edge2) / safe, np.inf), least
+    smallest = np.minimum(np.minimum(u, v), 1.0 - u - v)
+    return np.where(front & (smallest >= 0.0), (q @ edge2) / safe, np.inf), smallest
 
 
 def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
@@ -192,7 +192,7 @@ def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
     target = np.full(met.shape, -1)
     faces = scene.indenter.faces
     for site, center in enumerate(flat_sites(scene)[:, :2]):
-        away = np.hypot(*(flat - center).T)
-        on_spot = met & (away <= BACKGROUND_REACH * scene.indenter.radius)
+        distance_to_center = np.hypot(*(flat - center).T)
+        on_spot = met & (distance_to_center <= BACKGROUND_RADIUS * scene.indenter.radius)
         target[on_spot] = site * (faces + 1) + faces
     return target

@@ -27,7 +27,7 @@ def peak_radiance(sigma_v: float, area: float) -> float:
     return float(1.0 / (2 * np.pi * area * flux))
 
 
-def cut(sigma_v: float) -> float:
+def truncated_mass(sigma_v: float) -> float:
     """Return the share of the Rayleigh density below pi/2, to which it is normalized."""
     return float(-np.expm1(-((np.pi / 2) ** 2) / (4 * sigma_v**2)))
 
@@ -43,7 +43,7 @@ def angle(local: Any) -> Any:
 
 
 def sample_direction(u: Any, v: Any, sigma_v: Any, norm: Any) -> Any:
-    """Return unit directions about +z; ``norm`` is ``cut(sigma_v)``."""
+    """Return unit directions about +z; ``norm`` is ``truncated_mass(sigma_v)``."""
     theta = 2 * sigma_v * dr.sqrt(-dr.log(dr.maximum(1.0 - u * norm, 1e-38)))
     sin, cos = dr.sincos(theta)
     s, c = dr.sincos(2 * dr.pi * v)

@@ -15,7 +15,7 @@ from render.errors import SceneError
 from render.geometry.layout import facet_normals, flat_sites, pyramid
 from render.scene.schema import Scene
 
-SHADOW = 4.0
+SHADOW_LENGTH = 4.0
 """How far from its center a body's shadow is drawn, in units of its radius or its depth."""
 
 
@@ -73,7 +73,7 @@ class BoltHead:
     chamfer: float = np.pi / 6
 
     @property
-    def reach(self) -> float:
+    def imprint_radius(self) -> float:
         """Radius of the imprint in the coating's plane, over the corners, mm."""
         flats = self.radius * np.cos(np.pi / 6) + self.depth / np.tan(self.drape)
         return float(flats / np.cos(np.pi / 6))
@@ -87,11 +87,11 @@ def bolt(scene: Scene, head: BoltHead | None = None) -> Imprint:
     """
     head = head or BoltHead()
     pad, sites = scene.pad, flat_sites(scene)
-    room_x, room_y = pad.width / 2 - head.reach, pad.length / 2 - head.reach
+    room_x, room_y = pad.width / 2 - head.imprint_radius, pad.length / 2 - head.imprint_radius
     if min(room_x, room_y) < 0 or head.depth >= pad.thickness:
         raise SceneError(
-            f"a bolt of {2 * head.reach:.3g} mm pressed {head.depth:g} mm deep does not fit into "
-            f"the pad of {pad.width:g} x {pad.length:g} x {pad.thickness:g} mm",
+            f"a bolt of {2 * head.imprint_radius:.3g} mm pressed {head.depth:g} mm deep does not "
+            f"fit into the pad of {pad.width:g} x {pad.length:g} x {pad.thickness:g} mm",
             field="pad",
         )
     x = np.clip(sites[:, 0].mean(), -room_x, room_x)
@@ -112,7 +112,7 @@ def bolt(scene: Scene, head: BoltHead | None = None) -> Imprint:
         normal=normal,
         distance=distance,
         middle=middle,
-        size=max(head.reach, head.depth),
+        size=max(head.imprint_radius, head.depth),
     )
 
 

@@ -14,7 +14,7 @@ import trimesh
 from render.arrays import Array
 from render.geometry.bending import bend_points
 from render.geometry.layout import facets, flat_sites, pyramid
-from render.geometry.pad_grid import Index, Material, PadGrid, pad_grid, site_half_width
+from render.geometry.pad_grid import ColumnMaterial, Index, PadGrid, pad_grid, site_half_width
 from render.scene.schema import Scene
 
 
@@ -42,7 +42,7 @@ def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
     """Return the meshes of the pad at ``bend`` radians, pressed by the pyramids or untouched."""
     grid = pad_grid(scene, bend, indented)
     points = bend_points(scene, grid.points, bend)
-    clear = grid.material == Material.CLEAR
+    clear = grid.material == ColumnMaterial.CLEAR
     if indented:
         corners = facets(scene, bend).corners
         # Per site: the apex, then the base polygon.
@@ -59,14 +59,14 @@ def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
         faces = grid.level(clear, 1)
         face_site = face_facet = np.full(len(faces), -1)
         coating = _mesh(points, faces)
-    outer_clear = [grid.level(clear, 0), grid.walls(Material.CLEAR, Material.AIR)]
+    outer_clear = [grid.level(clear, 0), grid.walls(ColumnMaterial.CLEAR, ColumnMaterial.AIR)]
     outer_diffuser = interface = None
     if scene.diffuser:
-        layer = grid.material == Material.DIFFUSER
+        layer = grid.material == ColumnMaterial.DIFFUSER
         top = grid.level(layer, 1)[:, ::-1]
-        sides = grid.walls(Material.DIFFUSER, Material.AIR)
+        sides = grid.walls(ColumnMaterial.DIFFUSER, ColumnMaterial.AIR)
         outer_diffuser = _mesh(points, np.concatenate([grid.level(layer, 0), top, sides]))
-        interface = _mesh(points, grid.walls(Material.DIFFUSER, Material.CLEAR))
+        interface = _mesh(points, grid.walls(ColumnMaterial.DIFFUSER, ColumnMaterial.CLEAR))
     return PadMeshes(
         coating,
         face_site,
@@ -103,7 +103,7 @@ def _site_faces(scene: Scene, grid: PadGrid, site: int) -> tuple[Index, Index]:
     border = _border(grid, center, site_half_width(scene))
     outline = grid.points[border] - center
     polygon = pyramid(scene)[:, 1]
-    joined = _joined(_azimuth(outline), _azimuth(polygon))
+    joined = _triangulated_ring(_azimuth(outline), _azimuth(polygon))
     ring = np.concatenate([border, base])[joined]
     sides = np.stack([np.full_like(base, apex), base, np.roll(base, -1)], axis=-1)
     facet = np.concatenate([np.full(len(ring), -1), np.arange(faces_of_pyramid)])
@@ -125,7 +125,7 @@ def _azimuth(offset: Array) -> Array:
     return np.asarray(np.arctan2(offset[..., 0], offset[..., 1]) % (2 * np.pi))
 
 
-def _joined(outer: Array, inner: Array) -> Index:
+def _triangulated_ring(outer: Array, inner: Array) -> Index:
     """Triangulate the ring between two convex loops, given by ascending (cyclic) azimuths.
 
     Walking around, each edge of either loop is joined to the other loop's current vertex; edges

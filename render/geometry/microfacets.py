@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.floating[Any]]
 """float32 for photons, float64 for geometry."""
-SMOOTHEST = 0.01
+MIN_ROUGHNESS = 0.01
 """Beckmann roughness that stands for a smooth face where light is joined over it."""
 
 
-class Meeting(NamedTuple):
+class FaceSample(NamedTuple):
     """What becomes of photons at a face; directions ``(photon, 3)``, the rest ``(photon,)``.
 
     ``reflection`` and ``transmission`` are weights that include the Fresnel factor; they are 0
@@ -55,9 +55,9 @@ def shadowing(cos: Floats, alpha: float) -> Floats:
     return np.where(a < 1.6, rational, 1.0).astype(cos.dtype)
 
 
-def meet(
+def sample_rough_face(
     direction: Floats, axis: int, alpha: float, eta: float, rng: np.random.Generator
-) -> Meeting:
+) -> FaceSample:
     """Send photons through the face that is normal to ``axis``, whichever way they come.
 
     Arguments:
@@ -95,7 +95,7 @@ def meet(
     through = refracted[:, axis] * side < 0
     reflection = weight * reflectance * shadowing(reflected[:, axis], alpha)
     transmission = weight * (1 - reflectance) * shadowing(refracted[:, axis], alpha)
-    return Meeting(
+    return FaceSample(
         reflected,
         np.where(back, reflection, 0).astype(np.float32),
         refracted,

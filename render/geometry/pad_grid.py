@@ -22,11 +22,11 @@ from render.scene.schema import Scene
 
 Index = NDArray[np.int64]
 
-LONGEST_STEP = 0.5
+MAX_ROW_STEP = 0.5
 """Longest step (mm) between y-lines of a bent pad: chords of an arc of 19 mm sag by 2 um."""
 
 
-class Material(IntEnum):
+class ColumnMaterial(IntEnum):
     """What a column of the grid is filled with."""
 
     AIR = 0
@@ -71,9 +71,9 @@ class PadGrid:
         corners = [(i, j), (i, j + 1), (i + 1, j + 1), (i + 1, j)]
         return _split([self.vertex(a, b, k) for a, b in corners])
 
-    def walls(self, inside: Material, outside: Material) -> Index:
+    def walls(self, inside: ColumnMaterial, outside: ColumnMaterial) -> Index:
         """Return the upright triangles whose normals point from one material into another."""
-        ring = np.pad(self.material, 1, constant_values=Material.AIR)
+        ring = np.pad(self.material, 1, constant_values=ColumnMaterial.AIR)
         faces = []
         for first, second, turned in ((inside, outside, False), (outside, inside, True)):
             j, i = np.nonzero((ring[1:-1, :-1] == first) & (ring[1:-1, 1:] == second))
@@ -112,7 +112,7 @@ def pad_grid(scene: Scene, bend: float, indented: bool) -> PadGrid:
         y_lines = _refined(y_lines)
     centre_x, centre_y = 0.5 * (x_lines[1:] + x_lines[:-1]), 0.5 * (y_lines[1:] + y_lines[:-1])
     clear = (np.abs(centre_y) < half_length)[:, None] & (np.abs(centre_x) < half_width)[None, :]
-    material = np.where(clear, Material.CLEAR, Material.DIFFUSER)
+    material = np.where(clear, ColumnMaterial.CLEAR, ColumnMaterial.DIFFUSER)
     return PadGrid(x_lines, y_lines, np.array([0.0, scene.pad.thickness]), material)
 
 
@@ -124,7 +124,7 @@ def _merged(values: Sequence[float]) -> Array:
 
 def _refined(lines: Array) -> Array:
     pieces = [
-        np.linspace(a, b, int(np.ceil((b - a) / LONGEST_STEP)) + 1)[:-1]
+        np.linspace(a, b, int(np.ceil((b - a) / MAX_ROW_STEP)) + 1)[:-1]
         for a, b in itertools.pairwise(lines)
     ]
     return np.concatenate([*pieces, lines[-1:]])

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.errors import RenderError
-from render.geometry.fiber_profile import angle, cut, density, sample_direction
+from render.geometry.fiber_profile import angle, density, sample_direction, truncated_mass
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,
@@ -84,7 +84,7 @@ class Emission:
         self.places = mi.UInt32(places)
         self.kind = mi.UInt32(kinds)
         self.sigma_v = mi.Float(spreads)
-        self.norm = mi.Float([cut(s) for s in spreads])
+        self.norm = mi.Float([truncated_mass(s) for s in spreads])
         dr.make_opaque(self.kind, self.sigma_v, self.norm, self.places)
 
     def _profile(self, index: Any, local: Any) -> Any:

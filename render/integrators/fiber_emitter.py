@@ -17,7 +17,13 @@ import drjit as dr
 import mitsuba as mi
 
 from render.errors import RenderError
-from render.geometry.fiber_profile import angle, cut, falloff, peak_radiance, sample_direction
+from render.geometry.fiber_profile import (
+    angle,
+    falloff,
+    peak_radiance,
+    sample_direction,
+    truncated_mass,
+)
 from render.geometry.fiber_profile import density as profile_density
 
 
@@ -41,7 +47,7 @@ class FiberEmitter(mi.Emitter):
                 raise RenderError(
                     f"{name} = {value:g}, allowed: finite and at least 0", field=name, value=value
                 )
-        self.norm = cut(self.sigma_v)
+        self.norm = truncated_mass(self.sigma_v)
         self._peak: float | None = None
         self.m_flags = mi.EmitterFlags.Surface
 

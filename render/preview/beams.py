@@ -6,7 +6,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry.layout import fiber_edges, flat_fiber_poses
-from render.preview.diffuser.cache import beam_of
+from render.preview.diffuser.cache import fiber_end_of
 from render.scene.schema import EDGES, Scene
 
 BEAM_MARK = 4
@@ -23,7 +23,7 @@ class Beams:
         """Place the images of the fiber ends behind the edge."""
         fibers = scene.fibers
         self._scene = scene
-        self._beam = beam_of(scene)
+        self._beam = fiber_end_of(scene)
         self.defines = {
             "BEAM": "1",
             "EMISSION_TEXELS": "1",

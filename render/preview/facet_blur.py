@@ -1,4 +1,4 @@
-"""How the camera mixes the facets: refraction and blur by the rough lower face, per bend.
+"""Facet blur: how the camera mixes facets, by refraction and the rough lower face, per bend.
 
 Facets are slivers of a few tenths of a millimeter and the rough face blurs by a tenth, so what
 the camera sees of one facet is a mixture of its neighbors and of the coating around them.
@@ -18,15 +18,15 @@ from render.geometry.microfacets import fresnel
 from render.geometry.refraction import refract_into_pad
 from render.scene.schema import Scene
 
-STEPS = 2
+SUBPIXELS = 2
 """Lines of sight per pixel, in each direction."""
-NORMALS = 64
+MICROFACETS = 64
 """Microfacet normals per line of sight, in mirrored pairs."""
-PIXELS = 400
+MAX_TARGET_PIXELS = 400
 """Pixels per target that are followed: a target with more is seen by an even choice of them."""
 
 
-def view_weights(scene: Scene, bend: float) -> Array:
+def facet_blur(scene: Scene, bend: float) -> Array:
     """Return camera radiance per irradiance on the coating, ``(site, facet + 1, facet + 1)``.
 
     Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
@@ -61,16 +61,17 @@ def view_weights(scene: Scene, bend: float) -> Array:
 
 
 def _thinned(masks: FacetMasks) -> FacetMasks:
-    """Return the masks with at most `PIXELS` pixels per target."""
+    """Return the masks with at most `MAX_TARGET_PIXELS` pixels per target."""
     size = np.diff(masks.offset)
-    if size.max(initial=0) <= PIXELS:
+    if size.max(initial=0) <= MAX_TARGET_PIXELS:
         return masks
-    kept = [
-        first + np.arange(min(count, PIXELS)) * max(count, 1) // max(min(count, PIXELS), 1)
-        for first, count in zip(masks.offset[:-1], size, strict=True)
+    thinned = np.minimum(size, MAX_TARGET_PIXELS)
+    chosen = [
+        first + np.arange(number) * max(count, 1) // max(number, 1)
+        for first, count, number in zip(masks.offset[:-1], size, thinned, strict=True)
     ]
-    offset = np.concatenate([[0], np.cumsum([len(chosen) for chosen in kept])])
-    return replace(masks, pixel=masks.pixel[np.concatenate(kept)], offset=offset)
+    offset = np.concatenate([[0], np.cumsum(thinned)])
+    return replace(masks, pixel=masks.pixel[np.concatenate(chosen)], offset=offset)
 
 
 def _lines_of_sight(scene: Scene, bend: float, masks: FacetMasks) -> tuple[Array, Array]:
@@ -78,7 +79,7 @@ def _lines_of_sight(scene: Scene, bend: float, masks: FacetMasks) -> tuple[Array
 
     Both ``(pixel, line, 3)``; the pixels in the order of ``masks.pixel``.
     """
-    steps = (np.arange(STEPS) + 0.5) / STEPS
+    steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
     step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
     column = (masks.pixel % masks.columns)[:, None] + step_x
     row = (masks.pixel // masks.columns)[:, None] + step_y
@@ -114,8 +115,8 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
 
 
 def _slopes() -> Array:
-    """Return `NORMALS` slopes ``(normal, 2)`` of a surface with alpha 1, evenly spread."""
-    pairs = NORMALS // 2
+    """Return `MICROFACETS` slopes ``(normal, 2)`` of a surface with alpha 1, evenly spread."""
+    pairs = MICROFACETS // 2
     index = np.arange(pairs) + 0.5
     radius = np.sqrt(-np.log1p(-index / pairs))
     golden = np.pi * (3 - np.sqrt(5)) * index
@@ -137,10 +138,10 @@ def _first_facet(scene: Scene, start: Array, direction: Array) -> np.ndarray:
     speed = direction @ normal.T
     distance = np.einsum("ki,ki->k", normal, corners[:, 0]) - start @ normal.T
     with np.errstate(divide="ignore"):
-        way = distance[:, :, None] / speed
-    entered = np.where(speed < 0, way, -np.inf)
+        plane_distance = distance[:, :, None] / speed
+    entered = np.where(speed < 0, plane_distance, -np.inf)
     facet = entered.argmax(axis=-1)
-    left = np.where(speed >= 0, way, np.inf).min(axis=-1)
+    exit_distance = np.where(speed >= 0, plane_distance, np.inf).min(axis=-1)
     coating = -start[..., 2][..., None] / direction[..., 2]
-    meets = entered.max(axis=-1) < np.minimum(left, coating)
+    meets = entered.max(axis=-1) < np.minimum(exit_distance, coating)
     return np.where(meets, facet, len(corners))

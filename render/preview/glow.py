@@ -13,8 +13,9 @@ from render.scene.schema import EDGES, Scene
 
 TEXELS = 3
 """RGBA texels that hold the 9 terms of one glow."""
-MERGED_STEP, LEAST_PART = 0.375, 1 / 40
-"""Longest step between the lights of a whole edge, in units of the pad's thickness, and of it."""
+MAX_MERGED_STEP, MIN_MERGED_FRACTION = 0.375, 1 / 40
+"""Step between the lights of a whole edge: at most so many thicknesses of the pad, unless that is
+less than this part of the edge."""
 SOFTNESS = 0.7
 """Distance within which a light levels off, in units of the step to the next."""
 
@@ -27,7 +28,9 @@ class Glow:
         self._scene, self._response = scene, response
         self.edge_albedo = response.albedo
         self.nodes = response.phi
-        step = max(float(np.median(np.diff(response.offsets))), MERGED_STEP * scene.pad.thickness)
+        step = max(
+            float(np.median(np.diff(response.offsets))), MAX_MERGED_STEP * scene.pad.thickness
+        )
         self.defines = {
             "GLOW": "1",
             "EMISSION_TEXELS": str(TEXELS),
@@ -36,14 +39,16 @@ class Glow:
         edge = np.array([EDGES.index(name) for name in fiber_edges(scene)])
         place = flat_fiber_poses(scene).position
         center = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
-        reach = np.array([_reach(scene, number) for number in range(len(EDGES))])[edge]
+        half_length = np.array([_half_length(scene, number) for number in range(len(EDGES))])[edge]
         # At the tip's corners the layer goes on, and its walls send light back. At the base it
         # ends: about half of what comes back there scattered back in the endless layer as well.
         walls = _wall_reflectance(scene)
         low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
         returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
-        self._keep, self._fold = _ends(response.offsets, center, reach, returned)
-        self._along = np.clip(center[:, None] + response.offsets, -reach[:, None], reach[:, None])
+        self._inside, self._folded = _ends(response.offsets, center, half_length, returned)
+        self._along = np.clip(
+            center[:, None] + response.offsets, -half_length[:, None], half_length[:, None]
+        )
         self._edge = edge
         self.position = _on_edges(scene, self._along, edge, response.heights)
 
@@ -54,31 +59,35 @@ class Glow:
     def _radiance(self, phi: Array) -> Array:
         """Return ``(..., fiber, offset, height, term)``; layers end with the edges."""
         endless = self._response.at(phi)
-        kept = endless * self._keep[..., None, None]
-        folded = np.einsum("fpo,...fozt->...fpzt", self._fold, endless * MIRROR_ALONG)
-        return np.asarray(kept + folded)
+        inside = endless * self._inside[..., None, None]
+        folded = np.einsum("fpo,...fozt->...fpzt", self._folded, endless * MIRROR_ALONG)
+        return np.asarray(inside + folded)
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return the glow of whole edges, shared linearly between evenly spaced lights."""
         radiance = self._radiance(phi)
         positions, emissions = [], []
         for number in range(len(EDGES)):
-            reach = _reach(self._scene, number)
-            step = max(MERGED_STEP * self._scene.pad.thickness, LEAST_PART * 2 * reach)
-            count = int(np.ceil(2 * reach / step)) + 1
-            grid = np.linspace(-reach, reach, count)
-            share = _shares(self._along[self._edge == number].ravel(), grid)
+            half_length = _half_length(self._scene, number)
+            step = max(
+                MAX_MERGED_STEP * self._scene.pad.thickness, MIN_MERGED_FRACTION * 2 * half_length
+            )
+            count = int(np.ceil(2 * half_length / step)) + 1
+            grid = np.linspace(-half_length, half_length, count)
+            weights = _hat_weights(self._along[self._edge == number].ravel(), grid)
             light = np.einsum(
                 "fozt,fc->cfozt", radiance[self._edge == number], power[self._edge == number]
             )
             light = light.reshape(3, -1, *light.shape[3:])
-            emissions.append(np.einsum("nm,cnzt->cmzt", share, light).reshape(3, -1, TERMS))
+            emissions.append(np.einsum("nm,cnzt->cmzt", weights, light).reshape(3, -1, TERMS))
             edge = np.array([number])
             positions.append(_on_edges(self._scene, grid[None], edge, self._response.heights))
         return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
 
 
-def _ends(offsets: Array, center: Array, reach: Array, returned: Array) -> tuple[Array, Array]:
+def _ends(
+    offsets: Array, center: Array, half_length: Array, returned: Array
+) -> tuple[Array, Array]:
     """Return what the ends of the layer make of an endless layer's lights.
 
     Each light stands for the cell between its neighbors. The part of a cell inside the edge is
@@ -89,10 +98,10 @@ def _ends(offsets: Array, center: Array, reach: Array, returned: Array) -> tuple
     middle = 0.5 * (offsets[1:] + offsets[:-1])
     low = center[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
     high = center[:, None] + np.concatenate([middle, 2 * offsets[-1:] - middle[-1:]])
-    bound = reach[:, None]
+    bound = half_length[:, None]
     keep = np.clip(np.minimum(high, bound) - np.maximum(low, -bound), 0.0, None) / (high - low)
     fold = np.zeros((len(center), len(offsets), len(offsets)))
-    for fiber, (place, end) in enumerate(zip(center, reach, strict=True)):
+    for fiber, (place, end) in enumerate(zip(center, half_length, strict=True)):
         for light in range(len(offsets)):
             for sign, first, last in (
                 (-1, low[fiber, light], min(high[fiber, light], -end)),
@@ -100,9 +109,9 @@ def _ends(offsets: Array, center: Array, reach: Array, returned: Array) -> tuple
             ):
                 if last > first:
                     image = max(2 * end - sign * 0.5 * (first + last), -end) * sign - place
-                    share = linear_weights(np.array([image]), offsets)[0]
+                    weights = linear_weights(np.array([image]), offsets)[0]
                     beyond = (last - first) / (high[fiber, light] - low[fiber, light])
-                    fold[fiber, :, light] += returned[fiber, (sign + 1) // 2] * beyond * share
+                    fold[fiber, :, light] += returned[fiber, (sign + 1) // 2] * beyond * weights
     return keep, fold
 
 
@@ -113,7 +122,7 @@ def _wall_reflectance(scene: Scene) -> float:
     return float(np.trapezoid(2 * cosine * reflected, cosine))
 
 
-def _reach(scene: Scene, edge: int) -> float:
+def _half_length(scene: Scene, edge: int) -> float:
     """Return half the length (mm) of an edge's inner face."""
     return (scene.pad.width if EDGES[edge] == "tip" else scene.pad.length) / 2
 
@@ -131,7 +140,7 @@ def _on_edges(scene: Scene, along: Array, edge: Array, heights: Array) -> Array:
     return np.stack([x, y, z, number.astype(np.float64)], axis=-1).reshape(len(along), -1, 4)
 
 
-def _shares(place: Array, grid: Array) -> Array:
+def _hat_weights(place: Array, grid: Array) -> Array:
     """Return ``(light, grid point)`` weights that share lights between the nearest two points."""
     step = grid[1] - grid[0]
     return np.asarray(np.maximum(1 - np.abs(place[:, None] - grid) / step, 0.0))

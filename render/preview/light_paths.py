@@ -16,7 +16,7 @@ from render.arrays import Array
 from render.scene.schema import Scene
 
 
-class Path(NamedTuple):
+class LightPath(NamedTuple):
     """Ways of light from sources to targets, all arrays broadcast ``(...)``.
 
     depart: unit directions ``(..., 3)`` at the sources, in their local frames.
@@ -31,9 +31,9 @@ class Path(NamedTuple):
     cosine: Array
 
 
-BASE_REACH = 2.0
+BASE_DISTANCE = 2.0
 """Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
-LEAST_CURVATURE = 1e-9
+MIN_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
 
 
@@ -43,12 +43,12 @@ def near_base(scene: Scene) -> float:
     The base is the clear lower end of the pad: a plane through the bend axis, so that the image of
     flat position (x, y, z) is (x, 2 base - y, z) at any bend. It reflects what grazes it.
     """
-    return -scene.pad.length / 2 + BASE_REACH * scene.pad.thickness
+    return -scene.pad.length / 2 + BASE_DISTANCE * scene.pad.thickness
 
 
-def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> Path:
+def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> LightPath:
     """Return the straight ways between flat positions ``(..., 3)`` (mm), hidden by the horizon."""
-    kappa = max(kappa, LEAST_CURVATURE)
+    kappa = max(kappa, MIN_CURVATURE)
     across, around, rise = np.moveaxis(target - source, -1, 0)
     phi = kappa * around
     sine, sag = np.sin(phi) / kappa, 2 * np.sin(phi / 2) ** 2 / kappa
@@ -62,16 +62,16 @@ def direct_path(source: Array, target: Array, thickness: float, kappa: float) ->
     along = np.abs(to_source[..., 1])
     nearer = (along <= dip / kappa) & (np.cos(phi) > 0)
     visible = nearer | (dip * along > to_source[..., 2])
-    scale = 1 / np.maximum(distance, 1e-9)
-    return Path(
-        to_target * scale[..., None],
-        to_source * scale[..., None],
-        visible * scale**2,
-        np.ones_like(scale),
+    inverse_distance = 1 / np.maximum(distance, 1e-9)
+    return LightPath(
+        to_target * inverse_distance[..., None],
+        to_source * inverse_distance[..., None],
+        visible * inverse_distance**2,
+        np.ones_like(inverse_distance),
     )
 
 
-def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) -> Path:
+def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) -> LightPath:
     """Return the ways by one reflection at the lower face, without its Fresnel factor.
 
     With arcs ``theta`` and ``psi`` from source and target to the point of reflection and heights
@@ -80,10 +80,10 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
     Newton's iteration from the flat mirror's solution solves it. The spread follows from
     Coddington's equation for the arc's plane.
     """
-    kappa = max(kappa, LEAST_CURVATURE)
+    kappa = max(kappa, MIN_CURVATURE)
     k = kappa / (1 + kappa * thickness)
     across, along, _ = np.moveaxis(target - source, -1, 0)
-    way, arc = np.sign(along), kappa * np.abs(along)
+    heading, arc = np.sign(along), kappa * np.abs(along)
     z_source, z_target = np.broadcast_arrays(source[..., 2], target[..., 2])
     a, c = k * z_source, k * z_target
     p, q = 1 - a, 1 - c
@@ -102,12 +102,12 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
     length = np.hypot(total, across)
     drop_source = z_source - 2 * np.sin(theta / 2) ** 2 / k
     drop_target = z_target - 2 * np.sin(psi / 2) ** 2 / k
-    depart = np.stack([across * l1 / total, way * np.sin(theta) / k, -drop_source], axis=-1)
-    arrive = np.stack([-across * l2 / total, -way * np.sin(psi) / k, -drop_target], axis=-1)
+    depart = np.stack([across * l1 / total, heading * np.sin(theta) / k, -drop_source], axis=-1)
+    arrive = np.stack([-across * l2 / total, -heading * np.sin(psi) / k, -drop_target], axis=-1)
     width = np.maximum(total - 2 * k * l1 * l2 * l1 / n1, 0.1 * total)
     dip = _horizon_dip(kappa * (thickness - z_target))
     visible = (drop_source > 0) & (drop_target + dip * np.abs(arrive[..., 1]) > 0)
-    return Path(
+    return LightPath(
         depart / np.linalg.norm(depart, axis=-1, keepdims=True),
         arrive / np.linalg.norm(arrive, axis=-1, keepdims=True),
         visible * total / (length**2 * width),

@@ -10,7 +10,7 @@ import numpy as np
 from render.arrays import Array
 from render.preview.beams import Beams
 from render.preview.diffuser.cache import slab_of, slab_response
-from render.preview.diffuser.response import OPAQUE, RAYS
+from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS
 from render.preview.glow import Glow
 from render.preview.light_paths import near_base
 from render.scene.schema import Scene
@@ -19,7 +19,7 @@ IMAGE_MARK, END_MARK = 8, -1
 """Parts of a light's mark, see `with_images`."""
 
 
-class Lights(Protocol):
+class PointLights(Protocol):
     """Point lights in flat pad coordinates, and what they emit for given fiber directions.
 
     position: ``(fiber, light, 4)``: x, y, z (mm) and the number of the edge (+ 4 for a beam).
@@ -46,12 +46,14 @@ class Lights(Protocol):
         """
 
 
-def make_lights(scene: Scene, cache: Path | None = None) -> Lights:
+def point_lights(scene: Scene, cache: Path | None = None) -> PointLights:
     """Return the lights that the scene requires: beams, the diffuser's glow, or both."""
     if scene.diffuser is None:
         return Beams(scene)
     glow = Glow(scene, slab_response(scene, cache=cache, rays=RAYS))
-    return glow if slab_of(scene).optical_thickness >= OPAQUE else Both(glow, Beams(scene))
+    if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS:
+        return glow
+    return GlowAndBeams(glow, Beams(scene))
 
 
 def with_images(scene: Scene, position: Array) -> Array:
@@ -72,7 +74,7 @@ def with_images(scene: Scene, position: Array) -> Array:
     return np.concatenate([position, images], axis=1)
 
 
-class Both:
+class GlowAndBeams:
     """The glow of a thin diffuser together with the beams that pass it unscattered."""
 
     nodes = None

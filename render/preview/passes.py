@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.bending import curvature
-from render.geometry.indenter import SHADOW, Imprint
+from render.geometry.indenter import SHADOW_LENGTH, Imprint
 from render.preview.gl import create_context
-from render.preview.light_paths import LEAST_CURVATURE
-from render.preview.lights import Lights, with_images
-from render.preview.shader import Pass, float_texture, source
-from render.preview.shading_points import PadPoints
+from render.preview.light_paths import MIN_CURVATURE
+from render.preview.lights import PointLights, with_images
+from render.preview.shader import ShaderPass, float_texture, source
+from render.preview.shading_points import ShadingPoints
 from render.scene.schema import Scene
 
-LARGEST = 8192
+MAX_TARGET_SIDE = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""
 POINT_COLUMNS = 1024
 """Points per row of their texture."""
 
 
-class Drawing:
+class ShaderPasses:
     """The shader programs of one scene and what they read, in an OpenGL context of its own.
 
     Arguments:
@@ -35,15 +35,15 @@ class Drawing:
     def __init__(
         self,
         scene: Scene,
-        lights: Lights,
-        points: PadPoints,
+        lights: PointLights,
+        points: ShadingPoints,
         imprint: Imprint,
         backend: str | None,
     ) -> None:
         """Open the context and upload what does not depend on the design."""
         self._scene, self._lights, self._imprint = scene, lights, imprint
         self._count = len(points.position)
-        self._passes: dict[tuple[str, bool, int, bool], Pass] = {}
+        self._compiled: dict[tuple[str, bool, int, bool], ShaderPass] = {}
         self._context: Any = create_context(backend)
         with self._context:
             texels = np.stack([points.position, points.normal], axis=1)
@@ -115,8 +115,8 @@ class Drawing:
             if facet is not None:
                 images["facet_indirect"] = float_texture(self._context, np.moveaxis(facet, 0, -1))
             uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
-            drawing = self._pass("picture.frag", bend, 3, facet is not None)
-            picture = drawing.draw(size, 3, uniforms, images)
+            shader_pass = self._pass("picture.frag", bend, 3, facet is not None)
+            picture = shader_pass.draw(size, 3, uniforms, images)
             for image in images.values():
                 image.release()
         return picture[::-1].copy()
@@ -127,18 +127,18 @@ class Drawing:
         """Return ``(row, point, channel)``."""
         images = {"points": self._points, "lights": lights, "emissions": emissions}
         uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
-        drawing = self._pass("transport.frag", bend, channels, False)
+        shader_pass = self._pass("transport.frag", bend, channels, False)
         parts = []
-        for first in range(0, self._count, LARGEST):
-            size = (min(LARGEST, self._count - first), rows)
+        for first in range(0, self._count, MAX_TARGET_SIDE):
+            size = (min(MAX_TARGET_SIDE, self._count - first), rows)
             wanted = uniforms | {"first_point": first}
-            parts.append(drawing.draw(size, 3 if channels == 3 else 2, wanted, images))
+            parts.append(shader_pass.draw(size, 3 if channels == 3 else 2, wanted, images))
         return np.concatenate(parts, axis=1)
 
-    def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> Pass:
+    def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> ShaderPass:
         """Return the program specialized to what it has to draw."""
         key = (fragment, bend > 0, channels, indented)
-        if key not in self._passes:
+        if key not in self._compiled:
             defines = dict(self._lights.defines)
             defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
             if bend > 0:
@@ -146,12 +146,12 @@ class Drawing:
             if indented:
                 defines["FACES"] = str(len(self._imprint.normal))
             parts = ("light_paths.glsl", "shading.glsl", fragment)
-            self._passes[key] = Pass(self._context, source(*parts, defines=defines))
-        return self._passes[key]
+            self._compiled[key] = ShaderPass(self._context, source(*parts, defines=defines))
+        return self._compiled[key]
 
     def _uniforms(self, bend: float, lights: int) -> dict[str, Any]:
         pad, fibers, layer = self._scene.pad, self._scene.fibers, self._scene.diffuser
-        kappa = max(curvature(self._scene, bend), LEAST_CURVATURE)
+        kappa = max(curvature(self._scene, bend), MIN_CURVATURE)
         return {
             "thickness": pad.thickness,
             "refractive_index": pad.index,
@@ -176,7 +176,7 @@ class Drawing:
             "site_first": tuple(pressed.center[0]),
             "site_step": (pressed.spacing, pressed.spacing),
             "site_count": (float(pressed.columns), float(pressed.rows)),
-            "longest_shadow": SHADOW * pressed.size,
+            "longest_shadow": SHADOW_LENGTH * pressed.size,
             "facet_planes": [
                 (*n, d) for n, d in zip(pressed.normal, pressed.distance, strict=True)
             ],

@@ -12,11 +12,11 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
 from render.geometry.indenter import Imprint, pyramids
-from render.preview.facet_blur import view_weights
-from render.preview.lights import Lights, make_lights
-from render.preview.passes import LARGEST, Drawing
-from render.preview.radiosity import Interreflection, interreflection
-from render.preview.shading_points import pad_points
+from render.preview.facet_blur import facet_blur
+from render.preview.lights import PointLights, point_lights
+from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
+from render.preview.radiosity import Radiosity, solve_radiosity
+from render.preview.shading_points import shading_points
 from render.scene.schema import Scene
 
 
@@ -24,7 +24,7 @@ class Preview:
     """Draws one scene with OpenGL; a context manager that frees the OpenGL context.
 
     Radiance at the camera in 1/(mm^2 sr) per unit power of a fiber: direct light of its glow at
-    every facet (straight and by way of the lower face), interreflection, and the camera's view.
+    every facet (straight and by way of the lower face), radiosity, and the camera's view.
     Nothing in it is fitted to the reference.
 
     Arguments:
@@ -46,19 +46,21 @@ class Preview:
         *,
         backend: str | None = None,
         cache: Path | None = None,
-        lights: Lights | None = None,
+        lights: PointLights | None = None,
         imprint: Imprint | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
         self.scene = scene
-        self._lights = lights or make_lights(scene, cache)
+        self._lights = lights or point_lights(scene, cache)
         pressed = imprint or pyramids(scene)
         self._measures = imprint is None
-        self._points = pad_points(scene, pressed)
-        self._light: dict[float, Interreflection] = {}
-        self._view: dict[float, Array] = {}
+        self._points = shading_points(scene, pressed)
+        self._radiosity: dict[float, Radiosity] = {}
+        self._blurs: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
-        self._drawing: Drawing | None = Drawing(scene, self._lights, self._points, pressed, backend)
+        self._passes: ShaderPasses | None = ShaderPasses(
+            scene, self._lights, self._points, pressed, backend
+        )
 
     def __enter__(self) -> Preview:
         """Return the preview itself."""
@@ -75,9 +77,9 @@ class Preview:
 
     def close(self) -> None:
         """Free the OpenGL context; nothing can be drawn afterwards."""
-        if self._drawing is not None:
-            self._drawing.release()
-            self._drawing = None
+        if self._passes is not None:
+            self._passes.release()
+            self._passes = None
 
     def transport(self, phi: Array, bends: Array) -> tuple[Array, Array]:
         """Return T and background, float64 (drawn in float32).
@@ -103,7 +105,7 @@ class Preview:
         """Return T and, as last facet, the background: ``(fiber, node, site, facet + 1)``."""
         nodes = self._lights.nodes
         if nodes is None:
-            size = max(1, LARGEST // len(phi))
+            size = max(1, MAX_TARGET_SIDE // len(phi))
             parts = range(0, phi.shape[1], size)
             return np.concatenate([self.draw(phi[:, i : i + size], bend) for i in parts], axis=1)
         if bend not in self._tables:
@@ -117,19 +119,19 @@ class Preview:
 
         ``phi`` is ``(fiber, node)`` rad. `transport` gives the same and draws only when it must.
         """
-        points, light, weights = self._points, self._light_at(bend), self._view_at(bend)
+        points, radiosity, weights = self._points, self._radiosity_at(bend), self._blur_at(bend)
         drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
         direct, foot = drawn[..., 0], drawn[..., 1]
-        total = direct[:, : points.first_edge] + light.added(direct)
+        total = direct[:, : points.first_edge] + radiosity.added(direct)
         shape = (phi.size, points.sites, points.facets)
         facets = slice(0, points.sites * points.facets)
         site = total[:, facets.stop : points.first_patch, None]
         # At the foot of a facet the pyramid's shadow leaves what the site gets indirectly.
         shadow = site - direct[:, facets.stop : points.first_patch, None]
         around = foot[:, facets].reshape(shape) + shadow
-        facet = total[:, facets].reshape(shape) + light.below(around)
-        view = weights[:, :-1]
-        seen = np.einsum("sij,rsj->rsi", view[..., :-1], facet) + view[..., -1] * around
+        facet = total[:, facets].reshape(shape) + radiosity.below(around)
+        blur = weights[:, :-1]
+        seen = np.einsum("sij,rsj->rsi", blur[..., :-1], facet) + blur[..., -1] * around
         background = weights[:, -1, -1:] * site
         return np.concatenate([seen, background], axis=-1).reshape(*phi.shape, points.sites, -1)
 
@@ -175,22 +177,22 @@ class Preview:
         position, emission = self._lights.merged(phi, power)
         direct = self._open.merged(position, emission, bend)
         points = self._points
-        light = self._light_at(bend)
-        indirect = light.added(direct.astype(np.float64))
+        radiosity = self._radiosity_at(bend)
+        indirect = radiosity.added(direct.astype(np.float64))
         coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
         facets, sites = np.split(
             indirect[:, : points.first_patch], [points.sites * points.facets], 1
         )
-        facet = facets.reshape(3, points.sites, points.facets) + light.below(sites[..., None])
+        facet = facets.reshape(3, points.sites, points.facets) + radiosity.below(sites[..., None])
         return self._open.picture(
             position, emission, coating, facet if indented else None, bend, (width, height)
         )
 
     @property
-    def _open(self) -> Drawing:
-        if self._drawing is None:
+    def _open(self) -> ShaderPasses:
+        if self._passes is None:
             raise GraphicsError("the preview is closed: make a new one")
-        return self._drawing
+        return self._passes
 
     def _check(self, phi: Array, bends: Array) -> None:
         fibers = self.scene.fibers.count
@@ -210,15 +212,15 @@ class Preview:
                     allowed="0 to 180 deg",
                 )
 
-    def _light_at(self, bend: float) -> Interreflection:
-        """Return the interreflection at a bend, made when it is first asked for."""
-        if bend not in self._light:
+    def _radiosity_at(self, bend: float) -> Radiosity:
+        """Return the radiosity at a bend, made when it is first asked for."""
+        if bend not in self._radiosity:
             albedo = self._lights.edge_albedo
-            self._light[bend] = interreflection(self.scene, self._points, bend, albedo)
-        return self._light[bend]
+            self._radiosity[bend] = solve_radiosity(self.scene, self._points, bend, albedo)
+        return self._radiosity[bend]
 
-    def _view_at(self, bend: float) -> Array:
-        """Return `view_weights` at a bend, made when it is first asked for; pictures need none."""
-        if bend not in self._view:
-            self._view[bend] = view_weights(self.scene, bend)
-        return self._view[bend]
+    def _blur_at(self, bend: float) -> Array:
+        """Return `facet_blur` at a bend, made when it is first asked for; pictures need none."""
+        if bend not in self._blurs:
+            self._blurs[bend] = facet_blur(self.scene, bend)
+        return self._blurs[bend]

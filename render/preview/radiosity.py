@@ -14,8 +14,8 @@ import numpy as np
 from render.arrays import Array
 from render.geometry.bending import curvature
 from render.geometry.microfacets import fresnel
-from render.preview.light_paths import Path, direct_path, mirrored_path, near_base
-from render.preview.shading_points import PadPoints
+from render.preview.light_paths import LightPath, direct_path, mirrored_path, near_base
+from render.preview.shading_points import ShadingPoints
 from render.scene.schema import Scene
 
 TARGETS = 1000
@@ -25,15 +25,15 @@ _SPOTS = np.array([-0.5, 0.5]) / np.sqrt(3)
 
 
 @dataclass(frozen=True)
-class Interreflection:
-    """What one bend adds to direct irradiance.
+class Radiosity:
+    """What light to and fro in the pad adds to direct irradiance at one bend.
 
     indirect: ``(target, patch)``, irradiance on facets, sites and coating patches (in the order of
-    `PadPoints`) per direct irradiance on all patches.
+    `ShadingPoints`) per direct irradiance on all patches.
     """
 
     scene: Scene
-    points: PadPoints
+    points: ShadingPoints
     indirect: Array
 
     def added(self, direct: Array) -> Array:
@@ -50,9 +50,9 @@ class Interreflection:
         return np.asarray(part * self.scene.coating.albedo * around)
 
 
-def interreflection(
-    scene: Scene, points: PadPoints, bend: float, edge_albedo: float
-) -> Interreflection:
+def solve_radiosity(
+    scene: Scene, points: ShadingPoints, bend: float, edge_albedo: float
+) -> Radiosity:
     """Solve the patches' radiosity at ``bend`` radians.
 
     ``edge_albedo`` is that of the diffuser for light from inside the pad.
@@ -69,10 +69,10 @@ def interreflection(
     gather = kernel[: points.first_edge] * albedo
     # E = E0 + between E, and targets gather from the final irradiance.
     solved = np.linalg.solve((np.eye(len(between)) - between).T, gather.T).T
-    return Interreflection(scene, points, solved)
+    return Radiosity(scene, points, solved)
 
 
-def _kernel(scene: Scene, points: PadPoints, bend: float, chosen: slice) -> Array:
+def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> Array:
     """Return the irradiance at chosen points per radiosity of every patch, ``(point, patch)``."""
     kappa, thickness = curvature(scene, bend), scene.pad.thickness
     target, facing = points.position[chosen, None, None], points.normal[chosen, None, None]
@@ -109,7 +109,7 @@ def _reflected(scene: Scene, cosine: Array) -> Array:
     return np.asarray(fresnel(cosine, 1 / scene.pad.index)[0])
 
 
-def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
+def _spots(points: ShadingPoints, chosen: slice) -> tuple[Array, Array, Array]:
     """Return points ``(1, patch, spot, 3)`` on patches, normals, and areas ``(1, patch, 1)``."""
     position, size = points.position[chosen], points.size[chosen]
     normal = points.normal[chosen]
@@ -122,7 +122,7 @@ def _spots(points: PadPoints, chosen: slice) -> tuple[Array, Array, Array]:
     return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
 
 
-def _coupling(scene: Scene, path: Path, normal: Array, facing: Array, in_base: bool) -> Array:
+def _coupling(scene: Scene, path: LightPath, normal: Array, facing: Array, in_base: bool) -> Array:
     """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2).
 
     Light of an image in the base is what the base reflects.

@@ -21,7 +21,7 @@ def source(*parts: str, defines: dict[str, str]) -> str:
     return "\n".join(lines + [(folder / part).read_text(encoding="utf-8") for part in parts])
 
 
-class Pass:
+class ShaderPass:
     """One full-target draw: a fragment shader with its uniforms and input textures."""
 
     def __init__(self, context: Any, fragment: str) -> None:

@@ -13,14 +13,15 @@ from render.arrays import Array
 from render.geometry.indenter import Imprint, pyramids
 from render.scene.schema import Scene
 
-PATCH, LEAST_PART = 0.625, 1 / 16
-"""Longest side of a patch in units of the pad's thickness, and of its longest side."""
-STOREYS = 3
+MAX_PATCH_SIDE, MIN_PATCH_FRACTION = 0.625, 1 / 16
+"""Longest side of a patch in thicknesses of the pad, unless that is less than this part of its
+longest side."""
+EDGE_PATCH_ROWS = 3
 """Patches of the lit edges from the lower face to the coating."""
 
 
 @dataclass(frozen=True)
-class PadPoints:
+class ShadingPoints:
     """Points in the order facets, sites, coating patches, edge patches.
 
     Arguments:
@@ -51,7 +52,7 @@ class PadPoints:
         return self.first_patch + self.columns * self.rows
 
 
-def pad_points(scene: Scene, imprint: Imprint | None = None) -> PadPoints:
+def shading_points(scene: Scene, imprint: Imprint | None = None) -> ShadingPoints:
     """Return the points of a scene that ``imprint`` (default: the pyramids) presses.
 
     The lit edges are those with a diffuser that sends light back.
@@ -60,7 +61,7 @@ def pad_points(scene: Scene, imprint: Imprint | None = None) -> PadPoints:
     """
     pad, imprint = scene.pad, imprint or pyramids(scene)
     sites = imprint.center
-    longest = max(PATCH * pad.thickness, LEAST_PART * max(pad.width, pad.length))
+    longest = max(MAX_PATCH_SIDE * pad.thickness, MIN_PATCH_FRACTION * max(pad.width, pad.length))
     columns, rows = (int(np.ceil(side / longest)) for side in (pad.width, pad.length))
     x = pad.width * ((np.arange(columns) + 0.5) / columns - 0.5)
     y = pad.length * ((np.arange(rows) + 0.5) / rows - 0.5)
@@ -78,7 +79,7 @@ def pad_points(scene: Scene, imprint: Imprint | None = None) -> PadPoints:
         edge_normal,
     ]
     point_size = np.zeros((len(sites) * (len(imprint.normal) + 1), 2))
-    return PadPoints(
+    return ShadingPoints(
         np.concatenate(position),
         np.concatenate(normal),
         np.concatenate([point_size, coating_size, edge_size]),
@@ -95,7 +96,7 @@ def _edge_patches(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array
     if scene.diffuser is None:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2))
     pad = scene.pad
-    z = pad.thickness * (np.arange(STOREYS) + 0.5) / STOREYS
+    z = pad.thickness * (np.arange(EDGE_PATCH_ROWS) + 0.5) / EDGE_PATCH_ROWS
     position, normal, size = [], [], []
     for along, step, place, inward in (
         (y, pad.length / len(y), (-pad.width / 2, None), (1.0, 0.0, 0.0)),
@@ -106,5 +107,5 @@ def _edge_patches(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array
         across, up = (grid if fixed is None else np.full_like(grid, fixed) for fixed in place)
         position.append(np.stack([across, up, grid_z], axis=-1))
         normal.append(np.tile(inward, (len(grid), 1)))
-        size.append(np.tile([step, pad.thickness / STOREYS], (len(grid), 1)))
+        size.append(np.tile([step, pad.thickness / EDGE_PATCH_ROWS], (len(grid), 1)))
     return np.concatenate(position), np.concatenate(normal), np.concatenate(size)

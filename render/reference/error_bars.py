@@ -19,10 +19,10 @@ import numpy as np
 
 from render.arrays import Array
 
-FACETS = (4,)
+FACET_AXES = (4,)
 # Axes of the cells whose contributions an unlit one borrows: more where those are unlit too.
-PEERS = ((3, 4), (1, 3, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4))
-UNLIT = 1.5
+PEER_AXES = ((3, 4), (1, 3, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4))
+UNLIT_CONTRIBUTIONS = 1.5
 """Contributions in the standard error of an unlit cell: two standard errors are three of them."""
 
 
@@ -34,15 +34,15 @@ def standard_error(replicates: Array) -> Array:
             at least 0; NaN where the camera sees nothing, as is the result then.
     """
     mean, variance = _moments(replicates)
-    share = shared_weight(replicates)
-    shared = mean * _contribution(mean, variance, FACETS)
-    error = np.sqrt(variance ** (1.0 - share) * shared**share)
+    weight = shared_weight(replicates)
+    shared_variance = mean * _contribution(mean, variance, FACET_AXES)
+    error = np.sqrt(variance ** (1.0 - weight) * shared_variance**weight)
     unlit = mean == 0
-    for axes in PEERS:
+    for axes in PEER_AXES:
         if not unlit.any():
             break
         size = _contribution(mean, variance, axes)
-        error = np.where(unlit, UNLIT * size, error)
+        error = np.where(unlit, UNLIT_CONTRIBUTIONS * size, error)
         unlit = unlit & (size == 0)
     return np.asarray(error)
 
@@ -52,7 +52,7 @@ def shared_weight(replicates: Array) -> float:
 
     ``replicates`` are those of ``standard_error``; 0 without facets or with fewer than four.
     """
-    if replicates[0].ndim <= FACETS[0] or len(replicates) < 4:
+    if replicates[0].ndim <= FACET_AXES[0] or len(replicates) < 4:
         return 0.0
     half = len(replicates) // 2
     logs = []
@@ -60,7 +60,10 @@ def shared_weight(replicates: Array) -> float:
         mean, variance = _moments(part)
         ratio = np.full(mean.shape, np.nan)
         np.divide(
-            variance, mean * _contribution(mean, variance, FACETS), out=ratio, where=variance > 0
+            variance,
+            mean * _contribution(mean, variance, FACET_AXES),
+            out=ratio,
+            where=variance > 0,
         )
         logs.append(np.log(ratio))
     known = np.isfinite(logs[0]) & np.isfinite(logs[1])

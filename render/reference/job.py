@@ -181,7 +181,7 @@ def run_job(
 
 
 @lru_cache(maxsize=64)
-def _masked(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarray, np.ndarray]:
+def _target_pixels(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the targets' pixels and offsets; drawing the masks takes longer than a short run."""
     masks = facet_masks(scene, bend)
     faces = scene.indenter.faces
@@ -199,7 +199,7 @@ def pad_cells(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
     """
     from render.cells.cell_sampler import CellSampler, Targets
 
-    pixel, offset = _masked(scene, bend, indented)
+    pixel, offset = _target_pixels(scene, bend, indented)
     if offset[-1] == 0:
         raise RenderError(
             f"the camera sees no facet at a bend of {np.degrees(bend):g} deg: move the camera "

@@ -19,10 +19,10 @@ Step = Annotated[float, Quantity("deg", 0.1, 90.0)]
 PowerLimit = Annotated[float, Quantity("", 0.01, 1.0)]
 Index = Annotated[int, Count(0, 191)]
 LedCount = Annotated[int, Count(0, 192)]
-ON_STEP = 1e-9
+STEP_TOLERANCE = 1e-9
 
 
-class Fixed(Part):
+class FixedFiber(Part):
     """A fiber that is already mounted: its color, its direction, or both."""
 
     fiber: Index
@@ -33,7 +33,7 @@ class Fixed(Part):
     angle: Angle | None = None
 
 
-class Forbidden(Part):
+class ForbiddenDirections(Part):
     """Directions between ``low`` and ``high`` that cannot be mounted; inner ends are allowed.
 
     ``fibers`` are those that it holds for; none named means all.
@@ -64,8 +64,8 @@ class Constraints(Part):
     power_blue: PowerLimit = 1.0
     angle_step: Step | None = None
     continuous_power: bool = False
-    fixed: Annotated[tuple[Fixed, ...], Field(strict=False)] = ()
-    forbidden: Annotated[tuple[Forbidden, ...], Field(strict=False)] = ()
+    fixed: Annotated[tuple[FixedFiber, ...], Field(strict=False)] = ()
+    forbidden: Annotated[tuple[ForbiddenDirections, ...], Field(strict=False)] = ()
 
     def most(self, fibers: int) -> tuple[int, int, int]:
         """Return the largest number of red, green and blue fibers, of ``fibers`` in all."""
@@ -92,11 +92,15 @@ class Constraints(Part):
             entry.fiber == fiber and entry.angle is not None for entry in self.fixed
         ):
             return None
-        steps = [i * self.angle_step for i in range(int(math.pi / self.angle_step + ON_STEP) + 1)]
+        steps = [
+            i * self.angle_step for i in range(int(math.pi / self.angle_step + STEP_TOLERANCE) + 1)
+        ]
         return [
             min(step, math.pi)
             for step in steps
-            if any(a - ON_STEP <= step <= b + ON_STEP for a, b in self.intervals(fiber))
+            if any(
+                a - STEP_TOLERANCE <= step <= b + STEP_TOLERANCE for a, b in self.intervals(fiber)
+            )
         ]
 
     def problems(self, fibers: int) -> Iterator[str]:

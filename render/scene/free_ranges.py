@@ -18,7 +18,7 @@ Thickness = Annotated[tuple[float, ...], Quantity("mm", 0.1, 20.0, many=True)]
 UNITS = {"reduced_scattering": "1/mm", "diffuser_thickness": "mm"}
 
 
-class Free(Part):
+class FreeRanges(Part):
     """Lowest and highest value of each free quantity of the diffuser.
 
     ``reduced_scattering`` is sigma_s (1 - g) in 1/mm at the scene's g; ``diffuser_thickness`` in

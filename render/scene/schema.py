@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from render.errors import SceneError
 from render.scene.constraints import Constraints
-from render.scene.free_ranges import Free
+from render.scene.free_ranges import FreeRanges
 from render.scene.part import Part
 from render.scene.quantities import Count, Quantity
 from render.scene.tolerances import Tolerances
@@ -162,7 +162,7 @@ class Scene(Part):
     baseline: Baseline
     constraints: Constraints | None = None
     tolerances: Tolerances | None = None
-    free: Free | None = None
+    free: FreeRanges | None = None
 
     @model_validator(mode="after")
     def _parts_fit_together(self) -> Scene:
@@ -202,11 +202,11 @@ class Scene(Part):
                 f"sites.spacing = {sites.spacing:g} mm lets pyramids overlap, "
                 f"allowed: at least 3 indenter.radius = {2 * cell:g} mm"
             )
-        reach_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + cell
-        reach_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + cell
-        if reach_x > self.pad.width / 2 or reach_y > self.pad.length / 2:
+        half_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + cell
+        half_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + cell
+        if half_x > self.pad.width / 2 or half_y > self.pad.length / 2:
             problems.append(
-                f"sites: the pyramids reach {reach_x:g} x {reach_y:g} mm from the pad's center, "
+                f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
         if self.constraints is not None:

@@ -18,9 +18,9 @@ from render.geometry.bending import bend_frames, bend_points, curvature
 from render.geometry.microfacets import fresnel
 from render.preview.diffuser.basis import directional_terms
 from render.preview.light_paths import near_base
-from render.preview.lights import Lights, make_lights
+from render.preview.lights import PointLights, point_lights
 from render.preview.preview import Preview
-from render.preview.shading_points import PadPoints, pad_points
+from render.preview.shading_points import ShadingPoints, shading_points
 from render.scene.schema import Scene, load_scene
 
 RELATIVE, ABSOLUTE, MEDIAN = 1e-3, 2e-6, 2e-5
@@ -34,7 +34,7 @@ def with_parts(scene: Scene, **parts: object) -> Scene:
     return scene.model_copy(update=parts)
 
 
-def soft_inverse_square(squared: np.ndarray, lights: Lights) -> np.ndarray:
+def soft_inverse_square(squared: np.ndarray, lights: PointLights) -> np.ndarray:
     soft = float(lights.defines["SOFT_RADIUS"]) ** 2
     return 1 / (squared + soft**2 / (squared + soft))
 
@@ -47,7 +47,7 @@ def to_edge(local: np.ndarray, edge: np.ndarray) -> np.ndarray:
     return np.stack(np.broadcast_arrays(along, into, z), axis=-1)
 
 
-def straight(scene: Scene, lights: Lights, source, target, bend: float):
+def straight(scene: Scene, lights: PointLights, source, target, bend: float):
     way = bend_points(scene, target, bend) - bend_points(scene, source, bend)
     squared = (way**2).sum(axis=-1)
     unit = way / np.sqrt(squared)[..., None]
@@ -66,7 +66,7 @@ def straight(scene: Scene, lights: Lights, source, target, bend: float):
     return depart, arrive, visible * soft_inverse_square(squared, lights)
 
 
-def mirrored(scene: Scene, lights: Lights, source, target, bend: float):
+def mirrored(scene: Scene, lights: PointLights, source, target, bend: float):
     kappa, index = curvature(scene, bend), scene.pad.index
     across, along, _ = np.moveaxis(target - source, -1, 0)
     a, c = np.broadcast_arrays(source[..., 2], target[..., 2])
@@ -129,7 +129,9 @@ def intensity(scene: Scene, emission, direction, beam) -> np.ndarray:
     return np.where(beam, np.where(inside & (cosine > 0), ray, 0.0), glow)
 
 
-def irradiance(scene: Scene, lights: Lights, points: PadPoints, phi, bend: float) -> np.ndarray:
+def irradiance(
+    scene: Scene, lights: PointLights, points: ShadingPoints, phi, bend: float
+) -> np.ndarray:
     """Return direct irradiance at points and at their facets' feet, ``(fiber, node, point, 2)``."""
     emissions = lights.emission(phi.T).swapaxes(0, 1)
     result = np.zeros((*phi.shape, len(points.position), 2))
@@ -209,7 +211,7 @@ def test_the_shader_draws_what_float64_numpy_computes(
     scene = SCENES[name](load_scene("finger20"))
     phi = np.array([[0.0, 1.3], [0.7, 2.9], [np.pi / 2, np.pi]])
     with Preview(scene, cache=cache) as preview:
-        lights, points = make_lights(scene, cache), pad_points(scene)
+        lights, points = point_lights(scene, cache), shading_points(scene)
         for bend in (0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi):
             seen = slice(None, points.first_edge if bend > 0.1 else None)
             drawn = preview.direct_irradiance(phi, bend)[:, :, seen]

@@ -49,7 +49,7 @@ def linear_weights(x: Array, nodes: Array) -> Array:
     return weights
 
 
-def positive(radiance: Array) -> Array:
+def nonnegative(radiance: Array) -> Array:
     """Blend lights towards diffuse ones of the same power until none is negative anywhere."""
     terms = directional_terms(hemisphere(np.linspace(0.0, 1.0, 12), 24)).reshape(-1, TERMS)
     least = np.min(radiance @ terms.T, axis=-1)

@@ -13,7 +13,7 @@ import numpy as np
 
 from render.errors import RenderError, TableError
 from render.files import read_npz, write_npz
-from render.preview.diffuser.emission import Beam
+from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import RAYS, SlabResponse, compute_response
 from render.scene.schema import Scene
@@ -30,7 +30,7 @@ def slab_response(scene: Scene, *, cache: Path | None = None, rays: int = RAYS) 
         cache: folder of the cache; by default ``$XDG_CACHE_HOME/tactilux``.
         rays: light paths that are followed.
     """
-    slab, beam = slab_of(scene), beam_of(scene)
+    slab, beam = slab_of(scene), fiber_end_of(scene)
     content = {"version": VERSION, "rays": rays, "slab": asdict(slab), "beam": asdict(beam)}
     key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
     path = (cache or cache_folder()) / f"slab-{key}.npz"
@@ -62,10 +62,10 @@ def slab_of(scene: Scene) -> Slab:
     )
 
 
-def beam_of(scene: Scene) -> Beam:
+def fiber_end_of(scene: Scene) -> FiberEnd:
     """Return the fiber ends of a scene."""
     fibers = scene.fibers
-    return Beam(fibers.diameter, fibers.gap, fibers.height, fibers.sigma_v, fibers.tilt)
+    return FiberEnd(fibers.diameter, fibers.gap, fibers.height, fibers.sigma_v, fibers.tilt)
 
 
 def cache_folder() -> Path:

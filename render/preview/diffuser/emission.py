@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.microfacets import meet
-from render.preview.diffuser.random_walk import Photons, Slab, basis, turn
+from render.geometry.microfacets import sample_rough_face
+from render.preview.diffuser.random_walk import Photons, Slab, deflect, tangent_frame
 
 
 @dataclass(frozen=True)
-class Beam:
+class FiberEnd:
     """A fiber end: ``diameter``, ``gap`` and ``height`` in mm, ``sigma_v`` and ``tilt`` in rad.
 
     Radiance exp(-(theta / (2 sigma_v))^2) about the beam (thesis 3.3.1), from a disk normal to it.
@@ -58,8 +58,8 @@ class Beam:
         return theta, total / total[-1]
 
 
-def launch(
-    slab: Slab, beam: Beam, phi: Array, count: int, rng: np.random.Generator
+def emit_from_fiber(
+    slab: Slab, beam: FiberEnd, phi: Array, count: int, rng: np.random.Generator
 ) -> tuple[Photons, Array]:
     """Return photons just inside the outer face and their weight per node ``(photon, node)``.
 
@@ -68,10 +68,10 @@ def launch(
     """
     axes = beam.directions(phi)
     node = rng.integers(0, len(phi), count)
-    theta, part = beam.flux()
-    angle = np.interp(rng.random(count), part, theta)
-    s, t = basis(axes[node])
-    direction = turn(axes[node], np.cos(angle), rng).astype(np.float64)
+    theta, flux_fraction = beam.flux()
+    angle = np.interp(rng.random(count), flux_fraction, theta)
+    s, t = tangent_frame(axes[node])
+    direction = deflect(axes[node], np.cos(angle), rng).astype(np.float64)
     radius = 0.5 * beam.diameter * np.sqrt(rng.random(count))
     azimuth = 2 * np.pi * rng.random(count)
     center = np.array([0.0, -beam.gap, beam.height])
@@ -79,14 +79,14 @@ def launch(
         np.cos(azimuth)[:, None] * s + np.sin(azimuth)[:, None] * t
     )
     inward = direction[:, 1] > 1e-6
-    way = np.where(inward, -origin[:, 1], 0.0) / np.where(inward, direction[:, 1], 1.0)
-    hit = origin + way[:, None] * direction
+    distance = np.where(inward, -origin[:, 1], 0.0) / np.where(inward, direction[:, 1], 1.0)
+    hit = origin + distance[:, None] * direction
     hit[:, 1] = 0.0
     arrives = inward & (hit[:, 2] > 0) & (hit[:, 2] < slab.height)
     origin, direction, hit = origin[arrives], direction[arrives], hit[arrives]
     weight = _radiance_of_nodes(beam, axes, origin - center, direction)
     weight /= weight.mean(axis=1, keepdims=True) * count
-    met = meet(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
+    met = sample_rough_face(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
     straight = np.ones(len(hit), dtype=bool)
     photons = Photons(
         hit.astype(np.float32), met.refracted, met.transmission, np.arange(len(hit)), straight
@@ -94,7 +94,7 @@ def launch(
     return photons[met.transmission > 0], weight
 
 
-def _radiance_of_nodes(beam: Beam, axes: Array, offset: Array, direction: Array) -> Array:
+def _radiance_of_nodes(beam: FiberEnd, axes: Array, offset: Array, direction: Array) -> Array:
     """Return the radiance ``(photon, node)`` that each node's fiber end sends along each ray."""
     cos = direction @ axes.T
     safe = np.where(np.abs(cos) > 1e-9, cos, 1e-9)
@@ -106,7 +106,7 @@ def _radiance_of_nodes(beam: Beam, axes: Array, offset: Array, direction: Array)
     return np.where(inside, beam.radiance(np.arctan2(sin, cos)), 0.0)
 
 
-def launch_diffuse(slab: Slab, count: int, rng: np.random.Generator) -> Photons:
+def emit_diffuse(slab: Slab, count: int, rng: np.random.Generator) -> Photons:
     """Return photons that enter through the inner face, cosine distributed, uniform in height."""
     u, azimuth = rng.random(count), 2 * np.pi * rng.random(count)
     sin = np.sqrt(u)

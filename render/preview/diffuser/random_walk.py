@@ -13,11 +13,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from render.geometry.microfacets import Floats, meet
+from render.geometry.microfacets import Floats, sample_rough_face
 
-PATIENCE = 400
+ROULETTE_EVENTS = 400
 """Events after which photons play Russian roulette, so that any walk ends."""
-SURVIVAL = 0.95
+SURVIVAL_PROBABILITY = 0.95
 
 
 @dataclass(frozen=True)
@@ -72,27 +72,27 @@ def walk(slab: Slab, photons: Photons, rng: np.random.Generator) -> tuple[Photon
     photons = replace(photons, direction=photons.direction.copy())
     while len(photons.weight):
         position, direction = photons.position, photons.direction
-        wall, face = _way_to_wall(slab, position, direction)
-        free = _free_path(slab, len(wall), rng)
-        scatters = free < wall
-        way = np.where(scatters, free, wall)
-        position = position + way[:, None] * direction
-        weight = photons.weight * np.exp(np.float32(-slab.sigma_a) * way)
+        face_distance, face = _distance_to_face(slab, position, direction)
+        free_path = _free_path(slab, len(face_distance), rng)
+        scatters = free_path < face_distance
+        step = np.where(scatters, free_path, face_distance)
+        position = position + step[:, None] * direction
+        weight = photons.weight * np.exp(np.float32(-slab.sigma_a) * step)
         leaves = ~scatters & (face == INNER)
         straight = photons.straight & ~scatters & (face != OUTER) & (face != UPPER)
         portions.append(Photons(position, direction, weight, photons.label, straight)[leaves])
-        direction[scatters] = scatter(direction[scatters], slab.g, rng)
+        direction[scatters] = sample_henyey_greenstein(direction[scatters], slab.g, rng)
         for number, axis, level in ((OUTER, 1, 0.0), (LOWER, 2, 0.0), (UPPER, 2, slab.height)):
             met = np.nonzero(~scatters & (face == number))[0]
-            meeting = meet(direction[met], axis, slab.roughness, 1 / slab.index, rng)
+            sample = sample_rough_face(direction[met], axis, slab.roughness, 1 / slab.index, rng)
             position[met, axis] = level
-            direction[met] = meeting.reflected
-            weight[met] *= meeting.reflection
+            direction[met] = sample.reflected
+            weight[met] *= sample.reflection
         stays = ~leaves & (weight > 0)
         rounds, events = rounds + 1, events + len(weight)
-        if rounds > PATIENCE:
-            stays &= rng.random(len(weight), dtype=np.float32) < SURVIVAL
-            weight /= np.float32(SURVIVAL)
+        if rounds > ROULETTE_EVENTS:
+            stays &= rng.random(len(weight), dtype=np.float32) < SURVIVAL_PROBABILITY
+            weight /= np.float32(SURVIVAL_PROBABILITY)
         photons = Photons(position, direction, weight, photons.label, straight)[stays]
     return _joined(portions or [photons]), events
 
@@ -112,7 +112,7 @@ def _free_path(slab: Slab, count: int, rng: np.random.Generator) -> Floats:
     return rng.standard_exponential(count, dtype=np.float32) / np.float32(slab.sigma_s)
 
 
-def _way_to_wall(
+def _distance_to_face(
     slab: Slab, position: Floats, direction: Floats
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Return the way (mm) to the nearest face and the number of that face."""
@@ -123,12 +123,12 @@ def _way_to_wall(
             goal = np.where(speed > 0, np.float32(far), np.float32(0.0))
             to.append(np.where(speed != 0, (goal - position[:, axis]) / speed, np.inf))
     first = to[0] <= to[1]
-    way = np.maximum(np.where(first, to[0], to[1]), 0).astype(np.float32)
+    step = np.maximum(np.where(first, to[0], to[1]), 0).astype(np.float32)
     face = np.where(first, OUTER + (direction[:, 1] > 0), LOWER + (direction[:, 2] > 0))
-    return way, face
+    return step, face
 
 
-def scatter(direction: Floats, g: float, rng: np.random.Generator) -> Floats:
+def sample_henyey_greenstein(direction: Floats, g: float, rng: np.random.Generator) -> Floats:
     """Return directions ``(photon, 3)`` after one Henyey-Greenstein event (their eq. of 1941)."""
     n = len(direction)
     u = rng.random(n, dtype=np.float32)
@@ -136,19 +136,19 @@ def scatter(direction: Floats, g: float, rng: np.random.Generator) -> Floats:
         cos = 2 * u - 1
     else:
         cos = (1 + g**2 - ((1 - g**2) / (1 - g + 2 * g * u)) ** 2) / (2 * g)
-    return turn(direction, np.clip(cos, -1, 1).astype(np.float32), rng)
+    return deflect(direction, np.clip(cos, -1, 1).astype(np.float32), rng)
 
 
-def turn(direction: Floats, cos: Floats, rng: np.random.Generator) -> Floats:
+def deflect(direction: Floats, cos: Floats, rng: np.random.Generator) -> Floats:
     """Return directions at angle ``arccos(cos)`` to the given ones, azimuth uniform."""
     azimuth = np.float32(2 * np.pi) * rng.random(len(cos), dtype=np.float32)
     sin = np.sqrt(np.maximum(1 - cos**2, 0))
-    s, t = basis(direction)
+    s, t = tangent_frame(direction)
     around = (sin * np.cos(azimuth))[:, None] * s + (sin * np.sin(azimuth))[:, None] * t
     return np.asarray(around + cos[:, None] * direction)
 
 
-def basis(w: Floats) -> tuple[Floats, Floats]:
+def tangent_frame(w: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors ``(photon, 3)`` normal to ``w`` (Duff et al. 2017)."""
     x, y, z = w[:, 0], w[:, 1], w[:, 2]
     sign = np.copysign(np.float32(1), z)

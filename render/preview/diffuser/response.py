@@ -19,22 +19,22 @@ from render.preview.diffuser.basis import (
     directional_terms,
     linear_weights,
     moments,
-    positive,
+    nonnegative,
 )
-from render.preview.diffuser.emission import Beam, launch, launch_diffuse
+from render.preview.diffuser.emission import FiberEnd, emit_diffuse, emit_from_fiber
 from render.preview.diffuser.random_walk import Photons, Slab, walk
 
 PHI_NODES, HEIGHTS = 11, 3
-LEVELS = (0.0, 0.36, 0.66, 0.88, 0.98)
+OFFSET_QUANTILES = (0.0, 0.36, 0.66, 0.88, 0.98)
 """Parts of the light within each offset along the edge."""
 RAYS, BATCH, DIFFUSE_RAYS = 360_000, 60_000, 30_000
-LEAST_STEP = 1e-3
+MIN_OFFSET_STEP = 1e-3
 """Least distance (mm) between offsets."""
-OPAQUE = 7.0
+OPAQUE_THICKNESS = 7.0
 """Optical thickness beyond which 1e-3 passes unscattered: that needs no lights of its own."""
-LEAST_POWER = 1e-6
+MIN_TRANSMITTED = 1e-6
 """Part of a fiber's light that must pass the diffuser: with less, noise is all there is."""
-EVENTS = 20_000_000
+MAX_EVENTS = 20_000_000
 """Scattering and reflection events after which no further batch is started."""
 
 
@@ -71,12 +71,12 @@ class SlabResponse:
         """
         nodes, weights = np.polynomial.legendre.leggauss(len(self.heights))
         finer, finer_weights = np.polynomial.legendre.leggauss(heights)
-        share = interpolation_weights(nodes, finer) * finer_weights[:, None] / weights
+        weights_up = interpolation_weights(nodes, finer) * finer_weights[:, None] / weights
         middle = 0.5 * (self.heights[0] + self.heights[-1])
         return replace(
             self,
             heights=middle * (finer + 1),
-            radiance=positive(np.einsum("hz,jozt->joht", share, self.radiance)),
+            radiance=nonnegative(np.einsum("hz,jozt->joht", weights_up, self.radiance)),
         )
 
     def power(self, phi: Array) -> Array:
@@ -86,12 +86,12 @@ class SlabResponse:
 
 def compute_response(
     slab: Slab,
-    beam: Beam,
+    beam: FiberEnd,
     *,
     rays: int = RAYS,
     seed: int = 0,
     phi: Array | None = None,
-    levels: Sequence[float] = LEVELS,
+    quantiles: Sequence[float] = OFFSET_QUANTILES,
     heights: int = HEIGHTS,
 ) -> SlabResponse:
     """Return the response from a random walk of ``rays`` photons over all phi nodes.
@@ -103,7 +103,7 @@ def compute_response(
         seed: of the walk.
         phi: ``(node,)`` rad, ascending and symmetric about pi/2; Chebyshev points on [0, pi] by
             default. Fewer nodes give less noise for the same photons, at these nodes alone.
-        levels: parts of the light within each offset along the edge, ascending from 0.
+        quantiles: parts of the light within each offset along the edge, ascending from 0.
         heights: points of light one above the other.
     """
     rng = np.random.default_rng(seed)
@@ -118,55 +118,57 @@ def compute_response(
     leaving: list[tuple[Photons, Array]] = []
     launched = events = 0
     batch = min(BATCH, rays)
-    while launched < rays and events < EVENTS:
-        photons, weight = launch(slab, beam, phi, batch, rng)
-        left, spent = walk(slab, photons, rng)
-        leaving.append((left, left.weight[:, None] * weight[left.label]))
+    while launched < rays and events < MAX_EVENTS:
+        photons, weight = emit_from_fiber(slab, beam, phi, batch, rng)
+        exiting, spent = walk(slab, photons, rng)
+        leaving.append((exiting, exiting.weight[:, None] * weight[exiting.label]))
         launched, events = launched + batch, events + spent
     passed = max(float(power.sum(axis=0).max()) for _, power in leaving)
-    if passed < LEAST_POWER:
+    if passed < MIN_TRANSMITTED:
         raise RenderError(
             f"the diffuser lets only {passed:.1e} of the light through, allowed: at least "
-            f"{LEAST_POWER:g}; make it thinner, less absorbing, or bring the fibers nearer",
+            f"{MIN_TRANSMITTED:g}; make it thinner, less absorbing, or bring the fibers nearer",
             field="diffuser",
             value=passed,
-            allowed=f"at least {LEAST_POWER:g}",
+            allowed=f"at least {MIN_TRANSMITTED:g}",
         )
-    offsets = _offsets(leaving, levels)
-    if slab.optical_thickness < OPAQUE:
-        leaving = [(left[~left.straight], power[~left.straight]) for left, power in leaving]
-    deposits = [_deposit(left, power, offsets, height) for left, power in leaving]
-    back, _ = walk(slab, launch_diffuse(slab, min(DIFFUSE_RAYS, rays), rng), rng)
+    offsets = _offsets(leaving, quantiles)
+    if slab.optical_thickness < OPAQUE_THICKNESS:
+        leaving = [
+            (exiting[~exiting.straight], power[~exiting.straight]) for exiting, power in leaving
+        ]
+    deposits = [_projected(exiting, power, offsets, height) for exiting, power in leaving]
+    back, _ = walk(slab, emit_diffuse(slab, min(DIFFUSE_RAYS, rays), rng), rng)
     return SlabResponse(
         phi,
         offsets,
         height,
-        positive(_symmetric(np.mean(deposits, axis=0))),
+        nonnegative(_symmetric(np.mean(deposits, axis=0))),
         float(back.weight.sum()),
     )
 
 
-def _offsets(leaving: list[tuple[Photons, Array]], levels: Sequence[float]) -> Array:
-    """Return points along the edge that share the light of all nodes by ``levels``."""
-    away = np.concatenate([np.abs(left.position[:, 0]) for left, _ in leaving])
+def _offsets(leaving: list[tuple[Photons, Array]], quantiles: Sequence[float]) -> Array:
+    """Return points along the edge that share the light of all nodes by ``quantiles``."""
+    distance = np.concatenate([np.abs(exiting.position[:, 0]) for exiting, _ in leaving])
     power = np.concatenate([power.sum(axis=1) for _, power in leaving])
-    order = np.argsort(away)
-    half = np.interp(levels, np.cumsum(power[order]) / power.sum(), away[order])
+    order = np.argsort(distance)
+    half = np.interp(quantiles, np.cumsum(power[order]) / power.sum(), distance[order])
     # Points must stay apart even when a clear layer keeps all light in one spot.
-    half = np.maximum.accumulate(half + LEAST_STEP * np.arange(len(half))) - half[0]
+    half = np.maximum.accumulate(half + MIN_OFFSET_STEP * np.arange(len(half))) - half[0]
     return np.concatenate([-half[:0:-1], half])
 
 
-def _deposit(left: Photons, power: Array, offsets: Array, heights: Array) -> Array:
+def _projected(exiting: Photons, power: Array, offsets: Array, heights: Array) -> Array:
     """Project photons onto the basis: ``(node, offset, height, term)``.
 
     Along the edge linear weights, upwards Lagrange weights (exact for quadratic light paths), over
     directions the least-squares radiance, whose normal equations are the moments of the terms.
     """
-    position = left.position.astype(np.float64)
+    position = exiting.position.astype(np.float64)
     along = linear_weights(position[:, 0], offsets)
     up = interpolation_weights(heights, position[:, 2])
-    terms = directional_terms(left.direction.astype(np.float64))
+    terms = directional_terms(exiting.direction.astype(np.float64))
     basis = up[:, :, None] * np.linalg.solve(moments(), terms.T).T[:, None]
     return np.stack(
         [

@@ -93,7 +93,7 @@ void main() {
         ambient = texelFetch(facet_indirect, ivec2(facet, site), 0).rgb;
     } else {
         from_pyramid = from_site;
-        shadow_reach = longest_shadow;
+        shadow_radius = longest_shadow;
     }
 #endif
     vec3 light = irradiance(target, facing, 0, 0).here + ambient;

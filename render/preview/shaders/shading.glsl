@@ -76,9 +76,9 @@ struct Light {
 #ifdef FACES
 
 uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its center
-// The coating's point from the nearest pyramid's center; beyond shadow_reach nothing is tested.
+// The coating's point from the nearest pyramid's center; beyond shadow_radius nothing is tested.
 vec3 from_pyramid;
-float shadow_reach = 0.0;
+float shadow_radius = 0.0;
 
 // 1 where the way from a point of the coating towards a light passes the pyramid, 0 behind it. Its
 // frame is taken for the point's own, as shadows are short against the radius of the bend.
@@ -117,7 +117,7 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
         vec2 here = spread * max(cosine, 0.0);
 #ifdef FACES
-        if (length(from_pyramid.xy) < shadow_reach)
+        if (length(from_pyramid.xy) < shadow_radius)
             here *= vec2(past_pyramid(direct.arrive), past_pyramid(mirrored.arrive));
 #endif
         vec2 foot = step(0.0, cosine) * spread

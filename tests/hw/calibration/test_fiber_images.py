@@ -9,7 +9,7 @@ from hw.calibration.fiber_images import FEW, _few_nodes
 from hw.calibration.material_table import line_light, line_pixels
 from render.errors import RenderError
 from render.preview.diffuser.basis import moments
-from render.preview.diffuser.cache import beam_of, slab_of
+from render.preview.diffuser.cache import fiber_end_of, slab_of
 from render.preview.diffuser.response import compute_response
 from render.scene.schema import load_scene
 
@@ -32,7 +32,7 @@ def test_many_directions_are_left_to_interpolation() -> None:
 
 def test_few_nodes_agree_with_all() -> None:
     scene = load_scene("finger20")
-    slab, beam = slab_of(scene), beam_of(scene)
+    slab, beam = slab_of(scene), fiber_end_of(scene)
     middle = np.array([np.pi / 2])
     whole = compute_response(slab, beam, rays=30_000, seed=1)
     alone = compute_response(slab, beam, rays=30_000, seed=2, phi=middle)
@@ -47,7 +47,7 @@ def test_few_nodes_agree_with_all() -> None:
 
 def test_light_that_is_spread_upwards_keeps_its_power_and_direction() -> None:
     scene = load_scene("finger20")
-    response = compute_response(slab_of(scene), beam_of(scene), rays=30_000, seed=1, heights=5)
+    response = compute_response(slab_of(scene), fiber_end_of(scene), rays=30_000, seed=1, heights=5)
     spread = response.spread_upwards(12)
     assert spread.radiance.shape[2] == len(spread.heights) == 12
     assert spread.heights[0] < response.heights[0]
@@ -61,7 +61,7 @@ def test_light_that_is_spread_upwards_keeps_its_power_and_direction() -> None:
 def test_nodes_that_are_not_symmetric_are_refused() -> None:
     scene = load_scene("finger20")
     with pytest.raises(RenderError, match="symmetric"):
-        compute_response(slab_of(scene), beam_of(scene), rays=100, phi=np.array([1.0]))
+        compute_response(slab_of(scene), fiber_end_of(scene), rays=100, phi=np.array([1.0]))
 
 
 def test_more_points_of_light_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from optimize.scoring import TableScorer
 from optimize.search import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
 from render.geometry.layout import flat_sites
-from render.preview.lights import make_lights
+from render.preview.lights import point_lights
 from render.scene.schema import Scene
 from render.transport import TransportTable
 
@@ -23,7 +23,7 @@ def blocked_by_brute_force(
     scene: Scene, bolt: PressedCylinder, site: int, point: np.ndarray
 ) -> np.ndarray:
     """Return which lights ``(fiber, light)`` a point cannot see, by walking along the lines."""
-    lights = make_lights(scene).position[..., :3]
+    lights = point_lights(scene).position[..., :3]
     start = np.append(point, scene.pad.thickness)
     steps = np.linspace(0.0, 1.0, 4001)[:, None, None, None]
     path = start + steps * (lights - start)
@@ -91,7 +91,7 @@ def test_a_thin_layer_lets_beams_pass_and_their_shadow_is_what_they_send(
     thin: Scene, phi: float
 ) -> None:
     bolt = PressedCylinder(radius=2.0, depth=1.2, distance=0.5, points=4)
-    lights, angles = make_lights(thin), np.full(thin.fibers.count, phi)
+    lights, angles = point_lights(thin), np.full(thin.fibers.count, phi)
     emission, marks = lights.emission(angles), lights.position[..., 3].astype(int)
     found, beams_matter = hidden_fraction(thin, np.array([phi]), bolt)[:, 0], 0
     for site, index in ((0, 0), (4, 1), (4, 3), (7, 2), (14, 2)):
@@ -130,7 +130,7 @@ def test_a_layer_that_hardly_scatters_hides_what_a_clear_pad_hides(finger20: Sce
     bolt = PressedCylinder(radius=2.0, depth=1.2, distance=0.5, points=8)
     thin, none = (hidden_fraction(scene, ahead, bolt)[:, 0] for scene in (nearly, clear))
     # Points that a beam straight ahead reaches: at most 20 deg off it.
-    lights = make_lights(clear)
+    lights = point_lights(clear)
     azimuth = np.pi / 4 * np.arange(8)
     ring = 2.5 * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     point = flat_sites(finger20)[:, None, :2] + ring

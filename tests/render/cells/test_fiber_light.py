@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from render.cells.fiber_light import FiberLight
-from render.geometry.fiber_profile import cut, peak_radiance
+from render.geometry.fiber_profile import peak_radiance, truncated_mass
 from render.geometry.layout import fiber_poses
 from render.scene.schema import Scene, load_scene
 
@@ -54,7 +54,7 @@ def test_with_one_node_the_weight_is_the_ratio_of_power_to_sampling_density(
     beam = fiber_poses(scene, 0.0).directions(phi[:, 0], scene.fibers.tilt)[4]
     cosine = np.clip(directions @ beam, -1, 1)
     theta = np.arccos(cosine)
-    scale = peak_radiance(sigma_v, area) * area * 4 * np.pi * sigma_v**2 * cut(sigma_v)
+    scale = peak_radiance(sigma_v, area) * area * 4 * np.pi * sigma_v**2 * truncated_mass(sigma_v)
     expected = scale * cosine * np.sinc(theta / np.pi)
     safe = cosine > 0.01
     np.testing.assert_allclose(weights[0][safe], expected[safe], rtol=2e-3)

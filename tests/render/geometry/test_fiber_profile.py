@@ -7,7 +7,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from render.geometry.fiber_profile import angle, cut, density, peak_radiance, sample_direction
+from render.geometry.fiber_profile import (
+    angle,
+    density,
+    peak_radiance,
+    sample_direction,
+    truncated_mass,
+)
 
 WIDTHS = pytest.mark.parametrize("degrees", [0.1, 15.0, 89.0])
 COUNT = 200_000
@@ -16,8 +22,8 @@ COUNT = 200_000
 def drawn(mono: ModuleType, sigma_v: float) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(3)
     u, v = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(2))
-    theta = angle(sample_direction(u, v, mono.Float(sigma_v), mono.Float(cut(sigma_v))))
-    pdf = density(theta, mono.Float(sigma_v), mono.Float(cut(sigma_v)))
+    theta = angle(sample_direction(u, v, mono.Float(sigma_v), mono.Float(truncated_mass(sigma_v))))
+    pdf = density(theta, mono.Float(sigma_v), mono.Float(truncated_mass(sigma_v)))
     return np.array(theta, dtype=np.float64), np.array(pdf, dtype=np.float64)
 
 
@@ -45,12 +51,12 @@ def test_a_sampled_direction_times_radiance_over_density_gives_the_power(
 def test_sampled_angles_follow_the_stated_distribution(mono: ModuleType, degrees: float) -> None:
     sigma_v = np.radians(degrees)
     theta = np.sort(drawn(mono, sigma_v)[0])
-    cumulative = -np.expm1(-((theta / (2 * sigma_v)) ** 2)) / cut(sigma_v)
+    cumulative = -np.expm1(-((theta / (2 * sigma_v)) ** 2)) / truncated_mass(sigma_v)
     # Kolmogorov-Smirnov distance; 1.95 / sqrt(n) is exceeded once in a thousand times.
     distance = np.abs(cumulative - (np.arange(COUNT) + 0.5) / COUNT).max()
     assert distance < 1.95 / np.sqrt(COUNT)
 
 
 def test_nothing_is_emitted_behind_the_end_face(mono: ModuleType) -> None:
-    pdf = density(mono.Float([1.6, 3.1]), mono.Float(1.5), mono.Float(cut(1.5)))
+    pdf = density(mono.Float([1.6, 3.1]), mono.Float(1.5), mono.Float(truncated_mass(1.5)))
     assert (np.array(pdf) == 0).all()

@@ -57,7 +57,7 @@ def test_a_bolt_is_as_wide_and_deep_as_its_head(scene: Scene) -> None:
     end = np.array([[0.0, 0.0, -head.depth]])
     assert outside(body, end).max() == pytest.approx(0.0, abs=1e-12)
     assert outside(body, end * 1.01).max() > 0
-    corner = head.reach * np.array([[0.0, 1.0, 0.0]])
+    corner = head.imprint_radius * np.array([[0.0, 1.0, 0.0]])
     assert outside(body, 0.999 * corner).max() < 0 < outside(body, 1.001 * corner).max()
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from render.geometry.microfacets import fresnel, meet, shadowing
+from render.geometry.microfacets import fresnel, sample_rough_face, shadowing
 
 N = 1.41
 
@@ -35,7 +35,7 @@ def test_equal_indices_reflect_nothing() -> None:
 
 
 def test_a_smooth_face_refracts_by_snells_law() -> None:
-    met = meet(coming(0.6, 1), 1, 0.0, N, np.random.default_rng(0))
+    met = sample_rough_face(coming(0.6, 1), 1, 0.0, N, np.random.default_rng(0))
     assert met.refracted[0, 0] == pytest.approx(0.8 / N, rel=1e-5)
     assert met.reflected[0, 1] == pytest.approx(0.6, rel=1e-5)
     assert met.reflection[0] + met.transmission[0] == pytest.approx(1.0)
@@ -44,7 +44,7 @@ def test_a_smooth_face_refracts_by_snells_law() -> None:
 @pytest.mark.parametrize("eta", [N, 1 / N])
 @pytest.mark.parametrize("cosine", [1.0, 0.7, 0.3])
 def test_a_rough_face_keeps_almost_all_light(eta: float, cosine: float) -> None:
-    met = meet(coming(cosine), 1, 0.1, eta, np.random.default_rng(1))
+    met = sample_rough_face(coming(cosine), 1, 0.1, eta, np.random.default_rng(1))
     assert (met.reflection + met.transmission).mean() == pytest.approx(1.0, abs=0.015)
     np.testing.assert_allclose(np.linalg.norm(met.reflected, axis=1), 1.0, atol=1e-5)
     passed = met.transmission > 0

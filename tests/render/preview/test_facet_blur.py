@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from render.geometry.facet_masks import FacetMasks, facet_masks
-from render.preview.facet_blur import view_weights
+from render.preview.facet_blur import facet_blur
 from render.scene.schema import Scene, load_scene
 
 
@@ -24,7 +24,7 @@ def scale(scene: Scene) -> float:
 
 @pytest.mark.parametrize("bend", [0.0, np.pi / 2])
 def test_a_smooth_face_shows_every_facet_alone(scene: Scene, bend: float) -> None:
-    weights = view_weights(with_roughness(scene, 0.0), bend) / scale(scene)
+    weights = facet_blur(with_roughness(scene, 0.0), bend) / scale(scene)
     diagonal = np.einsum("sii->si", weights)
     assert (diagonal > 0.9).all()
     assert (diagonal < 1.0).all()
@@ -32,8 +32,8 @@ def test_a_smooth_face_shows_every_facet_alone(scene: Scene, bend: float) -> Non
 
 
 def test_a_rough_face_mixes_neighbors_but_loses_no_light(scene: Scene) -> None:
-    smooth = view_weights(with_roughness(scene, 0.0), 0.0)
-    rough = view_weights(scene, 0.0)
+    smooth = facet_blur(with_roughness(scene, 0.0), 0.0)
+    rough = facet_blur(scene, 0.0)
     np.testing.assert_allclose(rough.sum(axis=-1), smooth.sum(axis=-1), rtol=0.01)
     facets = np.arange(scene.indenter.faces)
     diagonal = rough[:, facets, facets]
@@ -44,7 +44,7 @@ def test_a_rough_face_mixes_neighbors_but_loses_no_light(scene: Scene) -> None:
 
 
 def test_the_untouched_site_is_seen_as_itself(scene: Scene) -> None:
-    last = view_weights(scene, 0.0)[:, -1]
+    last = facet_blur(scene, 0.0)[:, -1]
     np.testing.assert_array_equal(last[:, :-1], 0.0)
     assert (last[:, -1] > 0).all()
 
@@ -54,7 +54,7 @@ def test_what_the_camera_cannot_see_is_seen_head_on(scene: Scene) -> None:
     steep = scene.model_copy(update={"indenter": indenter})
     masks: FacetMasks = facet_masks(steep, 0.0)
     assert not masks.seen.all()
-    weights = view_weights(steep, 0.0) / scale(steep)
+    weights = facet_blur(steep, 0.0) / scale(steep)
     site, facet = np.argwhere(~masks.seen)[0]
     reflected = ((steep.pad.index - 1) / (steep.pad.index + 1)) ** 2
     assert weights[site, facet, facet] == pytest.approx(1 - reflected)

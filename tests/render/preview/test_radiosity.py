@@ -1,10 +1,10 @@
-"""Interreflection: limits, bounds and symmetry."""
+"""Radiosity: limits, bounds and symmetry."""
 
 import numpy as np
 import pytest
 
-from render.preview.radiosity import Interreflection, interreflection
-from render.preview.shading_points import PadPoints, pad_points
+from render.preview.radiosity import Radiosity, solve_radiosity
+from render.preview.shading_points import ShadingPoints, shading_points
 from render.scene.schema import Scene, load_scene
 
 
@@ -14,16 +14,16 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def points(scene: Scene) -> PadPoints:
-    return pad_points(scene)
+def points(scene: Scene) -> ShadingPoints:
+    return shading_points(scene)
 
 
-def solved(scene: Scene, points: PadPoints, albedo: float, edge: float) -> Interreflection:
+def solved(scene: Scene, points: ShadingPoints, albedo: float, edge: float) -> Radiosity:
     coating = scene.coating.model_copy(update={"albedo": albedo})
-    return interreflection(scene.model_copy(update={"coating": coating}), points, 0.0, edge)
+    return solve_radiosity(scene.model_copy(update={"coating": coating}), points, 0.0, edge)
 
 
-def test_patches_cover_the_coating_and_the_lit_edges(scene: Scene, points: PadPoints) -> None:
+def test_patches_cover_the_coating_and_the_lit_edges(scene: Scene, points: ShadingPoints) -> None:
     area = points.size.prod(axis=1)
     pad = scene.pad
     assert area[points.first_patch : points.first_edge].sum() == pytest.approx(
@@ -36,20 +36,20 @@ def test_patches_cover_the_coating_and_the_lit_edges(scene: Scene, points: PadPo
 
 
 def test_without_diffuser_no_edge_reflects(scene: Scene) -> None:
-    assert pad_points(scene.model_copy(update={"diffuser": None})).edges == 0
+    assert shading_points(scene.model_copy(update={"diffuser": None})).edges == 0
 
 
 def test_a_large_pad_keeps_a_bounded_number_of_patches(scene: Scene) -> None:
     pad = scene.pad.model_copy(update={"width": 900.0, "length": 1000.0})
-    assert len(pad_points(scene.model_copy(update={"pad": pad})).position) < 1000
+    assert len(shading_points(scene.model_copy(update={"pad": pad})).position) < 1000
 
 
-def test_black_faces_add_nothing(scene: Scene, points: PadPoints) -> None:
+def test_black_faces_add_nothing(scene: Scene, points: ShadingPoints) -> None:
     black = solved(scene, points, 0.0, 0.0)
     np.testing.assert_array_equal(black.added(np.ones((1, len(points.position)))), 0.0)
 
 
-def test_no_point_receives_more_than_its_whole_sky(scene: Scene, points: PadPoints) -> None:
+def test_no_point_receives_more_than_its_whole_sky(scene: Scene, points: ShadingPoints) -> None:
     # A little albedo: radiosity is then albedo, and what is added albedo times the seen part.
     once = solved(scene, points, 1e-6, 1e-6)
     seen = once.indirect.sum(axis=1) / 1e-6
@@ -60,19 +60,19 @@ def test_no_point_receives_more_than_its_whole_sky(scene: Scene, points: PadPoin
     np.testing.assert_allclose(seen[sites], 0.5, atol=0.1)
 
 
-def test_bright_faces_multiply_light_but_stay_finite(scene: Scene, points: PadPoints) -> None:
+def test_bright_faces_multiply_light_but_stay_finite(scene: Scene, points: ShadingPoints) -> None:
     light = np.ones((1, len(points.position)))
     added = [solved(scene, points, a, a).added(light).mean() for a in (0.2, 0.6, 1.0)]
     assert added[0] < added[1] < added[2] < 10.0
 
 
-def test_a_facet_sees_the_coating_around_it(scene: Scene, points: PadPoints) -> None:
+def test_a_facet_sees_the_coating_around_it(scene: Scene, points: ShadingPoints) -> None:
     light = solved(scene, points, 0.6, 0.0)
     expected = 0.5 * (1 - np.cos(scene.indenter.slope)) * 0.6
     np.testing.assert_allclose(light.below(np.array([[2.0]]))[0], np.full(10, 2 * expected))
 
 
-def test_interreflection_is_mirror_symmetric(scene: Scene, points: PadPoints) -> None:
+def test_radiosity_is_mirror_symmetric(scene: Scene, points: ShadingPoints) -> None:
     added = solved(scene, points, 0.6, 0.5).added(np.ones((1, len(points.position))))[0]
     first = points.sites * points.facets
     sites = added[first : points.first_patch].reshape(scene.sites.rows, scene.sites.columns)

@@ -12,7 +12,7 @@ import pytest
 from render.describe import describe
 from render.errors import ModelError, SceneError, TableError
 from render.preview.preview import Preview
-from render.scene.free_ranges import Free
+from render.scene.free_ranges import FreeRanges
 from render.scene.schema import Scene, load_scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
@@ -24,7 +24,7 @@ from surrogate.training.mlp import NetworkConfig
 from surrogate.training.train import TrainConfig, Trained, train
 
 RAYS = 20_000
-RANGES = Free.model_construct(reduced_scattering=(0.7, 1.4), diffuser_thickness=(1.5, 2.5))
+RANGES = FreeRanges.model_construct(reduced_scattering=(0.7, 1.4), diffuser_thickness=(1.5, 2.5))
 
 
 @pytest.fixture(scope="module")

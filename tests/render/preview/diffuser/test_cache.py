@@ -8,8 +8,8 @@ import pytest
 
 from render.errors import RenderError
 from render.preview.diffuser.basis import MIRROR_ALONG, directional_terms, moments
-from render.preview.diffuser.cache import beam_of, slab_of, slab_response
-from render.preview.diffuser.emission import launch
+from render.preview.diffuser.cache import fiber_end_of, slab_of, slab_response
+from render.preview.diffuser.emission import emit_from_fiber
 from render.preview.diffuser.random_walk import walk
 from render.preview.diffuser.response import SlabResponse, compute_response
 from render.scene.schema import Scene, load_scene
@@ -112,7 +112,7 @@ def test_between_the_nodes_the_response_is_what_a_walk_gives(
     phi, slab = np.array([0.04, 0.35, 1.0]), slab_of(scene)
     assert not np.isin(phi, response.phi).any()
     rng = np.random.default_rng(5)
-    photons, weight = launch(slab, beam_of(scene), phi, 20_000, rng)
+    photons, weight = emit_from_fiber(slab, fiber_end_of(scene), phi, 20_000, rng)
     left, _ = walk(slab, photons, rng)
     power = (left.weight[:, None] * weight[left.label]).sum(axis=0)
     np.testing.assert_allclose(response.power(phi), power, rtol=0.05)
@@ -132,7 +132,7 @@ def test_the_moments_of_the_terms_are_integrals_over_the_hemisphere() -> None:
 
 
 def test_another_seed_changes_the_response_little(scene: Scene, response: SlabResponse) -> None:
-    other = compute_response(slab_of(scene), beam_of(scene), rays=20_000, seed=9)
+    other = compute_response(slab_of(scene), fiber_end_of(scene), rays=20_000, seed=9)
     phi = np.linspace(0, np.pi, 5)
     np.testing.assert_allclose(other.power(phi), response.power(phi), rtol=0.06)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from render.preview.diffuser.random_walk import Photons, Slab, scatter, walk
+from render.preview.diffuser.random_walk import Photons, Slab, sample_henyey_greenstein, walk
 
 
 def pencil(slab: Slab, count: int) -> Photons:
@@ -48,7 +48,7 @@ def test_a_walk_leaves_the_photons_of_its_caller_as_they_are() -> None:
 @pytest.mark.parametrize("g", [-0.9, 0.0, 0.6, 0.99])
 def test_scattering_has_the_mean_cosine_g(g: float) -> None:
     before = np.tile(np.float32([0.6, 0.0, -0.8]), (50_000, 1))
-    after = scatter(before, g, np.random.default_rng(2))
+    after = sample_henyey_greenstein(before, g, np.random.default_rng(2))
     np.testing.assert_allclose(np.linalg.norm(after, axis=1), 1.0, atol=1e-4)
     assert (before * after).sum(axis=1).mean() == pytest.approx(g, abs=0.01)
 
