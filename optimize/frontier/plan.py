@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from optimize.frontier.held_out import HeldOutDesigns
 from optimize.frontier.rendered_levels import PathTracer
 from optimize.ui.output import OutputError
-from render.files import read_json, write_json
-from render.reference.cost import measure_render_cost
+from render.reference.cost import RenderCost, measure_render_cost, stored_plan
 
 PLAN = "plan.json"
 SHORTER = (32, 8)
@@ -86,30 +86,26 @@ def make_plan(
         samples: of the reference, per fiber and facet.
         renders_table: whether a transport table has to be rendered as well.
     """
-    wanted = {"scene_hash": designs.scene.hash, "seed": seed, "designs": len(designs)}
-    wanted |= {"minutes": minutes} if samples is None else {"samples": samples}
-    stored = _read(folder / PLAN)
-    if stored is not None and wanted.items() <= asdict(stored).items():
-        return stored
-    if samples is None:
-        seconds = 60.0 * minutes - FIT_SECONDS
-        chosen = _affordable(
-            designs, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
-        )
-        spp = _affordable_samples(designs, PATH_TRACER_SHARE * seconds)
-    else:
-        chosen, spp, minutes = samples, list(SAMPLES), 0.0
-    plan = FrontierPlan(
-        scene_hash=designs.scene.hash,
-        seed=seed,
-        designs=len(designs),
-        minutes=minutes,
-        samples=chosen,
-        short=[max(1, chosen // factor) for factor in SHORTER],
-        spp=spp,
-    )
-    write_json(folder / PLAN, asdict(plan))
-    return plan
+    wanted: dict[str, Any] = {
+        "scene_hash": designs.scene.hash,
+        "seed": seed,
+        "designs": len(designs),
+    }
+
+    def make() -> FrontierPlan:
+        chosen, spp, spent = samples, list(SAMPLES), 0.0
+        if chosen is None:
+            spent = minutes
+            seconds = 60.0 * minutes - FIT_SECONDS
+            chosen = _affordable(
+                designs, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
+            )
+            spp = _affordable_samples(designs, PATH_TRACER_SHARE * seconds)
+        short = [max(1, chosen // factor) for factor in SHORTER]
+        return FrontierPlan(minutes=spent, samples=chosen, short=short, spp=spp, **wanted)
+
+    given = {"minutes": minutes} if samples is None else {"samples": samples}
+    return stored_plan(folder / PLAN, FrontierPlan, wanted | given, make)
 
 
 def _affordable(designs: HeldOutDesigns, seconds: float, *, renders_table: bool) -> int:
@@ -119,7 +115,7 @@ def _affordable(designs: HeldOutDesigns, seconds: float, *, renders_table: bool)
     # The longest of the short renders is made once more with small steps, and for one design.
     renders = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
     renders += [1.0 / TABLE_SHARE] if renders_table else []
-    return max(SHORTER[0], cost.samples_within(seconds, renders * len(scene.bending.angles)))
+    return cost.samples_within(seconds, renders * len(scene.bending.angles), SHORTER[0])
 
 
 def _affordable_samples(designs: HeldOutDesigns, seconds: float) -> list[int]:
@@ -130,14 +126,8 @@ def _affordable_samples(designs: HeldOutDesigns, seconds: float) -> list[int]:
         began = time.monotonic()
         tracer.radiance(designs.phi[0], designs.power[0], spp, seed=0)
         spent.append(time.monotonic() - began)
-    slope = max(spent[2] - spent[1], 1e-3) / 8
-    fixed = max(spent[0] - slope, 0.0)
-    spp = int((seconds / len(designs) - 2 * fixed) / (5 * slope))
-    return [max(1, spp), 4 * max(1, spp)]
-
-
-def _read(path: Path) -> FrontierPlan | None:
-    try:
-        return FrontierPlan(**read_json(path))
-    except TypeError:
-        return None
+    # The first one compiles, as the first of the rows does.
+    slope = RenderCost.fitted((1, 9), spent[1:]).per_sample
+    cost = RenderCost(max(spent[0] - slope, 0.0), slope)
+    spp = cost.samples_within(seconds / len(designs), [1.0, 4.0])
+    return [spp, 4 * spp]

@@ -20,6 +20,7 @@ from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Store
 from optimize.overnight.workers import StoredRenders
 from render.progress import Progress
+from render.reference.cost import RenderCost
 from render.reference.job import RenderJob
 from render.scene.schema import Scene
 
@@ -43,47 +44,17 @@ MIN_SHARE = 0.02
 the stages before have used it up: with fewer paths its answer would be noise."""
 
 
-@dataclass(frozen=True)
-class CostModel:
-    """How fast renders are here.
+def samples_within(cost: RenderCost, unit: Sequence[RenderJob], per: int, seconds: float) -> int:
+    """Return the samples per cell whose jobs take ``seconds``.
 
     Arguments:
-        fixed: seconds of a job that do not depend on its size.
-        each: seconds per sample.
-        workers: jobs at once.
+        cost: of a job and of its samples.
+        unit: the jobs of ``per`` samples per cell.
+        per: that number.
+        seconds: of all workers together.
     """
-
-    fixed: float
-    each: float
-    workers: int
-
-    @classmethod
-    def of(cls, jobs: Sequence[RenderJob], seconds: Sequence[float], workers: int) -> CostModel:
-        """Return the cost by small jobs and larger ones of the same pads, in this order."""
-        half = len(jobs) // 2
-        sizes = [sum(job.samples for job in part) for part in (jobs[:half], jobs[half:])]
-        spent = [sum(seconds[:half]), sum(seconds[half:])]
-        each = max(spent[1] - spent[0], 1e-3) / (sizes[1] - sizes[0])
-        return cls(max(spent[0] - each * sizes[0], 0.0) / half, each, workers)
-
-    def seconds(self, jobs: Sequence[RenderJob]) -> float:
-        """Return how long ``jobs`` take when they are rendered together."""
-        work = sum(self.fixed + self.each * job.samples for job in jobs)
-        rounds = math.ceil(len(jobs) / self.workers)
-        largest = max(self.fixed + self.each * job.samples for job in jobs)
-        return max(work / self.workers, largest, rounds * work / len(jobs))
-
-    def samples(self, unit: Sequence[RenderJob], per: int, seconds: float) -> int:
-        """Return the samples per cell whose jobs take ``seconds``.
-
-        Arguments:
-            unit: the jobs of ``per`` samples per cell.
-            per: that number.
-            seconds: of all workers together.
-        """
-        paths = sum(job.samples for job in unit) / per
-        free = seconds * min(self.workers, len(unit)) - self.fixed * len(unit)
-        return max(MIN_SAMPLES, int(free / (self.each * paths)))
+    together = seconds * min(cost.workers, len(unit))
+    return cost.samples_within(together, [job.samples / per for job in unit], MIN_SAMPLES)
 
 
 @dataclass(frozen=True)

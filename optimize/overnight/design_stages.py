@@ -22,15 +22,14 @@ from optimize.overnight.context import (
     FIXED_SEEDS,
     LOOP_UNTIL,
     MAX_ROUNDS,
-    MIN_SAMPLES,
     MIN_SHARE,
     OVERTIME_SHARE,
     REPORT_SECONDS,
-    CostModel,
     RunContext,
     design_json,
     design_of,
     extended,
+    samples_within,
 )
 from optimize.overnight.workers import OutOfTime
 from optimize.scoring import JackknifeEstimate, TableScorer
@@ -59,6 +58,7 @@ from optimize.verification.verification_loop import (
 )
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry.layout import fiber_edges
+from render.reference.cost import RenderCost
 from render.reference.transport import transport_jobs
 from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
@@ -171,7 +171,7 @@ class LoopOutcome:
 
 
 def run_loop(
-    context: RunContext, checker: Checker, start: Design, cost: CostModel | None
+    context: RunContext, checker: Checker, start: Design, cost: RenderCost | None
 ) -> LoopOutcome:
     """Render rounds until the surrogate has nothing better to propose, or the time is over.
 
@@ -237,7 +237,7 @@ def run_loop(
     return LoopOutcome(rounds, ranking, reason)
 
 
-def _config(context: RunContext, start: Design, cost: CostModel | None) -> LoopConfig:
+def _config(context: RunContext, start: Design, cost: RenderCost | None) -> LoopConfig:
     """Return how much a round renders."""
 
     def choose() -> dict[str, int]:
@@ -251,7 +251,7 @@ def _config(context: RunContext, start: Design, cost: CostModel | None) -> LoopC
         )
         least = MIN_SHARE * (context.until - context.began)
         seconds = max(ROUND_SHARE * context.seconds_until(LOOP_UNTIL), least)
-        samples = max(MIN_SAMPLES, cost.samples(unit, 64, seconds))
+        samples = samples_within(cost, unit, 64, seconds)
         return {"samples": samples, "rounds": MAX_ROUNDS, "seeds": seeds}
 
     found = context.decide("rounds", choose)
@@ -363,7 +363,7 @@ def verify_finalists(
     context: RunContext,
     finalists: Sequence[tuple[str, Design]],
     scale: ScoreSettings,
-    cost: CostModel | None,
+    cost: RenderCost | None,
 ) -> tuple[FinalistEvaluation, list[tuple[int, FinalistEvaluation]]]:
     """Return the evaluation of all seeds, and those of the first 1, 2, 4, ... seeds.
 
@@ -470,7 +470,7 @@ def choose_winner(evaluation: FinalistEvaluation) -> str:
 
 
 def _amount(
-    context: RunContext, designs: Sequence[Design], cost: CostModel | None
+    context: RunContext, designs: Sequence[Design], cost: RenderCost | None
 ) -> dict[str, int]:
     """Return samples per cell and seed, and the seeds of a batch."""
 
@@ -487,7 +487,7 @@ def _amount(
         free = (context.seconds_left - REPORT_SECONDS) / MIN_BATCHES
         least = MIN_SHARE * (context.until - context.began)
         seconds = max(least, min(2 * cost.fixed * jobs, free))
-        return {"samples": cost.samples(unit, 64, seconds), "seeds": seeds}
+        return {"samples": samples_within(cost, unit, 64, seconds), "seeds": seeds}
 
     found: dict[str, int] = context.decide("final", choose)
     return found

@@ -35,7 +35,7 @@ from optimize.overnight.scaling import write_scaling
 from optimize.overnight.store import RECORD, RunRequest, Store
 from optimize.overnight.surrogate_stages import (
     fit_model,
-    measure_cost,
+    measured_cost,
     observed_cost,
     pooled_table,
     render_table,
@@ -230,7 +230,7 @@ def _context(
 
 def _run_stages(context: RunContext, config: OvernightConfig) -> OvernightResult:
     """Return the night after all stages of the period."""
-    render_table(context, None if context.fixed is not None else measure_cost(context))
+    render_table(context, None if context.fixed is not None else measured_cost(context))
     cost = observed_cost(context)
 
     @cache

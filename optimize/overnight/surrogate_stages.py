@@ -22,8 +22,8 @@ from optimize.overnight.context import (
     MODEL_UNTIL,
     OVERTIME_SHARE,
     TABLE_UNTIL,
-    CostModel,
     RunContext,
+    samples_within,
 )
 from optimize.overnight.store import TABLE
 from optimize.overnight.workers import OutOfTime
@@ -31,6 +31,7 @@ from optimize.scoring import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
+from render.reference.cost import RenderCost
 from render.reference.job import RenderJob, RenderResult
 from render.reference.transport import transport_estimate, transport_jobs
 from render.scene.schema import Scene
@@ -50,7 +51,7 @@ PILOT = (8, 200)
 PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
 
 
-def measure_cost(context: RunContext) -> CostModel:
+def measured_cost(context: RunContext) -> RenderCost:
     """Return how fast renders are here, by trial renders at the first bend."""
 
     def trial() -> dict[str, float]:
@@ -65,14 +66,24 @@ def measure_cost(context: RunContext) -> CostModel:
             )
         clock = Clock(sum(job.samples for job in jobs), context.progress)
         seconds = [result.seconds for job in jobs for result in context.renders([job], clock)]
-        cost = CostModel.of(jobs[2:], seconds[2:], 1)
-        return {"fixed": cost.fixed, "each": cost.each}
+        half = len(jobs) // 3
+        small, large = slice(half, 2 * half), slice(2 * half, None)
+        cost = RenderCost.fitted(
+            [sum(job.samples for job in jobs[part]) for part in (small, large)],
+            [sum(seconds[part]) for part in (small, large)],
+            jobs=half,
+        )
+        return {"fixed": cost.fixed, "each": cost.per_sample}
 
     found = context.decide("pace", trial)
-    return CostModel(found["fixed"], found["each"], context.renders.workers.count)
+    return _cost_of(context, found)
 
 
-def render_table(context: RunContext, cost: CostModel | None) -> None:
+def _cost_of(context: RunContext, kept: dict[str, float]) -> RenderCost:
+    return RenderCost(kept["fixed"], kept["each"], context.renders.workers.count)
+
+
+def render_table(context: RunContext, cost: RenderCost | None) -> None:
     """Render this period's passes."""
     if context.decided("table") is not None:
         return
@@ -87,7 +98,7 @@ def render_table(context: RunContext, cost: CostModel | None) -> None:
             last = min(first + group, passes["passes"])
             return [context.random_seed(TABLE_PURPOSE, i) for i in range(first, last)]
 
-        def affordable(first: int = first, cost: CostModel | None = cost) -> list[int]:
+        def affordable(first: int = first, cost: RenderCost | None = cost) -> list[int]:
             if first and cost is not None:
                 jobs = _jobs(context, passes["samples"], another(first))
                 # Half a pass too many is as good as half a pass too few.
@@ -119,15 +130,15 @@ def render_table(context: RunContext, cost: CostModel | None) -> None:
         lambda: {
             "samples": passes["samples"],
             "seeds": seeds,
-            "pace": None if cost is None else {"fixed": cost.fixed, "each": cost.each},
+            "pace": None if cost is None else {"fixed": cost.fixed, "each": cost.per_sample},
         },
     )
 
 
-def observed_cost(context: RunContext) -> CostModel | None:
+def observed_cost(context: RunContext) -> RenderCost | None:
     """Return the cost that the table's renders had; None for a fixed amount of work."""
     found = context.decided("table")["pace"]
-    return None if found is None else CostModel(**found, workers=context.renders.workers.count)
+    return None if found is None else _cost_of(context, found)
 
 
 def pooled_table(context: RunContext) -> TransportTable:
@@ -159,7 +170,7 @@ def table_bends(context: RunContext) -> Array:
     return np.concatenate([own, between])
 
 
-def _passes(context: RunContext, cost: CostModel | None) -> dict[str, int]:
+def _passes(context: RunContext, cost: RenderCost | None) -> dict[str, int]:
     """Return the number of passes and their samples per cell."""
 
     def choose() -> dict[str, int]:
@@ -170,7 +181,7 @@ def _passes(context: RunContext, cost: CostModel | None) -> dict[str, int]:
         work = max(context.seconds_until(TABLE_UNTIL), 1.0) * cost.workers
         shared = -(-MIN_PASSES * cost.workers // len(unit)) if cost.workers > 1 else 0
         passes = max(MIN_PASSES, shared, round(work / (JOB_SECONDS * len(unit))))
-        samples = cost.samples(unit, 64, work / passes / min(cost.workers, len(unit)))
+        samples = samples_within(cost, unit, 64, work / passes / min(cost.workers, len(unit)))
         return {"passes": passes, "samples": samples}
 
     found: dict[str, int] = context.decide("passes", choose)
@@ -184,9 +195,9 @@ def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[RenderJob
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
 
 
-def _corrected(cost: CostModel, jobs: list[RenderJob], seconds: float) -> CostModel:
+def _corrected(cost: RenderCost, jobs: list[RenderJob], seconds: float) -> RenderCost:
     ratio = seconds / cost.seconds(jobs)
-    return CostModel(cost.fixed * ratio, cost.each * ratio, cost.workers)
+    return RenderCost(cost.fixed * ratio, cost.per_sample * ratio, cost.workers)
 
 
 def _table(scene: Scene, jobs: list[RenderJob], results: list[RenderResult]) -> TransportTable:

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from optimize.design import Array
-from render.files import read_json, write_json
-from render.reference.cost import measure_render_cost
+from render.reference.cost import measure_render_cost, stored_plan
 from render.scene.schema import Scene
 
 MIN_SAMPLES = 4
 """Samples per cell, however little time there is."""
+
+
+@dataclass(frozen=True)
+class VerificationPlan:
+    """What is rendered, see `affordable_samples`; kept in the folder of the renders."""
+
+    scene_hash: str
+    minutes: float
+    seeds: int
+    designs: int
+    samples: int
 
 
 def affordable_samples(
@@ -29,13 +41,17 @@ def affordable_samples(
         designs: how many are rendered, 1 when the other differs in colors alone.
         folder: of the checkpoint.
     """
-    path = folder / "plan.json"
-    plan = {"scene_hash": scene.hash, "minutes": minutes, "seeds": seeds, "designs": designs}
-    known = read_json(path)
-    if all(known.get(key) == value for key, value in plan.items()) and "samples" in known:
-        return int(str(known["samples"]))
-    cost = measure_render_cost(scene, phi[:, None])
-    renders = len(scene.bending.angles) * seeds * designs
-    samples = max(MIN_SAMPLES, cost.samples_within(60.0 * minutes, [1.0] * renders))
-    write_json(path, {**plan, "samples": samples})
-    return samples
+    wanted: dict[str, Any] = {
+        "scene_hash": scene.hash,
+        "minutes": minutes,
+        "seeds": seeds,
+        "designs": designs,
+    }
+
+    def make() -> VerificationPlan:
+        cost = measure_render_cost(scene, phi[:, None])
+        renders = [1.0] * (len(scene.bending.angles) * seeds * designs)
+        chosen = cost.samples_within(60.0 * minutes, renders, MIN_SAMPLES)
+        return VerificationPlan(samples=chosen, **wanted)
+
+    return stored_plan(folder / "plan.json", VerificationPlan, wanted, make).samples

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
-from render.files import read_json, write_json
 from render.progress import Progress
-from render.reference.cost import measure_render_cost
+from render.reference.cost import measure_render_cost, stored_plan
 from render.reference.transport import JobRunner, TransportEstimate, render_transport
 from render.scene.schema import Scene
 from render.transport import TransportTable
@@ -72,22 +72,24 @@ def make_plan(
 
     A stored plan is taken up only when it asks for the same scene, nodes, seed and samples.
     """
-    phi = chebyshev_nodes(phi_count, 0.0, np.pi).tolist()
-    bends = training_bends(scene, bend_count).tolist()
-    path = folder / "plan.json"
-    stored = _read(path)
-    wanted = (scene.hash, [seed + 1], phi, bends)
-    if (
-        stored is not None
-        and (stored.scene_hash, stored.seeds, stored.phi, stored.bends) == wanted
-        and samples in (None, stored.samples)
-    ):
-        return stored
-    if samples is None:
-        samples = _affordable(scene, np.array(phi), np.array(bends), minutes)
-    plan = RenderPlan(scene.hash, samples, [seed + 1], phi, bends)
-    write_json(path, asdict(plan))
-    return plan
+    phi = chebyshev_nodes(phi_count, 0.0, np.pi)
+    bends = training_bends(scene, bend_count)
+    request: dict[str, Any] = {
+        "scene_hash": scene.hash,
+        "seeds": [seed + 1],
+        "phi": phi.tolist(),
+        "bends": bends.tolist(),
+    }
+
+    def make() -> RenderPlan:
+        chosen = samples
+        if chosen is None:
+            cost = measure_render_cost(scene, phi)
+            chosen = cost.samples_within(60.0 * minutes, [1.0] * len(bends), MIN_SAMPLES)
+        return RenderPlan(samples=chosen, **request)
+
+    wanted = request if samples is None else request | {"samples": samples}
+    return stored_plan(folder / "plan.json", RenderPlan, wanted, make)
 
 
 def render_plan(
@@ -231,16 +233,3 @@ def data_hash(table: TransportTable) -> str:
         if values is not None:
             digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
     return digest.hexdigest()
-
-
-def _affordable(scene: Scene, phi: Array, bends: Array, minutes: float) -> int:
-    """Return the samples that fill ``minutes``."""
-    cost = measure_render_cost(scene, phi)
-    return max(MIN_SAMPLES, cost.samples_within(60.0 * minutes, [1.0] * len(bends)))
-
-
-def _read(path: Path) -> RenderPlan | None:
-    try:
-        return RenderPlan(**read_json(path))
-    except TypeError:
-        return None

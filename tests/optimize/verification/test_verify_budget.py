@@ -21,7 +21,8 @@ def test_the_plan_is_synced_and_asked_instead_of_measuring_again(
             finger20, np.zeros(20), minutes=1.0, seeds=2, designs=1, folder=tmp_path
         )
 
-    monkeypatch.setattr(verify_budget, "measure_render_cost", lambda *_: RenderCost(1.0, 0.5, 6.0))
+    measured = RenderCost(1.0, 0.5, trials=6.0)
+    monkeypatch.setattr(verify_budget, "measure_render_cost", lambda *_: measured)
     calls = logged_disk(monkeypatch)
     # 54 s for three bends and two seeds, of which each render spends one at its start.
     assert samples() == 16
