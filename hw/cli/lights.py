@@ -45,10 +45,10 @@ def set_lights(
 ) -> None:
     """Light the fibers as a design says; off when the command ends."""
     from hw.leds.fiber_lights import interruptible
-    from optimize.design import load_saved
+    from optimize.design import load_design_file
 
     with reserved_stdout() as stream, interruptible():
-        design = load_saved(path).design
+        design = load_design_file(path).design
         with wiring.lights(len(design.phi)) as lights:
             power = design.power * wiring.scale
             lights.set(power)
@@ -70,10 +70,10 @@ def sweep_lights(
 ) -> None:
     """Light one fiber of a design after the other."""
     from hw.leds.fiber_lights import interruptible, sweep
-    from optimize.design import color_name, load_saved
+    from optimize.design import color_name, load_design_file
 
     with reserved_stdout() as stream, interruptible():
-        design = load_saved(path).design
+        design = load_design_file(path).design
         with wiring.lights(len(design.phi)) as lights, Meter("Sweeping") as meter:
             names = [color_name(index) for index in design.colors]
             for done, fiber in enumerate(sweep(lights, design.power * wiring.scale, seconds)):

@@ -31,7 +31,7 @@ def run(
     """Draw what the camera sees."""
     import numpy as np
 
-    from optimize.design import baseline_design, load_design, load_saved
+    from optimize.design import baseline_design, load_design, load_design_file
     from optimize.report import picture_png
     from optimize.ui.output import write_result
     from render.metric import THESIS
@@ -40,7 +40,7 @@ def run(
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
-        rating = None if design is None else load_saved(design).rating
+        rating = None if design is None else load_design_file(design).rating
         draw = _preview if level == "preview" else _reference
         radiance = draw(scene, lighting, math.radians(bend))
         if rating is None:

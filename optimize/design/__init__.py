@@ -14,24 +14,21 @@ from optimize.design.design import (
     color_name,
 )
 from optimize.design.design_file import (
-    SavedDesign,
     load_design,
-    load_saved,
+    load_design_file,
     open_rated,
     save_design,
 )
 from optimize.design.limits import SearchLimits, dimmed_baseline, limits_of, unlimited
-from optimize.design.rating import PARTS, Level, RatedDesign, Rating, ScoreSettings
+from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
 
 __all__ = [
     "PARTS",
     "Array",
     "Colors",
     "Design",
-    "Level",
     "RatedDesign",
     "Rating",
-    "SavedDesign",
     "ScoreSettings",
     "ScoredDesign",
     "SearchLimits",
@@ -40,7 +37,7 @@ __all__ = [
     "dimmed_baseline",
     "limits_of",
     "load_design",
-    "load_saved",
+    "load_design_file",
     "open_rated",
     "save_design",
     "unlimited",

@@ -31,114 +31,6 @@ from render.files import write_text
 from render.metric import MetricConfig, current_conventions
 from render.scene.schema import Scene, load_scene, shipped_scenes
 
-
-@dataclass(frozen=True)
-class SavedDesign:
-    """The content of a design file."""
-
-    design: Design
-    scene: str
-    scene_hash: str
-    rating: Rating | None
-    versions: dict[str, str]
-
-
-def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None = None) -> None:
-    """Write ``design`` for ``scene`` with its rating to ``path``, atomically.
-
-    Raises:
-        DesignError: the design has not the scene's number of fibers, or its rating is not finite.
-    """
-    _check_fiber_count(design, scene, "the design")
-    content = {
-        "schema": 1,
-        "scene": scene.name,
-        "scene_hash": scene.hash,
-        "angles_deg": np.degrees(design.phi).tolist(),
-        "colors": design.color_names,
-        "power": design.power.tolist(),
-        **_rating_to_json(rating),
-        "versions": package_versions("numpy"),
-    }
-    try:
-        file = _File.model_validate(content)
-    except ValidationError as error:
-        raise _refusal("the design to be saved", error) from None
-    write_text(path, file.model_dump_json(by_alias=True, indent=2) + "\n")
-
-
-def load_design(path: Path, scene: Scene) -> Design:
-    """Return the design in ``path``, which must have been made for ``scene``.
-
-    Raises:
-        DesignError: names what is wrong with the file, or that it is for another scene.
-    """
-    saved = load_saved(path)
-    if saved.scene_hash != scene.hash:
-        raise DesignError(
-            f"{path} was made for another scene ({saved.scene}, hash {saved.scene_hash}), allowed: "
-            f"hash {scene.hash} of {scene.name}; pass the scene it was made for or explore anew",
-            field="scene_hash",
-            value=saved.scene_hash,
-            allowed=scene.hash,
-        )
-    _check_fiber_count(saved.design, scene, str(path))
-    return saved.design
-
-
-def load_saved(path: Path) -> SavedDesign:
-    """Return everything in a design file, whatever scene it is for.
-
-    Raises:
-        DesignError: names every problem of the file at once.
-    """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise DesignError(
-            f"{path} cannot be read: {error.strerror}; give the path of a design.json",
-            field="design",
-            value=str(path),
-        ) from None
-    try:
-        file = _File.model_validate_json(text)
-    except ValidationError as error:
-        raise _refusal(str(path), error) from None
-    phi = np.minimum(np.radians(np.array(file.angles_deg)), math.pi)
-    return SavedDesign(
-        design=Design(phi, np.array(file.power)),
-        scene=file.scene,
-        scene_hash=file.scene_hash,
-        rating=_rating_from_json(file),
-        versions=dict(file.versions),
-    )
-
-
-def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
-    """Return the design in ``path`` with its scene, which is the one that the file names.
-
-    Raises:
-        DesignError: the file is bad, unrated, or for another scene than the one given.
-    """
-    saved = load_saved(path)
-    if scene_name is None and saved.scene not in shipped_scenes():
-        raise DesignError(
-            f"{path} is for scene {saved.scene}, which does not come with tactilux: "
-            "name its TOML file with --scene",
-            field="scene",
-            value=saved.scene,
-        )
-    scene = load_scene(scene_name or saved.scene)
-    design = load_design(path, scene)
-    if saved.rating is None:
-        raise DesignError(
-            f"{path} has no score, so its exposure and lam are unknown: rate it with "
-            "tactilux explore",
-            field="score",
-        )
-    return RatedDesign(scene, design, saved.rating)
-
-
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -158,7 +50,9 @@ class _Score(BaseModel):
     spread_bends: float
 
 
-class _File(BaseModel):
+class DesignFile(BaseModel):
+    """The content of a design file; all of it belongs together."""
+
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
     schema_version: Annotated[Literal[1], Field(alias="schema")]
     scene: Annotated[str, Field(min_length=1)]
@@ -179,8 +73,29 @@ class _File(BaseModel):
     ]
     versions: dict[str, str]
 
+    @property
+    def design(self) -> Design:
+        """The directions and the powers."""
+        phi = np.minimum(np.radians(np.array(self.angles_deg)), math.pi)
+        return Design(phi, np.array(self.power))
+
+    @property
+    def rating(self) -> Rating | None:
+        """How good it is, if it was rated."""
+        if not (self.level and self.score and self.exposure and self.conventions):
+            return None
+        assert self.lam is not None  # all or none, see below
+        conventions = MetricConfig(**asdict(self.conventions))
+        score = self.score.model_dump()
+        return Rating(
+            level=self.level,
+            score=score.pop("value"),
+            settings=ScoreSettings(self.exposure, self.lam, conventions),
+            **score,
+        )
+
     @model_validator(mode="after")
-    def _parts_agree(self) -> _File:
+    def _parts_agree(self) -> DesignFile:
         lengths = {len(self.angles_deg), len(self.colors), len(self.power)}
         if len(lengths) > 1:
             raise ValueError(
@@ -200,6 +115,94 @@ class _File(BaseModel):
                 "level, score, lam, exposure and conventions must be given together or all be null"
             )
         return self
+
+
+def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None = None) -> None:
+    """Write ``design`` for ``scene`` with its rating to ``path``, atomically.
+
+    Raises:
+        DesignError: the design has not the scene's number of fibers, or its rating is not finite.
+    """
+    _check_fiber_count(design, scene, "the design")
+    content = {
+        "schema": 1,
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "angles_deg": np.degrees(design.phi).tolist(),
+        "colors": design.color_names,
+        "power": design.power.tolist(),
+        **_rating_to_json(rating),
+        "versions": package_versions("numpy"),
+    }
+    try:
+        file = DesignFile.model_validate(content)
+    except ValidationError as error:
+        raise _refusal("the design to be saved", error) from None
+    write_text(path, file.model_dump_json(by_alias=True, indent=2) + "\n")
+
+
+def load_design(path: Path, scene: Scene) -> Design:
+    """Return the design in ``path``, which must have been made for ``scene``.
+
+    Raises:
+        DesignError: names what is wrong with the file, or that it is for another scene.
+    """
+    saved = load_design_file(path)
+    if saved.scene_hash != scene.hash:
+        raise DesignError(
+            f"{path} was made for another scene ({saved.scene}, hash {saved.scene_hash}), allowed: "
+            f"hash {scene.hash} of {scene.name}; pass the scene it was made for or explore anew",
+            field="scene_hash",
+            value=saved.scene_hash,
+            allowed=scene.hash,
+        )
+    _check_fiber_count(saved.design, scene, str(path))
+    return saved.design
+
+
+def load_design_file(path: Path) -> DesignFile:
+    """Return everything in a design file, whatever scene it is for.
+
+    Raises:
+        DesignError: names every problem of the file at once.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise DesignError(
+            f"{path} cannot be read: {error.strerror}; give the path of a design.json",
+            field="design",
+            value=str(path),
+        ) from None
+    try:
+        return DesignFile.model_validate_json(text)
+    except ValidationError as error:
+        raise _refusal(str(path), error) from None
+
+
+def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
+    """Return the design in ``path`` with its scene, which is the one that the file names.
+
+    Raises:
+        DesignError: the file is bad, unrated, or for another scene than the one given.
+    """
+    saved = load_design_file(path)
+    if scene_name is None and saved.scene not in shipped_scenes():
+        raise DesignError(
+            f"{path} is for scene {saved.scene}, which does not come with tactilux: "
+            "name its TOML file with --scene",
+            field="scene",
+            value=saved.scene,
+        )
+    scene = load_scene(scene_name or saved.scene)
+    design = load_design(path, scene)
+    if saved.rating is None:
+        raise DesignError(
+            f"{path} has no score, so its exposure and lam are unknown: rate it with "
+            "tactilux explore",
+            field="score",
+        )
+    return RatedDesign(scene, design, saved.rating)
 
 
 def _check_fiber_count(design: Design, scene: Scene, origin: str) -> None:
@@ -228,27 +231,6 @@ def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
         "exposure": rating.settings.exposure,
         "conventions": _Conventions(**asdict(rating.settings.conventions)),
     }
-
-
-def _rating_from_json(file: _File) -> Rating | None:
-    score, conventions = file.score, file.conventions
-    if (
-        file.level is None
-        or score is None
-        or file.lam is None
-        or file.exposure is None
-        or conventions is None
-    ):
-        return None
-    return Rating(
-        level=file.level,
-        score=score.value,
-        interval=score.interval,
-        mean=score.mean,
-        spread_sites=score.spread_sites,
-        spread_bends=score.spread_bends,
-        settings=ScoreSettings(file.exposure, file.lam, MetricConfig(**asdict(conventions))),
-    )
 
 
 def _refusal(origin: str, error: ValidationError) -> DesignError:

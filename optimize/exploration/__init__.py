@@ -4,7 +4,6 @@ from optimize.exploration.exploration import (
     PHI_NODES,
     Exploration,
     Stage,
-    StudyResult,
     explore,
     rate,
 )
@@ -13,7 +12,6 @@ __all__ = [
     "PHI_NODES",
     "Exploration",
     "Stage",
-    "StudyResult",
     "explore",
     "rate",
 ]

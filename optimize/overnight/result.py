@@ -21,7 +21,7 @@ from optimize.design import (
     Rating,
     ScoreSettings,
     load_design,
-    load_saved,
+    load_design_file,
     save_design,
 )
 from optimize.scoring import student_factor
@@ -310,7 +310,7 @@ def _read(run: Path) -> ResultFile:
 
 def _scale(run: Path) -> ScoreSettings:
     path = run / DESIGNS / "baseline.json"
-    rating = load_saved(path).rating
+    rating = load_design_file(path).rating
     if rating is None:
         raise ResultError(f"{path} has no rating: it is no finalist's", field="score")
     return rating.settings

@@ -12,7 +12,6 @@ from optimize.search.directions import (
     tied_groups,
 )
 from optimize.search.local_refinement import (
-    LocalOptimum,
     NominalScore,
     Objective,
     WeightedSum,
@@ -24,7 +23,6 @@ from optimize.search.local_refinement import (
 __all__ = [
     "AlternatingResult",
     "DirectionResult",
-    "LocalOptimum",
     "NominalScore",
     "Objective",
     "SearchStep",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design import load_design, load_saved
+from optimize.design import load_design, load_design_file
 from optimize.exploration import PHI_NODES
 from optimize.scoring import TableScorer
 from render.chebyshev import chebyshev_nodes
@@ -83,7 +83,7 @@ def test_the_design_that_it_writes_has_the_score_that_it_claims(
         design.phi[None], design.power[None], np.array(scene.bending.angles)
     )
     assert claimed == pytest.approx(float(again["score"][0]), abs=1e-3)
-    rating = load_saved(path).rating
+    rating = load_design_file(path).rating
     assert rating is not None
     assert rating.score == pytest.approx(claimed)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from optimize.design import load_saved
+from optimize.design import load_design_file
 
 Run = Callable[..., Any]
 
@@ -22,7 +22,7 @@ def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     result = json.loads(first.out)
     assert list(result["finalists"]) == ["baseline", "winner", "runner-up"]
     assert [entry["number"] for entry in result["loop"]["rounds"]] == [1]
-    saved = load_saved(tmp_path / "run" / "design.json")
+    saved = load_design_file(tmp_path / "run" / "design.json")
     assert saved.rating is not None
     assert saved.rating.level == "reference"
     assert saved.rating.score == result["finalists"]["winner"]["score"]["value"]

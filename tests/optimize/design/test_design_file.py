@@ -17,7 +17,7 @@ from optimize.design import (
     ScoreSettings,
     baseline_design,
     load_design,
-    load_saved,
+    load_design_file,
     save_design,
 )
 from render.errors import DesignError
@@ -49,7 +49,7 @@ def test_a_design_survives_the_round_trip(tmp_path: Path, scene: Scene) -> None:
     rng = np.random.default_rng(0)
     design = Design(np.pi * rng.random(20), rng.random((20, 3)))
     save_design(tmp_path / "design.json", design, scene, RATING)
-    saved = load_saved(tmp_path / "design.json")
+    saved = load_design_file(tmp_path / "design.json")
     np.testing.assert_allclose(saved.design.phi, design.phi, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(saved.design.power, design.power)
     assert saved.rating == RATING
@@ -63,7 +63,7 @@ def test_directions_at_both_limits_survive_exactly(tmp_path: Path, scene: Scene)
     save_design(tmp_path / "design.json", design, scene)
     loaded = load_design(tmp_path / "design.json", scene)
     np.testing.assert_array_equal(loaded.phi, design.phi)
-    assert load_saved(tmp_path / "design.json").rating is None
+    assert load_design_file(tmp_path / "design.json").rating is None
 
 
 def test_the_file_names_colors_and_degrees(path: Path) -> None:
@@ -75,9 +75,9 @@ def test_the_file_names_colors_and_degrees(path: Path) -> None:
 
 
 def test_a_file_with_the_british_key_is_still_read(path: Path) -> None:
-    saved = load_saved(path)
+    saved = load_design_file(path)
     edited(path, lambda content: content.update(colours=content.pop("colors")))
-    np.testing.assert_array_equal(load_saved(path).design.power, saved.design.power)
+    np.testing.assert_array_equal(load_design_file(path).design.power, saved.design.power)
 
 
 def test_a_design_for_another_scene_is_refused(path: Path, scene: Scene) -> None:
@@ -116,7 +116,7 @@ def test_a_malformed_file_gets_one_sentence(
     path: Path, edit: Callable[[dict[str, Any]], object], sentence: str
 ) -> None:
     with pytest.raises(DesignError, match=sentence) as caught:
-        load_saved(edited(path, edit))
+        load_design_file(edited(path, edit))
     assert "\n" not in str(caught.value)
 
 
@@ -124,12 +124,12 @@ def test_a_malformed_file_gets_one_sentence(
 def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "design.json").write_bytes(content)
     with pytest.raises(DesignError, match="is not a valid design: "):
-        load_saved(tmp_path / "design.json")
+        load_design_file(tmp_path / "design.json")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(DesignError, match=r"No such file.*give the path"):
-        load_saved(tmp_path / "nothing.json")
+        load_design_file(tmp_path / "nothing.json")
 
 
 def test_a_rating_that_is_not_a_number_is_not_saved(tmp_path: Path, scene: Scene) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design import load_saved
+from optimize.design import load_design_file
 from optimize.overnight.result import Finalist, OvernightResult, ResultError, keep_scene
 from render.scene.schema import load_scene, scene_text
 
@@ -63,7 +63,7 @@ def test_every_finalist_has_a_design_file_with_its_rendered_rating(
     run_directory: Path, finished_night: OvernightResult
 ) -> None:
     for entry in finished_night.finalists:
-        rating = load_saved(run_directory / "designs" / f"{entry.key}.json").rating
+        rating = load_design_file(run_directory / "designs" / f"{entry.key}.json").rating
         assert rating is not None
         assert rating.level == "reference"
         assert rating.score == entry.score
