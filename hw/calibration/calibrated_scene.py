@@ -8,9 +8,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from hw.calibration.fit import Calibration
-from render.files import write_text
-from render.scene.schema import Scene, load_scene, scene_text
+from hw.calibration.rig_fit import Calibration
+from render.scene.schema import Scene, scene_text
 
 SUFFIX = "-calibrated"
 
@@ -26,16 +25,16 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
     """
     raw = tomllib.loads(scene_text(source))
     assert scene.diffuser is not None
-    ranges = found.intervals.of(found.material.array())
+    # From fitted values to those of the file.
     per_event = 1 / (1 - scene.diffuser.g)
-    degrees = 180 / math.pi
-    values = {
-        ("diffuser", "sigma_s"): (found.material.reduced_scattering, ranges[0], per_event, "1/mm"),
-        ("diffuser", "sigma_a"): (found.material.absorption, ranges[1], 1.0, "1/mm"),
-        ("fibers", "sigma_v"): (found.material.sigma_v, ranges[2], degrees, "deg"),
-        ("pad", "roughness"): (found.material.roughness, ranges[3], 1.0, ""),
-    }
-    for (part, key), (value, (low, high), factor, unit) in values.items():
+    keys = (
+        ("diffuser", "sigma_s", per_event, "1/mm"),
+        ("diffuser", "sigma_a", 1.0, "1/mm"),
+        ("fibers", "sigma_v", 180 / math.pi, "deg"),
+        ("pad", "roughness", 1.0, ""),
+    )
+    values = zip(keys, found.material.array().tolist(), found.intervals, strict=True)
+    for (part, key, factor, unit), value, (low, high) in values:
         interval = f"{low * factor:.4g} to {high * factor:.4g} {unit}".rstrip()
         entry = raw[part][key]
         entry["value"] = float(f"{value * factor:.6g}")
@@ -50,12 +49,6 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
         raw["name"] += SUFFIX
     head = "# Calibrated to photographs by tactilux; powers and gains are in calibration.json.\n"
     return head + _written(raw)
-
-
-def save_scene(path: Path, text: str) -> Scene:
-    """Write the scene file and return what it holds, read back."""
-    write_text(path, text)
-    return load_scene(path)
 
 
 def _written(raw: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material_table import line_pixels, sample
+from hw.calibration.reference_lines import line_pixels, sample_image
 from hw.camera.pinhole import intrinsics, rotation
 from hw.camera.projection import pad_positions
 from render.arrays import Array
@@ -107,11 +107,12 @@ class LineReader:
             dtype=np.float64,
         )
         pixels = self._pixels[bend, fiber]
-        counts = sample(smooth, pixels)
+        counts = sample_image(smooth, pixels)
         wide = _averaged(photo, self._clear[bend])
         slopes = np.stack(
             [
-                (sample(wide, self._turned(pixels, axis)) - sample(wide, pixels)) / TILT_STEP
+                (sample_image(wide, self._turned(pixels, axis)) - sample_image(wide, pixels))
+                / TILT_STEP
                 for axis in range(3)
             ]
         )

@@ -1,4 +1,7 @@
-"""Reference lines on the pad, as in Fig. 3.5: three across the light, one along it, per fiber."""
+"""Reference lines on the pad, as in Fig. 3.5: three across the light, one along it, per fiber.
+
+Their points are the same in every fiber's frame: mm beside its axis, and from the pad's edge.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.camera.projection import pixels_of
 from render.arrays import Array
 from render.geometry.layout import flat_fiber_poses
 from render.scene.schema import Scene
@@ -42,24 +46,22 @@ class ReferenceLines:
         return np.where(self.inside[..., None], self.position, np.nan)
 
 
-_SIDEWAYS = np.arange(-ACROSS_HALF_LENGTH, ACROSS_HALF_LENGTH + STEP / 2, STEP)
-_ONWARDS = np.arange(2.0, ALONG_END + STEP / 2, STEP)
-_LINE = np.concatenate([np.repeat([0, 1, 2], len(_SIDEWAYS)), np.full(len(_ONWARDS), 3)])
+_ASIDE = np.arange(-ACROSS_HALF_LENGTH, ACROSS_HALF_LENGTH + STEP / 2, STEP)
+_AWAY = np.arange(2.0, ALONG_END + STEP / 2, STEP)
+_LINE = np.concatenate([np.repeat([0, 1, 2], len(_ASIDE)), np.full(len(_AWAY), 3)])
 
 
 def frame_positions() -> Array:
     """Return the points ``(point, 2)`` mm in a fiber's frame: beside its axis, from the edge."""
-    away = np.concatenate([np.repeat(ACROSS_AT, len(_SIDEWAYS)), _ONWARDS])
-    aside = np.concatenate([np.tile(_SIDEWAYS, 3), np.zeros(len(_ONWARDS))])
+    away = np.concatenate([np.repeat(ACROSS_AT, len(_ASIDE)), _AWAY])
+    aside = np.concatenate([np.tile(_ASIDE, 3), np.zeros(len(_AWAY))])
     return np.stack([aside, away], axis=-1)
 
 
 def reference_lines(scene: Scene) -> ReferenceLines:
     """Return the lines of a scene's fibers."""
-    poses = flat_fiber_poses(scene)
+    poses, margin = flat_fiber_poses(scene), _edge_distance(scene)
     line, (aside, away) = _LINE, frame_positions().T
-    # From the fiber's end to the pad's edge: the air gap and the diffuser.
-    margin = scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
     position = (
         poses.position[:, None]
         + (margin + away)[None, :, None] * poses.inward[:, None]
@@ -68,3 +70,49 @@ def reference_lines(scene: Scene) -> ReferenceLines:
     half = np.array([scene.pad.width, scene.pad.length]) / 2 - MARGIN
     inside: NDArray[np.bool_] = np.all(np.abs(position) <= half, axis=-1)
     return ReferenceLines(position, inside, line, np.where(line < 3, aside, away))
+
+
+def in_frame(scene: Scene, fiber: int, position: Array) -> Array:
+    """Return flat positions ``(..., 2)`` mm in a fiber's frame: beside its axis, from the edge."""
+    poses = flat_fiber_poses(scene)
+    offset = position - poses.position[fiber, :2]
+    return np.stack(
+        [
+            offset @ poses.along[fiber, :2],
+            offset @ poses.inward[fiber, :2] - _edge_distance(scene),
+        ],
+        axis=-1,
+    )
+
+
+def _edge_distance(scene: Scene) -> float:
+    """Return the distance (mm) from a fiber's end to the pad: the air gap and the diffuser."""
+    return scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
+
+
+def line_pixels(scene: Scene, bends: Array, rows: int, columns: int) -> Array:
+    """Return where the lines are in an image, ``(bend, fiber, point, 2)``, NaN where unseen."""
+    points = reference_lines(scene).on_pad
+    pixels = [pixels_of(scene, float(bend), points.reshape(-1, 2), rows, columns) for bend in bends]
+    return np.stack(pixels).reshape(len(bends), *points.shape)
+
+
+def sample_image(image: Array, pixels: Array) -> Array:
+    """Return ``image`` ``(row, column[, channel])`` at ``pixels`` ``(n, 2)``, NaN where they are.
+
+    Linear between the middles of pixels.
+    """
+    from scipy.ndimage import map_coordinates
+
+    seen = np.isfinite(pixels[:, 0])
+    place = np.where(seen[:, None], pixels, 0.0).T[::-1] - 0.5
+    layers = image[..., None] if image.ndim == 2 else image
+    values = np.stack(
+        [
+            map_coordinates(layers[..., k].astype(np.float64), place, order=1, mode="nearest")
+            for k in range(layers.shape[-1])
+        ],
+        axis=-1,
+    )
+    values = np.where(seen[:, None], values, np.nan)
+    return np.asarray(values[:, 0] if image.ndim == 2 else values)

@@ -7,17 +7,15 @@ they are kept in the user's cache, one file each, and interrupted work goes on w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
-from functools import partial
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from hw.calibration.material import Material
-from hw.calibration.material_correction import MaterialRender
-from hw.calibration.material_table import design_key, sobol_materials
+from hw.calibration.log_ratio import LogRatios, log_ratios
+from hw.calibration.material import Material, design_key, sobol_materials
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import reference_lines
+from hw.calibration.reference_lines import frame_positions, reference_lines
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import Progress
@@ -28,6 +26,32 @@ FIRST_SEED = 5000
 
 NamedProgress = Callable[[str, Progress], None]
 """Called with what is rendered and how far it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialRender:
+    """One material, rendered.
+
+    Arguments:
+        material: ``(4,)``.
+        light: of the fibers that matter at each bend.
+    """
+
+    material: Array
+    light: PadLight
+
+    def log_ratios(self, bend: int, fiber: int, position: Array, log_light: Array) -> LogRatios:
+        """Return what it says about one fiber at its lines.
+
+        Arguments:
+            bend: its index.
+            fiber: its number.
+            position: ``(point, 2)`` mm on the flat pad.
+            log_light: ``(point,)`` of the table, NaN where nothing is wanted.
+        """
+        radiance, error = self.light.at(bend, fiber, position)
+        parts = self.light.part_of(position)
+        return log_ratios(frame_positions(), parts, radiance, error, log_light)
 
 
 def reference_renders(
@@ -56,42 +80,34 @@ def reference_renders(
         render: what renders.
     """
     key = design_key(VERSION, scene, phi, bends, [[int(f) for f in own] for own in lit], samples)
-    where = reference_lines(scene).on_pad
-    chosen = sobol_materials(materials)
+    around = reference_lines(scene).on_pad
     paths = [folder / f"renders-{key}" / f"{number:03d}.npz" for number in range(materials)]
-    found = []
-    for number, (material, path) in enumerate(zip(chosen, paths, strict=True)):
-        kept = read_or_drop(path, *(field.name for field in fields(PadLight)))
+    renders = []
+    for number, material in enumerate(sobol_materials(materials)):
+        kept = read_or_drop(paths[number], *(field.name for field in fields(PadLight)))
         if kept is None:
-            later = sum(not one.exists() for one in paths[number + 1 :])
+            missing = sum(not path.exists() for path in paths[number + 1 :])
             light = render(
                 Material.from_array(material).put_into(scene), phi, bends, lit, samples=samples,
-                seed=FIRST_SEED + number, around=where,
-                progress=_of_all(progress, number + 1, materials, later),
+                seed=FIRST_SEED + number, around=around,
+                progress=_of_all(progress, number + 1, materials, missing) if progress else None,
             )  # fmt: skip
-            write_npz(path, {name: np.asarray(value) for name, value in vars(light).items()})
+            write_npz(paths[number], {name: np.asarray(v) for name, v in vars(light).items()})
         else:
             light = PadLight(
                 float(kept["cell"]), int(kept["blocks"]), kept["radiance"], kept["error"]
             )
-        found.append(MaterialRender(material, light))
-    return found
-
-
-def named(progress: NamedProgress | None, name: str) -> Callable[[Progress], None] | None:
-    """Return ``progress`` for what has this name."""
-    return None if progress is None else partial(progress, name)
+        renders.append(MaterialRender(material, light))
+    return renders
 
 
 def _of_all(
-    progress: NamedProgress | None, number: int, materials: int, later: int
-) -> Callable[[Progress], None] | None:
-    """Return what tells the progress of one render as that of all, ``later`` ones included."""
-    if progress is None:
-        return None
+    progress: NamedProgress, number: int, materials: int, missing: int
+) -> Callable[[Progress], None]:
+    """Return what tells the progress of one render as that of all, ``missing`` ones included."""
 
     def said(at: Progress) -> None:
-        eta = at.eta_seconds + later * (at.seconds + at.eta_seconds)
+        eta = at.eta_seconds + missing * (at.seconds + at.eta_seconds)
         done, total = at.done + (number - 1) * at.total, materials * at.total
         progress(f"material {number} of {materials}", Progress(done, total, at.seconds, eta))
 

@@ -3,50 +3,63 @@
 First come renders of materials that fill the range, which every rig of the same design shares; then
 of what was found so far. All of them correct the model (``hw.calibration.material_correction``),
 and the fit is repeated, until it moves by less than its own error. The last render, with random
-numbers that no fit has seen, only judges.
+numbers that no fit has seen, only judges: it is compared with the photographs.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from hw.calibration.confirm import Confirmation, against_light, against_model
-from hw.calibration.fit import Calibration
+from hw.calibration.line_model import LineModel
 from hw.calibration.material import HIGH, LOW, Material
-from hw.calibration.material_correction import MaterialRender, material_correction
+from hw.calibration.material_correction import material_correction
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes, joined
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import reference_lines
-from hw.calibration.reference_renders import named, reference_renders
-from hw.calibration.rig_fit import LineModel, fit_rig
+from hw.calibration.reference_lines import ReferenceLines, reference_lines
+from hw.calibration.reference_renders import MaterialRender, NamedProgress, reference_renders
+from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
-from render.progress import Progress
 from render.scene.schema import Scene
 
 UNCORRECTED_ERROR = 0.03
 """Relative error of the shape of light that even the best correction leaves: so much do corrected
 models differ from emulated photographs of the same material."""
-ROUNDS = 3
+MAX_RENDERS = 3
 """Renders of what was found, at most."""
-CONVERGED_SIGMAS = 1.0
+CONVERGED = 1.0
 """Standard errors within which a repeated fit counts as unmoved."""
 FITS = 3
 """Fits to one correction: how sure it is depends on the material that is found."""
+ERROR_FLOOR = 0.02
+"""Relative difference below which the weights of noisy cells do not matter."""
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """What came out: the fit and its confirmation."""
+@dataclass(frozen=True)
+class Confirmation:
+    """Photographs against renders along the reference lines, relative.
 
-    found: Calibration
-    confirmation: Confirmation
+    Arguments:
+        rms: of photographs over renders less 1, by cells of the render.
+        noise: what the errors of renders and photographs explain of it.
+        before: rms of photographs over the model for the scene as it was.
+        samples: light paths per fiber and cell.
+        seconds: of all renders.
+        renders: of how many materials, the last of which is the one that is confirmed.
+    """
+
+    rms: float
+    noise: float
+    before: float
+    samples: int
+    seconds: float
+    renders: int
 
 
 def refine(
@@ -60,10 +73,10 @@ def refine(
     materials: int,
     samples: int,
     folder: Path,
-    progress: Callable[[str, Progress], None] | None = None,
+    progress: NamedProgress | None = None,
     render: Callable[..., PadLight] = render_pad_light,
-) -> Refined:
-    """Return the calibration as renders correct and confirm it.
+) -> tuple[Calibration, Confirmation]:
+    """Return the calibration as renders correct it, and what confirms it.
 
     Arguments:
         scene: before calibration.
@@ -84,26 +97,25 @@ def refine(
         scene, phi, bends, lit,
         materials=materials, samples=samples, folder=folder, progress=progress, render=render,
     )  # fmt: skip
-    refit = partial(_refit, scene, model, measurements)
-    found = refit(renders, found)
+    found = _refit(scene, model, measurements, renders, found)
     moved = np.inf
-    for number in range(1, ROUNDS + 1):
+    for number in range(1, MAX_RENDERS + 1):
         light = render(
             found.material.put_into(scene), phi, bends, lit, samples=samples, seed=10 + number,
-            around=lines.on_pad, progress=named(progress, f"what was found, {number}"),
+            around=lines.on_pad,
+            progress=partial(progress, f"what was found, {number}") if progress else None,
         )  # fmt: skip
-        if moved <= CONVERGED_SIGMAS or number == ROUNDS:
+        if moved <= CONVERGED or number == MAX_RENDERS:
             break
         renders = [*renders, MaterialRender(found.material.array(), light)]
-        again = refit(renders, found)
-        step = (again.material.array() - found.material.array()) / again.intervals.material
+        again = _refit(scene, model, measurements, renders, found)
+        step = (again.material.array() - found.material.array()) / again.errors.material
         moved, found = float(np.abs(step).max()), again
-    rms, noise = against_light(light, found, measurements, lines)
-    before = against_model(model.log_light(_known(scene)), light, found, measurements, lines)
-    return Refined(
-        found,
-        Confirmation(rms, noise, before, samples, time.monotonic() - began, materials + number),
-    )
+    rms, noise = shape_difference(light, found, measurements, lines)
+    known = np.clip(Material.of(scene).array(), LOW, HIGH)
+    before, _ = shape_difference(light, found, measurements, lines, model.log_light(known))
+    seconds = time.monotonic() - began
+    return found, Confirmation(rms, noise, before, samples, seconds, materials + number)
 
 
 def _refit(
@@ -118,16 +130,58 @@ def _refit(
     for one in measurements:
         read[one.bend, one.fiber] = one.used
     correction = material_correction(model.table, renders, read, reference_lines(scene))
-    left = field_modes(np.full(len(read), UNCORRECTED_ERROR), scene.fibers.count)
+    uncorrected = field_modes(np.full(len(read), UNCORRECTED_ERROR), scene.fibers.count)
     # The table is corrected as it was drawn, without the surrogate.
-    none = np.zeros_like(model.log_correction)
+    no_surrogate = np.zeros_like(model.log_correction)
     for _ in range(FITS):
-        modes = joined(correction.modes(found.material.array()), left)
-        corrected = replace(model, table=correction.table, log_correction=none, modes=modes)
+        modes = joined(correction.modes(found.material.array()), uncorrected)
+        corrected = LineModel(correction.table, no_surrogate, modes)
         found = fit_rig(scene, corrected, measurements, found.material)
     return found
 
 
-def _known(scene: Scene) -> Material:
-    """Return the scene's own material, brought into the range that the table knows."""
-    return Material.from_array(np.clip(Material.of(scene).array(), LOW, HIGH))
+def shape_difference(
+    light: PadLight,
+    found: Calibration,
+    measurements: list[Measurement],
+    lines: ReferenceLines,
+    log_light: Array | None = None,
+) -> tuple[float, float]:
+    """Return rms and expected rms of photographs over renders, less 1, by cells of the render.
+
+    Compared is the shape of the light along the reference lines; the brightness of each photograph
+    is matched first, because its fiber's power is fitted to nothing else.
+
+    Arguments:
+        light: as rendered.
+        found: the camera's gains, tilt and vignetting.
+        measurements: the photographs.
+        lines: of the scene.
+        log_light: ``(bend, fiber, point)`` of a model that is compared instead of ``light``.
+    """
+    differences, errors, weights = [], [], []
+    for one in measurements:
+        radiance, error = light.at(one.bend, one.fiber, lines.position[one.fiber])
+        shade = 1 - found.vignetting * one.radius2
+        seen = one.counts + np.einsum("tpc,t->pc", one.tilt_slope, found.tilt)
+        lit = one.channels
+        with np.errstate(invalid="ignore", divide="ignore"):
+            modeled = np.log(radiance) if log_light is None else log_light[one.bend, one.fiber]
+            measured = np.log((seen[:, lit] / found.gain[lit]).mean(axis=1) / shade)
+            relative = np.hypot(error / radiance, one.noise / seen[:, lit].mean(axis=1))
+        usable = one.used & np.isfinite(measured + modeled + relative)
+        if not usable.any():
+            continue
+        cell = light.cell_of(lines.position[one.fiber][usable])
+        _, index, size = np.unique(cell, return_inverse=True, return_counts=True)
+        difference = np.bincount(index, (measured - modeled)[usable]) / size
+        noise = np.bincount(index, relative[usable]) / size
+        weight = size / (noise**2 + ERROR_FLOOR**2)
+        differences.append(difference - np.average(difference, weights=weight))
+        errors.append(noise)
+        weights.append(weight)
+    weight = np.concatenate(weights)
+    return (
+        float(np.sqrt(np.average(np.concatenate(differences) ** 2, weights=weight))),
+        float(np.sqrt(np.average(np.concatenate(errors) ** 2, weights=weight))),
+    )

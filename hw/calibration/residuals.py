@@ -1,6 +1,11 @@
 """The calibration as a least-squares problem: parameters to weighted residuals, and derivatives.
 
-Parameters: material (4), tilt (3, rad), vignetting, the logs of all powers but the first (then
+Counts at a point of fiber f, channel c, are modeled as
+
+    gain_c * power_f * light(material, f, bend, point) * (1 - v r^2),
+
+with ``light`` of the line model, read at image positions that a small tilt of the camera has moved.
+Parameters: material (4), tilt (3, rad), vignetting v, the logs of all powers but the first (then
 scaled to mean 1), the logs of the gains. The data are one row per used point of a photograph and
 one column per channel.
 
@@ -13,50 +18,49 @@ The roughness is held near what is known of it by one more residual, the last.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from hw.calibration.material import HIGH, LOW, Material
-from hw.calibration.material_table import MaterialTable, terms, terms_slope
+from hw.calibration.line_model import LineModel
+from hw.calibration.material import HIGH, LOW, NAMES, Material, terms, terms_slope
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import ErrorModes
 from hw.errors import CalibrationError
 from render.arrays import Array
 
 MATERIAL, ROUGHNESS, TILT, VIGNETTING, FIXED = slice(0, 4), 3, slice(4, 7), 7, 8
+"""Where parameters are; powers begin at `FIXED`."""
 ROUGHNESS_KNOWN, ROUGHNESS_HELD = 0.3, 0.05
 """How well the scene's roughness is known, and how tightly the fit holds it, relative. The pad's
 faces change the light by less than the model's errors: free, the roughness of five emulated rigs
 came out 32 to 68 % too small, and took sigma_v with it by up to 26 %."""
 MIN_RELATIVE_ERROR = 0.003
 """Relative error of every point that is always reckoned with."""
+MODEL_ERROR_FACTOR = 1.8
+"""By how much errors of the model exceed what its modes say. With 1, the values of five emulated
+rigs were off by 1.5 standard errors in the root mean square; with this, by 1."""
+INSEPARABLE = 0.9
+"""Correlation from which two values are called hard to tell apart."""
 
 
 class CalibrationResiduals:
     """The data, ready for any parameters.
 
     Arguments:
-        table: light at the reference lines for any material.
-        log_correction: ``(bend, fiber, point)`` added to its logarithm.
-        modes: independent log errors that the model may have.
+        model: light at the reference lines for any material.
         measurements: the photographs.
         roughness: what is known of it.
     """
 
-    def __init__(
-        self,
-        table: MaterialTable,
-        log_correction: Array,
-        modes: ErrorModes,
-        measurements: list[Measurement],
-        roughness: float,
-    ) -> None:
+    def __init__(self, model: LineModel, measurements: list[Measurement], roughness: float) -> None:
         """Gather the used points of all photographs."""
         # A scene may be smoother or rougher than what the table knows.
         self._roughness = float(np.clip(roughness, LOW[ROUGHNESS], HIGH[ROUGHNESS]))
-        self._unsure = ROUGHNESS_HELD * self._roughness
-        self.table, self.correction, self.measurements = table, log_correction, measurements
-        self.fibers = sorted({one.fiber for one in measurements})
-        self.channels = sorted({c for one in measurements for c in one.channels})
+        self._roughness_error = ROUGHNESS_HELD * self._roughness
+        self._model, self._measurements = model, measurements
+        self.fibers = sorted({photo.fiber for photo in measurements})
+        self.channels = sorted({c for photo in measurements for c in photo.channels})
         if len(self.fibers) < 4:
             raise CalibrationError(
                 f"{len(self.fibers)} fibers were photographed, allowed: at least 4; capture a "
@@ -64,57 +68,47 @@ class CalibrationResiduals:
                 field="measurements",
                 value=len(self.fibers),
             )
-        used = [one.used for one in measurements]
-        self.edges = np.cumsum([0, *(points.sum() for points in used)])
+        used = [photo.used for photo in measurements]
+        # First row of each photograph, and the end of the last.
+        self._first = np.cumsum([0, *(points.sum() for points in used)])
         pairs = list(zip(measurements, used, strict=True))
-        self._coefficients = self.gathered(table.coefficients)
-        self._base = self.gathered(log_correction[None])[0]
-        self._own = np.concatenate(
-            [np.full(points.sum(), self.fibers.index(one.fiber)) for one, points in pairs]
+        self._coefficients = self._gathered(model.table.coefficients)
+        self._log_correction = self._gathered(model.log_correction[None])[0]
+        # Index of each row's fiber.
+        self._fiber = np.concatenate(
+            [np.full(points.sum(), self.fibers.index(photo.fiber)) for photo, points in pairs]
         )
-        self._radius2 = np.concatenate([one.radius2[points] for one, points in pairs])
+        self._radius2 = np.concatenate([photo.radius2[points] for photo, points in pairs])
         self._counts = np.concatenate(
-            [one.counts[points][:, self.channels] for one, points in pairs]
+            [photo.counts[points][:, self.channels] for photo, points in pairs]
         )
         self._slope = np.concatenate(
-            [one.tilt_slope[:, points][:, :, self.channels] for one, points in pairs], axis=1
+            [photo.tilt_slope[:, points][:, :, self.channels] for photo, points in pairs], axis=1
         )
-        carries = [np.isin(self.channels, one.channels) for one in measurements]
-        self._carries = np.repeat(carries, np.diff(self.edges), axis=0)
-        self._noise = np.repeat([one.noise for one in measurements], np.diff(self.edges))
-        self._log_modes = self._gathered_modes(modes)
+        carries = [np.isin(self.channels, photo.channels) for photo in measurements]
+        self._carries = np.repeat(carries, np.diff(self._first), axis=0)
+        self._noise = np.repeat([photo.noise for photo in measurements], np.diff(self._first))
+        self._log_modes = self._gathered_modes(model.modes)
         self.power_columns = slice(FIXED, FIXED + len(self.fibers) - 1)
         self.size = self.power_columns.stop + len(self.channels)
         self.gain_columns = slice(self.power_columns.stop, self.size)
         self.rows, self.used = self._counts.size, int(self._carries.sum())
 
-    def expect(self, x: Array) -> None:
-        """Take the counts that ``x`` predicts for those by which errors are weighed.
-
-        Not those that were seen: their noise would weigh for itself, and dim light seem brighter.
-        """
-        counts = self.wanted(x)
-        error = np.hypot(self._noise[:, None], MIN_RELATIVE_ERROR * counts)
-        self._weight = np.where(self._carries, 1 / error, 0.0)
-        # (mode, residual)
-        weighted = self._log_modes[:, :, None] * (counts * self._weight)
-        self._modes = weighted.reshape(len(weighted), -1)
-        self._inverse = np.linalg.inv(self._modes @ self._modes.T + np.eye(len(weighted)))
-
-    def gathered(self, values: Array) -> Array:
+    def _gathered(self, values: Array) -> Array:
         """Return ``(n, bend, fiber, point)`` at the rows, ``(n, row)``."""
         return np.concatenate(
-            [values[:, one.bend, one.fiber, one.used] for one in self.measurements], axis=1
+            [values[:, photo.bend, photo.fiber, photo.used] for photo in self._measurements], axis=1
         )
 
     def _gathered_modes(self, modes: ErrorModes) -> Array:
         """Return ``(mode, row)`` of all bends; those that no photograph shows are left out."""
-        first = np.cumsum([0, *(len(own) for own in modes)])
-        found = np.zeros((first[-1], self.edges[-1]))
-        for one, begin, end in zip(self.measurements, self.edges, self.edges[1:], strict=False):
-            own = slice(first[one.bend], first[one.bend + 1])
-            found[own, begin:end] = modes[one.bend][:, one.fiber, one.used]
-        return found[found.any(axis=1)]
+        first = np.cumsum([0, *(len(bend_modes) for bend_modes in modes)])
+        gathered = np.zeros((first[-1], self._first[-1]))
+        rows = zip(self._measurements, self._first, self._first[1:], strict=False)
+        for photo, begin, end in rows:
+            of_bend = slice(first[photo.bend], first[photo.bend + 1])
+            gathered[of_bend, begin:end] = modes[photo.bend][:, photo.fiber, photo.used]
+        return gathered[gathered.any(axis=1)]
 
     def start(self, material: Material) -> Array:
         """Return parameters from ``material`` and the overall brightness of each photograph.
@@ -123,16 +117,30 @@ class CalibrationResiduals:
         """
         x = np.zeros(self.size)
         x[MATERIAL] = material.array()
-        log_light = terms(x[None, MATERIAL])[0] @ self._coefficients + self._base
+        log_light = terms(x[None, MATERIAL])[0] @ self._coefficients + self._log_correction
         ratio = np.log(np.maximum(self._counts, 1e-3)) - log_light[:, None]
         ratio = np.where(self._carries, ratio, np.nan)
         gain = np.nanmedian(ratio, axis=0)
-        over = np.nanmean(ratio - gain, axis=1)
-        power = np.array([np.median(over[self._own == own]) for own in range(len(self.fibers))])
+        excess = np.nanmean(ratio - gain, axis=1)
+        power = np.array([np.median(excess[self._fiber == f]) for f in range(len(self.fibers))])
         x[self.power_columns] = power[1:] - power[0]
         x[self.gain_columns] = gain + np.log(np.mean(np.exp(power)))
-        self.expect(x)
+        self.weigh(x)
         return x
+
+    def weigh(self, x: Array) -> None:
+        """Weigh errors by the counts that ``x`` predicts.
+
+        Not by those that were seen: their noise would weigh for itself, and dim light seem
+        brighter.
+        """
+        counts = self._predicted(x)
+        error = np.hypot(self._noise[:, None], MIN_RELATIVE_ERROR * counts)
+        self._weight = np.where(self._carries, 1 / error, 0.0)
+        # (mode, residual)
+        weighted = self._log_modes[:, :, None] * (counts * self._weight)
+        self._modes = weighted.reshape(len(weighted), -1)
+        self._inverse = np.linalg.inv(self._modes @ self._modes.T + np.eye(len(weighted)))
 
     def bounds(self) -> tuple[Array, Array]:
         """Return lowest and highest parameters."""
@@ -154,11 +162,11 @@ class CalibrationResiduals:
         power = np.exp(np.concatenate([[0.0], x[self.power_columns]]))
         return power / power.mean(), np.exp(x[self.gain_columns])
 
-    def wanted(self, x: Array) -> Array:
+    def _predicted(self, x: Array) -> Array:
         """Return predicted counts ``(row, channel)``."""
         power, gain = self.unpack(x)
-        light = np.exp(terms(x[None, MATERIAL])[0] @ self._coefficients + self._base)
-        shaded = light * power[self._own] * (1 - x[VIGNETTING] * self._radius2)
+        light = np.exp(terms(x[None, MATERIAL])[0] @ self._coefficients + self._log_correction)
+        shaded = light * power[self._fiber] * (1 - x[VIGNETTING] * self._radius2)
         return np.asarray(shaded[:, None] * gain)
 
     def residuals(self, x: Array) -> Array:
@@ -168,10 +176,10 @@ class CalibrationResiduals:
         roughness's distance from what is known of it.
         """
         seen = self._counts + np.einsum("trc,t->rc", self._slope, x[TILT])
-        left = self.reduced(((seen - self.wanted(x)) * self._weight).ravel())
-        return np.append(left, (x[ROUGHNESS] - self._roughness) / self._unsure)
+        projected = self.projected(((seen - self._predicted(x)) * self._weight).ravel())
+        return np.append(projected, (x[ROUGHNESS] - self._roughness) / self._roughness_error)
 
-    def reduced(self, residuals: Array) -> Array:
+    def projected(self, residuals: Array) -> Array:
         """Return what the modes leave of residuals ``(residual, ...)``, then their amplitudes."""
         amplitude = self._inverse @ (self._modes @ residuals)
         return np.concatenate([residuals - self._modes.T @ amplitude, amplitude])
@@ -179,23 +187,23 @@ class CalibrationResiduals:
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives ``(residual, parameter)`` of ``residuals``."""
         power, _ = self.unpack(x)
-        weighted = self.wanted(x) * self._weight
-        slope = terms_slope(x[MATERIAL]) @ self._coefficients
-        columns = [-weighted * one[:, None] for one in slope]
+        weighted = self._predicted(x) * self._weight
+        slopes = terms_slope(x[MATERIAL]) @ self._coefficients
+        columns = [-weighted * slope[:, None] for slope in slopes]
         columns += list(self._slope * self._weight)
         shade = self._radius2 / (1 - x[VIGNETTING] * self._radius2)
         columns.append(weighted * shade[:, None])
         for fiber in range(1, len(self.fibers)):
-            share = (self._own == fiber) - power[fiber] / len(self.fibers)
-            columns.append(-weighted * share[:, None])
+            change = (self._fiber == fiber) - power[fiber] / len(self.fibers)
+            columns.append(-weighted * change[:, None])
         for channel in range(len(self.channels)):
             only = np.zeros_like(weighted)
             only[:, channel] = -weighted[:, channel]
             columns.append(only)
-        left = self.reduced(np.stack([column.ravel() for column in columns], axis=1))
+        projected = self.projected(np.stack([column.ravel() for column in columns], axis=1))
         known = np.zeros((1, self.size))
-        known[0, ROUGHNESS] = 1 / self._unsure
-        return np.concatenate([left, known])
+        known[0, ROUGHNESS] = 1 / self._roughness_error
+        return np.concatenate([projected, known])
 
     def mode_residuals(self) -> Array:
         """Return the model's error modes as data residuals ``(residual, mode)``."""
@@ -204,13 +212,83 @@ class CalibrationResiduals:
     def predictions(self, x: Array) -> list[Array]:
         """Return counts ``(point, 3)`` at all points of every photograph."""
         power, gain = self.unpack(x)
-        log_light = self.table.log_light(x[MATERIAL]) + self.correction
-        whole = np.full(3, np.nan)
-        whole[self.channels] = gain
+        log_light = self._model.log_light(x[MATERIAL])
+        gains = np.full(3, np.nan)
+        gains[self.channels] = gain
         return [
-            np.exp(log_light[one.bend, one.fiber])[:, None]
-            * power[self.fibers.index(one.fiber)]
-            * (1 - x[VIGNETTING] * one.radius2)[:, None]
-            * whole
-            for one in self.measurements
+            np.exp(log_light[photo.bend, photo.fiber])[:, None]
+            * power[self.fibers.index(photo.fiber)]
+            * (1 - x[VIGNETTING] * photo.radius2)[:, None]
+            * gains
+            for photo in self._measurements
         ]
+
+
+@dataclass(frozen=True, eq=False)
+class StandardErrors:
+    """Standard errors of everything fitted.
+
+    They are carried to the parameters by the fit's own linearization, from
+
+    - photographs: noise, enlarged where more is left than noise and model explain (Birge 1932);
+    - model: its error modes: smooth fields, or what renders leave open once they have corrected it;
+    - known: the roughness, which is considered rather than fitted (Schmidt 1966).
+
+    Arguments:
+        material: ``(4,)`` in the order of `NAMES`; parts: the same by source of the error.
+        power: ``(fiber,)`` relative, in the order of the fibers that were photographed.
+        gain: ``(channel,)`` relative, of the channels that were used.
+        correlation: ``(4, 4)`` of the material's values.
+    """
+
+    material: Array
+    parts: dict[str, Array]
+    power: Array
+    gain: Array
+    correlation: Array
+
+    def inseparable(self) -> list[tuple[str, str, float]]:
+        """Return pairs of values that these photographs hardly tell apart."""
+        return [
+            (NAMES[i], NAMES[j], float(self.correlation[i, j]))
+            for i in range(4)
+            for j in range(i)
+            if abs(self.correlation[i, j]) >= INSEPARABLE
+        ]
+
+
+def standard_errors(problem: CalibrationResiduals, x: Array) -> StandardErrors:
+    """Return the standard errors at the fit's end ``x``."""
+    slopes, scale = problem.jacobian(x), problem.scale()
+    # Scaled normal equations: the parameters' sizes differ by orders, their derivatives do not.
+    scaled = slopes * scale
+    inverse = scale[:, None] * np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scale
+    moves = inverse @ slopes.T
+    # What is left of the photographs, in units of what noise and model explain; never below 1.
+    residuals = problem.residuals(x)
+    excess = max(1.0, float(residuals @ residuals) / (problem.used - len(x)))
+    # Held more tightly than it is known: what is not known of it is carried to everything else.
+    known = ROUGHNESS_KNOWN / ROUGHNESS_HELD * moves[:, -1:]
+    moved = moves[:, :-1] @ problem.projected(problem.mode_residuals())
+    parts = {
+        "photographs": excess * np.asarray(moves[:, : problem.rows] @ moves[:, : problem.rows].T),
+        "model": MODEL_ERROR_FACTOR**2 * moved @ moved.T,
+        "known": known @ known.T,
+    }
+    covariance = np.sum(list(parts.values()), axis=0)
+    se = np.sqrt(np.diag(covariance))
+    fibers = len(problem.fibers)
+    # Powers have mean 1: the first fiber's error is that of the others' mean.
+    to_log = np.zeros((fibers, len(x)))
+    to_log[1:, problem.power_columns] = np.eye(fibers - 1)
+    power, _ = problem.unpack(x)
+    to_log -= (power[:, None] * to_log).sum(axis=0) / fibers
+    material = covariance[MATERIAL, MATERIAL]
+    outer = np.sqrt(np.outer(np.diag(material), np.diag(material)))
+    return StandardErrors(
+        material=se[MATERIAL],
+        parts={name: np.sqrt(np.diag(part)[MATERIAL]) for name, part in parts.items()},
+        power=np.sqrt(np.einsum("fi,ij,fj->f", to_log, covariance, to_log)),
+        gain=se[problem.gain_columns],
+        correlation=material / np.where(outer > 0, outer, 1.0),
+    )

@@ -1,82 +1,92 @@
-"""From photographs to a calibration: the steps in their order, for real and emulated rigs alike."""
+"""From photographs to a calibration: the steps in their order, for real and emulated rigs alike.
+
+Powers are relative: their mean is 1, the gains hold the rest. Only the reduced scattering is
+fitted: g and sigma_s alone leave the same photographs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from hw.calibration.fit import Calibration, calibrate
-from hw.calibration.material import Material
-from hw.calibration.material_table import MaterialTable, material_table
+from hw.calibration.line_model import LineModel
+from hw.calibration.material import HIGH, LOW, NAMES, PER_UNIT, UNITS, Material
 from hw.calibration.measurement import LineReader, Measurement
-from hw.calibration.model_error import ErrorModes, field_modes
-from hw.calibration.reference_lines import reference_lines
-from hw.calibration.surrogate_correction import SurrogateCorrection, surrogate_correction
+from hw.calibration.residuals import (
+    MATERIAL,
+    TILT,
+    VIGNETTING,
+    CalibrationResiduals,
+    StandardErrors,
+    standard_errors,
+)
 from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
+from optimize.scoring import normal_factor
 from render.arrays import Array
-from render.preview.diffuser.cache import cache_folder
 from render.scene.schema import Scene
-from surrogate.runtime.checker import Checker
 
-DISCREPANCY = 0.015
-"""Relative error of the corrected preview where the surrogate says nothing about it."""
+ROUNDS = 2
+"""Fits, each weighed by what the one before predicts."""
 
 
 @dataclass(frozen=True, eq=False)
-class LineModel:
-    """What photographs are compared with.
+class Calibration:
+    """What the fit found.
 
     Arguments:
-        table: light at the reference lines for any material.
-        correction: what the surrogate adds to it.
-        log_correction: the same at the lines, ``(bend, fiber, point)``.
-        modes: log errors that it may still have.
+        material: best values.
+        power: ``(fiber,)`` relative, mean 1; NaN for fibers that were not photographed.
+        gain: ``(3,)`` counts per unit radiance and power.
+        tilt: ``(3,)`` rad; vignetting: part of light lost at the corners.
+        errors: of all these.
+        predicted: list of ``(point, 3)`` counts, one for every measurement.
+        chi: rms of residuals in units of their expected errors.
     """
 
-    table: MaterialTable
-    correction: SurrogateCorrection
-    log_correction: Array
-    modes: ErrorModes
+    material: Material
+    power: Array
+    gain: Array
+    tilt: Array
+    vignetting: float
+    errors: StandardErrors
+    predicted: list[Array]
+    chi: float
 
-    def log_light(self, material: Material) -> Array:
-        """Return log radiance per unit power at the reference lines, ``(bend, fiber, point)``."""
-        return self.table.log_light(material.array()) + self.log_correction
-
-
-def line_model(
-    scene: Scene,
-    checker: Checker,
-    phi: Array,
-    bends: Array,
-    progress: Callable[[int, int], None] | None = None,
-) -> LineModel:
-    """Return the model of the reference lines.
-
-    The table is drawn when it is first needed, which takes minutes, and kept in the user's cache.
-
-    Arguments:
-        scene: the surrogate's own.
-        checker: the surrogate.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
-        progress: called with materials drawn and all of them.
-    """
-    table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
-    correction = surrogate_correction(scene, checker, phi, bends)
-    position = reference_lines(scene).position
-    log_correction = np.stack(
-        [
-            np.stack([correction.log_ratio(bend, f, position[f]) for f in range(len(phi))])
-            for bend in range(len(bends))
+    @property
+    def intervals(self) -> list[tuple[float, float]]:
+        """95 % intervals of the material's values, in the order of `NAMES`; none below 0."""
+        factor = normal_factor()
+        return [
+            (max(float(value - factor * se), 0.0), float(value + factor * se))
+            for value, se in zip(self.material.array(), self.errors.material, strict=True)
         ]
-    )
-    error = np.hypot(np.hypot(DISCREPANCY, correction.left), table.scatter())
-    modes = field_modes(error, len(phi))
-    return LineModel(table, correction, log_correction, modes)
+
+    def require_known(self) -> None:
+        """Refuse a fit that ended where the model is not known.
+
+        Raises:
+            CalibrationError: the material lies at the end of its range.
+        """
+        material, span = self.material.array(), HIGH - LOW
+        at_end = (material < LOW + 1e-3 * span) | (material > HIGH - 1e-3 * span)
+        # Absorption and roughness may well be as small as can be.
+        at_end[1] &= material[1] > HIGH[1] / 2
+        at_end[3] &= material[3] > HIGH[3] / 2
+        if at_end.any():
+            index = int(np.argmax(at_end))
+            low, high = PER_UNIT[index] * LOW[index], PER_UNIT[index] * HIGH[index]
+            raise CalibrationError(
+                f"the photographs ask for a {NAMES[index].replace('_', ' ')} beyond the range that "
+                f"is known, allowed: {low:.3g} to {high:.3g} {UNITS[index]}; see that the scene's "
+                "lengths are those of the rig",
+                field=NAMES[index],
+                value=float(PER_UNIT[index] * material[index]),
+                allowed=f"{low:.3g} to {high:.3g}",
+            )
 
 
 def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
@@ -87,9 +97,9 @@ def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
     """
     for photos in sets:
         if photos.together is not None:
-            found = linearity(np.stack(list(photos.alone.values())), photos.together, noise)
-            found.require()
-            return found
+            tested = linearity(np.stack(list(photos.alone.values())), photos.together, noise)
+            tested.require()
+            return tested
     raise CalibrationError(
         "no sweep shows all fibers together, so the camera cannot be tested for linearity: capture "
         "one with `tactilux hw capture` and give it with --linearity",
@@ -113,7 +123,19 @@ def fit_rig(
     measurements: list[Measurement],
     start: Material | None = None,
 ) -> Calibration:
-    """Return the calibration of ``scene`` to ``measurements``; it starts at the scene's own."""
+    """Return the best material, powers and gains, with their errors.
+
+    Arguments:
+        scene: whose roughness is known.
+        model: of the scene at the bends of the measurements; its errors are fitted with the rest.
+        measurements: at least one photograph at each bend.
+        start: where the fit starts; the scene's own material by default.
+
+    Raises:
+        CalibrationError: too few photographs or too dark ones, or the fit does not converge.
+    """
+    from scipy.optimize import least_squares
+
     dark = [one.fiber for one in measurements if not one.channels or one.used.sum() < 10]
     if dark:
         raise CalibrationError(
@@ -122,11 +144,51 @@ def fit_rig(
             field="fiber",
             value=dark,
         )
-    return calibrate(
-        model.table,
-        model.log_correction,
-        model.modes,
-        measurements,
-        start or Material.of(scene),
-        scene.pad.roughness,
+    problem = CalibrationResiduals(model, measurements, scene.pad.roughness)
+    x = problem.start(start or Material.of(scene))
+    low, high = problem.bounds()
+    for _ in range(ROUNDS):
+        fit = least_squares(
+            problem.residuals,
+            np.clip(x, low + 1e-6, high - 1e-6),
+            jac=problem.jacobian,
+            bounds=(low, high),
+            x_scale=problem.scale(),
+            loss=partial(_robust, problem.rows),
+            ftol=1e-8,
+            xtol=1e-7,
+            max_nfev=200,
+        )
+        if not fit.success or not np.isfinite(fit.x).all():
+            raise CalibrationError(
+                "the fit of the material did not converge: capture again with more light and see "
+                "that the scene's lengths are those of the rig",
+                field="calibration",
+            )
+        x = fit.x
+        problem.weigh(x)
+    powers, gains = np.full(scene.fibers.count, np.nan), np.full(3, np.nan)
+    powers[problem.fibers], gains[problem.channels] = problem.unpack(x)
+    residuals = problem.residuals(x)[: problem.rows]
+    return Calibration(
+        material=Material.from_array(x[MATERIAL]),
+        power=powers,
+        gain=gains,
+        tilt=x[TILT],
+        vignetting=float(x[VIGNETTING]),
+        errors=standard_errors(problem, x),
+        predicted=problem.predictions(x),
+        chi=float(np.sqrt(np.mean(residuals[residuals != 0] ** 2))),
     )
+
+
+def _robust(rows: int, squares: Array) -> Array:
+    """Return the loss of squared residuals and its two derivatives, ``(3, residual)``.
+
+    Soft l1 for the ``rows`` of the photographs, so that dust counts for little; the amplitudes of
+    the model's errors after them are what they are.
+    """
+    root = np.sqrt(1 + squares)
+    loss = np.stack([2 * (root - 1), 1 / root, -0.5 / root**3])
+    loss[0, rows:], loss[1, rows:], loss[2, rows:] = squares[rows:], 1.0, 0.0
+    return loss

@@ -17,8 +17,8 @@ from optimize.ui.console import Meter, note, print_json, reserved_stdout
 from render.errors import RenderError
 
 if TYPE_CHECKING:
-    from hw.calibration.confirm import Confirmation
-    from hw.calibration.fit import Calibration
+    from hw.calibration.refine import Confirmation
+    from hw.calibration.rig_fit import Calibration
     from hw.camera.linearity import Linearity
     from hw.camera.photo_set import PhotoSet
     from render.arrays import Array
@@ -110,12 +110,11 @@ def calibrate_sets(
         samples: light paths per fiber and cell of the renders that correct and confirm the fit;
             0 leaves them out.
     """
-    from hw.calibration.calibrated_scene import calibrated_toml, save_scene
-    from hw.calibration.calibration_report import ReportContent, render_report
-    from hw.calibration.fit import require_known
-    from hw.calibration.reference_lines import reference_lines
+    from hw.calibration.calibrated_scene import calibrated_toml
+    from hw.calibration.calibration_report import render_report
+    from hw.calibration.line_model import line_model
     from hw.calibration.refine import refine
-    from hw.calibration.rig_fit import fit_rig, line_model, measure, require_linearity
+    from hw.calibration.rig_fit import fit_rig, measure, require_linearity
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
     from optimize.ui.output import fresh_directory, write_manifest
@@ -146,7 +145,7 @@ def calibrate_sets(
                 meter(at.done, at.total, at.eta_seconds)
 
             try:
-                refined = refine(
+                found, confirmation = refine(
                     scene,
                     lines,
                     found,
@@ -160,23 +159,12 @@ def calibrate_sets(
                 )
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None
-        found, confirmation = refined.found, refined.confirmation
-    require_known(found)
+    found.require_known()
     with fresh_directory(target) as work:
         text = calibrated_toml(scene_name, scene, found, today)
-        after = save_scene(work / "scene.toml", text)
-        report = render_report(
-            ReportContent(
-                scene,
-                found,
-                measurements,
-                reference_lines(scene),
-                bends,
-                additivity,
-                confirmation,
-                today,
-            )
-        )
+        write_text(work / "scene.toml", text)
+        after = load_scene(work / "scene.toml")
+        report = render_report(scene, found, measurements, bends, additivity, confirmation, today)
         write_text(work / "report.html", report)
         result = _result(scene, after, found, additivity, confirmation, target, today)
         write_json(work / "calibration.json", result, indent=2)
@@ -194,18 +182,17 @@ def _result(
     today: str,
 ) -> dict[str, object]:
     from hw.calibration.calibration_report import value_rows
-    from hw.calibration.material import NAMES, UNITS
+    from hw.calibration.material import NAMES, PER_UNIT, UNITS
 
-    values = found.material.array()
-    ranges = found.intervals.of(values)
-    material = {}
-    for index, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
-        factor = 180 / math.pi if unit == "deg" else 1.0
-        material[name] = {
-            "value": float(values[index]) * factor,
-            "interval": [end * factor for end in ranges[index]],
+    values = zip(NAMES, UNITS, PER_UNIT, found.material.array(), found.intervals, strict=True)
+    material = {
+        name: {
+            "value": float(value * factor),
+            "interval": [float(end * factor) for end in interval],
             "unit": unit,
         }
+        for name, unit, factor, value, interval in values
+    }
     return {
         "scene": str(target / "scene.toml"),
         "report": str(target / "report.html"),
@@ -223,7 +210,7 @@ def _result(
             "the powers' mean and the gains",
             "the roughness and errors of the model",
         ],
-        "hardly_separable": [list(pair) for pair in found.intervals.related()],
+        "hardly_separable": [list(pair) for pair in found.errors.inseparable()],
         "residual": found.chi,
         "linearity": asdict(additivity),
         "confirmation": None if confirmation is None else asdict(confirmation),

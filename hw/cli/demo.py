@@ -7,7 +7,6 @@ through the same readers, and the rig's true values are known to the emulated ca
 from __future__ import annotations
 
 import itertools
-import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -62,7 +61,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
-    from hw.calibration.surrogate_correction import surrogate_correction
+    from hw.calibration.line_model import surrogate_correction
     from hw.emulator.rig import random_parameters, true_images
     from hw.emulator.session import BENDS, single_exposure, switched_on
     from hw.leds.fiber_lights import interruptible
@@ -212,13 +211,13 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
 
 def _compared(result: dict[str, object], truth: TrueParameters) -> list[dict[str, object]]:
     """Return the truth beside what was found."""
-    from hw.calibration.material import NAMES, UNITS
+    from hw.calibration.material import NAMES, PER_UNIT
 
     material = result["material"]
     assert isinstance(material, dict)
     rows: list[dict[str, object]] = []
-    for name, unit, true in zip(NAMES, UNITS, truth.material.array(), strict=True):
-        value = float(true) * (180 / math.pi if unit == "deg" else 1.0)
+    for name, true in zip(NAMES, PER_UNIT * truth.material.array(), strict=True):
+        value = float(true)
         found = material[name]
         low, high = found["interval"]
         rows.append(

@@ -29,7 +29,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Measure how well calibration recovers random rigs from rendered photographs."""
-    from hw.calibration.rig_fit import line_model
+    from hw.calibration.line_model import line_model
     from hw.emulator.session import BENDS
     from hw.studies.recovery import recover
     from optimize.design import baseline_design

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from hw.calibration.fiber_images import fiber_images
+from hw.calibration.line_model import SurrogateCorrection
+from hw.calibration.log_ratio import log_ratios
 from hw.calibration.material import HIGH, LOW, Material
-from hw.calibration.material_table import sample
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import reference_lines
-from hw.calibration.smooth_ratio import SmoothRatio, in_frame, ratios
-from hw.calibration.surrogate_correction import SurrogateCorrection
+from hw.calibration.reference_lines import in_frame, reference_lines, sample_image
 from hw.camera.projection import pad_positions, pixels_of
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
+from hw.emulator.smooth_ratio import SmoothRatio
 from render.arrays import Array
 from render.progress import Progress
 from render.scene.schema import Scene
@@ -72,22 +72,6 @@ def random_parameters(scene: Scene, seed: int, *, spread: float = 0.35) -> TrueP
     )
 
 
-def exposed(
-    truth: TrueParameters, images: NDArray[np.float32], power: Array, counts: float
-) -> TrueParameters:
-    """Return the rig with the exposure that puts its brightest light at ``counts``.
-
-    Arguments:
-        truth: the rig.
-        images: ``(fiber, row, column)`` radiance per unit power.
-        power: ``(fiber, 3)`` of the light that is exposed for, in [0, 1].
-        counts: of the brightest light.
-    """
-    light = np.einsum("fyx,fc->cyx", images, power * truth.power[:, None])
-    light = light * np.array(truth.imperfections.gain)[:, None, None]
-    return replace(truth, gain=counts / float(np.percentile(light, 99.9)))
-
-
 def true_images(
     scene: Scene,
     truth: TrueParameters,
@@ -135,7 +119,7 @@ def rendered_images(
 
     Renders of every fiber are noisy by some per cent at each millimeter, more than a camera is; so
     pictures of the true material are drawn by the preview, with random numbers of the rig's own,
-    and brought to the reference by the smooth ratio of both (``hw.calibration.smooth_ratio``).
+    and brought to the reference by the smooth ratio of both (``hw.emulator.smooth_ratio``).
     Rendered is what lies around each fiber's reference lines; far from them the ratio goes back to
     a constant.
 
@@ -180,12 +164,12 @@ def _bring_to_reference(
     with np.errstate(divide="ignore", invalid="ignore"):
         smooth = SmoothRatio(
             [
-                ratios(
+                log_ratios(
                     places[fiber],
                     part,
                     light.radiance[bend, fiber].ravel(),
                     light.error[bend, fiber].ravel(),
-                    np.log(sample(images[fiber], pixels)),
+                    np.log(sample_image(images[fiber], pixels)),
                 )
                 for fiber in fibers
             ]

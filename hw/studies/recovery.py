@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from hw.calibration.confirm import Confirmation
-from hw.calibration.fit import Calibration, require_known
-from hw.calibration.material import NAMES, UNITS
-from hw.calibration.refine import refine
-from hw.calibration.rig_fit import LineModel, fit_rig, measure
+from hw.calibration.line_model import LineModel
+from hw.calibration.material import NAMES, PER_UNIT
+from hw.calibration.refine import Confirmation, refine
+from hw.calibration.rig_fit import Calibration, fit_rig, measure
 from hw.emulator.rig import TrueParameters, random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from hw.errors import CalibrationError
@@ -72,19 +69,12 @@ class RigOutcome:
 
 def compared(found: Calibration, truth: TrueParameters) -> tuple[Recovered, ...]:
     """Return what was found beside the truth."""
-    values = found.material.array()
-    ranges = found.intervals.of(values)
-    rows = []
-    for index, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
-        factor = 180 / np.pi if unit == "deg" else 1.0
-        low, high = ranges[index]
-        true = float(truth.material.array()[index])
-        rows.append(
-            Recovered(
-                name, factor * true, factor * float(values[index]), (factor * low, factor * high)
-            )
-        )
-    return tuple(rows)
+    true_values, values = truth.material.array(), found.material.array()
+    rows = zip(NAMES, PER_UNIT, true_values, values, found.intervals, strict=True)
+    return tuple(
+        Recovered(name, float(factor * true), float(factor * value), (factor * low, factor * high))
+        for name, factor, true, value, (low, high) in rows
+    )
 
 
 def recover(
@@ -125,19 +115,19 @@ def recover(
         sets = rig.calibration_sets()
     measurements = measure(scene, sets, BENDS, truth.imperfections.noise)
     first = fit_rig(scene, model, measurements)
-    refined = refine(
+    found, confirmation = refine(
         scene, model, first, measurements, design.phi, BENDS, materials=materials,
         samples=samples, folder=cache_folder(), progress=progress,
     )  # fmt: skip
     try:
-        require_known(refined.found)
+        found.require_known()
         refused = False
     except CalibrationError:
         refused = True
     return RigOutcome(
         seed,
         compared(first, truth),
-        compared(refined.found, truth),
-        refined.confirmation,
+        compared(found, truth),
+        confirmation,
         refused,
     )

@@ -18,10 +18,10 @@ CLIPPED = 0.01
 """A design with a larger fraction of saturated facets gets a warning."""
 
 
-def render_page(template: str, context: Mapping[str, Any]) -> str:
-    """Return the HTML of a template in ``optimize/templates``; what it lacks is an error."""
+def render_page(template: str, context: Mapping[str, Any], package: str = "optimize") -> str:
+    """Return the HTML of a template in a package's ``templates``; what it lacks is an error."""
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("optimize", "templates"),
+        loader=jinja2.PackageLoader(package, "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

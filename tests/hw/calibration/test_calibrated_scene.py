@@ -8,18 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.calibration.calibrated_scene import calibrated_toml, save_scene
+from hw.calibration.calibrated_scene import calibrated_toml
 from hw.calibration.material_table import MaterialTable
-from render.scene.schema import Scene, sources
-from tests.hw.calibration.test_fit import fitted, photographs
+from hw.calibration.rig_fit import fit_rig
+from render.scene.schema import Scene, load_scene, sources
+from tests.hw.calibration.toy import photographs, toy_model
 
 
 def test_fitted_values_say_calibrated_with_date_and_interval(
     scene: Scene, table: MaterialTable, tmp_path: Path
 ) -> None:
-    found = fitted(table, photographs(scene)[0])
+    found = fit_rig(scene, toy_model(table), photographs(scene)[0])
     path = tmp_path / "scene.toml"
-    after = save_scene(path, calibrated_toml("finger20", scene, found, "2026-01-31"))
+    path.write_text(calibrated_toml("finger20", scene, found, "2026-01-31"), encoding="utf-8")
+    after = load_scene(path)
     assert after.name == "finger20-calibrated"
     assert after.diffuser is not None
     reduced = after.diffuser.sigma_s * (1 - after.diffuser.g)
@@ -28,7 +30,7 @@ def test_fitted_values_say_calibrated_with_date_and_interval(
     said = sources(path)
     for key in ("diffuser.sigma_s", "diffuser.sigma_a", "fibers.sigma_v", "pad.roughness"):
         assert said[key].startswith("calibrated 2026-01-31, 95 % interval")
-    low, high = found.intervals.of(found.material.array())[2]
+    low, high = found.intervals[2]
     shown = said["fibers.sigma_v"].split("interval ")[1].split(" ")
     np.testing.assert_allclose(
         [float(shown[0]), float(shown[2])], [math.degrees(low), math.degrees(high)], rtol=1e-3

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hw.calibration.fiber_images import FEW, _few_nodes
-from hw.calibration.material_table import line_light, line_pixels
+from hw.calibration.material_table import line_light
+from hw.calibration.reference_lines import line_pixels
 from render.errors import RenderError
 from render.preview.diffuser.basis import moments
 from render.preview.diffuser.cache import fiber_end_of, slab_of

@@ -6,18 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.calibration.material_correction import (
-    MaterialCorrection,
-    MaterialRender,
-    material_correction,
-)
-from hw.calibration.material_table import MaterialTable, sobol_materials, terms
+from hw.calibration.material import sobol_materials, terms
+from hw.calibration.material_correction import MaterialCorrection, material_correction
+from hw.calibration.material_table import MaterialTable
 from hw.calibration.pad_light import BLOCKS, PadLight
-from hw.calibration.reference_lines import frame_positions, reference_lines
-from hw.calibration.smooth_ratio import in_frame
+from hw.calibration.reference_lines import frame_positions, in_frame, reference_lines
+from hw.calibration.reference_renders import MaterialRender
 from render.arrays import Array
 from render.scene.schema import Scene
-from tests.hw.calibration.conftest import BENDS, toy
+from tests.hw.calibration.toy import BENDS, toy
 
 LIT = [[2, 9], [11]]
 """Few fibers: what one says holds for all."""

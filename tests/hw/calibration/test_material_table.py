@@ -7,19 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.calibration.material import HIGH, LOW, Material
-from hw.calibration.material_table import (
-    MaterialTable,
-    load_table,
-    material_table,
-    sample,
-    sobol_materials,
-    table_key,
-)
-from render.errors import TableError
-from render.files import write_npz
+from hw.calibration.material import HIGH, LOW, Material, design_key, sobol_materials
+from hw.calibration.material_table import MaterialTable, material_table
+from hw.calibration.reference_lines import sample_image
+from render.arrays import Array
 from render.scene.schema import Scene
-from tests.hw.calibration.conftest import BENDS, toy_log_light
+from tests.hw.calibration.toy import BENDS, toy_log_light
 
 PHI = np.full(20, np.pi / 2)
 
@@ -39,34 +32,49 @@ def test_left_out_errors_are_of_the_size_of_true_ones(scene: Scene, table: Mater
 
 def test_materials_fill_their_range() -> None:
     materials = sobol_materials(32)
+    assert (materials >= LOW).all()
+    assert (materials <= HIGH).all()
     assert (materials.min(axis=0) < LOW + 0.1 * (HIGH - LOW)).all()
     assert (materials.max(axis=0) > HIGH - 0.1 * (HIGH - LOW)).all()
 
 
 def test_the_key_does_not_depend_on_the_scenes_own_material(scene: Scene) -> None:
     other = Material(0.7, 0.03, 0.2, 0.2).put_into(scene)
-    assert table_key(scene, PHI, BENDS) == table_key(other, PHI, BENDS)
-    assert table_key(scene, PHI, BENDS) != table_key(scene, PHI + 0.1, BENDS)
-    assert table_key(scene, PHI, BENDS) != table_key(scene, PHI, BENDS[:1])
+    assert design_key(4, scene, PHI, BENDS) == design_key(4, other, PHI, BENDS)
+    assert design_key(4, scene, PHI, BENDS) != design_key(4, scene, PHI + 0.1, BENDS)
+    assert design_key(4, scene, PHI, BENDS) != design_key(4, scene, PHI, BENDS[:1])
 
 
-def test_too_few_materials_are_refused_before_they_are_drawn(scene: Scene, tmp_path: Path) -> None:
-    from hw.errors import CalibrationError
+def test_drawing_goes_on_where_it_stood_and_draws_damaged_parts_again(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[int] = []
 
-    with pytest.raises(CalibrationError, match="too few"):
-        material_table(scene, PHI, BENDS, folder=tmp_path, materials=8, rays=2000)
+    def line_light(own: Scene, *_: object, seed: int, **__: object) -> Array:
+        if len(drawn) == 20:
+            raise KeyboardInterrupt
+        drawn.append(seed)
+        return np.exp(toy_log_light(scene, Material.of(own).array()))
 
-
-def test_a_damaged_table_is_refused(tmp_path: Path) -> None:
-    write_npz(tmp_path / "materials.npz", {"key": np.array("x")})
-    with pytest.raises(TableError, match="delete it"):
-        load_table(tmp_path / "materials.npz")
+    monkeypatch.setattr("hw.calibration.material_table.line_light", line_light)
+    with pytest.raises(KeyboardInterrupt):
+        material_table(scene, PHI, BENDS, folder=tmp_path)
+    first, drawn[:] = list(drawn), []
+    (kept,) = (path for path in tmp_path.iterdir())
+    (kept / "003.npz").write_bytes(b"half a file")
+    whole = material_table(scene, PHI, BENDS, folder=tmp_path)
+    assert sorted(first + drawn[1:]) == list(range(1000, 1032))
+    assert drawn[0] == 1003
+    drawn.clear()
+    again = material_table(scene, PHI, BENDS, folder=tmp_path)
+    assert not drawn
+    np.testing.assert_array_equal(again.coefficients, whole.coefficients)
 
 
 def test_images_are_read_between_the_middles_of_pixels() -> None:
     image = np.arange(12.0).reshape(3, 4)
     pixels = np.array([[0.5, 0.5], [1.0, 0.5], [3.5, 2.5], [np.nan, np.nan]])
-    np.testing.assert_allclose(sample(image, pixels), [0.0, 0.5, 11.0, np.nan])
+    np.testing.assert_allclose(sample_image(image, pixels), [0.0, 0.5, 11.0, np.nan])
 
 
 def test_material_goes_into_a_scene_and_out_again(scene: Scene) -> None:

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hw.calibration.material import Material
-from hw.calibration.material_correction import MaterialRender
-from hw.calibration.material_table import sobol_materials
+from hw.calibration.material import Material, sobol_materials
 from hw.calibration.pad_light import PadLight
-from hw.calibration.reference_renders import reference_renders
+from hw.calibration.reference_renders import MaterialRender, reference_renders
 from render.progress import Progress
 from render.scene.schema import Scene
 

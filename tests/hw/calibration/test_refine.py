@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from hw.calibration.material import Material
-from hw.calibration.material_table import MaterialTable, sobol_materials
+from hw.calibration.material import Material, sobol_materials
+from hw.calibration.material_table import MaterialTable
 from hw.calibration.pad_light import BLOCKS, PadLight
-from hw.calibration.refine import Refined, refine
-from hw.calibration.rig_fit import fit_rig
-from hw.calibration.smooth_ratio import in_frame
+from hw.calibration.reference_lines import frame_positions, in_frame
+from hw.calibration.refine import Confirmation, refine
+from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
 from render.progress import Progress
 from render.scene.schema import Scene
-from tests.hw.calibration.conftest import BENDS, toy
-from tests.hw.calibration.test_fit import TRUE, photographs
-from tests.hw.calibration.test_rig_fit import model_of
+from tests.hw.calibration.toy import BENDS, TRUE, photographs, toy, toy_model
 
 MATERIALS = 8
 NOISE = 0.04
@@ -64,13 +63,21 @@ def stand_in(calls: list[Array]) -> Callable[..., PadLight]:
     return render
 
 
+@dataclass
+class Outcome:
+    """The fits before and after renders, what confirms the latter, and the rendered materials."""
+
+    first: Calibration
+    found: Calibration
+    confirmation: Confirmation
+    calls: list[Array]
+
+
 @pytest.fixture(scope="module")
 def outcome(
     scene: Scene, table: MaterialTable, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Refined, Array, Material, list[Array]]:
+) -> Outcome:
     """Photograph the distorted toy, fit the plain one, refine."""
-    from hw.calibration.reference_lines import frame_positions
-
     measurements, _ = photographs(scene)
     known = np.exp(distortion(*frame_positions().T))[:, None]
     distorted = [
@@ -80,45 +87,35 @@ def outcome(
         )
         for one in measurements
     ]  # fmt: skip
-    model = model_of(table)
+    model = toy_model(table)
     first = fit_rig(scene, model, distorted)
     calls: list[Array] = []
-    refined = refine(
+    found, confirmation = refine(
         scene, model, first, distorted, np.full(20, np.pi / 2), BENDS, materials=MATERIALS,
         samples=1, folder=tmp_path_factory.mktemp("cache"), render=stand_in(calls),
     )  # fmt: skip
-    return refined, first.intervals.material, first.material, calls
+    return Outcome(first, found, confirmation, calls)
 
 
-def test_the_plain_model_alone_is_misled(
-    outcome: tuple[Refined, Array, Material, list[Array]],
-) -> None:
-    _, _, first, _ = outcome
-    assert abs(first.absorption / TRUE.absorption - 1) > 0.3
+def test_the_plain_model_alone_is_misled(outcome: Outcome) -> None:
+    assert abs(outcome.first.material.absorption / TRUE.absorption - 1) > 0.3
 
 
-def test_renders_lead_it_to_the_truth(
-    outcome: tuple[Refined, Array, Material, list[Array]],
-) -> None:
-    refined, _, _, _ = outcome
-    error = np.abs(refined.found.material.array() - TRUE.array())
-    assert (error < 3 * refined.found.intervals.material).all()
-    assert abs(refined.found.material.reduced_scattering / TRUE.reduced_scattering - 1) < 0.08
-    assert set(refined.found.intervals.parts) == {"photographs", "model", "known"}
+def test_renders_lead_it_to_the_truth(outcome: Outcome) -> None:
+    found = outcome.found
+    error = np.abs(found.material.array() - TRUE.array())
+    assert (error < 3 * found.errors.material).all()
+    assert abs(found.material.reduced_scattering / TRUE.reduced_scattering - 1) < 0.08
+    assert set(found.errors.parts) == {"photographs", "model", "known"}
 
 
-def test_the_last_render_is_of_the_material_that_is_reported(
-    outcome: tuple[Refined, Array, Material, list[Array]],
-) -> None:
-    refined, _, _, calls = outcome
-    np.testing.assert_allclose(calls[:MATERIALS], sobol_materials(MATERIALS))
-    np.testing.assert_allclose(calls[-1], refined.found.material.array())
-    assert refined.confirmation.renders == len(calls) >= MATERIALS + 2
+def test_the_last_render_is_of_the_material_that_is_reported(outcome: Outcome) -> None:
+    np.testing.assert_allclose(outcome.calls[:MATERIALS], sobol_materials(MATERIALS))
+    np.testing.assert_allclose(outcome.calls[-1], outcome.found.material.array())
+    assert outcome.confirmation.renders == len(outcome.calls) >= MATERIALS + 2
 
 
-def test_the_confirmation_explains_itself_by_noise(
-    outcome: tuple[Refined, Array, Material, list[Array]],
-) -> None:
-    told = outcome[0].confirmation
+def test_the_confirmation_explains_itself_by_noise(outcome: Outcome) -> None:
+    told = outcome.confirmation
     assert 0.4 * told.noise < told.rms < 1.2 * told.noise
     assert told.before > 2 * told.rms

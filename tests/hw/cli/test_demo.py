@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from hw.emulator.rig import COLUMNS, ROWS
+from render.scene.schema import load_scene
 from tests.conftest import Run
-from tests.hw.calibration.conftest import toy_images
-from tests.hw.calibration.test_rig_fit import model_of
-from tests.hw.cli.test_calibrate_run import toy_table
+from tests.hw.calibration.toy import toy_images, toy_model, toy_table
 
 
 def test_the_demonstration_recovers_the_rigs_secrets(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    table = toy_table()
-    monkeypatch.setattr("hw.calibration.rig_fit.line_model", lambda *_: model_of(table))
+    model = toy_model(toy_table(load_scene("finger20")))
+    monkeypatch.setattr("hw.calibration.line_model.line_model", lambda *_: model)
     monkeypatch.setattr(
         "hw.emulator.rig.rendered_images",
         lambda scene, truth, *_, **__: toy_images(scene, truth.material.array(), ROWS, COLUMNS),

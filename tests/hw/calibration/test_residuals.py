@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from hw.calibration.intervals import intervals
+from hw.calibration.residuals import standard_errors
 
 
 def test_errors_of_powers_and_gains_are_read_where_the_fit_keeps_these_parameters() -> None:
@@ -18,7 +18,7 @@ def test_errors_of_powers_and_gains_are_read_where_the_fit_keeps_these_parameter
         scale=lambda: np.ones(9),
         residuals=lambda _: np.zeros(10),
         mode_residuals=lambda: np.zeros((9, 1)),
-        reduced=lambda residuals: residuals,
+        projected=lambda residuals: residuals,
         unpack=lambda _: (np.ones(3), np.ones(1)),
         power_columns=slice(6, 8),
         gain_columns=slice(8, 9),
@@ -27,7 +27,7 @@ def test_errors_of_powers_and_gains_are_read_where_the_fit_keeps_these_parameter
         fibers=[0, 1, 2],
         channels=[0],
     )
-    found = intervals(problem, np.zeros(9))  # type: ignore[arg-type]
+    found = standard_errors(problem, np.zeros(9))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.material, error[:4])
     np.testing.assert_allclose(found.gain, error[8:])
     # log(p_1 / mean) moves by 2/3 of log p_1 and -1/3 of log p_2.

@@ -1,0 +1,126 @@
+"""What photographs are compared with: drawn light at the lines, corrected by the surrogate.
+
+The preview draws whole photographs for any material, but is too dim for grazing light on a bent
+pad; the surrogate was fitted to renders, but knows the sites of one material only. The ratio of
+both on the untouched pad, for the surrogate's own material, is a smooth field: its logarithm is
+taken as a polynomial of the second degree over the pad, and as independent of the material.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.calibration.log_ratio import quadratic_terms
+from hw.calibration.material_table import MaterialTable, material_table
+from hw.calibration.model_error import ErrorModes, field_modes
+from hw.calibration.reference_lines import reference_lines
+from render.arrays import Array
+from render.geometry.layout import flat_sites
+from render.preview.diffuser.cache import cache_folder
+from render.preview.preview import Preview
+from render.scene.schema import Scene
+from surrogate.runtime.checker import Checker
+
+DISCREPANCY = 0.015
+"""Relative error of the corrected preview where the surrogate says nothing about it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurrogateCorrection:
+    """Log of light of the surrogate over that of the preview.
+
+    Arguments:
+        coefficients: ``(bend, fiber, term)``.
+        corners: ``(2, 2)`` lowest and highest flat x, y (mm) of the sites; beyond, the edge's value
+            holds.
+        rms: ``(bend,)`` of log ratios at the sites that the polynomial leaves.
+    """
+
+    coefficients: Array
+    corners: Array
+    rms: Array
+
+    def log_ratio(self, bend: int, fiber: int, position: Array) -> Array:
+        """Return log ratios ``(...)`` at flat positions ``(..., 2)`` mm of one bend and fiber."""
+        inside = np.clip(np.nan_to_num(position), *self.corners)
+        return np.asarray(quadratic_terms(inside) @ self.coefficients[bend, fiber])
+
+
+def surrogate_correction(
+    scene: Scene, checker: Checker, phi: Array, bends: Array
+) -> SurrogateCorrection:
+    """Return the correction for directions ``phi`` ``(fiber,)`` and ``bends`` ``(bend,)``, rad.
+
+    Arguments:
+        scene: the surrogate's own, with the material that it was trained for.
+        checker: its model.
+        phi: ``(fiber,)`` rad.
+        bends: ``(bend,)`` rad.
+    """
+    # All fibers at all directions: the diagonal is what is wanted.
+    nodes = np.unique(phi)
+    table = checker.transport_table(nodes, bends)
+    assert table.background is not None
+    known = table.background[np.arange(len(phi)), np.searchsorted(nodes, phi)]
+    with Preview(scene) as preview:
+        drawn = preview.transport(phi[:, None], bends)[1][:, 0]
+    ratio = np.log(known / drawn).swapaxes(0, 1)
+    sites = flat_sites(scene)[:, :2]
+    terms = quadratic_terms(sites)
+    coefficients = ratio @ np.linalg.pinv(terms).T
+    residual = ratio - coefficients @ terms.T
+    corners = np.stack([sites.min(axis=0), sites.max(axis=0)])
+    return SurrogateCorrection(coefficients, corners, np.sqrt((residual**2).mean(axis=(1, 2))))
+
+
+@dataclass(frozen=True, eq=False)
+class LineModel:
+    """Light at the reference lines for any material.
+
+    Arguments:
+        table: as the preview draws it, or renders correct it.
+        log_correction: ``(bend, fiber, point)`` added to its logarithm.
+        modes: log errors that it may still have.
+    """
+
+    table: MaterialTable
+    log_correction: Array
+    modes: ErrorModes
+
+    def log_light(self, material: Array) -> Array:
+        """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
+        return self.table.log_light(material) + self.log_correction
+
+
+def line_model(
+    scene: Scene,
+    checker: Checker,
+    phi: Array,
+    bends: Array,
+    progress: Callable[[int, int], None] | None = None,
+) -> LineModel:
+    """Return the model of the reference lines.
+
+    The table is drawn when it is first needed, which takes minutes, and kept in the user's cache.
+
+    Arguments:
+        scene: the surrogate's own.
+        checker: the surrogate.
+        phi: ``(fiber,)`` rad.
+        bends: ``(bend,)`` rad.
+        progress: called with materials drawn and all of them.
+    """
+    table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
+    correction = surrogate_correction(scene, checker, phi, bends)
+    position = reference_lines(scene).position
+    log_correction = np.stack(
+        [
+            [correction.log_ratio(bend, fiber, position[fiber]) for fiber in range(len(phi))]
+            for bend in range(len(bends))
+        ]
+    )
+    error = np.hypot(np.hypot(DISCREPANCY, correction.rms), table.scatter())
+    return LineModel(table, log_correction, field_modes(error, len(phi)))
