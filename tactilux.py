@@ -48,8 +48,7 @@ if TYPE_CHECKING:
     from optimize.design import Design, baseline_design, load_design, save_design
     from optimize.exploration import Exploration
     from optimize.search import SearchStep
-    from optimize.verification.optimization import Method, Optimization
-    from optimize.verification.verify import Verification
+    from optimize.verification import Optimization, OptimizationMethod, Verification
     from render import register_plugins
     from render.errors import (
         CompilerError,
@@ -199,7 +198,7 @@ def verify(
         with an interval, and ``conclusion``, one sentence.
     """
     from optimize.exploration import rate
-    from optimize.verification.verify import verify as run
+    from optimize.verification import verify as run
 
     checker = model or load_model(scene)
     return run(
@@ -216,7 +215,7 @@ def optimize(
     scene: Scene,
     *,
     model: Checker | None = None,
-    method: Method = "loop",
+    method: OptimizationMethod = "loop",
     samples: int = 96,
     seed: int = 0,
     checkpoint: str | Path | None = None,
@@ -233,9 +232,8 @@ def optimize(
         checkpoint: a folder; interrupted, the same call goes on from there.
         progress: called every few seconds with what is rendered.
     """
-    from optimize.verification.design_renders import reference_renders
-    from optimize.verification.optimization import OptimizeConfig
-    from optimize.verification.optimization import optimize as run
+    from optimize.verification import OptimizeConfig, reference_renders
+    from optimize.verification import optimize as run
 
     folder = None if checkpoint is None else Path(checkpoint)
     render = reference_renders(scene, folder, progress)

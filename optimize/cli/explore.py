@@ -37,7 +37,7 @@ def run(
     """Find a better lighting design on the surrogate."""
     from optimize.exploration import explore
     from optimize.report import warnings, write_exploration
-    from optimize.robust.robustness_study import (
+    from optimize.robust import (
         RobustnessStudy,
         check_tolerances,
         print_study,

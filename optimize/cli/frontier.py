@@ -12,7 +12,7 @@ from optimize.cli.options import Json, ModelFolder, SceneName, Seed
 from optimize.ui.console import Stages, note, print_json, print_table, reserved_stdout
 
 if TYPE_CHECKING:
-    from optimize.frontier.frontier import Frontier
+    from optimize.frontier import Frontier
 
 RESULT, PLOT = "frontier.json", "frontier.png"
 
@@ -40,8 +40,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Measure what every level costs and how wrong it is."""
-    from optimize.frontier.frontier import measure
-    from optimize.frontier.plan import check_folder
+    from optimize.frontier import check_folder, measure_frontier
     from optimize.frontier.plot import frontier_png
     from optimize.scoring import open_model
     from optimize.ui.output import write_result
@@ -63,7 +62,7 @@ def run(
             f"; interrupted, the same command goes on from {folder}"
         )
         with Stages() as report:
-            found = measure(
+            found = measure_frontier(
                 scene,
                 checker,
                 folder,

@@ -12,8 +12,7 @@ from optimize.ui.console import Meter, note, print_json, print_table, reserved_s
 from render.errors import ModelError, SceneError
 
 if TYPE_CHECKING:
-    from optimize.verification.optimization import Optimization
-    from optimize.verification.verification_loop import LoopRound
+    from optimize.verification import LoopRound, Optimization
     from render.progress import Progress
     from render.scene.schema import Scene
     from surrogate.runtime.checker import Checker
@@ -52,11 +51,11 @@ def run(
 ) -> None:
     """Search with renders deciding: propose, render, refit."""
     from optimize.ui.output import check_target
-    from optimize.verification.design_renders import reference_renders
-    from optimize.verification.optimization import (
+    from optimize.verification import (
         OptimizeConfig,
         optimization_to_json,
         optimize,
+        reference_renders,
         write_optimization,
     )
     from render.reference.llvm import ensure_llvm

@@ -14,8 +14,7 @@ from render.errors import DesignError
 
 if TYPE_CHECKING:
     from optimize.design import Design, RatedDesign
-    from optimize.reconstruction.reconstruct import CameraNoise
-    from optimize.reconstruction.reconstruction_table import Compared
+    from optimize.reconstruction import CameraNoise, ErrorComparison
     from render.arrays import Array
     from surrogate.runtime.checker import Checker
 
@@ -39,8 +38,7 @@ def run(
 ) -> None:
     """Recover surface normals from the colors, in degrees."""
     from optimize.design import open_rated
-    from optimize.reconstruction.reconstruct import CameraNoise
-    from optimize.reconstruction.reconstruction_table import compare_reconstruction
+    from optimize.reconstruction import CameraNoise, compare_reconstruction
     from optimize.scoring import open_model
 
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
@@ -90,7 +88,7 @@ def _rendered(
     """Return colors of two independent halves of a render: to learn from, and to be shown."""
     import numpy as np
 
-    from optimize.verification.design_renders import reference_renders
+    from optimize.verification import reference_renders
     from render.reference.llvm import ensure_llvm
 
     ensure_llvm()
@@ -117,7 +115,7 @@ def _rendered(
 
 
 def _print(
-    stream: IO[str], path: Path, level: str, noise: CameraNoise, found: dict[str, Compared]
+    stream: IO[str], path: Path, level: str, noise: CameraNoise, found: dict[str, ErrorComparison]
 ) -> None:
     rows = [
         (

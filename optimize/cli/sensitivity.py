@@ -30,9 +30,15 @@ def run(
 
     from optimize.design import limits_of, open_rated
     from optimize.exploration import PHI_NODES
-    from optimize.robust.material_slopes import MATERIALS, material_slopes
-    from optimize.robust.robustness_study import check_tolerances, print_sensitivities
-    from optimize.robust.sensitivity import check_slopes, score_slopes, sensitivities
+    from optimize.robust import (
+        MATERIALS,
+        check_slopes,
+        check_tolerances,
+        material_slopes,
+        print_sensitivities,
+        score_slopes,
+        sensitivities,
+    )
     from optimize.scoring import TableScorer, open_model
     from render.chebyshev import chebyshev_nodes
 

@@ -15,7 +15,7 @@ from render.progress import Progress
 if TYPE_CHECKING:
     from optimize.design import RatedDesign
     from optimize.scoring import JackknifeEstimate, RenderedScore
-    from optimize.verification.verify import Verification
+    from optimize.verification import Verification
     from surrogate.runtime.checker import Checker
 
 SAMPLES = 200
@@ -38,7 +38,7 @@ def run(
     """Render design and baseline with error bars."""
     from optimize.design import open_rated
     from optimize.scoring import open_model
-    from optimize.verification.verify import verify
+    from optimize.verification import verify
     from render.files import write_json
     from render.reference.llvm import ensure_llvm
 
@@ -93,7 +93,7 @@ def run(
 def _count(candidate: RatedDesign, minutes: float | None, seeds: int, folder: Path) -> int:
     if minutes is None:
         return SAMPLES
-    from optimize.verification.verify_budget import affordable_samples
+    from optimize.verification import affordable_samples
 
     note("Timing two short renders")
     return affordable_samples(

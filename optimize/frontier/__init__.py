@@ -1,1 +1,6 @@
-"""The speed-accuracy frontier: each way to judge a design, timed and held against renders."""
+"""The speed-accuracy frontier: each way to predict a design, timed and compared with renders."""
+
+from optimize.frontier.frontier import Frontier, measure_frontier
+from optimize.frontier.plan import check_folder
+
+__all__ = ["Frontier", "check_folder", "measure_frontier"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from optimize.frontier.held_out import (
     REFERENCE_SEED,
@@ -14,18 +15,16 @@ from optimize.frontier.held_out import (
     Report,
     held_out_designs,
 )
-from optimize.frontier.levels import fitted_rows, model_rows, preview_row, table_row
-from optimize.frontier.plan import FrontierPlan, make_plan
+from optimize.frontier.plan import FrontierPlan, make_frontier_plan
 from optimize.frontier.rendered_levels import path_tracer_rows, short_rows
 from render.errors import TableError
 from render.scene.schema import Scene
 from render.transport import TransportTable
-from surrogate.model.preview_grid import draw_grid
 from surrogate.runtime.checker import Checker
 from surrogate.training.conformal import Coverage
-from surrogate.training.render_plan import data_hash, estimate_table, render_plan
-from surrogate.training.render_plan import make_plan as make_table_plan
-from surrogate.training.train import TrainConfig
+
+if TYPE_CHECKING:  # torch comes with the fits
+    from surrogate.training.train import TrainConfig
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Frontier:
         }
 
 
-def measure(
+def measure_frontier(
     scene: Scene,
     checker: Checker,
     folder: Path,
@@ -95,6 +94,11 @@ def measure(
         TableError: a table of another scene or level.
         RenderError, CompilerError, GraphicsError: from the renderers.
     """
+    from optimize.frontier.levels import fitted_rows, model_rows, preview_row, table_row
+    from surrogate.model.preview_grid import draw_grid
+    from surrogate.training.render_plan import data_hash
+    from surrogate.training.train import TrainConfig
+
     config = TrainConfig()
     if table is not None and (table.scene_hash != scene.hash or table.level != "reference"):
         raise TableError(
@@ -104,7 +108,7 @@ def measure(
         )
     designs, renders = held_out_designs(scene, count, seed), folder / "renders"
     report("Plan", 0, 1, None)
-    plan = make_plan(
+    plan = make_frontier_plan(
         designs, folder, seed=seed, minutes=minutes, samples=samples, renders_table=table is None
     )
     estimate = designs.render(
@@ -147,8 +151,10 @@ def _rendered_table(
     scene: Scene, plan: FrontierPlan, seed: int, folder: Path, config: TrainConfig, report: Report
 ) -> tuple[TransportTable, float]:
     """Return a transport table at the training's nodes and the seconds of its render."""
+    from surrogate.training.render_plan import estimate_table, make_plan, render_plan
+
     run = folder / "table"
-    wanted = make_table_plan(
+    wanted = make_plan(
         scene,
         run,
         minutes=plan.minutes,

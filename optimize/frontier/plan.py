@@ -67,7 +67,7 @@ def check_folder(folder: Path) -> None:
         )
 
 
-def make_plan(
+def make_frontier_plan(
     designs: HeldOutDesigns,
     folder: Path,
     *,

@@ -13,7 +13,7 @@ from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.scoring import check_interval, jackknife_se
 from optimize.ui.provenance import package_versions
-from optimize.verification.design_renders import FinalistEvaluation
+from optimize.verification import FinalistEvaluation
 from render.metric import site_metric
 from surrogate.runtime.checker import Checker
 from surrogate.runtime.model_file import MODEL_FILE, sha256

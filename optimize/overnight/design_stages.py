@@ -41,20 +41,18 @@ from optimize.search import (
     tied_groups,
 )
 from optimize.search.colors import grouped_colors, renamed_like
-from optimize.verification.design_renders import (
+from optimize.verification import (
+    CONVERGED,
+    GENERATIONS,
+    Candidate,
     DesignRenders,
     FinalistEvaluation,
-    distinct_directions,
-    reference_renders,
-)
-from optimize.verification.proposals import Proposal
-from optimize.verification.thesis import GENERATIONS
-from optimize.verification.verification_loop import (
-    CONVERGED,
-    Candidate,
     LoopConfig,
+    Proposal,
     RenderedRound,
     VerificationLoop,
+    distinct_directions,
+    reference_renders,
 )
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry.layout import fiber_edges

@@ -1,1 +1,9 @@
 """What a design's score is worth in degrees of surface normal."""
+
+from optimize.reconstruction.normal_reconstruction import (
+    CameraNoise,
+    ErrorComparison,
+    compare_reconstruction,
+)
+
+__all__ = ["CameraNoise", "ErrorComparison", "compare_reconstruction"]

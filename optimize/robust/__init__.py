@@ -1,1 +1,24 @@
 """Manufacturing tolerances and shadows: sensitivity, robust ratings, designs made for them."""
+
+from optimize.robust.material_slopes import MATERIALS, material_slopes
+from optimize.robust.robustness_study import (
+    RobustnessStudy,
+    check_tolerances,
+    print_sensitivities,
+    print_study,
+    study_robustness,
+)
+from optimize.robust.sensitivity import check_slopes, score_slopes, sensitivities
+
+__all__ = [
+    "MATERIALS",
+    "RobustnessStudy",
+    "check_slopes",
+    "check_tolerances",
+    "material_slopes",
+    "print_sensitivities",
+    "print_study",
+    "score_slopes",
+    "sensitivities",
+    "study_robustness",
+]

@@ -17,7 +17,7 @@ from optimize.design import Array, Design, RatedDesign
 from optimize.robust.material_slopes import MATERIALS, PER_FIBER, neighbors
 from optimize.robust.perturbed_sensors import QUANTILE, PerturbedSensors
 from optimize.scoring import Differentiator, JackknifeEstimate, TableScorer, jackknife
-from optimize.verification.design_renders import reference_renders
+from optimize.verification import reference_renders
 from render.chebyshev import interpolation_weights
 from render.progress import Progress
 from render.scene.tolerances import Spread

@@ -40,7 +40,7 @@ from render.geometry.layout import fiber_edges
 from render.scene.schema import Scene
 from surrogate.runtime.checker import Checker
 
-Method = Literal["loop", "thesis", "both"]
+OptimizationMethod = Literal["loop", "thesis", "both"]
 THESIS_SEED, FINAL_SEED = 800, 900
 """Added to the render seeds of a loop's seed."""
 
@@ -58,7 +58,7 @@ class OptimizeConfig:
         seed: of searches and renders.
     """
 
-    method: Method = "loop"
+    method: OptimizationMethod = "loop"
     samples: int = 96
     final_samples: int = 192
     final_seeds: int = 2

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -24,12 +24,14 @@ from optimize.scoring import (
     TableScorer,
     rank_agreement,
 )
+from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
-from optimize.verification.proposals import Proposal, described, propose, same_design
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.transport import TransportTable
-from surrogate.training.refit import NewRenders, ResidualCorrection
+
+if TYPE_CHECKING:  # torch comes with the refit
+    from surrogate.training.refit import NewRenders, ResidualCorrection
 
 MIN_TAU = 0.85
 MIN_RELATIVE_GAIN = 1e-3
@@ -192,7 +194,7 @@ class VerificationLoop:
     ) -> None:
         """Begin without candidates, see ``verification_loop``.
 
-        Searches begin at ``start`` while the surrogate rates it above the best contender.
+        Searches begin at ``start`` while the surrogate rates it above the best candidate.
         """
         self.original = self.table = table
         self.baseline, self.renderer, self.refitter = baseline, render, refitter
@@ -228,8 +230,8 @@ class VerificationLoop:
             converged = best_found - leader < MIN_RELATIVE_GAIN * abs(leader)
             if not found or (converged and tau is not None and tau >= MIN_TAU):
                 return []
-        again = [described(scorer, "incumbent", entry.design) for entry in ranking[:2]]
-        return [described(scorer, "baseline", self.baseline), *again, *found]
+        again = [proposal_of(scorer, "incumbent", entry.design) for entry in ranking[:2]]
+        return [proposal_of(scorer, "baseline", self.baseline), *again, *found]
 
     def render(self, number: int, chosen: Sequence[Proposal]) -> RenderedRound:
         """Render and measure what ``proposals`` returned."""
@@ -285,6 +287,8 @@ class VerificationLoop:
 
     def _observed(self, renders: DesignRenders) -> NewRenders:
         """Return the renders beside the prediction of the surrogate as it was shipped."""
+        from surrogate.training.refit import NewRenders
+
         phi = np.stack([design.phi for design in renders.designs])
         return NewRenders(
             phi=phi,

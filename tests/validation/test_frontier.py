@@ -70,7 +70,7 @@ def frontier(
     sensor: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Run:
     monkeypatch.chdir(sensor)
-    monkeypatch.setattr("optimize.frontier.frontier.TrainConfig", lambda: QUICK)
+    monkeypatch.setattr("surrogate.training.train.TrainConfig", lambda: QUICK)
     # Trials of the usual size take longer than everything else here.
     monkeypatch.setattr("render.reference.cost.TRIALS", (2, 6))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from optimize.frontier.held_out import held_out_designs
-from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_plan
+from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_frontier_plan
 from optimize.ui.output import OutputError
 from render.scene.schema import Scene
 from tests.disk import DURABLE, logged_disk
@@ -15,7 +15,7 @@ from tests.disk import DURABLE, logged_disk
 
 def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:
     wanted = {"seed": 0, "minutes": 30.0, "samples": 320} | request
-    return make_plan(
+    return make_frontier_plan(
         held_out_designs(scene, count, 0),
         folder,
         renders_table=False,

@@ -11,13 +11,13 @@ import pytest
 from optimize.design import Design, ScoreSettings, baseline_design
 from optimize.scoring import TableScorer, rank_agreement
 from optimize.search.colors import canonical
+from optimize.verification.design_proposals import propose, random_design, same_design
 from optimize.verification.design_renders import (
     DesignRenders,
     RenderDesigns,
     distinct_directions,
     evaluate_finalists,
 )
-from optimize.verification.proposals import propose, random_design, same_design
 from optimize.verification.thesis import baseline_settings, thesis_procedure
 from optimize.verification.verification_loop import LoopConfig, verification_loop
 from render.chebyshev import chebyshev_nodes, interpolation_weights

@@ -20,8 +20,9 @@ ALTERNATIVES = 8
 """Next-best colorings that get directions of their own: local optima, then neighbors."""
 SAME_ANGLE = np.radians(1.0)
 """Directions that differ by less are the same design."""
-RUNS = (1, 2, 4)
-TWIN = 1e-4
+COLOR_RUNS = (1, 2, 4)
+"""How many neighboring fibers of a random design share a color."""
+MIRROR_TOLERANCE = 1e-4
 """Relative difference of score below which mirrored colors mean a mirrored design."""
 
 
@@ -63,21 +64,21 @@ def propose(
     top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
     colorings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
     others: list[Design] = []
-    for named in [*colorings, *_recolored(scorer, best)]:
+    for colors in [*colorings, *_recolored(scorer, best)]:
         if len(others) == ALTERNATIVES:
             break
         if scorer.colors_alike:
-            named = renamed_like(named, best.colors)
-        power = scorer.power(named)
+            colors = renamed_like(colors, best.colors)
+        power = scorer.power(colors)
         if np.array_equal(power, best.power):
             continue
         found = refine_locally(scorer, Design(best.phi, power)).design
-        if not _mirror_twin(scorer, found, best):
+        if not _is_mirror_image(scorer, found, best):
             others.append(found)
-    chosen = [described(scorer, "best", best)]
-    rest = [described(scorer, "uncertain", design) for design in others]
+    chosen = [proposal_of(scorer, "best", best)]
+    rest = [proposal_of(scorer, "uncertain", design) for design in others]
     chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []
-    chosen.append(described(scorer, "random", random_design(scorer, seed)))
+    chosen.append(proposal_of(scorer, "random", random_design(scorer, seed)))
     return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
 
 
@@ -93,7 +94,7 @@ def _recolored(scorer: TableScorer, best: Design) -> list[Colors]:
     return list(moved[np.argsort(-scorer.scores(moved, best.phi), kind="stable")])
 
 
-def _mirror_twin(scorer: TableScorer, first: Design, second: Design) -> bool:
+def _is_mirror_image(scorer: TableScorer, first: Design, second: Design) -> bool:
     """Return whether one design is the other seen in a mirror, so that it would tie for certain.
 
     Fibers are numbered around the pad, so a mirror reverses their order; equal scores say that the
@@ -104,10 +105,10 @@ def _mirror_twin(scorer: TableScorer, first: Design, second: Design) -> bool:
     scores = [scorer.score(design.phi, design.power) for design in (first, second)]
     reversed_ = canonical(first.colors[None, ::-1])[0]
     alike = np.array_equal(reversed_, canonical(second.colors[None])[0])
-    return alike and abs(scores[0] - scores[1]) < TWIN * abs(scores[1])
+    return alike and abs(scores[0] - scores[1]) < MIRROR_TOLERANCE * abs(scores[1])
 
 
-def described(scorer: TableScorer, role: str, design: Design) -> Proposal:
+def proposal_of(scorer: TableScorer, role: str, design: Design) -> Proposal:
     """Return the proposal of ``design`` with score and spread on ``scorer``'s table."""
     score = scorer.score(design.phi, design.power)
     spread = 0.0
@@ -120,7 +121,7 @@ def described(scorer: TableScorer, role: str, design: Design) -> Proposal:
 def random_design(scorer: TableScorer, seed: int) -> Design:
     """Return a random design; neighboring fibers share a color in runs of 1, 2 or 4."""
     rng = np.random.default_rng([seed, 5])
-    run = int(rng.choice(RUNS))
+    run = int(rng.choice(COLOR_RUNS))
     colors = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
     low, high = scorer.phi_bounds
     phi: Array = np.asarray(rng.uniform(low, high, scorer.fibers))

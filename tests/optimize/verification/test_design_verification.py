@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from optimize.design import Design, RatedDesign, Rating, ScoreSettings, baseline_design
-from optimize.verification.verify import Verification, compare
+from optimize.verification.design_verification import (
+    Verification,
+    affordable_samples,
+    paired_comparison,
+)
 from render.errors import RenderError
 from render.metric import choose_exposure, choose_lambda, image_counts
+from render.reference.cost import RenderCost
 from render.scene.schema import Scene
+from tests.disk import DURABLE, logged_disk
 
+MEASURED = "optimize.verification.design_verification.measure_render_cost"
 REPLICATES, SURROGATE = 12, 70.0
 
 
@@ -42,7 +51,7 @@ def noisy(transport: np.ndarray, sigma: float, seed: int) -> np.ndarray:
 
 
 def judged(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
-    return compare(
+    return paired_comparison(
         candidate(scene, design),
         noisy(light(scene), sigma, 1),
         noisy(brighter * light(scene), sigma, 2),
@@ -80,7 +89,7 @@ def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: S
     base = baseline_design(finger20)
     swapped = Design.of_colors(base.phi, (base.colors + 1) % 3)
     replicates = noisy(light(finger20), 0.3, 1)
-    found = compare(
+    found = paired_comparison(
         candidate(finger20, swapped),
         replicates,
         replicates,
@@ -124,7 +133,7 @@ def test_a_facet_that_the_camera_cannot_see_is_an_error(finger20: Scene, other: 
     hidden = light(finger20)
     hidden[:, 1, 4, 7] = np.nan
     with pytest.raises(RenderError, match="facet 7 of site 4 at bend 1"):
-        compare(
+        paired_comparison(
             candidate(finger20, other),
             noisy(hidden, 0.1, 1),
             noisy(hidden, 0.1, 2),
@@ -133,3 +142,21 @@ def test_a_facet_that_the_camera_cannot_see_is_an_error(finger20: Scene, other: 
             seeds=(1, 2),
             samples=8,
         )
+
+
+def test_the_plan_is_synced_and_asked_instead_of_measuring_again(
+    finger20: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def samples() -> int:
+        return affordable_samples(
+            finger20, np.zeros(20), minutes=1.0, seeds=2, designs=1, folder=tmp_path
+        )
+
+    cost = RenderCost(1.0, 0.5, trials=6.0)
+    monkeypatch.setattr(MEASURED, lambda *_: cost)
+    calls = logged_disk(monkeypatch)
+    # 54 s for three bends and two seeds, of which each render spends one at its start.
+    assert samples() == 16
+    assert calls == DURABLE
+    monkeypatch.setattr(MEASURED, lambda *_: pytest.fail("measured again"))
+    assert samples() == 16

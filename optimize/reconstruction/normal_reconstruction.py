@@ -8,11 +8,13 @@ sensor: it sees color and position, and is not told the bend.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from optimize.design import Array
+from optimize.scoring import student_factor
 from render.geometry.layout import flat_sites
 from render.scene.schema import Scene
 
@@ -36,7 +38,7 @@ class CameraNoise:
     read: float = 1.0
     full_well: float = 10_000.0
 
-    def seen(self, counts: Array, rng: np.random.Generator) -> Array:
+    def recorded(self, counts: Array, rng: np.random.Generator) -> Array:
         """Return what the camera records of ``counts`` (any shape)."""
         deviation = np.sqrt(self.read**2 + np.clip(counts, 0.0, 255.0) * 255.0 / self.full_well)
         noisy = counts + deviation * rng.standard_normal(counts.shape)
@@ -101,14 +103,69 @@ def reconstruct(
     learned, true = NormalColors(*known), NormalColors(*shown)
     bends, sites = known[0].shape[:2]
     tilt, azimuth = _normals(rng, (bends, sites, SAMPLES))
-    colors = noise.seen(true.at(tilt, azimuth), rng)
+    colors = noise.recorded(true.at(tilt, azimuth), rng)
     slope = np.sin(scene.indenter.slope)
     target = _vectors(slope, tilt, azimuth)
     guess = _look_up(learned, colors, slope)
     other_tilt, other_azimuth = _normals(rng, (bends, sites, SAMPLES))
-    train = noise.seen(learned.at(other_tilt, other_azimuth), rng)
+    train = noise.recorded(learned.at(other_tilt, other_azimuth), rng)
     fitted = _regress(scene, train, _vectors(slope, other_tilt, other_azimuth), colors)
     return AngleErrors(_angle(guess, target), _angle(fitted, target))
+
+
+@dataclass(frozen=True)
+class ErrorComparison:
+    """An error of both designs in degrees, with the 95 % interval of their paired difference."""
+
+    baseline: float
+    design: float
+    difference: float
+    interval: tuple[float, float]
+
+    def to_json(self) -> dict[str, object]:
+        """Return plain data."""
+        return {**vars(self), "interval": list(self.interval)}
+
+
+def compare_reconstruction(
+    scene: Scene,
+    known: Sequence[tuple[Array, Array]],
+    shown: Sequence[tuple[Array, Array]],
+    noise: CameraNoise,
+    seeds: Sequence[int],
+) -> dict[str, ErrorComparison]:
+    """Return mean and 95th percentile of the errors of both readers, by name.
+
+    Arguments:
+        scene: the sensor.
+        known: colors of baseline and design that readers learn from, see `reconstruct`.
+        shown: colors that the camera sees.
+        noise: of the camera.
+        seeds: independent draws of normals and noise, common to both designs.
+    """
+    rows: dict[str, list[list[float]]] = {}
+    for seed in seeds:
+        both = [
+            reconstruct(scene, learned, true, noise, seed)
+            for learned, true in zip(known, shown, strict=True)
+        ]
+        for reader in ("lookup", "regressor"):
+            errors = [getattr(angles, reader) for angles in both]
+            rows.setdefault(f"{reader}_mean", []).append([float(e.mean()) for e in errors])
+            rows.setdefault(f"{reader}_95%", []).append(
+                [float(np.quantile(e, 0.95)) for e in errors]
+            )
+    comparisons = {}
+    for name, values in rows.items():
+        table = np.array(values)
+        gain = table[:, 1] - table[:, 0]
+        half_width = student_factor(len(gain)) * float(gain.std(ddof=1)) / len(gain) ** 0.5
+        mean = float(gain.mean())
+        first, second = (float(column.mean()) for column in table.T)
+        comparisons[name] = ErrorComparison(
+            first, second, mean, (mean - half_width, mean + half_width)
+        )
+    return comparisons
 
 
 def _normals(rng: np.random.Generator, shape: tuple[int, ...]) -> tuple[Array, Array]:

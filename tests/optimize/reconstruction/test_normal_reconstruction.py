@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.reconstruction.reconstruct import CameraNoise, NormalColors, reconstruct
-from optimize.reconstruction.reconstruction_table import compare_reconstruction
+from optimize.reconstruction.normal_reconstruction import (
+    CameraNoise,
+    NormalColors,
+    compare_reconstruction,
+    reconstruct,
+)
 from render.scene.schema import Scene
 
 QUIET = CameraNoise(read=0.0, full_well=1e12)
