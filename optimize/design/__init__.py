@@ -1,9 +1,4 @@
-"""A lighting design: what it is, what may be chosen, how good it is, and its file.
-
-Rooms of this package import each other one way, low to high: design, scoring, search, exploration,
-robust, verification, reconstruction and report, frontier and overnight, cli. Every room may use
-``ui``, which knows none of them.
-"""
+"""A lighting design: what it is, what may be chosen, how good it is, and its file."""
 
 from optimize.design.design import (
     Array,
