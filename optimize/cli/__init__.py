@@ -28,11 +28,13 @@ from optimize.cli import (
 )
 from render.errors import TactiluxError
 
-# Packages of the extra "train", which rendering and training need, and of "hw", for the real rig.
-EXTRA = dict.fromkeys(
-    ("dask", "distributed", "drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch"), "train"
-)
-EXTRA |= dict.fromkeys(("cv2", "serial"), "hw")
+PACKAGES = {
+    "explore": ("cma", "glcontext", "jinja2", "matplotlib", "moderngl", "numba", "scipy"),
+    "train": ("dask", "distributed", "drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch",
+              "trimesh"),
+    "hw": ("cv2", "serial"),
+}  # fmt: skip
+"""What the extras of pyproject.toml install, by the names that are imported."""
 
 app = typer.Typer(
     name="tactilux",
@@ -85,11 +87,12 @@ def main() -> None:
         sys.exit(2)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if package not in EXTRA:
+        extra = next((name for name, packages in PACKAGES.items() if package in packages), None)
+        if extra is None:
             raise
         print(
-            f"tactilux: this command needs {package}, which is not installed: "
-            f"pip install 'tactilux[{EXTRA[package]}]'",
+            f"tactilux: this command needs {package}, which is not installed: in the folder of "
+            f'tactilux\'s sources run: pip install ".[{extra}]"',
             file=sys.stderr,
         )
         sys.exit(2)

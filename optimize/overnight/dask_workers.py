@@ -218,7 +218,7 @@ class DaskWorkers:
             if pending.lost >= ATTEMPTS:
                 raise RenderError(
                     f"the render {pending.job.name} failed on {ATTEMPTS} workers ({error}): check "
-                    "that tactilux[train] is installed there",
+                    "that tactilux is installed there with its extra train",
                     field="dask",
                 ) from error
             self._submit(pending, arrived)

@@ -52,7 +52,7 @@ def mitsuba(variant: str = VARIANT) -> ModuleType:
         import mitsuba as mi
     except ImportError:
         raise CompilerError(
-            'rendering needs Mitsuba: install the extra with: pip install "tactilux[train]"',
+            'rendering needs Mitsuba: in the folder of the sources run: pip install ".[train]"',
             field="mitsuba",
         ) from None
     if variant.startswith("llvm"):

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from render.arrays import Array
 from render.errors import ModelError
-from render.scene.schema import Scene
 from render.transport import TransportTable
 from surrogate.runtime.metadata import ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
+
+if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model may lack
+    from render.scene.schema import Scene
 
 # Designs per call of the runtime: enough to fill its threads, few enough to stay in the cache.
 _BATCH = 64

@@ -90,7 +90,7 @@ def test_a_missing_extra_is_one_sentence() -> None:
     )
     assert done.returncode == 2
     assert done.stdout == ""
-    assert "pip install 'tactilux[train]'" in done.stderr
+    assert 'pip install ".[train]"' in done.stderr
 
 
 def test_a_mistake_of_the_program_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
