@@ -60,18 +60,18 @@ if TYPE_CHECKING:
         TableError,
         TactiluxError,
     )
-    from render.preview.preview import Preview
+    from render.preview import Preview
     from render.progress import Progress
-    from render.reference.transport import render_transport
-    from render.scene.schema import Scene, load_scene
+    from render.reference import render_transport
+    from render.scene import Scene, load_scene
     from render.transport import TransportTable, load_table
     from surrogate.runtime.checker import Checker
 
 _HOMES = {
-    "Scene": "render.scene.schema",
-    "load_scene": "render.scene.schema",
-    "Preview": "render.preview.preview",
-    "render_transport": "render.reference.transport",
+    "Scene": "render.scene",
+    "load_scene": "render.scene",
+    "Preview": "render.preview",
+    "render_transport": "render.reference",
     "TransportTable": "render.transport",
     "load_table": "render.transport",
     "register_plugins": "render",

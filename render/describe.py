@@ -9,12 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from render.geometry.microfacets import MIN_ROUGHNESS
-from render.scene.constraints import Constraints
-from render.scene.free_ranges import FreeRanges
-from render.scene.quantities import Quantity
-from render.scene.schema import EDGES, Scene
-from render.scene.tolerances import Tolerances
+from render.geometry import MIN_ROUGHNESS
+from render.scene import EDGES, Constraints, FreeRanges, Quantity, Scene, Tolerances
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from render.arrays import Array
-from render.reference.llvm import VARIANT, mitsuba
-from render.scene.schema import load_scene
+from render.reference import VARIANT, mitsuba
+from render.scene import load_scene
 
 WIDTH, HEIGHT = 96, 160
 # Errors are taken over square blocks of so many pixels, where the coating fills the picture.
@@ -61,7 +61,7 @@ def blocks(picture: Array) -> Array:
 
 def sensor() -> Any:
     """Return finger20 with all fibers lit, flat, as a Mitsuba scene."""
-    from render.reference.lit_scene import lit_scene
+    from render.optics.lit_scene import lit_scene
 
     scene = load_scene("finger20")
     count = scene.fibers.count

@@ -20,7 +20,7 @@ settings.load_profile("tactilux")
 @pytest.fixture(scope="session")
 def mono() -> ModuleType:
     """Return Mitsuba in the mono variant that the reference renderer uses."""
-    from render.reference.llvm import mitsuba
+    from render.reference import mitsuba
 
     return mitsuba("llvm_ad_mono")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hw.calibration.rig_fit import Calibration
-from render.scene.schema import Scene, scene_text
+from render.scene import Scene, scene_text
 
 SUFFIX = "-calibrated"
 

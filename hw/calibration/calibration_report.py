@@ -16,7 +16,7 @@ from hw.camera.linearity import Linearity
 from optimize.report.page import data_uri, render_page
 from optimize.scoring import normal_factor
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 SHOWN = 6
 """Photographs whose curves are drawn, spread evenly over all."""

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.preview.diffuser.cache import fiber_end_of, slab_of
-from render.preview.diffuser.response import compute_response
+from render.preview import Preview, compute_response, fiber_end_of, slab_of
 from render.preview.glow import Glow
-from render.preview.preview import Preview
-from render.scene.schema import Scene
+from render.scene import Scene
 
 FEW = 4
 """Directions up to which the random walk serves these alone, with less noise."""

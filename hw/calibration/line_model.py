@@ -18,10 +18,9 @@ from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.model_error import ErrorModes, field_modes
 from hw.calibration.reference_lines import reference_lines
 from render.arrays import Array
-from render.geometry.layout import flat_sites
-from render.preview.diffuser.cache import cache_folder
-from render.preview.preview import Preview
-from render.scene.schema import Scene
+from render.geometry import flat_sites
+from render.preview import Preview, cache_folder
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 
 DISCREPANCY = 0.015

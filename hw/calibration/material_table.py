@@ -20,7 +20,7 @@ from hw.calibration.material import Material, design_key, sobol_materials, terms
 from hw.calibration.reference_lines import line_pixels, sample_image
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
-from render.scene.schema import Scene
+from render.scene import Scene
 
 VERSION = 4
 MATERIALS, RAYS = 32, 100_000

@@ -11,7 +11,7 @@ from hw.calibration.reference_lines import line_pixels, sample_image
 from hw.camera.pinhole import intrinsics, rotation
 from hw.camera.projection import pad_positions
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 BOX_PIXELS = 5
 """Side (pixels) of the square that is averaged around every point."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.progress import Clock, Progress
-from render.scene.schema import Scene
+from render.scene import Scene
 
 if TYPE_CHECKING:
     from render.cells.cell_sampler import Targets
@@ -126,7 +126,7 @@ def render_pad_light(
         RenderError: a path returned a value that is not finite.
     """
     from render.cells.cell_sampler import CellSampler
-    from render.reference.llvm import VARIANT, mitsuba
+    from render.reference import VARIANT, mitsuba
     from render.sampling.monte_carlo import MonteCarlo
 
     mitsuba(VARIANT)

@@ -26,7 +26,7 @@ from hw.calibration.reference_lines import ReferenceLines, reference_lines
 from hw.calibration.reference_renders import MaterialRender, NamedProgress, reference_renders
 from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 UNCORRECTED_ERROR = 0.03
 """Relative error of the shape of light that even the best correction leaves: so much do corrected

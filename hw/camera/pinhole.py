@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 def rotation(tilt: Sequence[float]) -> Array:

@@ -6,10 +6,14 @@ import numpy as np
 
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.geometry.bending import unbend_points
-from render.geometry.facet_masks import camera_origin, pixel_directions
-from render.geometry.refraction import distance_to_coating, refract_into_pad
-from render.scene.schema import Scene
+from render.geometry import (
+    camera_origin,
+    distance_to_coating,
+    pixel_directions,
+    refract_into_pad,
+    unbend_points,
+)
+from render.scene import Scene
 
 NEWTON_STEPS = 12
 TOLERANCE_MM = 1e-3

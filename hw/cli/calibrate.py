@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hw.camera.photo_set import PhotoSet
     from render.arrays import Array
     from render.progress import Progress
-    from render.scene.schema import Scene
+    from render.scene import Scene
 
 
 def run(
@@ -54,7 +54,7 @@ def run(
     from hw.calibration.material import Material
     from hw.camera.photo_set import load_photo_set
     from optimize.ui.output import check_target
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
@@ -119,8 +119,8 @@ def calibrate_sets(
     from optimize.scoring import open_model
     from optimize.ui.output import fresh_directory, write_manifest
     from render.files import write_json, write_text
-    from render.preview.diffuser.cache import cache_folder
-    from render.scene.schema import load_scene
+    from render.preview import cache_folder
+    from render.scene import load_scene
 
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hw.camera.photo_set import PhotoSet
     from optimize.design import Design
     from render.arrays import Array
-    from render.scene.schema import Scene
+    from render.scene import Scene
 
 SETTLE = 0.15
 """Seconds between setting a light and photographing it."""
@@ -47,7 +47,7 @@ def run(
     """Photograph the dark, every fiber alone, and all together into a folder."""
     from hw.camera.opencv_camera import LockedSettings
     from optimize.design import load_design
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hw.check.diagnosis import Diagnosis
     from hw.check.prediction import PadPrediction
     from render.arrays import Array
-    from render.scene.schema import Scene
+    from render.scene import Scene
 
 FRAMES = 16
 """Photographs that are averaged for each fiber of a live sweep: ten seconds at 30 a second."""
@@ -67,7 +67,7 @@ def run(
     from hw.check.sweep_check import check_sweep
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hw.emulator.session import EmulatedRig
     from optimize.design import Design
     from render.arrays import Array
-    from render.scene.schema import Scene
+    from render.scene import Scene
     from surrogate.runtime.checker import Checker
 
 FRAMES = 4
@@ -68,7 +68,7 @@ def run(
     from optimize.design import baseline_design
     from optimize.scoring import open_model
     from optimize.ui.output import check_target
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream, interruptible():
         began = time.monotonic()

@@ -28,7 +28,7 @@ def run(
 
     from hw.camera.linearity import linearity
     from hw.camera.photo_set import load_photo_set
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

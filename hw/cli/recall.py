@@ -38,8 +38,8 @@ def run(
     from hw.studies.recall import MAX_FALSE_ALARMS, MIN_RECALL, RigSpread, measure_recall
     from optimize.design import baseline_design
     from optimize.scoring import open_model
-    from render.geometry.layout import flat_sites
-    from render.scene.schema import load_scene
+    from render.geometry import flat_sites
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

@@ -34,7 +34,7 @@ def run(
     from hw.studies.recovery import recover
     from optimize.design import baseline_design
     from optimize.scoring import open_model
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

@@ -21,7 +21,7 @@ from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import open_board
 from optimize.design import Array, Design
-from render.scene.schema import Scene
+from render.scene import Scene
 
 BENDS = np.array([0.0, np.pi / 2])
 CALIBRATION_FIBERS = (slice(0, None, 2), slice(1, None, 2))

@@ -13,9 +13,9 @@ from hw.emulator.rig import TrueParameters, random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from hw.errors import CalibrationError
 from optimize.design import Design
-from render.preview.diffuser.cache import cache_folder
+from render.preview import cache_folder
 from render.progress import Progress
-from render.scene.schema import Scene
+from render.scene import Scene
 
 BOUND = 0.10
 """Relative error that a value may have where its interval does not hold the truth."""

@@ -46,7 +46,7 @@ def run(
     from optimize.scoring import find_model, open_model
     from optimize.ui.output import check_target
     from render.preview.gl import create_context
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     began = time.monotonic()
     with reserved_stdout() as stream:

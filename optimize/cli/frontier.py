@@ -44,8 +44,8 @@ def run(
     from optimize.frontier.plot import frontier_png
     from optimize.scoring import open_model
     from optimize.ui.output import write_result
-    from render.reference.llvm import ensure_llvm
-    from render.scene.schema import load_scene
+    from render.reference import ensure_llvm
+    from render.scene import load_scene
     from render.transport import load_table
 
     with reserved_stdout() as stream:

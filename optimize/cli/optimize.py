@@ -14,7 +14,7 @@ from render.errors import ModelError, SceneError
 if TYPE_CHECKING:
     from optimize.verification import LoopRound, Optimization
     from render.progress import Progress
-    from render.scene.schema import Scene
+    from render.scene import Scene
     from surrogate.runtime.checker import Checker
 
 TITLES = {
@@ -58,8 +58,8 @@ def run(
         reference_renders,
         write_optimization,
     )
-    from render.reference.llvm import ensure_llvm
-    from render.scene.schema import load_scene
+    from render.reference import ensure_llvm
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

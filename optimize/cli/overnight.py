@@ -49,8 +49,8 @@ def run(
             raise BadParameter(f"give {first} or {second}, not both")
     from optimize.overnight.job import OvernightConfig, check_directory, overnight
     from optimize.overnight.run_log import Stopped
-    from render.reference.llvm import ensure_llvm
-    from render.scene.schema import load_scene
+    from render.reference import ensure_llvm
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

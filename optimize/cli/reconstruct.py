@@ -89,7 +89,7 @@ def _rendered(
     import numpy as np
 
     from optimize.verification import reference_renders
-    from render.reference.llvm import ensure_llvm
+    from render.reference import ensure_llvm
 
     ensure_llvm()
     checkpoint = path.parent / f"{path.stem}-renders"

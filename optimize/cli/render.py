@@ -14,7 +14,7 @@ from optimize.ui.console import Meter, note, reserved_stdout
 if TYPE_CHECKING:
     from optimize.design import Design
     from render.arrays import Array
-    from render.scene.schema import Scene
+    from render.scene import Scene
 
 SAMPLES = 128  # samples per pixel at level 2, at a third of the camera's resolution: some minutes
 
@@ -35,7 +35,7 @@ def run(
     from optimize.report import picture_png
     from optimize.ui.output import write_result
     from render.metric import THESIS
-    from render.scene.schema import load_scene
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
@@ -55,7 +55,7 @@ def run(
 
 
 def _preview(scene: Scene, design: Design, bend: float) -> Array:
-    from render.preview.preview import Preview
+    from render.preview import Preview
 
     with Preview(scene) as preview:
         picture = preview.picture(
@@ -65,7 +65,7 @@ def _preview(scene: Scene, design: Design, bend: float) -> Array:
 
 
 def _reference(scene: Scene, design: Design, bend: float) -> Array:
-    from render.reference.picture import render_image
+    from render.reference import render_image
 
     with Meter("Render") as meter:
         picture = render_image(

@@ -62,7 +62,7 @@ def run(
         }
         lines = []
         if samples is not None:
-            from render.reference.llvm import ensure_llvm
+            from render.reference import ensure_llvm
 
             ensure_llvm()
             exact = score_slopes(scorer, candidate.design, list(spreads), slopes)

@@ -26,8 +26,8 @@ def run(
     ] = None,
 ) -> None:
     """Make the surrogate: render, fit, export."""
-    from render.reference.llvm import ensure_llvm
-    from render.scene.schema import load_scene
+    from render.reference import ensure_llvm
+    from render.scene import load_scene
     from render.transport import load_table
     from surrogate.export.package import check_replaceable
     from surrogate.training.train import TrainConfig, train

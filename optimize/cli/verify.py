@@ -40,7 +40,7 @@ def run(
     from optimize.scoring import open_model
     from optimize.verification import verify
     from render.files import write_json
-    from render.reference.llvm import ensure_llvm
+    from render.reference import ensure_llvm
 
     if samples is not None and minutes is not None:
         raise RenderError(

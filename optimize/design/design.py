@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.errors import DesignError
-from render.geometry.layout import fiber_edges
-from render.scene.schema import COLORS, Scene
+from render.geometry import fiber_edges
+from render.scene import COLORS, Scene
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.int64]

@@ -29,7 +29,7 @@ from optimize.ui.provenance import package_versions
 from render.errors import DesignError
 from render.files import write_text
 from render.metric import MetricConfig, current_conventions
-from render.scene.schema import Scene, load_scene, shipped_scenes
+from render.scene import Scene, load_scene, shipped_scenes
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optimize.design.design import Array, Colors, Design, baseline_design
 from render.errors import DesignError
-from render.scene.schema import COLORS, Scene
+from render.scene import COLORS, Scene
 
 FORBIDDEN = 1e9
 """Cost of a color that a fiber must not have; above any sum of the others."""

@@ -12,7 +12,7 @@ import numpy as np
 from optimize.design.design import Array, Design, baseline_design
 from optimize.design.limits import dimmed_baseline
 from render.metric import THESIS, MetricConfig, design_score, image_counts, site_metric
-from render.scene.schema import Scene
+from render.scene import Scene
 
 Level = Literal["preview", "surrogate", "reference"]
 PARTS = ("score", "mean", "spread_sites", "spread_bends")

@@ -22,9 +22,9 @@ from optimize.design import (
 from optimize.scoring import TableScorer
 from optimize.search import AlternatingResult, SearchStep, alternating_search
 from render.chebyshev import chebyshev_nodes
-from render.geometry.layout import fiber_edges
+from render.geometry import fiber_edges
 from render.metric import clipped_fraction, design_score
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than

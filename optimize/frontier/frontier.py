@@ -18,7 +18,7 @@ from optimize.frontier.held_out import (
 from optimize.frontier.plan import FrontierPlan, make_frontier_plan
 from optimize.frontier.rendered_levels import path_tracer_rows, short_rows
 from render.errors import TableError
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime.checker import Checker
 from surrogate.training.conformal import Coverage

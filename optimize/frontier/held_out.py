@@ -13,11 +13,10 @@ import numpy as np
 
 from optimize.scoring import check_visible, jackknife, student_factor
 from render.arrays import Array
-from render.geometry.layout import fiber_edges, mirrored_fibers
+from render.geometry import fiber_edges, mirrored_fibers
 from render.metric import clip_counts, design_score, image_counts, site_metric
-from render.reference.job import Sampler
-from render.reference.transport import TransportEstimate, render_transport
-from render.scene.schema import Scene
+from render.reference import Sampler, TransportEstimate, render_transport
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 from surrogate.training.conformal import Comparison, Coverage, Quantiles, coverage
 from surrogate.training.evaluation import kendall_tau, random_colors

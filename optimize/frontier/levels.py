@@ -18,7 +18,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import write_bytes
 from render.metric import image_counts
-from render.preview.preview import Preview
+from render.preview import Preview
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid

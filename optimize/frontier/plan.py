@@ -10,7 +10,7 @@ from typing import Any
 from optimize.frontier.held_out import HeldOutDesigns
 from optimize.frontier.rendered_levels import PathTracer
 from optimize.ui.output import OutputError
-from render.reference.cost import RenderCost, measure_render_cost, stored_plan
+from render.reference import RenderCost, measure_render_cost, stored_plan
 
 PLAN = "plan.json"
 SHORTER = (32, 8)

@@ -20,11 +20,10 @@ from optimize.frontier.held_out import (
 )
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
-from render.geometry.facet_masks import FacetMasks, facet_masks
+from render.geometry import FacetMasks, facet_masks
 from render.metric import clip_counts
-from render.reference.job import Sampler
-from render.reference.llvm import mitsuba
-from render.scene.schema import Scene
+from render.reference import Sampler, mitsuba
+from render.scene import Scene
 
 NAMES: dict[Sampler, str] = {"monte-carlo": "bidirectional, MIS", "pssmlt": "PSSMLT"}
 VARIANT = "llvm_ad_rgb"
@@ -141,8 +140,8 @@ class PathTracer:
         self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks
     ) -> tuple[Any, tuple[slice, slice]]:
         """Return the lit Mitsuba scene with its sensor, and the part of the film it records."""
-        from render.reference.lit_scene import fiber_disks, pinhole
-        from render.reference.optics import pad_shapes
+        from render.optics.lit_scene import fiber_disks, pinhole
+        from render.optics.pad_scene import pad_shapes
 
         row, column = masks.pixel // masks.columns, masks.pixel % masks.columns
         crop = (slice(row.min(), row.max() + 1), slice(column.min(), column.max() + 1))

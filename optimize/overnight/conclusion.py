@@ -199,7 +199,7 @@ def _trade(
 
 
 def _preview_seconds(context: RunContext) -> float:
-    from render.preview.preview import Preview
+    from render.preview import Preview
 
     with Preview(context.scene) as preview:
 

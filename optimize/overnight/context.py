@@ -20,9 +20,8 @@ from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Store
 from optimize.overnight.workers import StoredRenders
 from render.progress import Progress
-from render.reference.cost import RenderCost
-from render.reference.job import RenderJob
-from render.scene.schema import Scene
+from render.reference import RenderCost, RenderJob
+from render.scene import Scene
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""

@@ -24,7 +24,7 @@ import numpy as np
 from optimize.overnight.run_directory import RunError
 from optimize.overnight.workers import FinishedJob
 from render.errors import RenderError, TactiluxError
-from render.reference.job import RenderJob, RenderResult, run_job
+from render.reference import RenderJob, RenderResult, run_job
 
 CONNECT_SECONDS = 10.0
 WORKER_TTL = 45

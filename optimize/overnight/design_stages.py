@@ -55,9 +55,8 @@ from optimize.verification import (
     reference_renders,
 )
 from render.chebyshev import chebyshev_nodes, interpolation_weights
-from render.geometry.layout import fiber_edges
-from render.reference.cost import RenderCost
-from render.reference.transport import transport_jobs
+from render.geometry import fiber_edges
+from render.reference import RenderCost, transport_jobs
 from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
 from surrogate.runtime.checker import Checker

@@ -12,8 +12,8 @@ from optimize.design import Array
 from optimize.frontier.plot import draw_levels
 from optimize.overnight.result import ConvergencePoint, OvernightResult
 from optimize.report import INK, drawing, facet_strip, metric_strip, picture_png, png_bytes, scheme
-from render.geometry.indenter import bolt
-from render.preview.preview import Preview
+from render.geometry import bolt
+from render.preview import Preview
 
 WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
 SOFT = "#8a8f98"

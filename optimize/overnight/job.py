@@ -42,7 +42,7 @@ from optimize.overnight.surrogate_stages import (
 )
 from optimize.overnight.workers import StoredRenders, Workers
 from render.errors import SceneError
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 from render.transport import TransportTable
 
 EXTEND_FACTOR = 1.05

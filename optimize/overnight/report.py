@@ -25,7 +25,7 @@ from optimize.report import (
 from optimize.scoring import IntervalCheck, check_interval
 from render.errors import SceneError
 from render.files import write_text
-from render.geometry.indenter import BoltHead
+from render.geometry import BoltHead
 
 REPORT = "report.html"
 HOLDS = {"holds": "yes", "does not hold": "no", "cannot be tested": "cannot tell"}

@@ -28,7 +28,7 @@ from optimize.scoring import student_factor
 from render.errors import TactiluxError
 from render.files import read_npz, write_npz, write_text
 from render.metric import clipped_fraction, design_score
-from render.scene.schema import Scene, load_scene, scene_text
+from render.scene import Scene, load_scene, scene_text
 
 SCENE, ARRAYS, NIGHT, DESIGNS = "scene.toml", "night.npz", "night.json", "designs"
 

@@ -37,8 +37,8 @@ from optimize.overnight.run_directory import RunError
 from optimize.ui.provenance import program_version
 from render.errors import TableError
 from render.files import TEMPORARY, read_npz, sync_folder, temporary_name, write_bytes
-from render.reference.job import RenderJob, RenderResult
-from render.scene.serialization import scene_of
+from render.reference import RenderJob, RenderResult
+from render.scene import scene_of
 
 SCHEMA = 2
 RENDERS, STATES, TABLE = "renders", "states", "table"

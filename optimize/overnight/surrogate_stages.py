@@ -31,10 +31,8 @@ from optimize.scoring import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
-from render.reference.cost import RenderCost
-from render.reference.job import RenderJob, RenderResult
-from render.reference.transport import transport_estimate, transport_jobs
-from render.scene.schema import Scene
+from render.reference import RenderCost, RenderJob, RenderResult, transport_estimate, transport_jobs
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime.checker import Checker
 from surrogate.runtime.model_file import MODEL_FILE, sha256

@@ -17,7 +17,7 @@ from typing import Protocol
 from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
 from render.progress import Clock
-from render.reference.job import RenderJob, RenderResult, run_job
+from render.reference import RenderJob, RenderResult, run_job
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ import numpy as np
 
 from optimize.design import Array
 from optimize.scoring import student_factor
-from render.geometry.layout import flat_sites
-from render.scene.schema import Scene
+from render.geometry import flat_sites
+from render.scene import Scene
 
 HARMONICS = 3
 TILTS, AZIMUTHS = 24, 72

@@ -38,7 +38,7 @@ from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_text
 from render.metric import THESIS
-from render.scene.schema import Scene
+from render.scene import Scene
 
 DESIGN, BASELINE, REPORT = "design.json", "baseline.json", "report.html"
 PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
@@ -150,7 +150,7 @@ def explore_pictures(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
 
 
 def _previews(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
-    from render.preview.preview import Preview
+    from render.preview import Preview
 
     scene = exploration.scene
     height = round(PREVIEW_WIDTH * scene.camera.rows / scene.camera.columns)

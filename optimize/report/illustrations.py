@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from optimize.design import Design
 from optimize.search import SearchStep
 from render.arrays import Array
-from render.geometry.layout import flat_fiber_poses, flat_sites, pyramid
-from render.scene.schema import Scene
+from render.geometry import flat_fiber_poses, flat_sites, pyramid
+from render.scene import Scene
 
 PANEL = 1.75  # inches: a panel stays readable when three of them share the width of a phone
 STYLE: Any = {

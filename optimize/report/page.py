@@ -11,8 +11,8 @@ import numpy as np
 
 from optimize.design import Design
 from optimize.report.illustrations import INK
-from render.geometry.layout import fiber_edges, flat_fiber_poses
-from render.scene.schema import Scene
+from render.geometry import fiber_edges, flat_fiber_poses
+from render.scene import Scene
 
 CLIPPED = 0.01
 """A design with a larger fraction of saturated facets gets a warning."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design import Array
-from render.preview.preview import Preview
-from render.scene.schema import Scene
+from render.preview import Preview
+from render.scene import Scene
 
 STEP = 0.1
 """Relative step of the differences: the noise of two slab responses, divided by it, stays small."""

@@ -20,7 +20,7 @@ from optimize.design import Array, Design
 from optimize.robust.material_slopes import PER_FIBER
 from optimize.scoring import TableScorer, score_by_counts
 from render.chebyshev import differentiation_matrix, interpolation_weights
-from render.scene.tolerances import Spread
+from render.scene import Spread
 
 Measure = Literal["quantile", "spread"]
 QUANTILE = 0.1

@@ -27,7 +27,7 @@ from optimize.search.colors import quick_colors, renamed_like
 from optimize.ui.console import print_table
 from render.chebyshev import chebyshev_nodes
 from render.errors import SceneError
-from render.scene.schema import Scene
+from render.scene import Scene
 
 SEARCH_DRAWS, RATING_DRAWS = 48, 1000
 COLORINGS = 6

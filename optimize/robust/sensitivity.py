@@ -20,7 +20,7 @@ from optimize.scoring import Differentiator, JackknifeEstimate, TableScorer, jac
 from optimize.verification import reference_renders
 from render.chebyshev import interpolation_weights
 from render.progress import Progress
-from render.scene.tolerances import Spread
+from render.scene import Spread
 
 DRAWS = 400
 PHI_STEP, LIGHT_STEP = np.radians(10.0), 0.01

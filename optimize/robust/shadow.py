@@ -18,12 +18,10 @@ import numpy as np
 from optimize.design import Array, Design
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
-from render.geometry.layout import flat_sites
-from render.geometry.microfacets import fresnel
+from render.geometry import flat_sites, fresnel
+from render.preview import fiber_end_of, point_lights
 from render.preview.beams import BEAM_MARK
-from render.preview.diffuser.cache import fiber_end_of
-from render.preview.lights import point_lights
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 
 GLOW_MEAN, BEAM_PEAK = 0, 3

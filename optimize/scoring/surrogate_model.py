@@ -8,7 +8,7 @@ import numpy as np
 
 from optimize.ui.console import note
 from render.errors import ModelError
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 
 

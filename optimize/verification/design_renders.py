@@ -27,8 +27,8 @@ from optimize.scoring import (
     rendered_score,
 )
 from render.progress import Progress
-from render.reference.transport import JobRunner, render_transport
-from render.scene.schema import Scene
+from render.reference import JobRunner, render_transport
+from render.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

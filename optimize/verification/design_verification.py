@@ -23,9 +23,8 @@ from optimize.scoring import (
     rendered_score,
 )
 from render.progress import Progress
-from render.reference.cost import measure_render_cost, stored_plan
-from render.reference.transport import TransportEstimate, render_transport
-from render.scene.schema import Scene
+from render.reference import TransportEstimate, measure_render_cost, render_transport, stored_plan
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 
 MIN_SAMPLES = 4

@@ -36,8 +36,8 @@ from optimize.verification.verification_loop import (
     verification_loop,
 )
 from render.chebyshev import chebyshev_nodes
-from render.geometry.layout import fiber_edges
-from render.scene.schema import Scene
+from render.geometry import fiber_edges
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 
 OptimizationMethod = Literal["loop", "thesis", "both"]

@@ -1,4 +1,4 @@
-"""Camera rays as Dr.Jit arrays; the same pinhole as ``render.geometry.facet_masks``."""
+"""Camera rays as Dr.Jit arrays; the same pinhole as ``render.geometry.visibility``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.geometry.facet_masks import camera_origin
-from render.scene.schema import Scene
+from render.geometry import camera_origin
+from render.scene import Scene
 
 
 def pixel_rays(scene: Scene, column: Any, row: Any, columns: int, rows: int) -> tuple[Any, Any]:

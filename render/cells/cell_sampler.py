@@ -24,10 +24,10 @@ from render.cells.guiding import FacetAim, Guide
 from render.cells.light_vertex_picks import LightPicks, light_picks
 from render.cells.lower_face_mirror import Bridge
 from render.cells.resampling import Promise
-from render.geometry.layout import facets, fiber_poses
-from render.reference.optics import pad_scene, with_min_roughness
+from render.geometry import facets, fiber_poses
+from render.optics.pad_scene import pad_scene, with_min_roughness
 from render.sampling.proposals import Splat
-from render.scene.schema import Scene
+from render.scene import Scene
 
 LIGHT_PATHS = 4
 CAMERA_STORED = 10

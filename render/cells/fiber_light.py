@@ -18,15 +18,15 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.fiber_profile import (
+from render.geometry import fiber_poses
+from render.optics.fiber_profile import (
     density,
     falloff,
     peak_radiance,
     sample_direction,
     truncated_mass,
 )
-from render.geometry.layout import fiber_poses
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 class FiberLight:

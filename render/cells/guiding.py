@@ -16,9 +16,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.geometry.layout import fiber_poses
+from render.geometry import fiber_poses
 from render.paths.vertex import Vertex
-from render.scene.schema import Scene
+from render.scene import Scene
 
 # Share of guided directions; the rest follow the coating's BSDF.
 SHARE = 0.5

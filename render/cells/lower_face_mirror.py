@@ -24,7 +24,7 @@ from render.paths.connect import cast, optical_depth
 from render.paths.reflection_lobe import AimLobe
 from render.paths.vertex import Vertex, area_factor, extinction, scatter
 from render.paths.walk import Aim
-from render.scene.schema import Scene
+from render.scene import Scene
 
 # Below this curvature (1/mm) times 1 mm the mirror is taken to be flat.
 FLAT = 1e-4

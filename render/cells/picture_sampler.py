@@ -17,9 +17,9 @@ from render.cells.guiding import FacetAim, Guide
 from render.cells.light_vertex_picks import light_picks
 from render.cells.lower_face_mirror import Bridge
 from render.cells.resampling import Promise
-from render.reference.optics import pad_scene, with_min_roughness
+from render.optics.pad_scene import pad_scene, with_min_roughness
 from render.sampling.proposals import Splat
-from render.scene.schema import Scene
+from render.scene import Scene
 
 LIGHT_PATHS = 2
 

@@ -18,9 +18,9 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.lower_face_mirror import Bridge
-from render.geometry.layout import fiber_poses
+from render.geometry import fiber_poses
 from render.paths.vertex import Vertex, extinction, is_smooth, value
-from render.scene.schema import Scene
+from render.scene import Scene
 
 # Optical depths are cut here: where the medium is not as thick as it seems, the promise is at
 # most this far off (e^-6), and never 0.

@@ -1,1 +1,57 @@
 """Where everything is: pad, fibers, facets and camera at any bend."""
+
+from render.geometry.bending import bend_frames, bend_points, curvature, unbend_points
+from render.geometry.indenter import SHADOW_LENGTH, BoltHead, Imprint, bolt, pyramids
+from render.geometry.layout import (
+    facet_normals,
+    facets,
+    fiber_edges,
+    fiber_poses,
+    flat_fiber_poses,
+    flat_sites,
+    mirrored_fibers,
+    pyramid,
+)
+from render.geometry.microfacets import MIN_ROUGHNESS, Floats, fresnel, sample_rough_face
+from render.geometry.refraction import distance_to_coating, refract_into_pad
+from render.geometry.symmetry import is_mirror_symmetric, mirror_image
+from render.geometry.visibility import (
+    FacetMasks,
+    camera_origin,
+    camera_rays,
+    facet_masks,
+    pixel_directions,
+)
+
+__all__ = [
+    "MIN_ROUGHNESS",
+    "SHADOW_LENGTH",
+    "BoltHead",
+    "FacetMasks",
+    "Floats",
+    "Imprint",
+    "bend_frames",
+    "bend_points",
+    "bolt",
+    "camera_origin",
+    "camera_rays",
+    "curvature",
+    "distance_to_coating",
+    "facet_masks",
+    "facet_normals",
+    "facets",
+    "fiber_edges",
+    "fiber_poses",
+    "flat_fiber_poses",
+    "flat_sites",
+    "fresnel",
+    "is_mirror_symmetric",
+    "mirror_image",
+    "mirrored_fibers",
+    "pixel_directions",
+    "pyramid",
+    "pyramids",
+    "refract_into_pad",
+    "sample_rough_face",
+    "unbend_points",
+]

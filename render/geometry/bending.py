@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 def curvature(scene: Scene, bend: float) -> float:

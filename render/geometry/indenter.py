@@ -13,7 +13,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import SceneError
 from render.geometry.layout import facet_normals, flat_sites, pyramid
-from render.scene.schema import Scene
+from render.scene import Scene
 
 SHADOW_LENGTH = 4.0
 """How far from its center a body's shadow is drawn, in units of its radius or its depth."""

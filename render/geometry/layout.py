@@ -15,7 +15,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import SceneError
 from render.geometry.bending import bend_frames, bend_points
-from render.scene.schema import EDGES, Edge, Scene
+from render.scene import EDGES, Edge, Scene
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from render.arrays import Array
 from render.geometry.bending import bend_points
 from render.geometry.layout import facets, flat_sites, pyramid
 from render.geometry.pad_grid import ColumnMaterial, Index, PadGrid, pad_grid, site_half_width
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.layout import flat_sites
-from render.scene.schema import Scene
+from render.scene import Scene
 
 Index = NDArray[np.int64]
 

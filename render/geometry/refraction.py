@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.bending import curvature, unbend_points
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry.layout import fiber_edges, mirrored_fibers
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 def is_mirror_symmetric(scene: Scene, phi: Array) -> bool:

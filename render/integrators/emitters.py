@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.errors import RenderError
-from render.geometry.fiber_profile import angle, density, sample_direction, truncated_mass
+from render.optics.fiber_profile import angle, density, sample_direction, truncated_mass
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,

@@ -5,7 +5,7 @@ Attach it to a disk (or any shape) whose normal is the beam's axis::
     {'type': 'disk', 'to_world': ..., 'emitter': {'type': 'fiber', 'sigma_v': 15.0, 'power': 1.0}}
 
 Parameters: ``sigma_v`` in degrees; either ``power`` (total, default 1) or ``radiance`` (on axis).
-Profile: thesis 3.3.1, see ``render.geometry.fiber_profile``. It works with every Mitsuba
+Profile: thesis 3.3.1, see ``render.optics.fiber_profile``. It works with every Mitsuba
 integrator.
 """
 
@@ -17,14 +17,14 @@ import drjit as dr
 import mitsuba as mi
 
 from render.errors import RenderError
-from render.geometry.fiber_profile import (
+from render.optics.fiber_profile import (
     angle,
     falloff,
     peak_radiance,
     sample_direction,
     truncated_mass,
 )
-from render.geometry.fiber_profile import density as profile_density
+from render.optics.fiber_profile import density as profile_density
 
 
 class FiberEmitter(mi.Emitter):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.layout import fiber_edges, flat_fiber_poses
+from render.geometry import fiber_edges, flat_fiber_poses
 from render.preview.diffuser.cache import fiber_end_of
-from render.scene.schema import EDGES, Scene
+from render.scene import EDGES, Scene
 
 BEAM_MARK = 4
 """Added to the number of a light's edge: the shader's mark of a beam."""

@@ -11,12 +11,20 @@ from dataclasses import replace
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.bending import bend_frames, curvature
-from render.geometry.facet_masks import FacetMasks, camera_origin, facet_masks, pixel_directions
-from render.geometry.layout import facets, flat_sites, pyramid
-from render.geometry.microfacets import fresnel
-from render.geometry.refraction import refract_into_pad
-from render.scene.schema import Scene
+from render.geometry import (
+    FacetMasks,
+    bend_frames,
+    camera_origin,
+    curvature,
+    facet_masks,
+    facets,
+    flat_sites,
+    fresnel,
+    pixel_directions,
+    pyramid,
+    refract_into_pad,
+)
+from render.scene import Scene
 
 SUBPIXELS = 2
 """Lines of sight per pixel, in each direction."""
@@ -33,7 +41,7 @@ def facet_blur(scene: Scene, bend: float) -> Array:
     the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
     lower face over the index squared (Veach 1997, eq. 5.3). A facet that the camera cannot see
     gets the row of a head-on, sharp view: leave it out by
-    `render.geometry.facet_masks.facet_masks`.
+    `render.geometry.visibility.facet_masks`.
     """
     masks = _thinned(facet_masks(scene, bend))
     position = facets(scene, bend).site_position

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.layout import fiber_edges, flat_fiber_poses
-from render.geometry.microfacets import fresnel
+from render.geometry import fiber_edges, flat_fiber_poses, fresnel
 from render.preview.diffuser.basis import MIRROR_ALONG, TERMS, linear_weights
 from render.preview.diffuser.response import SlabResponse
-from render.scene.schema import EDGES, Scene
+from render.scene import EDGES, Scene
 
 TEXELS = 3
 """RGBA texels that hold the 9 terms of one glow."""

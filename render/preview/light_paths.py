@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 class LightPath(NamedTuple):

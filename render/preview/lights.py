@@ -13,7 +13,7 @@ from render.preview.diffuser.cache import slab_of, slab_response
 from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS
 from render.preview.glow import Glow
 from render.preview.light_paths import near_base
-from render.scene.schema import Scene
+from render.scene import Scene
 
 IMAGE_MARK, END_MARK = 8, -1
 """Parts of a light's mark, see `with_images`."""

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry.bending import curvature
-from render.geometry.indenter import SHADOW_LENGTH, Imprint
+from render.geometry import SHADOW_LENGTH, Imprint, curvature
 from render.preview.gl import create_context
 from render.preview.light_paths import MIN_CURVATURE
 from render.preview.lights import PointLights, with_images
 from render.preview.shader import ShaderPass, float_texture, source
 from render.preview.shading_points import ShadingPoints
-from render.scene.schema import Scene
+from render.scene import Scene
 
 MAX_TARGET_SIDE = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""

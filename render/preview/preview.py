@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
-from render.geometry.indenter import Imprint, pyramids
+from render.geometry import Imprint, pyramids
 from render.preview.facet_blur import facet_blur
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
 from render.preview.radiosity import Radiosity, solve_radiosity
 from render.preview.shading_points import shading_points
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 class Preview:

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.bending import curvature
-from render.geometry.microfacets import fresnel
+from render.geometry import curvature, fresnel
 from render.preview.light_paths import LightPath, direct_path, mirrored_path, near_base
 from render.preview.shading_points import ShadingPoints
-from render.scene.schema import Scene
+from render.scene import Scene
 
 TARGETS = 1000
 """Points that gather light at a time, which bounds the memory."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.indenter import Imprint, pyramids
-from render.scene.schema import Scene
+from render.geometry import Imprint, pyramids
+from render.scene import Scene
 
 MAX_PATCH_SIDE, MIN_PATCH_FRACTION = 0.625, 1 / 16
 """Longest side of a patch in thicknesses of the pad, unless that is less than this part of its

@@ -1,1 +1,33 @@
 """The reference, level 2: transport tables and pictures with error bars."""
+
+from render.reference.cost import RenderCost, measure_render_cost, stored_plan
+from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
+from render.reference.llvm import VARIANT, ensure_llvm, mitsuba
+from render.reference.picture import render_image
+from render.reference.transport import (
+    JobRunner,
+    TransportEstimate,
+    render_transport,
+    transport_estimate,
+    transport_jobs,
+)
+
+__all__ = [
+    "VARIANT",
+    "JobRunner",
+    "RenderCost",
+    "RenderJob",
+    "RenderResult",
+    "Sampler",
+    "TransportEstimate",
+    "ensure_llvm",
+    "measure_render_cost",
+    "mitsuba",
+    "pad_cells",
+    "render_image",
+    "render_transport",
+    "run_job",
+    "stored_plan",
+    "transport_estimate",
+    "transport_jobs",
+]

@@ -15,7 +15,7 @@ from render.arrays import Array
 from render.files import read_json, write_json
 from render.reference.job import RenderJob
 from render.reference.transport import render_transport
-from render.scene.schema import Scene
+from render.scene import Scene
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -23,10 +23,9 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry.facet_masks import facet_masks
+from render.geometry import facet_masks
 from render.reference.llvm import VARIANT, mitsuba
-from render.scene.schema import Scene
-from render.scene.serialization import scene_content, scene_of
+from render.scene import Scene, scene_content, scene_of
 
 if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo

@@ -17,7 +17,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.progress import Clock, Progress
 from render.reference.llvm import VARIANT, mitsuba
-from render.scene.schema import Scene
+from render.scene import Scene
 
 LANES = 16384
 REPLICATES = 8

@@ -20,12 +20,12 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry.symmetry import is_mirror_symmetric, mirror_image
+from render.geometry import is_mirror_symmetric, mirror_image
 from render.progress import Clock, Progress
 from render.reference.error_bars import standard_error
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
-from render.scene.schema import Scene
+from render.scene import Scene
 
 MIN_CHAINS, MAX_CHAINS = 64, 16384
 MIN_ITERATIONS = 24

@@ -1,1 +1,37 @@
 """What a sensor is: the scene file, its quantities, constraints and tolerances."""
+
+from render.scene.constraints import Constraints, FixedFiber
+from render.scene.free_ranges import FreeRanges
+from render.scene.quantities import Count, Quantity
+from render.scene.schema import (
+    COLORS,
+    EDGES,
+    Edge,
+    Scene,
+    load_scene,
+    scene_text,
+    shipped_scenes,
+    sources,
+)
+from render.scene.serialization import scene_content, scene_of
+from render.scene.tolerances import Spread, Tolerances
+
+__all__ = [
+    "COLORS",
+    "EDGES",
+    "Constraints",
+    "Count",
+    "Edge",
+    "FixedFiber",
+    "FreeRanges",
+    "Quantity",
+    "Scene",
+    "Spread",
+    "Tolerances",
+    "load_scene",
+    "scene_content",
+    "scene_of",
+    "scene_text",
+    "shipped_scenes",
+    "sources",
+]

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from render.metric import THESIS
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
 from surrogate.runtime.checker import family_hash
 from surrogate.runtime.metadata import UNITS, ModelMetadata

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from render.arrays import Array
 from render.metric import clip_counts, design_score, site_metric
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.model.facet_basis import Expansion, store_constants
 from surrogate.model.features import BRIGHTNESS, CellFeatures
 from surrogate.model.materials import MaterialRange

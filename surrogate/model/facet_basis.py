@@ -24,8 +24,8 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry.layout import facet_normals, flat_fiber_poses, flat_sites
-from render.scene.schema import Scene
+from render.geometry import facet_normals, flat_fiber_poses, flat_sites
+from render.scene import Scene
 
 ORDERS = np.array([0, 1, 1, 2, 2, 3, 3, 0])
 """How many times faster than the frame each harmonic turns; pairs are (Re, Im)."""

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry.layout import flat_fiber_poses, flat_sites
-from render.scene.schema import Scene
+from render.geometry import flat_fiber_poses, flat_sites
+from render.scene import Scene
 from surrogate.model.facet_basis import (
     PARTNER,
     facet_harmonics,

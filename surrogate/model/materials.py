@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 
 LOGARITHMIC = ("reduced_scattering",)
 DEGREE = 2

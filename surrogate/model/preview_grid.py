@@ -18,7 +18,7 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.errors import TableError
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.model.materials import MaterialRange
 
 FLOOR = 1e-9
@@ -66,7 +66,7 @@ def draw_grid(scene: Scene, phi_count: int, bend_count: int) -> PreviewGrid:
         GraphicsError: when no OpenGL library can draw.
         TableError: when the preview is black or not finite.
     """
-    from render.preview.preview import Preview
+    from render.preview import Preview
 
     phi, bends = grid_nodes(scene, phi_count, bend_count)
     with Preview(scene) as preview:
@@ -121,7 +121,7 @@ class InterpolationError:
 
 def interpolation_error(scene: Scene, grid: PreviewGrid) -> InterpolationError:
     """Draw the preview halfway (in Chebyshev angle) between the nodes and compare."""
-    from render.preview.preview import Preview
+    from render.preview import Preview
 
     phi, bends = _between(grid.phi), _between(grid.bends)
     with Preview(scene) as preview:

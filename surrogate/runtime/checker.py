@@ -15,7 +15,7 @@ from surrogate.runtime.metadata import ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
 if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model may lack
-    from render.scene.schema import Scene
+    from render.scene import Scene
 
 # Designs per call of the runtime: enough to fill its threads, few enough to stay in the cache.
 _BATCH = 64

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from render.arrays import Array
 from render.errors import TableError
-from render.geometry.layout import flat_fiber_poses
-from render.scene.schema import Scene
+from render.geometry import flat_fiber_poses
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE, mirror_signs

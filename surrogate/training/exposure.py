@@ -7,9 +7,9 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
-from render.geometry.layout import fiber_edges
+from render.geometry import fiber_edges
 from render.metric import choose_exposure, choose_lambda, image_counts
-from render.scene.schema import COLORS, Scene
+from render.scene import COLORS, Scene
 from render.transport import TransportTable
 
 

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.conformal import (
     Comparison,

@@ -18,7 +18,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import TableError
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.dataset import NOISE_FLOOR, cell_features, preview_checker, smooth_noise

@@ -16,9 +16,14 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.progress import Progress
-from render.reference.cost import measure_render_cost, stored_plan
-from render.reference.transport import JobRunner, TransportEstimate, render_transport
-from render.scene.schema import Scene
+from render.reference import (
+    JobRunner,
+    TransportEstimate,
+    measure_render_cost,
+    render_transport,
+    stored_plan,
+)
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import bend_range

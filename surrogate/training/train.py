@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.errors import TableError
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.export.model_card import Provenance, describe_model, write_card
 from surrogate.export.package import write_package

@@ -18,7 +18,7 @@ from render.integrators.light_subpaths import project
 from render.paths.walk import advance, bounce, start
 from render.sampling.proposals import LIGHT_EVENTS
 from render.sampling.streams import Hashed
-from render.scene.schema import Scene
+from render.scene import Scene
 
 LANES = 1 << 16
 

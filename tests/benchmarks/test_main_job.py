@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from optimize.design import baseline_design
-from render.preview.preview import Preview
-from render.scene.schema import load_scene
+from render.preview import Preview
+from render.scene import load_scene
 from surrogate.runtime.checker import Checker
 
 MODELS = Path(__file__).parents[2] / "models"

@@ -16,9 +16,8 @@ from optimize.overnight.store import RECORD, STATES, RunRequest, Store
 from optimize.overnight.workers import FinishedJob, LocalWorker, StoredRenders
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
-from render.reference.job import RenderJob
-from render.reference.transport import transport_jobs
-from render.scene.schema import load_scene
+from render.reference import RenderJob, transport_jobs
+from render.scene import load_scene
 from tests.optimize.overnight.tiny import rows, start
 
 SAMPLES = 40

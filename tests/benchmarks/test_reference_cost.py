@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from render.chebyshev import chebyshev_nodes
-from render.reference.job import pad_cells
-from render.scene.schema import Scene, load_scene
+from render.reference import pad_cells
+from render.scene import Scene, load_scene
 from tests.validation.test_slab_reference import COATED, blocks, lamp, slab
 
 REPLICATES = 16
@@ -56,7 +56,7 @@ def cost(draw: Callable[[int, int], np.ndarray], passes: int) -> tuple[float, fl
 def test_the_cost_of_facet_colors(
     mono: ModuleType, scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from render.reference.lit_scene import lit_scene
+    from render.optics.lit_scene import lit_scene
     from render.sampling.monte_carlo import monte_carlo_replicates
     from tests.benchmarks.plain_renderers import by_light_tracing, by_volpath
 

@@ -12,8 +12,8 @@ from hw.check.rig_tolerances import STARTS, rig_tolerances
 from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
 from hw.studies.recall import MIN_RECALL, measure_recall
-from render.geometry.layout import flat_sites
-from render.scene.schema import load_scene
+from render.geometry import flat_sites
+from render.scene import load_scene
 from surrogate.runtime.checker import Checker
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"

@@ -23,7 +23,7 @@ from render.metric import (
     image_counts,
     site_metric,
 )
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from surrogate.runtime.checker import Checker
 

@@ -16,7 +16,7 @@ from optimize.design import Design, baseline_design
 from optimize.exploration import Exploration, rate
 from optimize.report import write_exploration
 from optimize.search import AlternatingResult, SearchStep
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 
 if TYPE_CHECKING:

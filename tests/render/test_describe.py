@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from render.describe import describe
-from render.scene.schema import Scene, load_scene, sources
+from render.scene import Scene, load_scene, sources
 
 SCENE = load_scene("finger20")
 

@@ -15,9 +15,8 @@ from pydantic import ValidationError
 
 import render.preview.lights
 from render.errors import RenderError
-from render.preview.preview import Preview
-from render.scene.quantities import Count, Quantity
-from render.scene.schema import Scene
+from render.preview import Preview
+from render.scene import Count, Quantity, Scene
 
 Range = Quantity | Count
 PHI, BENDS = np.array([0.0, math.pi / 2, math.pi]), np.array([0.0, math.pi])

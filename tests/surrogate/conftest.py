@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from render.preview.preview import Preview
-from render.scene.schema import Scene
+from render.preview import Preview
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid, grid_nodes
 from surrogate.training.fit import FitConfig

@@ -10,9 +10,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from render.geometry.layout import fiber_edges, mirrored_fibers
+from render.geometry import fiber_edges, mirrored_fibers
 from render.metric import image_counts
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.features import FEATURE_NAMES

@@ -18,7 +18,7 @@ SPP, THEIR_SPP = (32768, 4096) if LONG else (512, 64)
 
 @pytest.fixture(scope="module")
 def rgb() -> ModuleType:
-    from render.reference.llvm import mitsuba
+    from render.reference import mitsuba
 
     return mitsuba("llvm_ad_rgb")
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from render.errors import RenderError
-from render.scene.schema import load_scene
+from render.scene import load_scene
 
 SMALL = {"chains": 1024, "luminance_samples": 8192}
 
@@ -64,7 +64,7 @@ def test_a_light_of_intensity_zero_gives_exactly_nothing(mono: ModuleType) -> No
 
 
 def test_a_pad_whose_fibers_are_all_off_is_not_rendered() -> None:
-    from render.reference.picture import render_image
+    from render.reference import render_image
 
     scene = load_scene("finger20")
     count = scene.fibers.count

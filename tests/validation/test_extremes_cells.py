@@ -16,8 +16,8 @@ import pytest
 from scipy import stats
 
 from render.errors import RenderError, SceneError
-from render.reference.transport import TransportEstimate, render_transport
-from render.scene.schema import Scene, load_scene
+from render.reference import TransportEstimate, render_transport
+from render.scene import Scene, load_scene
 from tests.validation.film import LONG
 
 PHI = np.array([0.0, np.pi / 2, np.pi])

@@ -12,8 +12,8 @@ import pytest
 
 from optimize.cli import main
 from render.chebyshev import chebyshev_nodes
-from render.preview.preview import Preview
-from render.scene.schema import load_scene
+from render.preview import Preview
+from render.scene import load_scene
 from render.transport import TransportTable
 from surrogate.training.fit import FitConfig
 from surrogate.training.mlp import NetworkConfig

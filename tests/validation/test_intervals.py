@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from render.reference import render_transport
 from render.reference.error_bars import standard_error
-from render.reference.transport import render_transport
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from tests.validation.film import LONG, ours
 from tests.validation.rooms import ball, glass, milk, room
 from tests.validation.test_extremes_cells import edited

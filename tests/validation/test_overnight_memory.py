@@ -11,7 +11,7 @@ from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
-from render.reference.transport import transport_jobs
+from render.reference import transport_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene
 from tests.validation.film import LONG
 

@@ -14,14 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.geometry.bending import bend_frames, bend_points, curvature
-from render.geometry.microfacets import fresnel
+from render.geometry import bend_frames, bend_points, curvature, fresnel
+from render.preview import Preview, point_lights
 from render.preview.diffuser.basis import directional_terms
 from render.preview.light_paths import near_base
-from render.preview.lights import PointLights, point_lights
-from render.preview.preview import Preview
+from render.preview.lights import PointLights
 from render.preview.shading_points import ShadingPoints, shading_points
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 RELATIVE, ABSOLUTE, MEDIAN = 1e-3, 2e-6, 2e-5
 FEW = 0.04

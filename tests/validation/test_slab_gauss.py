@@ -29,7 +29,7 @@ def gaussian_point(mono: ModuleType) -> dict[str, Any]:
     import drjit as dr
 
     import render.integrators.fiber_emitter
-    from render.geometry.fiber_profile import angle
+    from render.optics.fiber_profile import angle
 
     # The sampler knows emitters that are written in Python by this name.
     class FiberEmitter(render.integrators.fiber_emitter.FiberEmitter):

@@ -16,7 +16,7 @@ from render.files import read_npz, write_npz
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import RAYS, SlabResponse, compute_response
-from render.scene.schema import Scene
+from render.scene import Scene
 
 VERSION = 3
 """Part of the cache key: raise it when the walk or the basis changes."""

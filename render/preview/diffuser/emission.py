@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.microfacets import sample_rough_face
+from render.geometry import sample_rough_face
 from render.preview.diffuser.random_walk import Photons, Slab, deflect, tangent_frame
 
 

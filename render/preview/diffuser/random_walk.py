@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from render.geometry.microfacets import Floats, sample_rough_face
+from render.geometry import Floats, sample_rough_face
 
 ROULETTE_EVENTS = 400
 """Events after which photons play Russian roulette, so that any walk ends."""

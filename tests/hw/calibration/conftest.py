@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hw.calibration.material_table import MaterialTable
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 from tests.hw.calibration.toy import toy_table
 
 

@@ -11,7 +11,7 @@ import pytest
 from hw.calibration.calibrated_scene import calibrated_toml
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.rig_fit import fit_rig
-from render.scene.schema import Scene, load_scene, sources
+from render.scene import Scene, load_scene, sources
 from tests.hw.calibration.toy import photographs, toy_model
 
 

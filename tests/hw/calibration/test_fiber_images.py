@@ -9,10 +9,9 @@ from hw.calibration.fiber_images import FEW, _few_nodes
 from hw.calibration.material_table import line_light
 from hw.calibration.reference_lines import line_pixels
 from render.errors import RenderError
+from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.diffuser.basis import moments
-from render.preview.diffuser.cache import fiber_end_of, slab_of
-from render.preview.diffuser.response import compute_response
-from render.scene.schema import load_scene
+from render.scene import load_scene
 
 
 def test_one_direction_is_its_own_node() -> None:

@@ -13,7 +13,7 @@ from hw.calibration.pad_light import BLOCKS, PadLight
 from hw.calibration.reference_lines import frame_positions, in_frame, reference_lines
 from hw.calibration.reference_renders import MaterialRender
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy
 
 LIT = [[2, 9], [11]]

@@ -11,7 +11,7 @@ from hw.calibration.material import HIGH, LOW, Material, design_key, sobol_mater
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.reference_lines import sample_image
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy_log_light
 
 PHI = np.full(20, np.pi / 2)

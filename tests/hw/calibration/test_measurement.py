@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hw.calibration.measurement import LineReader, Measurement
 from hw.emulator.emulated_camera import NOISE_40_DB, CameraImperfections, seen_by
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy_images
 
 MATERIAL = np.array([1.0, 0.01, 0.26, 0.1])

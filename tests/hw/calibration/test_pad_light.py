@@ -7,9 +7,8 @@ import pytest
 
 from hw.calibration.pad_light import BLOCKS, PadLight, render_pad_light
 from render.arrays import Array
-from render.geometry.facet_masks import facet_masks
-from render.geometry.layout import flat_sites
-from render.scene.schema import Scene, load_scene
+from render.geometry import facet_masks, flat_sites
+from render.scene import Scene, load_scene
 
 LIT = [0, 4, 9]
 

@@ -15,7 +15,7 @@ from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linear
 from hw.camera.linearity import Linearity
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, IMPERFECTIONS, PHOTOGRAPHED, taken, toy_model
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hw.calibration.reference_lines import frame_positions, in_frame, reference_lines
-from render.scene.schema import load_scene
+from render.scene import load_scene
 
 
 def test_the_frame_is_that_of_the_reference_lines() -> None:

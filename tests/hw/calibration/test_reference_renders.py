@@ -13,7 +13,7 @@ from hw.calibration.material import Material, sobol_materials
 from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_renders import MaterialRender, reference_renders
 from render.progress import Progress
-from render.scene.schema import Scene
+from render.scene import Scene
 
 PHI = np.full(20, np.pi / 2)
 BENDS = np.array([0.0])

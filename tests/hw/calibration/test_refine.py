@@ -16,7 +16,7 @@ from hw.calibration.refine import Confirmation, refine
 from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
 from render.progress import Progress
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, TRUE, photographs, toy, toy_model
 
 MATERIALS = 8

@@ -12,7 +12,7 @@ from hw.calibration.residuals import CalibrationResiduals
 from hw.calibration.rig_fit import Calibration, fit_rig
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.hw.calibration.toy import GAIN, TRUE, photographs, toy_model
 
 

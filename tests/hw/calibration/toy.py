@@ -15,8 +15,8 @@ from hw.camera.projection import pad_positions
 from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.leds.board import Levels
 from render.arrays import Array
-from render.geometry.layout import flat_fiber_poses
-from render.scene.schema import Scene
+from render.geometry import flat_fiber_poses
+from render.scene import Scene
 
 BENDS = np.array([0.0, np.pi / 2])
 TRUE = Material(1.2, 0.02, np.radians(17.0), 0.1)

@@ -10,8 +10,8 @@ import pytest
 from hw.camera.dewarp import Dewarp, load_lens
 from hw.camera.pinhole import intrinsics
 from hw.errors import CaptureError
-from render.geometry.facet_masks import pixel_directions
-from render.scene.schema import load_scene
+from render.geometry import pixel_directions
+from render.scene import load_scene
 
 SCENE = load_scene("finger20")
 LENS = """

@@ -7,9 +7,8 @@ import pytest
 
 from hw.camera.projection import pad_positions, pixels_of
 from hw.check.site_colors import RADIUS, SiteSpots
-from render.geometry.facet_masks import facet_masks
-from render.geometry.layout import flat_sites
-from render.scene.schema import load_scene
+from render.geometry import facet_masks, flat_sites
+from render.scene import load_scene
 
 SCENE = load_scene("finger20")
 ROWS, COLUMNS = 120, 72

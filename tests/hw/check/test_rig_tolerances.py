@@ -8,8 +8,8 @@ import pytest
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import STARTS, RigTolerances, rig_tolerances
 from hw.studies.recall import RandomRig, RigSpread
-from render.geometry.layout import flat_sites
-from render.scene.schema import load_scene
+from render.geometry import flat_sites
+from render.scene import load_scene
 
 SITES = flat_sites(load_scene("finger20"))[:, :2]
 

@@ -12,8 +12,8 @@ from PIL import Image
 from hw.camera.projection import pad_positions
 from optimize.design import baseline_design
 from render.arrays import Array
-from render.geometry.layout import flat_sites
-from render.scene.schema import load_scene
+from render.geometry import flat_sites
+from render.scene import load_scene
 from surrogate.runtime.checker import Checker
 
 ROOT = Path(__file__).parents[3]

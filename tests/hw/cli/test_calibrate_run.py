@@ -14,7 +14,7 @@ import pytest
 
 from hw.camera.photo_set import PhotoSet
 from hw.cli.capture import save_photos
-from render.scene.schema import load_scene, sources
+from render.scene import load_scene, sources
 from tests.conftest import Run
 from tests.hw.calibration.toy import IMPERFECTIONS, PHOTOGRAPHED, taken, toy_model, toy_table
 

@@ -16,7 +16,7 @@ from PIL import Image
 from optimize.cli import PACKAGES
 from optimize.design import baseline_design
 from render.arrays import Array
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from surrogate.runtime.checker import Checker
 from tests.conftest import Run
 from tests.hw.cli.conftest import ROOT

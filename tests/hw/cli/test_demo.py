@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hw.emulator.rig import COLUMNS, ROWS
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from tests.conftest import Run
 from tests.hw.calibration.toy import toy_images, toy_model, toy_table
 

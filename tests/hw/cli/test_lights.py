@@ -14,7 +14,7 @@ from hw.emulator.emulated_board import EmulatedBoard
 from hw.leds import ProtocolName
 from hw.leds.ports import open_board
 from optimize.design import Design, save_design
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from tests.conftest import Run
 
 SCENE = load_scene("finger20")

@@ -15,7 +15,7 @@ from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import open_board
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 from tests.hw.conftest import Plug
 
 

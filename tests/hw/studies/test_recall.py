@@ -6,8 +6,8 @@ import numpy as np
 
 from hw.check.prediction import PadPrediction
 from hw.studies.recall import RigSpread, measure_recall
-from render.geometry.layout import flat_sites
-from render.scene.schema import load_scene
+from render.geometry import flat_sites
+from render.scene import load_scene
 
 SITES = flat_sites(load_scene("finger20"))[:, :2]
 

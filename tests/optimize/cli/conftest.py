@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from render.chebyshev import chebyshev_nodes
-from render.preview.preview import Preview
-from render.scene.schema import Scene, load_scene
+from render.preview import Preview
+from render.scene import Scene, load_scene
 from render.transport import TransportTable
 
 ROOT = Path(__file__).parents[3]

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from optimize.design import Rating, ScoreSettings, baseline_design, save_design
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from render.transport import TransportTable
 
 Run = Callable[..., Any]

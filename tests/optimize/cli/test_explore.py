@@ -18,7 +18,7 @@ from optimize.design import load_design, load_design_file
 from optimize.exploration import PHI_NODES
 from optimize.scoring import TableScorer
 from render.chebyshev import chebyshev_nodes
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from surrogate.runtime.checker import Checker
 
 ROOT = Path(__file__).parents[3]

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from optimize.design import Design, Rating, ScoreSettings, baseline_design, save_design
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from surrogate.runtime.checker import Checker
 
 Run = Callable[..., Any]

@@ -7,7 +7,7 @@ import pytest
 
 from optimize.design import Design, baseline_design
 from render.errors import DesignError
-from render.scene.schema import load_scene
+from render.scene import load_scene
 
 
 def test_the_baseline_has_one_color_per_edge_and_points_inwards() -> None:

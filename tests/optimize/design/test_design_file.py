@@ -21,7 +21,7 @@ from optimize.design import (
     save_design,
 )
 from render.errors import DesignError
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 RATING = Rating("surrogate", 90.0, (88.0, 92.0), 110.0, 15.0, 5.0, ScoreSettings(1e4, 60.0))
 

@@ -15,8 +15,7 @@ from optimize.scoring import TableScorer
 from optimize.search import alternating_search, optimize_directions, refine_locally
 from optimize.search.colors import exact_colors, grouped_colors, quick_colors
 from render.errors import DesignError
-from render.scene.constraints import Constraints, FixedFiber
-from render.scene.schema import Scene
+from render.scene import Constraints, FixedFiber, Scene
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from optimize.frontier.held_out import HeldOutReference, held_out_designs, scores_of
-from render.geometry.symmetry import is_mirror_symmetric
-from render.scene.schema import Scene, load_scene
+from render.geometry import is_mirror_symmetric
+from render.scene import Scene, load_scene
 from surrogate.runtime.checker import Checker
 
 MODEL = Path(__file__).resolve().parents[3] / "models" / "finger20"

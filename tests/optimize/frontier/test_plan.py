@@ -9,7 +9,7 @@ import pytest
 from optimize.frontier.held_out import held_out_designs
 from optimize.frontier.plan import PLAN, FrontierPlan, check_folder, make_frontier_plan
 from optimize.ui.output import OutputError
-from render.scene.schema import Scene
+from render.scene import Scene
 from tests.disk import DURABLE, logged_disk
 
 

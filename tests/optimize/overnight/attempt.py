@@ -14,7 +14,7 @@ from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs
 
 SEEDS = 2

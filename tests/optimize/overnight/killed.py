@@ -17,8 +17,8 @@ import time
 from pathlib import Path
 
 from optimize.overnight.store import STATES
-from render.reference.llvm import mitsuba
-from render.scene.schema import Scene
+from render.reference import mitsuba
+from render.scene import Scene
 from tests.optimize.overnight.attempt import attempt
 from tests.optimize.overnight.tiny import tiny_scene
 

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from optimize.overnight.context import FIT_STEPS, MIN_SAMPLES, FixedBudget, samples_within
-from render.reference.cost import RenderCost
-from render.reference.job import RenderJob
-from render.reference.transport import transport_jobs
-from render.scene.schema import Scene
+from render.reference import RenderCost, RenderJob, transport_jobs
+from render.scene import Scene
 
 
 def jobs_of(scene: Scene, samples: int) -> list[RenderJob]:

@@ -17,8 +17,8 @@ from optimize.overnight.dask_workers import DaskWorkers
 from optimize.overnight.run_directory import RunError
 from optimize.overnight.workers import LocalWorker
 from render.errors import RenderError
-from render.reference.job import RenderJob
-from render.scene.schema import Scene
+from render.reference import RenderJob
+from render.scene import Scene
 from tests.optimize.overnight.tiny import tiny_jobs, tiny_scene
 
 pytestmark = [

@@ -14,7 +14,7 @@ import pytest
 
 import render.reference.job
 from optimize.overnight.store import RECORD, RENDERS
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 from tests.optimize.overnight.attempt import attempt
 from tests.optimize.overnight.tiny import ROOT, command, tiny_scene
 

@@ -13,7 +13,7 @@ import pytest
 
 from optimize.design import load_design_file
 from optimize.overnight.result import Finalist, OvernightResult, ResultError, keep_scene
-from render.scene.schema import load_scene, scene_text
+from render.scene import load_scene, scene_text
 
 
 def refusal(run: Path) -> str:

@@ -32,7 +32,7 @@ from optimize.overnight.scaling import (
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
 from render.progress import Clock
-from render.scene.schema import load_scene
+from render.scene import load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs, write_tiny
 
 Run = Callable[..., Any]

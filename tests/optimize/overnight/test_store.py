@@ -21,8 +21,8 @@ from optimize.overnight.job import check_directory
 from optimize.overnight.run_directory import LOCK, RunError, RunInUseError, holder, locked, writing
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RECORD, RENDERS, Store
-from render.reference.job import RenderJob, RenderResult
-from render.scene.schema import Scene
+from render.reference import RenderJob, RenderResult
+from render.scene import Scene
 from tests.optimize.overnight.tiny import ROOT, request_of, tiny_jobs, tiny_scene
 
 

@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from optimize.overnight.store import RECORD, RunRequest
-from render.reference.job import RenderJob
-from render.reference.transport import transport_jobs
-from render.scene.schema import Scene, load_scene
+from render.reference import RenderJob, transport_jobs
+from render.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[3]
 CHANGES = {

@@ -11,7 +11,7 @@ from optimize.reconstruction.normal_reconstruction import (
     compare_reconstruction,
     reconstruct,
 )
-from render.scene.schema import Scene
+from render.scene import Scene
 
 QUIET = CameraNoise(read=0.0, full_well=1e12)
 

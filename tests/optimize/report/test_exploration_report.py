@@ -10,7 +10,7 @@ import pytest
 
 from optimize.exploration import Stage
 from optimize.report import ExplorationReport, render_report, warnings
-from render.scene.schema import Scene
+from render.scene import Scene
 
 PIXEL = b"\x89PNG fake"
 

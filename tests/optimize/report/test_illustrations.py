@@ -7,8 +7,8 @@ import numpy as np
 from optimize.design import baseline_design
 from optimize.report import convergence, encode_srgb, facet_strip, metric_strip, png_bytes, scheme
 from optimize.search import SearchStep
-from render.geometry.layout import flat_sites
-from render.scene.schema import Scene
+from render.geometry import flat_sites
+from render.scene import Scene
 
 
 def test_srgb_keeps_black_and_white_and_lifts_the_middle() -> None:

@@ -14,8 +14,7 @@ from optimize.robust.perturbed_sensors import PerturbedSensors, RobustScore, rat
 from optimize.robust.sensitivity import score_slopes, sensitivities
 from optimize.scoring import TableScorer
 from optimize.search import multi_start
-from render.scene.schema import Scene
-from render.scene.tolerances import Spread
+from render.scene import Scene, Spread
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]

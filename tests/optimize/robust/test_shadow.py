@@ -13,9 +13,9 @@ from optimize.robust.shadow import PressedCylinder, ShadowPenalty, hidden_fracti
 from optimize.scoring import TableScorer
 from optimize.search import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
-from render.geometry.layout import flat_sites
-from render.preview.lights import point_lights
-from render.scene.schema import Scene
+from render.geometry import flat_sites
+from render.preview import point_lights
+from render.scene import Scene
 from render.transport import TransportTable
 
 

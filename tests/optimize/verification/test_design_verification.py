@@ -15,8 +15,8 @@ from optimize.verification.design_verification import (
 )
 from render.errors import RenderError
 from render.metric import choose_exposure, choose_lambda, image_counts
-from render.reference.cost import RenderCost
-from render.scene.schema import Scene
+from render.reference import RenderCost
+from render.scene import Scene
 from tests.disk import DURABLE, logged_disk
 
 MEASURED = "optimize.verification.design_verification.measure_render_cost"

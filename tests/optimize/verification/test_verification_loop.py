@@ -21,9 +21,9 @@ from optimize.verification.design_renders import (
 from optimize.verification.thesis import baseline_settings, thesis_procedure
 from optimize.verification.verification_loop import LoopConfig, verification_loop
 from render.chebyshev import chebyshev_nodes, interpolation_weights
-from render.geometry.layout import fiber_edges
-from render.preview.preview import Preview
-from render.scene.schema import Scene, load_scene
+from render.geometry import fiber_edges
+from render.preview import Preview
+from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.training.refit import NewRenders, Refitter

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from render.cells.fiber_light import FiberLight
-from render.geometry.fiber_profile import peak_radiance, truncated_mass
-from render.geometry.layout import fiber_poses
-from render.scene.schema import Scene, load_scene
+from render.geometry import fiber_poses
+from render.optics.fiber_profile import peak_radiance, truncated_mass
+from render.scene import Scene, load_scene
 
 COUNT = 100_000
 

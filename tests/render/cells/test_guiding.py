@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from render.cells.guiding import Guide
-from render.geometry.layout import facets
-from render.scene.schema import Scene, load_scene
+from render.geometry import facets
+from render.scene import Scene, load_scene
 
 COUNT = 1 << 18
 

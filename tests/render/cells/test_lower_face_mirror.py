@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from render.cells.lower_face_mirror import Bridge
-from render.geometry.bending import bend_points
-from render.scene.schema import Scene, load_scene
+from render.geometry import bend_points
+from render.scene import Scene, load_scene
 
 COUNT = 1 << 16
 BENDS = pytest.mark.parametrize("bend", [0.0, np.pi / 2])

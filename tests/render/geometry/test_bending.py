@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from render.geometry.bending import bend_frames, bend_points, curvature, unbend_points
-from render.scene.schema import load_scene
+from render.geometry import bend_frames, bend_points, curvature, unbend_points
+from render.scene import load_scene
 
 SCENE = load_scene("finger20")
 RNG = np.random.default_rng(1)

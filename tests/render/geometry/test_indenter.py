@@ -9,10 +9,9 @@ import pytest
 
 import render.preview.lights
 from render.errors import GraphicsError, SceneError
-from render.geometry.indenter import BoltHead, Imprint, bolt, pyramids
-from render.geometry.layout import fiber_edges, flat_sites, pyramid
-from render.preview.preview import Preview
-from render.scene.schema import Scene, load_scene
+from render.geometry import BoltHead, Imprint, bolt, fiber_edges, flat_sites, pyramid, pyramids
+from render.preview import Preview
+from render.scene import Scene, load_scene
 
 
 @pytest.fixture(scope="module")

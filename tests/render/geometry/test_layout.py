@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from render.errors import SceneError
-from render.geometry.layout import (
+from render.geometry import (
     facet_normals,
     facets,
     fiber_edges,
@@ -16,7 +16,7 @@ from render.geometry.layout import (
     mirrored_fibers,
     pyramid,
 )
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 SCENE = load_scene("finger20")
 BENDS = [0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi]

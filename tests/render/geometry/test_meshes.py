@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from render.geometry.bending import bend_frames
-from render.geometry.layout import facets, flat_sites
+from render.geometry import bend_frames, facets, flat_sites
 from render.geometry.meshes import PadMeshes, pad_meshes
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 SCENE = load_scene("finger20")
 BARE = SCENE.model_copy(update={"diffuser": None})

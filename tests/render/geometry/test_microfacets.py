@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from render.geometry.microfacets import fresnel, sample_rough_face, shadowing
+from render.geometry import fresnel, sample_rough_face
+from render.geometry.microfacets import shadowing
 
 N = 1.41
 

@@ -7,10 +7,15 @@ import pytest
 
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
-from render.geometry.bending import bend_points
-from render.geometry.layout import facet_normals, fiber_poses, flat_sites
-from render.geometry.symmetry import is_mirror_symmetric, mirror_image
-from render.scene.schema import Scene, load_scene
+from render.geometry import (
+    bend_points,
+    facet_normals,
+    fiber_poses,
+    flat_sites,
+    is_mirror_symmetric,
+    mirror_image,
+)
+from render.scene import Scene, load_scene
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from render.geometry.fiber_profile import peak_radiance
+from render.optics.fiber_profile import peak_radiance
 
 WIDTH = 8
 

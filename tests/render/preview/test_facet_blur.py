@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from render.geometry.facet_masks import FacetMasks, facet_masks
+from render.geometry import FacetMasks, facet_masks
 from render.preview.facet_blur import facet_blur
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 
 @pytest.fixture(scope="module")

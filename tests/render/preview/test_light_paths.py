@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from render.geometry.bending import bend_frames, bend_points, curvature
+from render.geometry import bend_frames, bend_points, curvature
 from render.preview.light_paths import direct_path, mirrored_path
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 SOURCE = np.array([-9.0, 5.0, 2.5])
 TARGETS = np.array([[0.0, 3.0, 4.0], [3.0, 9.0, 3.9], [-3.0, -2.0, 4.0], [9.0, 4.0, 1.0]])

@@ -10,9 +10,9 @@ import pytest
 
 import render.preview.lights
 from render.errors import DesignError, GraphicsError
-from render.geometry.layout import facet_normals, fiber_edges, flat_sites, mirrored_fibers
-from render.preview.preview import Preview
-from render.scene.schema import Scene, load_scene
+from render.geometry import facet_normals, fiber_edges, flat_sites, mirrored_fibers
+from render.preview import Preview
+from render.scene import Scene, load_scene
 
 BENDS = np.array([0.0, 1e-6, np.pi / 4, np.pi])
 PHI = np.array([0.0, 0.6, np.pi - 0.6, np.pi])

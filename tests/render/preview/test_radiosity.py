@@ -5,7 +5,7 @@ import pytest
 
 from render.preview.radiosity import Radiosity, solve_radiosity
 from render.preview.shading_points import ShadingPoints, shading_points
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from render.progress import Progress
-from render.reference import cost
-from render.reference.cost import RenderCost, stored_plan
-from render.reference.job import RenderJob
-from render.reference.transport import transport_jobs
-from render.scene.schema import load_scene
+from render.reference import RenderCost, RenderJob, cost, stored_plan, transport_jobs
+from render.scene import load_scene
 
 
 def test_the_cost_of_a_sample_is_the_slope_between_two_renders_and_the_rest(

@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 from render.errors import SceneError
-from render.reference.job import RenderJob, run_job
-from render.reference.transport import render_transport, transport_estimate, transport_jobs
-from render.scene.schema import Scene, load_scene, shipped_scenes
-from render.scene.serialization import scene_content, scene_of
+from render.reference import (
+    RenderJob,
+    render_transport,
+    run_job,
+    transport_estimate,
+    transport_jobs,
+)
+from render.scene import Scene, load_scene, scene_content, scene_of, shipped_scenes
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 import render.reference.job
 from render.errors import RenderError
 from render.progress import Progress
-from render.reference.transport import TransportEstimate, render_transport
-from render.scene.schema import Scene, load_scene
+from render.reference import TransportEstimate, render_transport
+from render.scene import Scene, load_scene
 
 PHI, BENDS = np.array([np.pi / 2]), np.array([0.0])
 TINY: dict[str, Any] = {"samples": 4, "seeds": (1,), "replicates": 4}

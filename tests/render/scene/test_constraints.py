@@ -12,7 +12,7 @@ import pytest
 
 from render.describe import describe
 from render.errors import SceneError
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 FORBID = """
 [[constraints.forbidden]]

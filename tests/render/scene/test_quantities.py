@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from render.scene.quantities import Count, Quantity
+from render.scene import Count, Quantity
 
 
 class Probe(BaseModel):

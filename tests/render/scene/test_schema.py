@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from render.errors import SceneError
-from render.scene.schema import load_scene, shipped_scenes, sources
+from render.scene import load_scene, shipped_scenes, sources
 
 TEXT = (Path(__file__).parents[3] / "render" / "scenes" / "finger20.toml").read_text()
 SCENE = load_scene("finger20")

@@ -11,7 +11,7 @@ import onnxruntime
 import pytest
 import torch
 
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule, CheckerOutputs
 from surrogate.model.preview_grid import PreviewGrid

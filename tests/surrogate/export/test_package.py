@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from render.errors import ModelError
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.export import package
 from surrogate.export.package import FILES, write_package
 from surrogate.model.checker_module import CheckerModule

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from render.geometry.layout import fiber_edges, mirrored_fibers
+from render.geometry import fiber_edges, mirrored_fibers
 from render.metric import image_counts
-from render.preview.preview import Preview
-from render.scene.schema import Scene
+from render.preview import Preview
+from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule, Lagrange
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.features import FEATURE_NAMES

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from render.geometry.layout import facet_normals, flat_fiber_poses, flat_sites, mirrored_fibers
-from render.scene.schema import Scene
+from render.geometry import facet_normals, flat_fiber_poses, flat_sites, mirrored_fibers
+from render.scene import Scene
 from surrogate.model.facet_basis import SIZE, Expansion, facet_harmonics, harmonics
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from render.geometry.layout import fiber_edges, mirrored_fibers
-from render.scene.schema import Scene
+from render.geometry import fiber_edges, mirrored_fibers
+from render.scene import Scene
 from surrogate.model.checker_module import PreviewTable
 from surrogate.model.features import FEATURE_NAMES, CellFeatures
 from surrogate.model.preview_grid import PreviewGrid

@@ -11,9 +11,8 @@ import pytest
 
 from render.describe import describe
 from render.errors import ModelError, SceneError, TableError
-from render.preview.preview import Preview
-from render.scene.free_ranges import FreeRanges
-from render.scene.schema import Scene, load_scene
+from render.preview import Preview
+from render.scene import FreeRanges, Scene, load_scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid, draw_material_grid

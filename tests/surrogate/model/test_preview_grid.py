@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from render.errors import TableError
-from render.preview.preview import Preview
-from render.scene.schema import Scene, load_scene
+from render.preview import Preview
+from render.scene import Scene, load_scene
 from surrogate.model.preview_grid import (
     FLOOR,
     PreviewGrid,

@@ -13,7 +13,7 @@ import onnx
 import pytest
 
 from render.errors import ModelError
-from render.scene.schema import Scene
+from render.scene import Scene
 from surrogate.runtime.checker import Checker
 from surrogate.runtime.model_file import MODEL_FILE, SUM_FILE
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from render.errors import TableError
-from render.geometry.layout import mirrored_fibers
-from render.scene.schema import Scene
+from render.geometry import mirrored_fibers
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.dataset import (

@@ -9,7 +9,7 @@ import pytest
 
 from render.errors import TableError
 from render.metric import image_counts, metric_terms
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.training.exposure import baseline_power, exposure_and_lambda
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.networks import RidgeEnsemble, quadratic
 from surrogate.model.preview_grid import PreviewGrid

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from render.errors import TableError
-from render.scene.schema import Scene
+from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.runtime.checker import Checker
 from surrogate.training.render_plan import data_hash, make_plan, training_bends

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from render.errors import RenderError
+from render.preview import SlabResponse, compute_response, fiber_end_of, slab_of
 from render.preview.diffuser.basis import MIRROR_ALONG, directional_terms, moments
-from render.preview.diffuser.cache import fiber_end_of, slab_of, slab_response
+from render.preview.diffuser.cache import slab_response
 from render.preview.diffuser.emission import emit_from_fiber
 from render.preview.diffuser.random_walk import walk
-from render.preview.diffuser.response import SlabResponse, compute_response
-from render.scene.schema import Scene, load_scene
+from render.scene import Scene, load_scene
 
 RAYS, FEW = 60_000, 2_000
 

@@ -7,10 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from render.arrays import Array
-from render.geometry.bending import bend_points
-from render.geometry.facet_masks import camera_origin, camera_rays, facet_masks
-from render.geometry.layout import facets
-from render.scene.schema import Scene, load_scene
+from render.geometry import bend_points, camera_origin, camera_rays, facet_masks, facets
+from render.scene import Scene, load_scene
 
 SCENE = load_scene("finger20")
 BENDS = np.radians([0.0, 45.0, 90.0])

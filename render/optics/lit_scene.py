@@ -14,10 +14,9 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.facet_masks import camera_origin
-from render.geometry.layout import fiber_poses
-from render.reference.optics import pad_shapes
-from render.scene.schema import Scene
+from render.geometry import camera_origin, fiber_poses
+from render.optics.pad_scene import pad_shapes
+from render.scene import Scene
 
 
 def lit_scene(
@@ -41,7 +40,7 @@ def lit_scene(
         height: rows, which span the camera's vertical field of view.
         indented: pressed by the pyramids, or untouched.
 
-    Pixel ``(row, column)`` is that of ``render.geometry.facet_masks``; lengths in mm.
+    Pixel ``(row, column)`` is that of ``render.geometry.visibility``; lengths in mm.
     """
     with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
         content = pad_shapes(scene, bend, indented, Path(folder))

@@ -13,9 +13,9 @@ from typing import Any
 import mitsuba as mi
 import trimesh
 
+from render.geometry import MIN_ROUGHNESS
 from render.geometry.meshes import pad_meshes
-from render.geometry.microfacets import MIN_ROUGHNESS
-from render.scene.schema import Scene
+from render.scene import Scene
 
 
 def with_min_roughness(scene: Scene) -> Scene:

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from render.geometry.fiber_profile import (
+from render.optics.fiber_profile import (
     angle,
     density,
     peak_radiance,

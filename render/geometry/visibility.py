@@ -16,7 +16,7 @@ from render.arrays import Array
 from render.geometry.bending import unbend_points
 from render.geometry.layout import facets, flat_sites
 from render.geometry.refraction import PadRays, distance_to_coating, refract_into_pad
-from render.scene.schema import Scene
+from render.scene import Scene
 
 Index = NDArray[np.int64]
 

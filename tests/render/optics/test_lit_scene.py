@@ -7,8 +7,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from render.reference.picture import render_image
-from render.scene.schema import load_scene
+from render.reference import render_image
+from render.scene import load_scene
 
 WIDTH, HEIGHT = 6, 10
 # Pixels in which the coating fills the picture.
@@ -19,7 +19,7 @@ COATED = np.s_[2:8, 1:5]
 def test_the_plugin_and_the_cell_sampler_draw_the_same_coating(
     mono: ModuleType, bend: float
 ) -> None:
-    from render.reference.lit_scene import lit_scene
+    from render.optics.lit_scene import lit_scene
 
     scene = load_scene("finger20")
     phi = np.full(scene.fibers.count, np.pi / 2)
