@@ -12,7 +12,7 @@ from optimize.frontier.held_out import (
     SHORT_SEED,
     FrontierRow,
     HeldOutReference,
-    Report,
+    StageReport,
     held_out_designs,
 )
 from optimize.frontier.plan import FrontierPlan, make_frontier_plan
@@ -75,7 +75,7 @@ def measure_frontier(
     minutes: float,
     samples: int | None,
     table: TransportTable | None,
-    report: Report,
+    report: StageReport,
 ) -> Frontier:
     """Render, fit, time and compare; everything that took long is kept in ``folder``.
 
@@ -148,7 +148,12 @@ def measure_frontier(
 
 
 def _rendered_table(
-    scene: Scene, plan: FrontierPlan, seed: int, folder: Path, config: TrainConfig, report: Report
+    scene: Scene,
+    plan: FrontierPlan,
+    seed: int,
+    folder: Path,
+    config: TrainConfig,
+    report: StageReport,
 ) -> tuple[TransportTable, float]:
     """Return a transport table at the training's nodes and the seconds of its render."""
     from surrogate.training.render_plan import estimate_table, make_plan, render_plan

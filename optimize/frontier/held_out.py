@@ -21,7 +21,7 @@ from surrogate.runtime.checker import Checker
 from surrogate.training.conformal import Comparison, Coverage, Quantiles, coverage
 from surrogate.training.evaluation import kendall_tau, random_colors
 
-Report = Callable[[str, float, float, float | None], None]
+StageReport = Callable[[str, float, float, float | None], None]
 """Called with stage, done, total and the seconds left where they are known."""
 REFERENCE_SEED, SHORT_SEED, TRACER_SEED = 101, 201, 301
 """Seeds of the long render, of the short ones and of the path tracer; training counts from 1."""
@@ -62,7 +62,7 @@ class HeldOutDesigns:
         samples: int,
         seed: int,
         checkpoint: Path,
-        report: Report,
+        report: StageReport,
         sampler: Sampler = "monte-carlo",
     ) -> TransportEstimate:
         """Render all nodes at the scene's bends in one go; resumes in ``checkpoint``.
@@ -170,7 +170,7 @@ class HeldOutReference:
         cls, estimate: TransportEstimate, designs: HeldOutDesigns, exposure: float, lam: float
     ) -> HeldOutReference:
         """Return counts and scores with error bars from the replicates of ``estimate``."""
-        replicates = np.stack([designs.of_nodes(one) for one in estimate.replicates])
+        replicates = np.stack([designs.of_nodes(transport) for transport in estimate.replicates])
         light = np.einsum("rdfbsk,dfc->rdbskc", replicates, designs.power, optimize=True) * exposure
         scores = [
             jackknife(lambda mean: float(scores_of(clip_counts(mean), lam)), light[:, design])
@@ -210,14 +210,14 @@ class HeldOutReference:
             scores: ``(design,)``, where the level has better ones than those of its mean counts.
             note: for the reader.
         """
-        found = scores_of(counts, self.lam) if scores is None else scores
+        scores = scores_of(counts, self.lam) if scores is None else scores
         truth = np.linalg.norm(self.counts, axis=-1)
         lit = truth > 0
         error = np.linalg.norm(counts - self.counts, axis=-1)[lit] / truth[lit]
         beyond = error**2 - (self.counts_se**2).sum(axis=-1)[lit] / truth[lit] ** 2
         # The interval of tau is the percentile interval over resampled designs (Efron 1979).
-        picks = np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))
-        taus = [kendall_tau(found[pick], self.scores[pick]) for pick in picks]
+        picks = np.random.default_rng(0).integers(0, len(scores), (RESAMPLES, len(scores)))
+        taus = [kendall_tau(scores[pick], self.scores[pick]) for pick in picks]
         tail = 0.5 * (1.0 - 0.95)
         low, high = np.quantile(taus, [tail, 1.0 - tail])
         return FrontierRow(
@@ -226,8 +226,8 @@ class HeldOutReference:
             facet_error_median=float(np.median(error)),
             facet_error_p95=float(np.quantile(error, 0.95)),
             facet_error_true=float(np.sqrt(max(float(beyond.mean()), 0.0))),
-            score_error=float(np.median(np.abs(found - self.scores))),
-            kendall_tau=kendall_tau(found, self.scores),
+            score_error=float(np.median(np.abs(scores - self.scores))),
+            kendall_tau=kendall_tau(scores, self.scores),
             kendall_tau_interval=(float(low), float(high)),
             setup_seconds=setup,
             designs=len(counts),
@@ -273,15 +273,15 @@ class HeldOutReference:
         held exactly as often as promised.
         """
         bends = np.array(self.designs.scene.bending.angles)
-        found = checker.run(self.designs.phi, self.designs.power, bends)
+        predicted = checker.run(self.designs.phi, self.designs.power, bends)
         factor = student_factor(self.replicates, checker.coverage)
-        spread = found["counts_spread"].astype(np.float64)
+        spread = predicted["counts_spread"].astype(np.float64)
         lit = spread > 0
         compared = Comparison(
-            error=(found["counts"] - self.counts)[lit],
+            error=(predicted["counts"] - self.counts)[lit],
             spread=spread[lit],
             noise=factor / checker.counts_factor * self.counts_se[lit],
-            score_error=found["score"] - self.scores,
+            score_error=predicted["score"] - self.scores,
             score_noise=factor * self.scores_se,
         )
         return coverage(compared, Quantiles(checker.counts_factor, 1.0, checker.score_half_width))

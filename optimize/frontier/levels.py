@@ -6,14 +6,13 @@ import hashlib
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from pydantic import TypeAdapter
 
-from optimize.frontier.held_out import FrontierRow, HeldOutDesigns, HeldOutReference, Report
+from optimize.frontier.held_out import FrontierRow, HeldOutReference, StageReport
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import write_bytes
@@ -34,44 +33,42 @@ ROUNDS = 3
 """How often every call is timed."""
 
 
-@dataclass(frozen=True)
-class FrontierLevel:
-    """Something that says what the camera will count.
+Counts = Callable[[Array, Array], Array]
+"""From phi ``(design, fiber)`` and power ``(design, fiber, 3)`` to counts
+``(design, bend, site, facet, 3)``."""
+
+
+def timed_row(
+    reference: HeldOutReference,
+    level: str,
+    counts: Counts,
+    *,
+    setup: float,
+    batch: int = 1,
+    note: str = "",
+) -> FrontierRow:
+    """Return errors of ``counts``, and the median seconds that a design takes after a warm-up.
 
     Arguments:
-        name: of the row.
-        counts: from phi ``(design, fiber)`` and power ``(design, fiber, 3)`` to counts
-            ``(design, bend, site, facet, 3)``.
+        reference: what the counts are compared with.
+        level: name of the row.
+        counts: what the camera will count.
         setup: seconds spent before the first design.
         batch: designs per call when it is timed.
         note: for the reader.
     """
-
-    name: str
-    counts: Callable[[Array, Array], Array]
-    setup: float = 0.0
-    batch: int = 1
-    note: str = ""
-
-    def row(self, reference: HeldOutReference) -> FrontierRow:
-        """Return errors and time of the level."""
-        designs = reference.designs
-        seconds = self._seconds_per_design(designs)
-        counts = np.asarray(self.counts(designs.phi, designs.power))
-        return reference.row(self.name, counts, seconds=seconds, setup=self.setup, note=self.note)
-
-    def _seconds_per_design(self, designs: HeldOutDesigns) -> float:
-        """Return the median seconds that one design takes, after a warm-up."""
-        count = 1 if self.batch > 1 else len(designs)
-        each = np.arange(max(self.batch, count)).reshape(count, -1) % len(designs)
-        calls = [(designs.phi[pick], designs.power[pick]) for pick in each] * ROUNDS
-        self.counts(*calls[0])
-        spent = []
-        for call in calls:
-            began = time.perf_counter()
-            self.counts(*call)
-            spent.append((time.perf_counter() - began) / self.batch)
-        return float(np.median(spent))
+    phi, power = reference.designs.phi, reference.designs.power
+    each = np.arange(batch if batch > 1 else len(phi)).reshape(-1, batch) % len(phi)
+    calls = [(phi[pick], power[pick]) for pick in each] * ROUNDS
+    counts(*calls[0])
+    seconds = []
+    for call in calls:
+        began = time.perf_counter()
+        counts(*call)
+        seconds.append((time.perf_counter() - began) / batch)
+    values = np.asarray(counts(phi, power))
+    median = float(np.median(seconds))
+    return reference.row(level, values, seconds=median, setup=setup, note=note)
 
 
 def preview_row(reference: HeldOutReference) -> FrontierRow:
@@ -84,8 +81,8 @@ def preview_row(reference: HeldOutReference) -> FrontierRow:
             return np.asarray(image_counts(transport.swapaxes(0, 1), power, reference.exposure))
 
         counts(np.full((1, scene.fibers.count), 1.0), np.ones((1, scene.fibers.count, 3)))
-        level = FrontierLevel("preview", counts, time.perf_counter() - began)
-        return level.row(reference)
+        setup = time.perf_counter() - began
+        return timed_row(reference, "preview", counts, setup=setup)
 
 
 def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> list[FrontierRow]:
@@ -95,11 +92,9 @@ def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> l
     def counts(phi: Array, power: Array) -> Array:
         return checker.run(phi, power, bends)["counts"].astype(np.float64)
 
-    levels = (
-        FrontierLevel("checker.onnx", counts, setup, note="one design a call"),
-        FrontierLevel(f"checker.onnx, batches of {BATCH}", counts, setup, batch=BATCH),
-    )
-    return [level.row(reference) for level in levels]
+    alone = timed_row(reference, "checker.onnx", counts, setup=setup, note="one design a call")
+    name = f"checker.onnx, batches of {BATCH}"
+    return [alone, timed_row(reference, name, counts, setup=setup, batch=BATCH)]
 
 
 def table_row(reference: HeldOutReference, table: TransportTable, setup: float) -> FrontierRow:
@@ -113,7 +108,7 @@ def table_row(reference: HeldOutReference, table: TransportTable, setup: float) 
         return np.asarray(image_counts(light, power, reference.exposure))
 
     note = f"rendered at {len(table.phi)} directions, interpolated; once per scene"
-    return FrontierLevel("transport table", counts, setup, note=note).row(reference)
+    return timed_row(reference, "transport table", counts, setup=setup, note=note)
 
 
 def fitted_rows(
@@ -123,7 +118,7 @@ def fitted_rows(
     seed: int,
     config: FitConfig,
     folder: Path,
-    report: Report,
+    report: StageReport,
 ) -> list[FrontierRow]:
     """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does.
 
@@ -157,10 +152,10 @@ def fitted_rows(
         def counts(phi: Array, power: Array, graph: CheckerModule = graph) -> Array:
             lights = (torch.as_tensor(values, dtype=torch.float32) for values in (phi, power))
             with torch.no_grad():
-                found = graph(*lights, bends.expand(len(phi), -1))
-            return np.asarray(found.counts.double().numpy())
+                output = graph(*lights, bends.expand(len(phi), -1))
+            return np.asarray(output.counts.double().numpy())
 
         note = "in torch, on the preview's table"
-        rows.append(FrontierLevel(f"preview + {kind}", counts, seconds, note=note).row(reference))
+        rows.append(timed_row(reference, f"preview + {kind}", counts, setup=seconds, note=note))
     write_bytes(path, kept.dump_json(rows))
     return rows

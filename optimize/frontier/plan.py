@@ -13,13 +13,13 @@ from optimize.ui.output import OutputError
 from render.reference import RenderCost, measure_render_cost, stored_plan
 
 PLAN = "plan.json"
-SHORTER = (32, 8)
+SHORT_DIVISORS = (32, 8)
 """How many times fewer samples the short rendered rows get than the reference."""
-SAMPLES = (4, 16)
+TRACER_SAMPLES = (4, 16)
 """Samples per pixel of the path tracer's rows."""
-TABLE_SHARE = 2
+TABLE_DIVISOR = 2
 """How many times fewer samples a transport table gets, where none is given."""
-PATH_TRACER_SHARE, FIT_SECONDS = 0.15, 120.0
+PATH_TRACER_FRACTION, FIT_SECONDS = 0.15, 120.0
 """Part of the minutes for the path tracer, and what the fits take."""
 
 
@@ -46,7 +46,7 @@ class FrontierPlan:
     @property
     def table_samples(self) -> int:
         """Samples of a transport table, where none is given."""
-        return max(1, self.samples // TABLE_SHARE)
+        return max(1, self.samples // TABLE_DIVISOR)
 
 
 def check_folder(folder: Path) -> None:
@@ -93,15 +93,15 @@ def make_frontier_plan(
     }
 
     def make() -> FrontierPlan:
-        chosen, spp, spent = samples, list(SAMPLES), 0.0
+        chosen, spp, spent = samples, list(TRACER_SAMPLES), 0.0
         if chosen is None:
             spent = minutes
             seconds = 60.0 * minutes - FIT_SECONDS
             chosen = _affordable(
-                designs, (1.0 - PATH_TRACER_SHARE) * seconds, renders_table=renders_table
+                designs, (1.0 - PATH_TRACER_FRACTION) * seconds, renders_table=renders_table
             )
-            spp = _affordable_samples(designs, PATH_TRACER_SHARE * seconds)
-        short = [max(1, chosen // factor) for factor in SHORTER]
+            spp = _affordable_samples(designs, PATH_TRACER_FRACTION * seconds)
+        short = [max(1, chosen // factor) for factor in SHORT_DIVISORS]
         return FrontierPlan(minutes=spent, samples=chosen, short=short, spp=spp, **wanted)
 
     given = {"minutes": minutes} if samples is None else {"samples": samples}
@@ -113,9 +113,10 @@ def _affordable(designs: HeldOutDesigns, seconds: float, *, renders_table: bool)
     scene = designs.scene
     cost = measure_render_cost(scene, designs.nodes)
     # The longest of the short renders is made once more with small steps, and for one design.
-    renders = [1.0, *(1.0 / factor for factor in SHORTER), 1.0 / SHORTER[-1], 1.0 / SHORTER[-1]]
-    renders += [1.0 / TABLE_SHARE] if renders_table else []
-    return cost.samples_within(seconds, renders * len(scene.bending.angles), SHORTER[0])
+    divisors = [1, *SHORT_DIVISORS, SHORT_DIVISORS[-1], SHORT_DIVISORS[-1]]
+    divisors += [TABLE_DIVISOR] if renders_table else []
+    renders = [1.0 / divisor for divisor in divisors]
+    return cost.samples_within(seconds, renders * len(scene.bending.angles), SHORT_DIVISORS[0])
 
 
 def _affordable_samples(designs: HeldOutDesigns, seconds: float) -> list[int]:

@@ -16,7 +16,7 @@ from optimize.frontier.held_out import (
     TRACER_SEED,
     FrontierRow,
     HeldOutReference,
-    Report,
+    StageReport,
 )
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
@@ -33,7 +33,7 @@ def short_rows(
     reference: HeldOutReference,
     samples: list[int],
     checkpoint: Path,
-    report: Report,
+    report: StageReport,
 ) -> list[FrontierRow]:
     """Return one row of the reference per number of samples, the last also by PSSMLT."""
     rows, designs = [], reference.designs
@@ -49,13 +49,13 @@ def short_rows(
             checkpoint=checkpoint,
             report=report,
         )
-        found = HeldOutReference.of(estimate, designs, reference.exposure, reference.lam)
+        short = HeldOutReference.of(estimate, designs, reference.exposure, reference.lam)
         rows.append(
             reference.row(
                 name,
-                found.counts,
-                seconds=found.seconds / len(designs),
-                scores=found.scores,
+                short.counts,
+                seconds=short.seconds / len(designs),
+                scores=short.scores,
                 note=f"{len(designs)} designs in one render",
             )
         )
@@ -66,7 +66,7 @@ def path_tracer_rows(
     reference: HeldOutReference,
     spp: list[int],
     folder: Path,
-    report: Report,
+    report: StageReport,
 ) -> list[FrontierRow]:
     """Return one row of Mitsuba's ``volpath`` for each number of samples; every design is kept."""
     designs = reference.designs
@@ -84,8 +84,8 @@ def path_tracer_rows(
             path = folder / f"{digest.hexdigest()[:16]}.npz"
             kept = read_or_drop(path, "radiance", "seconds")
             if kept is None:
-                found, spent = tracer.radiance(phi, power, count, seed)
-                kept = {"radiance": found, "seconds": np.array(spent)}
+                values, spent = tracer.radiance(phi, power, count, seed)
+                kept = {"radiance": values, "seconds": np.array(spent)}
                 write_npz(path, kept)
             radiance.append(kept["radiance"])
             seconds.append(float(kept["seconds"]))
@@ -124,7 +124,7 @@ class PathTracer:
         mi = mitsuba(VARIANT)
         _register_tinted_fiber()
         began = time.perf_counter()
-        found = []
+        radiance = []
         for number, (bend, masks) in enumerate(
             zip(self.scene.bending.angles, self.masks, strict=True)
         ):
@@ -133,8 +133,8 @@ class PathTracer:
             image = np.array(mi.render(scene, integrator=integrator, spp=spp, seed=seed + number))
             film = np.full((masks.rows, masks.columns, 3), np.nan)
             film[crop] = image[..., :3]
-            found.append(_facet_means(film.reshape(-1, 3), masks))
-        return np.stack(found), time.perf_counter() - began
+            radiance.append(_facet_means(film.reshape(-1, 3), masks))
+        return np.stack(radiance), time.perf_counter() - began
 
     def _lit(
         self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks

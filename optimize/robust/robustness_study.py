@@ -97,7 +97,7 @@ def check_tolerances(scene: Scene) -> None:
 
 
 def study_robustness(
-    found: Exploration,
+    exploration: Exploration,
     measure: Measure | None,
     shadow_weight: float | None,
     report: Callable[[str, int, int], None],
@@ -105,7 +105,7 @@ def study_robustness(
     """Return the exploration with one more stage, the design for tolerances or shadows.
 
     Arguments:
-        found: the nominal exploration.
+        exploration: the nominal exploration.
         measure: over tolerances; None leaves them out.
         shadow_weight: of the shadow penalty; None leaves it out.
         report: called with a title, steps done and steps in all.
@@ -113,7 +113,7 @@ def study_robustness(
     Raises:
         SceneError: tolerances are asked for, and the scene has none.
     """
-    scene, checker = found.scene, found.checker
+    scene, checker = exploration.scene, exploration.checker
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
     scorer = TableScorer(table, limits=limits_of(scene))
     goal: Objective = NominalScore(scorer)
@@ -121,12 +121,12 @@ def study_robustness(
     sensors = None
     if measure is not None:
         check_tolerances(scene)
-        sensors = _sensors(scene, scorer, found.seed, report)
+        sensors = _sensors(scene, scorer, exploration.seed, report)
         goal = RobustScore(sensors[0], measure)
     if shadow is not None and shadow_weight is not None:
         goal = WeightedSum((1.0, goal), (shadow_weight, shadow))
-    best = found.stages[-1].design
-    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=found.seed).top
+    best = exploration.stages[-1].design
+    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=exploration.seed).top
     colorings = [np.array(row) for row, _ in top[:COLORINGS]]
     if scorer.colors_alike:
         colorings = [renamed_like(row, best.colors) for row in colorings]
@@ -136,7 +136,7 @@ def study_robustness(
     stage = rate(
         checker, scene, "refined", " and ".join(titles).capitalize(), "the refinement", design
     )
-    stages = (*found.stages, stage)
+    stages = (*exploration.stages, stage)
     spreads = scene.tolerances.spreads() if scene.tolerances and sensors else {}
     ratings: dict[str, RobustRating] = {}
     costs: tuple[Sensitivity, ...] = ()
@@ -146,12 +146,12 @@ def study_robustness(
         for index, entry in enumerate(stages):
             ratings[entry.key] = rate_robustly(scorer, fresh, entry.design)
             report("Rating", index + 1, len(stages) + 1)
-        costs = tuple(sensitivities(scorer, design, spreads, slopes, seed=found.seed))
+        costs = tuple(sensitivities(scorer, design, spreads, slopes, seed=exploration.seed))
         report("Rating", len(stages) + 1, len(stages) + 1)
         at_end = fresh.fraction_at_end(design.phi)
     shadows = {} if shadow is None else {e.key: -shadow.value(e.design) for e in stages}
     extra = RobustnessStudy(measure, ratings, shadows, shadow_weight, costs, at_end)
-    return replace(found, stages=stages, study=extra)
+    return replace(exploration, stages=stages, study=extra)
 
 
 def _sensors(

@@ -201,8 +201,8 @@ def check_slopes(
         elif name in MATERIALS:
             around = neighbors(scene, name)
             sides = [
-                rendered(replace(candidate, scene=one), [design])[:, 0]
-                for one in (around.below, around.above)
+                rendered(replace(candidate, scene=neighbor), [design])[:, 0]
+                for neighbor in (around.below, around.above)
             ]
             pair, width = np.stack(sides, axis=1), 2.0 * around.step
         else:

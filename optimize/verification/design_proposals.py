@@ -72,9 +72,9 @@ def propose(
         power = scorer.power(colors)
         if np.array_equal(power, best.power):
             continue
-        found = refine_locally(scorer, Design(best.phi, power)).design
-        if not _is_mirror_image(scorer, found, best):
-            others.append(found)
+        refined = refine_locally(scorer, Design(best.phi, power)).design
+        if not _is_mirror_image(scorer, refined, best):
+            others.append(refined)
     chosen = [proposal_of(scorer, "best", best)]
     rest = [proposal_of(scorer, "uncertain", design) for design in others]
     chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []

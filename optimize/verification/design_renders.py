@@ -84,7 +84,7 @@ def reference_renders(
         designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
     ) -> DesignRenders:
         phi, node = distinct_directions(designs)
-        found = render_transport(
+        estimate = render_transport(
             scene,
             phi,
             bends,
@@ -94,13 +94,13 @@ def reference_renders(
             runner=runner,
             progress=None if progress is None else lambda state: progress(title, state),
         )
-        check_visible(found.replicates)
+        check_visible(estimate.replicates)
         # (replicate, fiber, node, ...) -> (replicate, design, fiber, ...)
         return DesignRenders(
             tuple(designs),
-            found.replicates[:, :, node].swapaxes(1, 2),
-            found.background_replicates[:, :, node].swapaxes(1, 2),
-            found.seconds,
+            estimate.replicates[:, :, node].swapaxes(1, 2),
+            estimate.background_replicates[:, :, node].swapaxes(1, 2),
+            estimate.seconds,
         )
 
     return render

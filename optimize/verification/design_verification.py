@@ -57,7 +57,7 @@ class Verification:
         """Return what programs rely on."""
         both = {"baseline": self.baseline.score, "design": self.design.score}
         return {
-            **{name: {"score": one.value, "se": one.se} for name, one in both.items()},
+            **{name: {"score": score.value, "se": score.se} for name, score in both.items()},
             "difference": {
                 "value": self.difference.value,
                 "interval": list(self.difference.interval()),

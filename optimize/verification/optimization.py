@@ -187,23 +187,23 @@ DESIGN, BASELINE, THESIS = "design.json", "baseline.json", "thesis.json"
 
 
 def write_optimization(
-    scene: Scene, found: Optimization, target: Path, result: dict[str, object]
+    scene: Scene, outcome: Optimization, target: Path, result: dict[str, object]
 ) -> None:
     """Write designs and record into ``target``, which they replace together."""
     with fresh_directory(target) as folder:
         for name, design in zip(
-            found.finalists.names, found.finalists.renders.designs, strict=True
+            outcome.finalists.names, outcome.finalists.renders.designs, strict=True
         ):
             file = {"baseline": BASELINE, "thesis": THESIS, "runner-up": "runner-up.json"}
-            if name == found.winner:
+            if name == outcome.winner:
                 file[name] = DESIGN
-            save_design(folder / file[name], design, scene, _rating(found, name))
+            save_design(folder / file[name], design, scene, _rating(outcome, name))
         write_manifest(folder, result)
 
 
-def optimization_to_json(scene: Scene, found: Optimization, target: Path) -> dict[str, object]:
+def optimization_to_json(scene: Scene, outcome: Optimization, target: Path) -> dict[str, object]:
     """Return what programs rely on; ``design`` is the path of the design that is handed over."""
-    finalists = found.finalists
+    finalists = outcome.finalists
     result: dict[str, object] = {
         "scene": scene.name,
         "scene_hash": scene.hash,
@@ -219,72 +219,74 @@ def optimization_to_json(scene: Scene, found: Optimization, target: Path) -> dic
             for name in finalists.names
         },
         "final_render_seconds": finalists.renders.seconds,
-        "surrogate_training_render_seconds": found.training_seconds,
-        "monochrome": found.design.monochrome,
+        "surrogate_training_render_seconds": outcome.training_seconds,
+        "monochrome": outcome.design.monochrome,
     }
-    if found.loop is not None:
+    if outcome.loop is not None:
         result["loop"] = {
-            "render_seconds": found.loop.seconds,
-            "wall_seconds": found.wall["loop"],
-            "renders": len(found.loop.rounds),
-            "reason": found.loop.reason,
+            "render_seconds": outcome.loop.seconds,
+            "wall_seconds": outcome.wall["loop"],
+            "renders": len(outcome.loop.rounds),
+            "reason": outcome.loop.reason,
             "verdict": finalists.comparison("runner-up", "winner")
             if "runner-up" in finalists.names
             else None,
-            "rounds": [_round(entry) for entry in found.loop.rounds],
+            "rounds": [_round(entry) for entry in outcome.loop.rounds],
         }
-    if found.thesis is not None:
+    if outcome.thesis is not None:
         result["thesis"] = {
-            "render_seconds": found.thesis.seconds,
-            "wall_seconds": found.wall["thesis"],
-            "renders": found.thesis.runs,
-            "converged": found.thesis.directions.converged,
-            "believed_score": found.thesis.score,
+            "render_seconds": outcome.thesis.seconds,
+            "wall_seconds": outcome.wall["thesis"],
+            "renders": outcome.thesis.runs,
+            "converged": outcome.thesis.directions.converged,
+            "believed_score": outcome.thesis.score,
         }
-    if found.loop is not None and found.thesis is not None:
+    if outcome.loop is not None and outcome.thesis is not None:
         result["difference"] = _estimate(finalists.difference("thesis", "winner"))
     return result
 
 
-def _rating(found: Optimization, name: str) -> Rating:
-    measured = found.finalists.score(name)
-    values = {part: measured.parts[part].value for part in PARTS}
-    return found.finalists.settings.rating("reference", values, measured.score.interval())
+def _rating(outcome: Optimization, name: str) -> Rating:
+    rendered = outcome.finalists.score(name)
+    values = {part: rendered.parts[part].value for part in PARTS}
+    return outcome.finalists.settings.rating("reference", values, rendered.score.interval())
 
 
-def _estimate(found: JackknifeEstimate) -> dict[str, object]:
+def _estimate(estimate: JackknifeEstimate) -> dict[str, object]:
     return {
-        "value": found.value,
-        "se": found.se,
-        "interval": list(found.interval()),
-        "noise_bias": found.plain - found.value,
+        "value": estimate.value,
+        "se": estimate.se,
+        "interval": list(estimate.interval()),
+        "noise_bias": estimate.plain - estimate.value,
     }
 
 
-def _round(done: LoopRound) -> dict[str, object]:
-    gains: list[JackknifeEstimate | None] = [None, *done.gains]
+def _round(loop_round: LoopRound) -> dict[str, object]:
+    gains: list[JackknifeEstimate | None] = [None, *loop_round.gains]
     return {
-        "number": done.number,
-        "render_seconds": done.seconds,
-        "ranking": _agreement(done.agreement),
-        "ranking_after_refit": _agreement(done.refitted),
-        "refit_prior": done.correction.tau,
+        "number": loop_round.number,
+        "render_seconds": loop_round.seconds,
+        "ranking": _agreement(loop_round.agreement),
+        "ranking_after_refit": _agreement(loop_round.refitted),
+        "refit_prior": loop_round.correction.tau,
         "designs": [
             {
                 "role": entry.role,
                 **_described(entry.design),
                 "predicted": entry.predicted,
                 "spread": entry.spread,
-                "score": _estimate(measured.score),
+                "score": _estimate(rendered.score),
                 "gain": None if gain is None else _estimate(gain),
             }
-            for entry, measured, gain in zip(done.proposals, done.scores, gains, strict=True)
+            for entry, rendered, gain in zip(
+                loop_round.proposals, loop_round.scores, gains, strict=True
+            )
         ],
     }
 
 
-def _agreement(found: RankAgreement) -> dict[str, object]:
-    return {"tau": found.tau, "decided": found.decided, "pairs": found.pairs}
+def _agreement(ranking: RankAgreement) -> dict[str, object]:
+    return {"tau": ranking.tau, "decided": ranking.decided, "pairs": ranking.pairs}
 
 
 def _described(design: Design) -> dict[str, object]:

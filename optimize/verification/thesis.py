@@ -73,8 +73,8 @@ def thesis_procedure(
     settings = settings or baseline_settings(first.replicates[:, 0].mean(axis=0), baseline.power)
     seconds, runs = first.seconds, 1
     scorer = TableScorer(_table(first, settings), settings.conventions)
-    found = grouped_colors(scorer, baseline.phi)
-    colors = renamed_like(found.colors, baseline.colors)
+    grouped = grouped_colors(scorer, baseline.phi)
+    colors = renamed_like(grouped.colors, baseline.colors)
     colored = Design.of_colors(baseline.phi, colors)
     groups = tied_groups(edges, colors)
     limit = 1 + generations * population(int(groups.max()) + 1)

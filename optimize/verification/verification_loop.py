@@ -221,41 +221,41 @@ class VerificationLoop:
             best = max((best, self.start), key=lambda d: scorer.score(d.phi, d.power))
         known = [entry.design for entry in self.candidates]
         seed = SEED_STRIDE * self.config.seed + number
-        found = propose(scorer, best, edges=self.edges, seed=seed, known=known)
+        proposed = propose(scorer, best, edges=self.edges, seed=seed, known=known)
         if self.agreement is not None:
             tau = self.agreement.tau
             first = ranking[0].design
             leader = scorer.score(first.phi, first.power)
-            best_found = max((p.predicted for p in found if p.role == "best"), default=leader)
-            converged = best_found - leader < MIN_RELATIVE_GAIN * abs(leader)
-            if not found or (converged and tau is not None and tau >= MIN_TAU):
+            highest = max((p.predicted for p in proposed if p.role == "best"), default=leader)
+            converged = highest - leader < MIN_RELATIVE_GAIN * abs(leader)
+            if not proposed or (converged and tau is not None and tau >= MIN_TAU):
                 return []
-        again = [proposal_of(scorer, "incumbent", entry.design) for entry in ranking[:2]]
-        return [proposal_of(scorer, "baseline", self.baseline), *again, *found]
+        incumbents = [proposal_of(scorer, "incumbent", entry.design) for entry in ranking[:2]]
+        return [proposal_of(scorer, "baseline", self.baseline), *incumbents, *proposed]
 
-    def render(self, number: int, chosen: Sequence[Proposal]) -> RenderedRound:
+    def render(self, number: int, proposals: Sequence[Proposal]) -> RenderedRound:
         """Render and measure what ``proposals`` returned."""
         first = SEED_STRIDE * (self.config.seed + 1) + number
         renders = self.renderer(
-            [entry.design for entry in chosen],
+            [entry.design for entry in proposals],
             samples=self.config.samples,
             seeds=[first + SEED_STEP * i for i in range(self.config.seeds)],
             title=f"round {number}",
         )
-        scores = [renders.score(self.settings, i) for i in range(len(chosen))]
-        gains = [renders.difference(self.settings, 0, i) for i in range(1, len(chosen))]
-        for proposal, gain in zip(chosen[1:], gains, strict=True):
+        scores = [renders.score(self.settings, i) for i in range(len(proposals))]
+        gains = [renders.difference(self.settings, 0, i) for i in range(1, len(proposals))]
+        for proposal, gain in zip(proposals[1:], gains, strict=True):
             self._candidate(proposal).gains.append(gain)
 
         def interval(i: int, j: int) -> tuple[float, float]:
             return renders.difference(self.settings, i, j).interval()
 
-        predicted = np.array([entry.predicted for entry in chosen])
+        predicted = np.array([entry.predicted for entry in proposals])
         self.agreement = rank_agreement(predicted, interval)
         self.runs.append(self._observed(renders))
         return RenderedRound(
             number,
-            tuple(chosen),
+            tuple(proposals),
             tuple(scores),
             tuple(gains),
             self.agreement,
@@ -269,14 +269,14 @@ class VerificationLoop:
         self.table = self.refitter.apply(correction, self.original)
         return correction
 
-    def round(self, number: int, chosen: Sequence[Proposal]) -> LoopRound:
+    def round(self, number: int, proposals: Sequence[Proposal]) -> LoopRound:
         """Render, measure and refit."""
-        done = self.render(number, chosen)
+        rendered = self.render(number, proposals)
         correction = self.refit()
         scorer = TableScorer(self.table, limits=self.limits)
-        after = [scorer.score(entry.design.phi, entry.design.power) for entry in chosen]
-        refitted = rank_agreement(np.array(after), done.interval)
-        return LoopRound(**vars(done), refitted=refitted, correction=correction)
+        after = [scorer.score(entry.design.phi, entry.design.power) for entry in proposals]
+        refitted = rank_agreement(np.array(after), rendered.interval)
+        return LoopRound(**vars(rendered), refitted=refitted, correction=correction)
 
     def _candidate(self, proposal: Proposal) -> Candidate:
         for entry in self.candidates:
