@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from render.reference import render_transport
     from render.scene import Scene, load_scene
     from render.transport import TransportTable, load_table
-    from surrogate.runtime.checker import Checker
+    from surrogate.runtime import Checker
 
 _HOMES = {
     "Scene": "render.scene",
@@ -75,7 +75,7 @@ _HOMES = {
     "TransportTable": "render.transport",
     "load_table": "render.transport",
     "register_plugins": "render",
-    "Checker": "surrogate.runtime.checker",
+    "Checker": "surrogate.runtime",
     "Design": "optimize.design.design",
     "baseline_design": "optimize.design.design",
     "load_design": "optimize.design.design_file",

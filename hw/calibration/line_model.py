@@ -21,7 +21,7 @@ from render.arrays import Array
 from render.geometry import flat_sites
 from render.preview import Preview, cache_folder
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 DISCREPANCY = 0.015
 """Relative error of the corrected preview where the surrogate says nothing about it."""

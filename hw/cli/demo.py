@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from optimize.design import Design
     from render.arrays import Array
     from render.scene import Scene
-    from surrogate.runtime.checker import Checker
+    from surrogate.runtime import Checker
 
 FRAMES = 4
 """Photographs that are averaged for each fiber of the checks."""

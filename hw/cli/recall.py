@@ -17,7 +17,7 @@ from render.errors import TableError
 
 if TYPE_CHECKING:
     from render.arrays import Array
-    from surrogate.runtime.checker import Checker
+    from surrogate.runtime import Checker
 
 
 def run(

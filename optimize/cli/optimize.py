@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from optimize.verification import LoopRound, Optimization
     from render.progress import Progress
     from render.scene import Scene
-    from surrogate.runtime.checker import Checker
+    from surrogate.runtime import Checker
 
 TITLES = {
     "baseline": "Baseline",

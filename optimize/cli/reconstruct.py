@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from optimize.design import Design, RatedDesign
     from optimize.reconstruction import CameraNoise, ErrorComparison
     from render.arrays import Array
-    from surrogate.runtime.checker import Checker
+    from surrogate.runtime import Checker
 
 SEEDS = 8
 RENDER_SEED = 700

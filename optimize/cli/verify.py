@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from optimize.design import RatedDesign
     from optimize.scoring import JackknifeEstimate, RenderedScore
     from optimize.verification import Verification
-    from surrogate.runtime.checker import Checker
+    from surrogate.runtime import Checker
 
 SAMPLES = 200
 """Per cell and seed, unless told otherwise."""

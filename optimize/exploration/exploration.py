@@ -25,7 +25,7 @@ from render.chebyshev import chebyshev_nodes
 from render.geometry import fiber_edges
 from render.metric import clipped_fraction, design_score
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than
 # 0.1 counts (measured; with 17 nodes by 0.9).

@@ -20,7 +20,7 @@ from optimize.frontier.rendered_levels import path_tracer_rows, short_rows
 from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.training.conformal import Coverage
 
 if TYPE_CHECKING:  # torch comes with the fits

@@ -17,7 +17,7 @@ from render.geometry import fiber_edges, mirrored_fibers
 from render.metric import clip_counts, design_score, image_counts, site_metric
 from render.reference import Sampler, TransportEstimate, render_transport
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.training.conformal import Comparison, Coverage, Quantiles, coverage
 from surrogate.training.evaluation import kendall_tau, random_colors
 

@@ -21,7 +21,7 @@ from render.preview import Preview
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.training.dataset import cells_from_table
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.fit import FitConfig, fit_ensembles

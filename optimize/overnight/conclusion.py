@@ -15,8 +15,7 @@ from optimize.scoring import check_interval, jackknife_se
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
 from render.metric import site_metric
-from surrogate.runtime.checker import Checker
-from surrogate.runtime.model_file import MODEL_FILE, sha256
+from surrogate.runtime import MODEL_FILE, Checker, sha256
 
 TIMED_RUNS = 20
 """Designs whose median time is that of a level."""

@@ -59,7 +59,7 @@ from render.geometry import fiber_edges
 from render.reference import RenderCost, transport_jobs
 from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.training.refit import Refitter, ResidualCorrection
 
 

@@ -34,8 +34,7 @@ from render.progress import Clock
 from render.reference import RenderCost, RenderJob, RenderResult, transport_estimate, transport_jobs
 from render.scene import Scene
 from render.transport import TransportTable
-from surrogate.runtime.checker import Checker
-from surrogate.runtime.model_file import MODEL_FILE, sha256
+from surrogate.runtime import MODEL_FILE, Checker, sha256
 from surrogate.training.render_plan import training_bends
 
 PHI_NODES = 11

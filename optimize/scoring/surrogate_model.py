@@ -9,7 +9,7 @@ import numpy as np
 from optimize.ui.console import note
 from render.errors import ModelError
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 
 def find_model(scene_name: str, given: Path | None = None) -> Path:

@@ -25,7 +25,7 @@ from optimize.scoring import (
 from render.progress import Progress
 from render.reference import TransportEstimate, measure_render_cost, render_transport, stored_plan
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 MIN_SAMPLES = 4
 """Samples per cell, however little time there is."""

@@ -38,7 +38,7 @@ from optimize.verification.verification_loop import (
 from render.chebyshev import chebyshev_nodes
 from render.geometry import fiber_edges
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 OptimizationMethod = Literal["loop", "thesis", "both"]
 THESIS_SEED, FINAL_SEED = 800, 900

@@ -18,7 +18,7 @@ import numpy as np
 from render.metric import THESIS
 from render.scene import Scene
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
-from surrogate.runtime.checker import family_hash
+from surrogate.runtime import family_hash
 from surrogate.runtime.metadata import UNITS, ModelMetadata
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors

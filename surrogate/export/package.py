@@ -12,7 +12,7 @@ from render.errors import ModelError
 from render.files import replace_folder, temporary_name, write_npz, write_text
 from surrogate.export.onnx import export_onnx
 from surrogate.model.checker_module import CheckerModule
-from surrogate.runtime.metadata import ModelMetadata
+from surrogate.runtime import ModelMetadata
 from surrogate.runtime.model_file import (
     CARD_FILE,
     GOLDEN_FILE,

@@ -19,7 +19,7 @@ from surrogate.export.package import write_package
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import MATERIALS, draw_material_grid, interpolation_error
-from surrogate.runtime.metadata import ModelMetadata
+from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.exposure import exposure_and_lambda
 from surrogate.training.fit import Fit, FitConfig, fit_residual

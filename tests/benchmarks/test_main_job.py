@@ -15,7 +15,7 @@ import pytest
 from optimize.design import baseline_design
 from render.preview import Preview
 from render.scene import load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 MODELS = Path(__file__).parents[2] / "models"
 

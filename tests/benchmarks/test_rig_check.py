@@ -14,7 +14,7 @@ from hw.check.sweep_check import check_sweep
 from hw.studies.recall import MIN_RECALL, measure_recall
 from render.geometry import flat_sites
 from render.scene import load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"
 BOUND = 0.050

@@ -13,7 +13,7 @@ from hw.check.prediction import PadPrediction, predict
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.faults import BoardFaults
 from hw.leds import ProtocolName
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"
 Plug = Callable[..., EmulatedBoard]

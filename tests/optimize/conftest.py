@@ -25,7 +25,7 @@ from render.metric import (
 )
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

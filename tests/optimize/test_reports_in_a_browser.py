@@ -17,7 +17,7 @@ from optimize.exploration import Exploration, rate
 from optimize.report import write_exploration
 from optimize.search import AlternatingResult, SearchStep
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -9,7 +9,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.runtime.model_file import OUTPUTS
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hw.check.prediction import PadPrediction
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 
 def test_fibers_together_are_the_models_background(

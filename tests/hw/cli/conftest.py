@@ -14,7 +14,7 @@ from optimize.design import baseline_design
 from render.arrays import Array
 from render.geometry import flat_sites
 from render.scene import load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 ROOT = Path(__file__).parents[3]
 

@@ -17,7 +17,7 @@ from optimize.cli import PACKAGES
 from optimize.design import baseline_design
 from render.arrays import Array
 from render.scene import load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from tests.conftest import Run
 from tests.hw.cli.conftest import ROOT
 

@@ -19,7 +19,7 @@ from optimize.exploration import PHI_NODES
 from optimize.scoring import TableScorer
 from render.chebyshev import chebyshev_nodes
 from render.scene import load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 ROOT = Path(__file__).parents[3]
 Run = Callable[..., Any]

@@ -11,7 +11,7 @@ import pytest
 
 from optimize.design import Design, Rating, ScoreSettings, baseline_design, save_design
 from render.scene import load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 Run = Callable[..., Any]
 

@@ -11,7 +11,7 @@ import pytest
 from optimize.frontier.held_out import HeldOutReference, held_out_designs, scores_of
 from render.geometry import is_mirror_symmetric
 from render.scene import Scene, load_scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 
 MODEL = Path(__file__).resolve().parents[3] / "models" / "finger20"
 DESIGNS, LAM = 40, 30.0

@@ -16,7 +16,7 @@ from render.scene import FreeRanges, Scene, load_scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
-from surrogate.runtime.checker import Checker, family_hash
+from surrogate.runtime import Checker, family_hash
 from surrogate.training.dataset import cells_of_materials
 from surrogate.training.fit import FitConfig, fit_residual
 from surrogate.training.mlp import NetworkConfig

@@ -14,7 +14,7 @@ import pytest
 
 from render.errors import ModelError
 from render.scene import Scene
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.runtime.model_file import MODEL_FILE, SUM_FILE
 
 
@@ -171,7 +171,7 @@ def test_a_file_without_a_folder_runs_as_well(copy: Path, scene: Scene) -> None:
 
 def test_running_a_model_needs_neither_torch_nor_opengl(model_folder: Path) -> None:
     program = (
-        "import sys; from surrogate.runtime.checker import Checker; import numpy as np; "
+        "import sys; from surrogate.runtime import Checker; import numpy as np; "
         f"c = Checker.load({str(model_folder)!r}); "
         "c.run(np.ones((1, 8)), np.ones((1, 8, 3)), np.zeros(1)); "
         "bad = {'torch', 'moderngl', 'mitsuba', 'sklearn', 'scipy'} & set(sys.modules); "

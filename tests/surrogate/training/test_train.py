@@ -13,7 +13,7 @@ import pytest
 from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable, load_table
-from surrogate.runtime.checker import Checker
+from surrogate.runtime import Checker
 from surrogate.training.render_plan import data_hash, make_plan, training_bends
 from surrogate.training.train import TrainConfig, Trained, TrainProgress, train
 from tests.disk import DURABLE, logged_disk
