@@ -61,7 +61,7 @@ if TYPE_CHECKING:
         TactiluxError,
     )
     from render.preview import Preview
-    from render.progress import Progress
+    from render.progress import OnProgress
     from render.reference import render_transport
     from render.scene import Scene, load_scene
     from render.transport import TransportTable, load_table
@@ -180,7 +180,7 @@ def verify(
     samples: int = 200,
     seeds: Sequence[int] = (1, 2, 3, 4),
     checkpoint: str | Path | None = None,
-    progress: Callable[[str, Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> Verification:
     """Return what renders say about ``design`` against the baseline, at level 2.
 
@@ -219,7 +219,7 @@ def optimize(
     samples: int = 96,
     seed: int = 0,
     checkpoint: str | Path | None = None,
-    progress: Callable[[str, Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> Optimization:
     """Return a design that renders chose: the surrogate proposes, level 2 decides.
 

@@ -1,44 +1,69 @@
-"""How far a long render is, and how long the rest will take."""
+"""How far long work is, and how long the rest will take."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a long render is: ``done`` of ``total`` samples, seconds spent and to come."""
+    """How far long work is.
 
-    done: int
-    total: int
-    seconds: float
-    eta_seconds: float
+    Arguments:
+        done: units of work that are finished: samples, starts, previews.
+        total: units in all.
+        seconds: spent so far.
+        eta_seconds: to come; None where nobody knows.
+        stage: what is being worked on; empty where it is only one thing.
+    """
+
+    done: float
+    total: float
+    seconds: float = 0.0
+    eta_seconds: float | None = None
+    stage: str = ""
+
+
+OnProgress = Callable[[Progress], None]
+"""What long work calls, every few seconds or after every unit."""
+
+
+def in_stage(report: OnProgress | None, stage: str) -> OnProgress | None:
+    """Return what tells ``report`` of work that is a stage of something longer."""
+    return None if report is None else lambda at: report(replace(at, stage=stage))
 
 
 class Clock:
-    """Counts samples and says how long the rest will take."""
+    """Counts units of work and says how long the rest will take.
 
-    def __init__(self, total: int, report: Callable[[Progress], None] | None) -> None:
-        self.total, self.report = total, report
+    Arguments:
+        total: units in all.
+        report: told after every count.
+        stage: what the work is called.
+    """
+
+    def __init__(self, total: int, report: OnProgress | None, stage: str = "") -> None:
+        self.total, self.report, self.stage = total, report, stage
         self.done = self.worked = 0
         self.began = time.monotonic()
 
     def seconds(self) -> float:
-        """Return the seconds since the render was asked for."""
+        """Return the seconds since the work began."""
         return time.monotonic() - self.began
 
     def skip(self, count: int) -> None:
-        """Count samples that an earlier call made."""
+        """Count units that were finished before."""
         self.done += count
         self.tick(0)
 
-    def tick(self, count: int) -> None:
-        """Count samples that were made now."""
+    def tick(self, count: int = 1) -> None:
+        """Count units that were finished now."""
         self.done += count
         self.worked += count
         if self.report:
-            rate = self.seconds() / self.worked if self.worked else 0.0
-            eta = rate * (self.total - self.done)
-            self.report(Progress(self.done, self.total, self.seconds(), eta))
+            spent, left = self.seconds(), self.total - self.done
+            known = bool(self.worked) or not left
+            eta = spent / max(self.worked, 1) * left if known else None
+            self.report(Progress(self.done, self.total, spent, eta, self.stage))

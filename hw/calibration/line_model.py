@@ -8,7 +8,6 @@ taken as a polynomial of the second degree over the pad, and as independent of t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from hw.calibration.reference_lines import reference_lines
 from render.arrays import Array
 from render.geometry import flat_sites
 from render.preview import Preview, cache_folder
+from render.progress import OnProgress
 from render.scene import Scene
 from surrogate.runtime import Checker
 
@@ -99,7 +99,7 @@ def line_model(
     checker: Checker,
     phi: Array,
     bends: Array,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> LineModel:
     """Return the model of the reference lines.
 
@@ -110,7 +110,7 @@ def line_model(
         checker: the surrogate.
         phi: ``(fiber,)`` rad.
         bends: ``(bend,)`` rad.
-        progress: called with materials drawn and all of them.
+        progress: told of every material that is drawn.
     """
     table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
     correction = surrogate_correction(scene, checker, phi, bends)

@@ -9,7 +9,6 @@ random walks' noise. Leaving each material out in turn gives the error of all th
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from hw.calibration.material import Material, design_key, sobol_materials, terms
 from hw.calibration.reference_lines import line_pixels, sample_image
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
+from render.progress import Clock, OnProgress
 from render.scene import Scene
 
 VERSION = 4
@@ -57,7 +57,7 @@ def material_table(
     bends: Array,
     *,
     folder: Path,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> MaterialTable:
     """Return the table; interrupted work goes on where it stood.
 
@@ -66,12 +66,12 @@ def material_table(
         phi: ``(fiber,)`` rad.
         bends: ``(bend,)`` rad.
         folder: where the light of each material is kept.
-        progress: called with materials done and all of them.
+        progress: told of every material that is drawn.
     """
     materials = sobol_materials(MATERIALS)
     parts = folder / f"materials-{design_key(VERSION, scene, phi, bends, MATERIALS, RAYS)}"
     pixels = line_pixels(scene, bends, ROWS, COLUMNS)
-    drawn = []
+    drawn, clock = [], Clock(MATERIALS, progress)
     for number, material in enumerate(materials):
         path = parts / f"{number:03d}.npz"
         kept = read_or_drop(path, "log_light")
@@ -82,8 +82,7 @@ def material_table(
                 kept = {"log_light": np.where(light > 0, np.log(light), np.nan)}
             write_npz(path, kept)
         drawn.append(kept["log_light"])
-        if progress:
-            progress(number + 1, MATERIALS)
+        clock.tick()
     return fitted_table(materials, np.stack(drawn))
 
 

@@ -8,7 +8,7 @@ subpaths, so their errors hang together; those of cells do not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hw.camera.projection import pad_positions
 from render.arrays import Array
-from render.progress import Clock, Progress
+from render.progress import Clock, OnProgress
 from render.scene import Scene
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def render_pad_light(
     samples: int,
     seed: int,
     around: Array | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> PadLight:
     """Render the untouched pad under the fibers that are ``lit``.
 

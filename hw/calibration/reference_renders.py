@@ -18,14 +18,11 @@ from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import frame_positions, reference_lines
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
-from render.progress import Progress
+from render.progress import OnProgress, Progress
 from render.scene import Scene
 
 VERSION = 1
 FIRST_SEED = 5000
-
-NamedProgress = Callable[[str, Progress], None]
-"""Called with what is rendered and how far it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +60,7 @@ def reference_renders(
     materials: int,
     samples: int,
     folder: Path,
-    progress: NamedProgress | None = None,
+    progress: OnProgress | None = None,
     render: Callable[..., PadLight] = render_pad_light,
 ) -> list[MaterialRender]:
     """Return renders of ``materials`` that fill the range (Sobol), kept or made now.
@@ -101,14 +98,14 @@ def reference_renders(
     return renders
 
 
-def _of_all(
-    progress: NamedProgress, number: int, materials: int, missing: int
-) -> Callable[[Progress], None]:
+def _of_all(progress: OnProgress, number: int, materials: int, missing: int) -> OnProgress:
     """Return what tells the progress of one render as that of all, ``missing`` ones included."""
 
     def said(at: Progress) -> None:
-        eta = at.eta_seconds + missing * (at.seconds + at.eta_seconds)
+        left = at.eta_seconds or 0.0
+        eta = left + missing * (at.seconds + left)
         done, total = at.done + (number - 1) * at.total, materials * at.total
-        progress(f"material {number} of {materials}", Progress(done, total, at.seconds, eta))
+        stage = f"material {number} of {materials}"
+        progress(Progress(done, total, at.seconds, eta, stage))
 
     return said

@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +22,10 @@ from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes, joined
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import ReferenceLines, reference_lines
-from hw.calibration.reference_renders import MaterialRender, NamedProgress, reference_renders
+from hw.calibration.reference_renders import MaterialRender, reference_renders
 from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
+from render.progress import OnProgress, in_stage
 from render.scene import Scene
 
 UNCORRECTED_ERROR = 0.03
@@ -73,7 +73,7 @@ def refine(
     materials: int,
     samples: int,
     folder: Path,
-    progress: NamedProgress | None = None,
+    progress: OnProgress | None = None,
     render: Callable[..., PadLight] = render_pad_light,
 ) -> tuple[Calibration, Confirmation]:
     """Return the calibration as renders correct it, and what confirms it.
@@ -103,7 +103,7 @@ def refine(
         light = render(
             found.material.put_into(scene), phi, bends, lit, samples=samples, seed=10 + number,
             around=lines.on_pad,
-            progress=partial(progress, f"what was found, {number}") if progress else None,
+            progress=in_stage(progress, f"what was found, {number}"),
         )  # fmt: skip
         if moved <= CONVERGED or number == MAX_RENDERS:
             break

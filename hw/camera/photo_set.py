@@ -17,6 +17,7 @@ from hw.camera.photo import DARK_FRAMES, MAX_DARK_COUNTS, check_photo, linear, r
 from hw.errors import CaptureError
 from hw.leds.fiber_lights import FiberLights, sweep
 from render.arrays import Array
+from render.progress import Clock, OnProgress
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
 
@@ -59,7 +60,7 @@ def take_sweep(
     settle: float = 0.1,
     together: bool = True,
     prepare: Callable[[Array], Array] = np.asarray,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> dict[str, Array]:
     """Return photographs by name as a folder would hold them, counts ``(row, column, 3)``.
 
@@ -71,7 +72,7 @@ def take_sweep(
         settle: seconds between setting a light and photographing it.
         together: also photograph all fibers at once.
         prepare: done to every photograph first, a dewarp for example.
-        progress: called with photographs taken and all of them.
+        progress: told of every photograph.
     """
     lights.off()
     lights.hold(settle)
@@ -82,10 +83,11 @@ def take_sweep(
         lights.set(power)
         lights.hold(settle)
         photos["all"] = prepare(camera.capture(frames))
+    clock = Clock(total, progress)
+    clock.skip(len(photos))
     for fiber in sweep(lights, power, settle):
         photos[f"fiber-{fiber:02d}"] = prepare(camera.capture(frames))
-        if progress:
-            progress(len(photos), total)
+        clock.tick()
     return photos
 
 

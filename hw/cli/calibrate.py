@@ -13,7 +13,7 @@ from typer import Option
 from hw.cli.options import Gamma, Materials, Noise, Samples, SceneOption
 from hw.errors import CalibrationError
 from optimize.cli.options import DesignOption, Json, ModelFolder
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.errors import RenderError
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from hw.camera.linearity import Linearity
     from hw.camera.photo_set import PhotoSet
     from render.arrays import Array
-    from render.progress import Progress
     from render.scene import Scene
 
 
@@ -126,8 +125,8 @@ def calibrate_sets(
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     additivity = require_linearity(linearity_sets, noise)
     checker = open_model(scene, model)
-    with Meter("Drawing materials") as meter:
-        lines = line_model(scene, checker, lighting.phi, bends, meter)
+    with ProgressBar("Drawing materials") as bar:
+        lines = line_model(scene, checker, lighting.phi, bends, bar)
     measurements = measure(scene, sets, bends, noise)
     note(f"Fitting {len(measurements)} photographs of {scene.name}")
     found = fit_rig(scene, lines, measurements)
@@ -138,12 +137,7 @@ def calibrate_sets(
             f"Correcting the fit by renders: of {materials} materials, kept for all rigs of this "
             "design, then of what is found"
         )
-        with Meter("Rendering") as meter:
-
-            def said(name: str, at: Progress) -> None:
-                meter.title = f"Rendering {name}"
-                meter(at.done, at.total, at.eta_seconds)
-
+        with ProgressBar("Rendering") as bar:
             try:
                 found, confirmation = refine(
                     scene,
@@ -155,7 +149,7 @@ def calibrate_sets(
                     materials=materials,
                     samples=samples,
                     folder=cache_folder(),
-                    progress=said,
+                    progress=bar,
                 )
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None

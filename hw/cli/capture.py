@@ -11,7 +11,7 @@ from typer import Option
 from hw.cli.options import Lens, SceneOption
 from hw.cli.wiring import Wiring, wired
 from optimize.cli.options import DesignArgument
-from optimize.ui.console import Meter, reserved_stdout
+from optimize.ui.console import ProgressBar, reserved_stdout
 
 if TYPE_CHECKING:
     from hw.camera.opencv_camera import LockedSettings
@@ -97,7 +97,7 @@ def sweep_photos(
         interruptible(),
         closing(OpenCVCamera(source, locked)) as camera,
         wiring.lights(len(design.phi)) as lights,
-        Meter("Photographing") as meter,
+        ProgressBar("Photographing") as bar,
     ):
         first = prepare(camera.capture())
         check_photo(first, scene.camera.rows, scene.camera.columns, "the photograph")
@@ -111,7 +111,7 @@ def sweep_photos(
             settle=SETTLE,
             together=white is None,
             prepare=prepare,
-            progress=meter,
+            progress=bar,
         )
 
 

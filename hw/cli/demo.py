@@ -17,7 +17,8 @@ from typer import Option
 from hw.cli.calibrate import calibrate_sets, print_calibration
 from hw.cli.options import Materials, Samples, SceneOption
 from optimize.cli.options import Json, ModelFolder, Seed
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
+from render.progress import Progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -127,7 +128,7 @@ def _rendered(
 
     note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
     fibers = range(scene.fibers.count)
-    with Meter("Rendering the rig") as meter:
+    with ProgressBar("Rendering the rig") as bar:
         return rendered_images(
             scene,
             truth,
@@ -135,7 +136,7 @@ def _rendered(
             BENDS,
             [fibers, fibers[CALIBRATION_FIBERS[1]]],
             samples=rig_samples,
-            progress=lambda at: meter(at.done, at.total, at.eta_seconds),
+            progress=bar,
         )
 
 
@@ -177,10 +178,10 @@ def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
     healthy = colors(rig.camera(), rig.design.power)
     record = commission(prediction, healthy, rig.scene.hash, 0.0)
     found = {}
-    with Meter("Checking") as meter:
+    with ProgressBar("Checking") as bar:
         for number, (name, camera, power) in enumerate(_faulty(rig)):
             found[name] = check_sweep(prediction, colors(camera, power), known, record.ratio)
-            meter(number + 1, 4)
+            bar(Progress(number + 1, 4))
     return found
 
 

@@ -10,7 +10,8 @@ from typer import Option
 from hw.cli.wiring import Baud, Port, SpokenProtocol, Wiring, wired
 from hw.leds import ProtocolName
 from optimize.cli.options import DesignArgument, Json
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
+from render.progress import Progress
 
 if TYPE_CHECKING:
     from optimize.design import Design
@@ -74,13 +75,13 @@ def sweep_lights(
 
     with reserved_stdout() as stream, interruptible():
         design = load_design_file(path).design
-        with wiring.lights(len(design.phi)) as lights, Meter("Sweeping") as meter:
+        with wiring.lights(len(design.phi)) as lights, ProgressBar("Sweeping") as bar:
             names = [color_name(index) for index in design.colors]
             for done, fiber in enumerate(sweep(lights, design.power * wiring.scale, seconds)):
                 led = lights.channels.leds[fiber]
                 stream.write(f"fiber {fiber}, LED {led}: {names[fiber]}\n")
                 stream.flush()
-                meter(done + 1, _lit(design))
+                bar(Progress(done + 1, _lit(design)))
         stream.write("All LEDs are off.\n")
 
 

@@ -12,7 +12,7 @@ from typer import Option
 
 from hw.cli.options import SceneOption
 from optimize.cli.options import Json, ModelFolder, Seed
-from optimize.ui.console import Meter, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, print_json, reserved_stdout
 from render.errors import TableError
 
 if TYPE_CHECKING:
@@ -48,14 +48,14 @@ def run(
         prediction = predict(checker, design.phi, design.power, 0.0)
         light = None if truth is None else _true_light(truth, prediction.nodes, checker)
         began = time.monotonic()
-        with Meter("Rigs") as meter:
+        with ProgressBar("Rigs") as bar:
             found = measure_recall(
                 prediction,
                 flat_sites(scene)[:, :2],
                 rigs=rigs,
                 seed=seed,
                 truth=light,
-                progress=meter,
+                progress=bar,
             )
         seconds = time.monotonic() - began
         if as_json:

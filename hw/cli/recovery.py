@@ -9,11 +9,10 @@ from typer import Option
 
 from hw.cli.options import Materials, Samples, SceneOption
 from optimize.cli.options import Json, ModelFolder
-from optimize.ui.console import Meter, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, print_json, reserved_stdout
 
 if TYPE_CHECKING:
     from hw.studies.recovery import Recovered, RigOutcome
-    from render.progress import Progress
 
 
 def run(
@@ -40,16 +39,11 @@ def run(
         scene = load_scene(scene_name)
         checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
-        with Meter("Drawing materials") as meter:
-            lines = line_model(scene, checker, design.phi, BENDS, meter)
+        with ProgressBar("Drawing materials") as bar:
+            lines = line_model(scene, checker, design.phi, BENDS, bar)
         outcomes = []
         for number in range(seed, seed + rigs):
-            with Meter(f"Rig {number}") as meter:
-
-                def said(name: str, at: Progress, meter: Meter = meter) -> None:
-                    meter.title = f"Rendering {name}"
-                    meter(at.done, at.total, at.eta_seconds)
-
+            with ProgressBar("Rendering") as bar:
                 outcomes.append(
                     recover(
                         scene,
@@ -59,7 +53,7 @@ def run(
                         rig_samples=rig_samples,
                         materials=materials,
                         samples=samples,
-                        progress=said,
+                        progress=bar,
                     )
                 )
             if not as_json:

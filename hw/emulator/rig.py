@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.emulator.smooth_ratio import SmoothRatio
 from render.arrays import Array
-from render.progress import Progress
+from render.progress import OnProgress
 from render.scene import Scene
 
 COLUMNS, ROWS = 120, 200
@@ -113,7 +113,7 @@ def rendered_images(
     lit: Sequence[Sequence[int]],
     *,
     samples: int,
-    progress: Callable[[Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> NDArray[np.float32]:
     """Return the rig's true radiance per unit power as the reference renders it.
 

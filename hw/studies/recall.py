@@ -27,6 +27,7 @@ from hw.check.rig_tolerances import (
 )
 from hw.check.sweep_check import check_sweep
 from render.arrays import Array
+from render.progress import Clock, OnProgress
 
 FAULTS = {"dead": FiberState.DEAD, "half power": FiberState.DIM, "swapped": FiberState.SWAPPED,
           "10 deg off": FiberState.MOVED}  # fmt: skip
@@ -179,7 +180,7 @@ def measure_recall(
     seed: int = 0,
     spread: RigSpread | None = None,
     truth: Array | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> list[Recall]:
     """Return recall and false alarms over ``rigs`` random rigs for every way of checking.
 
@@ -190,6 +191,7 @@ def measure_recall(
     found = {way: {fault: 0 for fault in FAULTS} for way in ways}
     named = {way: {fault: 0 for fault in FAULTS} for way in ways}
     alarms, blamed = dict.fromkeys(ways, 0), dict.fromkeys(ways, 0)
+    clock = Clock(rigs, progress)
     for number in range(rigs):
         rng = np.random.default_rng([seed, number])
         rig = RandomRig(prediction, sites, spread, rng, truth)
@@ -206,8 +208,7 @@ def measure_recall(
                 found[way][fault] += fiber in reported
                 named[way][fault] += reported.get(fiber) is FAULTS[fault]
                 blamed[way] += bool(reported.keys() - {fiber})
-        if progress:
-            progress(number + 1, rigs)
+        clock.tick()
     return [
         Recall(
             way,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from hw.calibration.line_model import LineModel
@@ -14,7 +13,7 @@ from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, swit
 from hw.errors import CalibrationError
 from optimize.design import Design
 from render.preview import cache_folder
-from render.progress import Progress
+from render.progress import OnProgress, in_stage
 from render.scene import Scene
 
 BOUND = 0.10
@@ -86,7 +85,7 @@ def recover(
     rig_samples: int,
     materials: int,
     samples: int,
-    progress: Callable[[str, Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> RigOutcome:
     """Render the photographs of the rig of ``seed``, calibrate on them and compare.
 
@@ -100,15 +99,11 @@ def recover(
         samples: light paths of the renders that correct and confirm.
         progress: called with what is rendered and how far it is.
     """
-
-    def said(name: str) -> Callable[[Progress], None] | None:
-        return None if progress is None else lambda at: progress(name, at)
-
     truth = random_parameters(scene, seed)
     fibers = range(scene.fibers.count)
     images = rendered_images(
         scene, truth, design.phi, BENDS, [fibers[own] for own in CALIBRATION_FIBERS],
-        samples=rig_samples, progress=said(f"photographs of rig {seed}"),
+        samples=rig_samples, progress=in_stage(progress, f"photographs of rig {seed}"),
     )  # fmt: skip
     truth = replace(truth, gain=single_exposure(truth, images))
     with switched_on(scene, design, truth, images) as rig:

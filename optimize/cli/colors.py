@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Argument, Option
 
 from optimize.cli.options import Json, Seed
-from optimize.ui.console import Meter, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, print_json, reserved_stdout
 from render.errors import TableError
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ def run(
         table = load_table(path)
         scorer = TableScorer(table)
         phi = scorer.at_node(_node(table, phi_index))
-        with Meter(f"Colors, {method}") as meter:
-            result = _search(scorer, phi, method, seed, device, meter)
+        with ProgressBar(f"Colors, {method}") as bar:
+            result = _search(scorer, phi, method, seed, device, bar)
         if as_json:
             print_json(
                 stream,
@@ -93,7 +93,7 @@ def _node(table: TransportTable, phi_index: int | None) -> int:
 
 
 def _search(
-    scorer: TableScorer, phi: Array, method: str, seed: int, device: str | None, meter: Meter
+    scorer: TableScorer, phi: Array, method: str, seed: int, device: str | None, bar: ProgressBar
 ) -> ColorResult:
     if method == "grouped":
         from optimize.search.colors import grouped_colors
@@ -102,9 +102,7 @@ def _search(
     if method == "quick":
         from optimize.search.colors import quick_colors
 
-        return quick_colors(scorer, phi, seed=seed, progress=meter)
+        return quick_colors(scorer, phi, seed=seed, progress=bar)
     from optimize.search.colors import exact_colors
 
-    return exact_colors(
-        scorer, phi, lambda at: meter(at.done, at.total, at.eta_seconds), device=device
-    )
+    return exact_colors(scorer, phi, bar, device=device)

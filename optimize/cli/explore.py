@@ -10,8 +10,9 @@ from typing import IO, TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, SceneName, Seed
-from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 from render.errors import DesignError
+from render.progress import Progress
 
 if TYPE_CHECKING:
     from optimize.exploration import Exploration
@@ -66,12 +67,12 @@ def run(
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
         note(f"Exploring {scene.name} on the surrogate in {folder}")
-        with Meter("Exploring") as meter:
-            found = explore(scene, checker, seed=seed, progress=_Steps(meter))
+        with ProgressBar() as bar:
+            found = explore(scene, checker, seed=seed, progress=_Steps(bar))
             if robust is not None or shadow is not None:
-                meter.note("  refining for what was asked")
-                found = study_robustness(found, robust, shadow, _Parts(meter))
-            meter.note("  drawing pictures and the report")
+                bar.note("  refining for what was asked")
+                found = study_robustness(found, robust, shadow, bar)
+            bar.note("  drawing pictures and the report")
             result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
         if as_json:
             for warning in warnings(found.stages):
@@ -92,36 +93,21 @@ class _Steps:
     The number of rounds is not known before; two are usual, and later rounds have three stages.
     """
 
-    def __init__(self, meter: Meter) -> None:
-        self.meter, self.done, self.expected = meter, 0, 9
+    def __init__(self, bar: ProgressBar) -> None:
+        self.bar, self.done, self.expected = bar, 0, 9
 
     def __call__(self, step: SearchStep) -> None:
         from optimize.report import STAGES
 
         label = STAGES[step.stage][0]
-        self.meter.note(
+        self.bar.note(
             f"  {step.seconds:5.1f} s  {label:<17}  score {step.score:8.3f}"
             f"  ({step.evaluated:,} designs)"
         )
         self.done += 1
         if self.done == self.expected:
             self.expected += 3
-        self.meter(self.done, self.expected)
-
-
-class _Parts:
-    """Gives every part of the study a meter of its own."""
-
-    def __init__(self, meter: Meter) -> None:
-        self.title, self.meter = "", meter
-
-    def __call__(self, title: str, done: int, total: int) -> None:
-        if title != self.title:
-            self.meter.close()
-            self.title, self.meter = title, Meter(title)
-        self.meter(done, total)
-        if done == total:
-            self.meter.close()
+        self.bar(Progress(self.done, self.expected, stage="exploring"))
 
 
 def _print_table(stream: IO[str], found: Exploration) -> None:

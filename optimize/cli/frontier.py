@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, SceneName, Seed
-from optimize.ui.console import Stages, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 
 if TYPE_CHECKING:
     from optimize.frontier import Frontier
@@ -61,7 +61,7 @@ def run(
             f"Fits and transport table: {given or 'no table of reference renders, so one is made'}"
             f"; interrupted, the same command goes on from {folder}"
         )
-        with Stages() as report:
+        with ProgressBar(announce=True) as report:
             found = measure_frontier(
                 scene,
                 checker,

@@ -8,12 +8,11 @@ from typing import IO, TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, SceneName, Seed
-from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 from render.errors import ModelError, SceneError
 
 if TYPE_CHECKING:
     from optimize.verification import LoopRound, Optimization
-    from render.progress import Progress
     from render.scene import Scene
     from surrogate.runtime import Checker
 
@@ -75,16 +74,16 @@ def run(
         ensure_llvm()
         checkpoint = target.parent / f"{target.name}-renders"
         note(f"Renders are kept in {checkpoint}; interrupted, the same command goes on from there")
-        with _Meters() as meters:
+        with ProgressBar("Rendering") as bar:
             found = optimize(
                 scene,
                 checker,
-                reference_renders(scene, checkpoint, meters),
+                reference_renders(scene, checkpoint, bar),
                 OptimizeConfig(
                     method, samples, final_samples, final_seeds, rounds, generations, seed
                 ),
-                on_round=meters.round,
-                on_candidate=meters.candidate,
+                on_round=lambda done: bar.note(_round_text(done)),
+                on_candidate=lambda *at: bar.note(_candidate_text(*at)),
             )
         result = optimization_to_json(scene, found, target)
         write_optimization(scene, found, target, result)
@@ -114,44 +113,28 @@ def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | N
     return open_model(scene, folder)
 
 
-class _Meters:
-    """One progress display per render, and a line per round and generation."""
+def _round_text(done: LoopRound) -> str:
+    """Say what a round found."""
+    lines = [f"  Round {done.number}: {done.seconds:.0f} s of rendering"]
+    rows = zip(done.proposals, [None, *done.gains], done.scores, strict=True)
+    for entry, gain, measured in rows:
+        over = "" if gain is None else f", gain {gain.value:+.2f} ± {gain.se:.2f}"
+        lines.append(
+            f"    {entry.role:<10} predicted {entry.predicted:.2f}, rendered "
+            f"{measured.score.value:.2f} ± {measured.score.se:.2f} "
+            f"(noise takes {measured.score.value - measured.score.plain:.2f}){over}"
+        )
+    tau = done.correction.tau
+    learned = f"prior {tau:g} per coefficient" if tau else "nothing to correct"
+    lines.append(
+        f"    ranking: {done.agreement.shown}; refit: {learned}, then {done.refitted.shown}"
+    )
+    return "\n".join(lines)
 
-    def __init__(self) -> None:
-        self._title, self._meter = "", Meter("")
 
-    def __enter__(self) -> _Meters:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._meter.close()
-
-    def __call__(self, title: str, state: Progress) -> None:
-        if title != self._title:
-            self._meter.close()
-            self._title, self._meter = title, Meter(f"Rendering {title}")
-        self._meter(state.done, state.total, state.eta_seconds)
-
-    def round(self, done: LoopRound) -> None:
-        """Say what a round found."""
-        self._meter.close()
-        note(f"  Round {done.number}: {done.seconds:.0f} s of rendering")
-        rows = zip(done.proposals, [None, *done.gains], done.scores, strict=True)
-        for entry, gain, measured in rows:
-            over = "" if gain is None else f", gain {gain.value:+.2f} ± {gain.se:.2f}"
-            note(
-                f"    {entry.role:<10} predicted {entry.predicted:.2f}, rendered "
-                f"{measured.score.value:.2f} ± {measured.score.se:.2f} "
-                f"(noise takes {measured.score.value - measured.score.plain:.2f}){over}"
-            )
-        tau = done.correction.tau
-        learned = f"prior {tau:g} per coefficient" if tau else "nothing to correct"
-        note(f"    ranking: {done.agreement.shown}; refit: {learned}, then {done.refitted.shown}")
-
-    def candidate(self, done: int, limit: int, best: float) -> None:
-        """Say how far the thesis's procedure is."""
-        self._meter.close()
-        note(f"  Thesis: {done} candidates of at most {limit}, best plain score {best:.2f}")
+def _candidate_text(done: int, limit: int, best: float) -> str:
+    """Say how far the thesis's procedure is."""
+    return f"  Thesis: {done} candidates of at most {limit}, best plain score {best:.2f}"
 
 
 def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:

@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, RatedDesignArgument, SceneOfDesign, Seed
-from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 from render.errors import DesignError
 
 if TYPE_CHECKING:
@@ -94,10 +94,10 @@ def _rendered(
     ensure_llvm()
     checkpoint = path.parent / f"{path.stem}-renders"
     note(f"Rendering baseline and design; interrupted, it goes on from {checkpoint}")
-    with Meter("Rendering") as meter:
-        renders = reference_renders(
-            candidate.scene, checkpoint, lambda _, at: meter(at.done, at.total, at.eta_seconds)
-        )(designs, samples=samples, seeds=[RENDER_SEED + seed], title="baseline and design")
+    with ProgressBar("Rendering") as bar:
+        renders = reference_renders(candidate.scene, checkpoint, bar)(
+            designs, samples=samples, seeds=[RENDER_SEED + seed], title="baseline and design"
+        )
     exposure, halves = candidate.rating.settings.exposure, []
     for half in (slice(0, None, 2), slice(1, None, 2)):
         facets = renders.replicates[half].mean(axis=0)

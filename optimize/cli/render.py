@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from optimize.cli.options import Bend, DesignOption, SceneName
-from optimize.ui.console import Meter, note, reserved_stdout
+from optimize.ui.console import ProgressBar, note, reserved_stdout
 
 if TYPE_CHECKING:
     from optimize.design import Design
@@ -67,7 +67,7 @@ def _preview(scene: Scene, design: Design, bend: float) -> Array:
 def _reference(scene: Scene, design: Design, bend: float) -> Array:
     from render.reference import render_image
 
-    with Meter("Render") as meter:
+    with ProgressBar("Render") as bar:
         picture = render_image(
             scene,
             design.phi,
@@ -76,6 +76,6 @@ def _reference(scene: Scene, design: Design, bend: float) -> Array:
             width=scene.camera.columns // 3,
             height=scene.camera.rows // 3,
             samples=SAMPLES,
-            progress=lambda p: meter(p.done, p.total, p.eta_seconds),
+            progress=bar,
         )
     return picture.radiance

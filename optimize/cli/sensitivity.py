@@ -7,7 +7,7 @@ from typing import Annotated
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, RatedDesignArgument, Seed
-from optimize.ui.console import Meter, note, print_json, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 
 RENDER_SEED = 600
 
@@ -52,8 +52,8 @@ def run(
         table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         scorer = TableScorer(table, limits=limits_of(sensor))
         names: list[str] = [name for name in MATERIALS if name in spreads]
-        with Meter("Previews of other materials") as meter:
-            slopes = material_slopes(sensor, names, table.phi, meter)
+        with ProgressBar("Previews of other materials") as bar:
+            slopes = material_slopes(sensor, names, table.phi, bar)
         found = tuple(sensitivities(scorer, candidate.design, spreads, slopes, seed=seed))
         result: dict[str, object] = {
             "scene_hash": sensor.hash,
@@ -68,14 +68,14 @@ def run(
             exact = score_slopes(scorer, candidate.design, list(spreads), slopes)
             checkpoint = path.parent / f"{path.stem}-renders"
             note(f"Rendering neighbors; interrupted, the same command goes on from {checkpoint}")
-            with Meter("Rendering neighbors") as meter:
+            with ProgressBar("Rendering") as bar:
                 checked = check_slopes(
                     candidate,
                     {name: float(values.sum()) for name, values in exact.items()},
                     samples=samples,
                     seed=RENDER_SEED + seed,
                     checkpoint=checkpoint,
-                    progress=lambda at: meter(at.done, at.total, at.eta_seconds),
+                    progress=bar,
                 )
             result["checked"] = [entry.to_json() for entry in checked]
             lines = [entry.sentence for entry in checked]

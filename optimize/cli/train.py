@@ -9,7 +9,7 @@ from typing import Annotated
 from typer import Option
 
 from optimize.cli.options import SceneName, Seed
-from optimize.ui.console import Stages, reserved_stdout
+from optimize.ui.console import ProgressBar, reserved_stdout
 
 
 def run(
@@ -46,7 +46,7 @@ def run(
             command += ["--samples", str(samples)]
         else:
             command += ["--minutes", f"{minutes:g}"]
-        with Stages() as stages:
+        with ProgressBar(announce=True) as bar:
             made = train(
                 scene,
                 folder,
@@ -54,7 +54,7 @@ def run(
                 table=known,
                 config=TrainConfig(minutes=minutes, samples=samples),
                 command=shlex.join(command),
-                progress=lambda p: stages(p.stage.capitalize(), p.done, p.total, p.eta_seconds),
+                progress=bar,
             )
         stream.write(
             f"{'held-out errors':<24}{'color, median':>15}{'score, median':>15}{'tau':>7}\n"

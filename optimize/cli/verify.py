@@ -8,9 +8,8 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Option
 
 from optimize.cli.options import DesignArgument, Json, ModelFolder, SceneOfDesign
-from optimize.ui.console import Meter, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 from render.errors import RenderError
-from render.progress import Progress
 
 if TYPE_CHECKING:
     from optimize.design import RatedDesign
@@ -58,25 +57,15 @@ def run(
             f"Rendering the baseline and {path} with {seeds} seeds, {count} samples per cell; "
             f"interrupted, the same command goes on from {checkpoint}"
         )
-        meters: dict[str, Meter] = {}
-
-        def progress(name: str, state: Progress) -> None:
-            if name not in meters:
-                _close(meters)
-                meters[name] = Meter(f"Rendering the {name}")
-            meters[name](state.done, state.total, state.eta_seconds)
-
-        try:
+        with ProgressBar("Rendering the") as bar:
             found = verify(
                 candidate,
                 checker,
                 samples=count,
                 seeds=range(1, seeds + 1),
                 checkpoint=checkpoint,
-                progress=progress,
+                progress=bar,
             )
-        finally:
-            _close(meters)
         kept = {
             **found.to_json(),
             "level": "reference",
@@ -104,11 +93,6 @@ def _count(candidate: RatedDesign, minutes: float | None, seeds: int, folder: Pa
         designs=1 if candidate.recolored else 2,
         folder=folder,
     )
-
-
-def _close(meters: dict[str, Meter]) -> None:
-    for meter in meters.values():
-        meter.close()
 
 
 def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:

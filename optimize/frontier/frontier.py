@@ -12,12 +12,12 @@ from optimize.frontier.held_out import (
     SHORT_SEED,
     FrontierRow,
     HeldOutReference,
-    StageReport,
     held_out_designs,
 )
 from optimize.frontier.plan import FrontierPlan, make_frontier_plan
 from optimize.frontier.rendered_levels import path_tracer_rows, short_rows
 from render.errors import TableError
+from render.progress import OnProgress, Progress, in_stage
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
@@ -75,7 +75,7 @@ def measure_frontier(
     minutes: float,
     samples: int | None,
     table: TransportTable | None,
-    report: StageReport,
+    report: OnProgress,
 ) -> Frontier:
     """Render, fit, time and compare; everything that took long is kept in ``folder``.
 
@@ -107,7 +107,7 @@ def measure_frontier(
             field="table",
         )
     designs, renders = held_out_designs(scene, count, seed), folder / "renders"
-    report("Plan", 0, 1, None)
+    report(Progress(0, 1, stage="plan"))
     plan = make_frontier_plan(
         designs, folder, seed=seed, minutes=minutes, samples=samples, renders_table=table is None
     )
@@ -121,13 +121,13 @@ def measure_frontier(
         about = checker.metadata
         same = about.training_data_hash == data_hash(table)
         table_seconds = float(about.renderer.get("seconds", 0.0)) if same else 0.0
-    report("Preview", 0, 1, None)
+    report(Progress(0, 1, stage="preview"))
     rows = [preview_row(reference)]
     began = time.perf_counter()
     grid = draw_grid(scene, *config.preview_nodes)
     drawing = time.perf_counter() - began
     rows += fitted_rows(reference, grid, table, seed, config.fit, folder, report)
-    report("Shipped model", 0, 1, None)
+    report(Progress(0, 1, stage="shipped model"))
     rows += model_rows(reference, checker, drawing)
     rows.append(table_row(reference, table, table_seconds))
     rows += short_rows(reference, plan.short, renders, report)
@@ -153,7 +153,7 @@ def _rendered_table(
     seed: int,
     folder: Path,
     config: TrainConfig,
-    report: StageReport,
+    report: OnProgress,
 ) -> tuple[TransportTable, float]:
     """Return a transport table at the training's nodes and the seconds of its render."""
     from surrogate.training.render_plan import estimate_table, make_plan, render_plan
@@ -172,6 +172,6 @@ def _rendered_table(
         scene,
         wanted,
         run,
-        lambda state: report("Transport table", state.done, state.total, state.eta_seconds),
+        in_stage(report, "transport table"),
     )
     return estimate_table(scene, wanted, estimate), estimate.seconds

@@ -5,7 +5,6 @@ Directions are continuous: no design stands on a node that a surrogate was train
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,14 +14,13 @@ from optimize.scoring import check_visible, jackknife, student_factor
 from render.arrays import Array
 from render.geometry import fiber_edges, mirrored_fibers
 from render.metric import clip_counts, design_score, image_counts, site_metric
+from render.progress import OnProgress, in_stage
 from render.reference import Sampler, TransportEstimate, render_transport
 from render.scene import Scene
 from surrogate.runtime import Checker
 from surrogate.training.conformal import Comparison, Coverage, Quantiles, coverage
 from surrogate.training.evaluation import kendall_tau, random_colors
 
-StageReport = Callable[[str, float, float, float | None], None]
-"""Called with stage, done, total and the seconds left where they are known."""
 REFERENCE_SEED, SHORT_SEED, TRACER_SEED = 101, 201, 301
 """Seeds of the long render, of the short ones and of the path tracer; training counts from 1."""
 RESAMPLES = 1000
@@ -62,7 +60,7 @@ class HeldOutDesigns:
         samples: int,
         seed: int,
         checkpoint: Path,
-        report: StageReport,
+        report: OnProgress,
         sampler: Sampler = "monte-carlo",
     ) -> TransportEstimate:
         """Render all nodes at the scene's bends in one go; resumes in ``checkpoint``.
@@ -78,7 +76,7 @@ class HeldOutDesigns:
             seeds=[seed],
             sampler=sampler,
             checkpoint=checkpoint,
-            progress=lambda state: report(title, state.done, state.total, state.eta_seconds),
+            progress=in_stage(report, title),
         )
         check_visible(estimate.replicates)
         return estimate

@@ -12,12 +12,13 @@ import numpy as np
 import torch
 from pydantic import TypeAdapter
 
-from optimize.frontier.held_out import FrontierRow, HeldOutReference, StageReport
+from optimize.frontier.held_out import FrontierRow, HeldOutReference
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import write_bytes
 from render.metric import image_counts
 from render.preview import Preview
+from render.progress import OnProgress
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
@@ -118,7 +119,7 @@ def fitted_rows(
     seed: int,
     config: FitConfig,
     folder: Path,
-    report: StageReport,
+    report: OnProgress,
 ) -> list[FrontierRow]:
     """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does.
 
@@ -142,7 +143,7 @@ def fitted_rows(
         bends=scene_bends(table, scene.bending.angles),
         seed=seed,
         config=config,
-        progress=lambda stage, done, total: report(stage.capitalize(), done, total, None),
+        progress=report,
     )
     seconds, rows = time.perf_counter() - began, []
     bends = torch.tensor([scene.bending.angles], dtype=torch.float32)

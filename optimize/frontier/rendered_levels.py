@@ -16,12 +16,12 @@ from optimize.frontier.held_out import (
     TRACER_SEED,
     FrontierRow,
     HeldOutReference,
-    StageReport,
 )
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.geometry import FacetMasks, facet_masks
 from render.metric import clip_counts
+from render.progress import OnProgress, Progress
 from render.reference import Sampler, mitsuba
 from render.scene import Scene
 
@@ -33,7 +33,7 @@ def short_rows(
     reference: HeldOutReference,
     samples: list[int],
     checkpoint: Path,
-    report: StageReport,
+    report: OnProgress,
 ) -> list[FrontierRow]:
     """Return one row of the reference per number of samples, the last also by PSSMLT."""
     rows, designs = [], reference.designs
@@ -66,7 +66,7 @@ def path_tracer_rows(
     reference: HeldOutReference,
     spp: list[int],
     folder: Path,
-    report: StageReport,
+    report: OnProgress,
 ) -> list[FrontierRow]:
     """Return one row of Mitsuba's ``volpath`` for each number of samples; every design is kept."""
     designs = reference.designs
@@ -76,7 +76,7 @@ def path_tracer_rows(
         name = f"volpath, {count} samples a pixel"
         radiance, seconds = [], []
         for design, (phi, power) in enumerate(zip(designs.phi, designs.power, strict=True)):
-            report(name, design, len(designs), None)
+            report(Progress(design, len(designs), stage=name))
             seed = TRACER_SEED + 1000 * (number + 2 * design)
             digest = hashlib.sha256(f"{designs.scene.hash} {count} {seed}".encode())
             for values in (phi, power):
@@ -89,7 +89,7 @@ def path_tracer_rows(
                 write_npz(path, kept)
             radiance.append(kept["radiance"])
             seconds.append(float(kept["seconds"]))
-        report(name, len(designs), len(designs), None)
+        report(Progress(len(designs), len(designs), stage=name))
         rows.append(
             reference.row(
                 name,

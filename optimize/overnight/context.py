@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -155,13 +155,10 @@ class RunContext:
         self.renders.kind = f"{self.number}/{kind}"
 
     def progress(self, state: Progress) -> None:
-        """Show how far the renders of a stage are."""
-        self.show(state.done, state.total, state.eta_seconds)
-
-    def show(self, done: float, total: float, eta: float | None = None) -> None:
         """Show how far a stage is; with hours, the time left is theirs."""
         self.store.beat()
-        self.log.progress(done, total, max(self.seconds_left, 0.0) if self.fixed is None else eta)
+        left = max(self.seconds_left, 0.0) if self.fixed is None else state.eta_seconds
+        self.log.progress(replace(state, eta_seconds=left))
 
     def keep_best(self, level: str, score: float, reach: float, what: str) -> None:
         """Keep the best design so far for ``tactilux status``."""

@@ -56,6 +56,7 @@ from optimize.verification import (
 )
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.geometry import fiber_edges
+from render.progress import Progress
 from render.reference import RenderCost, transport_jobs
 from render.transport import TransportTable
 from surrogate.model.preview_grid import draw_grid
@@ -78,7 +79,7 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Desig
 
         def report(step: SearchStep) -> None:
             steps.append(step)
-            context.show(len(steps), len(steps) + 1)
+            context.progress(Progress(len(steps), len(steps) + 1))
 
         found = alternating_search(
             TableScorer(table, limits=limits_of(context.scene)),
@@ -182,9 +183,7 @@ def run_loop(
     loop = VerificationLoop(
         checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)),
         baseline_of(context),
-        reference_renders(
-            context.scene, None, lambda _, state: context.progress(state), runner=context.renders
-        ),
+        reference_renders(context.scene, None, context.progress, runner=context.renders),
         _LateRefitter(context, checker),
         fiber_edges(context.scene),
         config,
@@ -202,7 +201,7 @@ def run_loop(
             if number > 1 and took / 2 > context.seconds_until(LOOP_UNTIL):
                 return {"stop": TIME_USED}
             context.stage(f"Round {number}", f"round {number}")
-            context.show(0, 1)
+            context.progress(Progress(0, 1))
             if loop.runs:
                 loop.refit()
             found = loop.proposals(number)
@@ -374,9 +373,7 @@ def verify_finalists(
     """
     designs = [design for _, design in finalists]
     amount = _amount(context, designs, cost)
-    render = reference_renders(
-        context.scene, None, lambda _, state: context.progress(state), runner=context.renders
-    )
+    render = reference_renders(context.scene, None, context.progress, runner=context.renders)
     pooled = _Pool(finalists, scale)
     checks: list[tuple[int, FinalistEvaluation]] = []
     longest, number, extension = 0.0, 0, 0

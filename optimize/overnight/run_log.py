@@ -7,12 +7,14 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
 from typing import IO, Any
 
-from optimize.ui.console import Meter
+from optimize.ui.console import ProgressBar
+from render.progress import Progress
 
 LOG = "log.txt"
 LOG_SECONDS = 60.0
@@ -42,46 +44,46 @@ class RunLog:
         """Open the log."""
         self._log = (run / LOG).open("a", encoding="utf-8")
         self._lines = lines
-        self._meter, self._stage = Meter(""), ""
+        self._bar, self._stage = ProgressBar(), ""
         self._shown = self._logged = 0.0
         self.record: Callable[[str, float, float, float | None], None] = lambda *_: None
 
     def close(self) -> None:
         """Take the bar away and close the log."""
-        self._meter.close()
+        self._bar.close()
         self._log.close()
 
     def note(self, text: str) -> None:
         """Say one line that stays."""
-        self._meter.note(text)
+        self._bar.note(text)
         self._write(text)
         self._emit({"event": "note", "text": text})
 
     def stage(self, name: str) -> None:
         """Begin a stage."""
         if name != self._stage:
-            self._meter.close()
-            self._stage, self._meter = name, Meter(name)
+            self._bar.close()
+            self._stage, self._bar = name, ProgressBar(name)
             self._shown = self._logged = 0.0
             self._write(f"{name} ...")
             self._emit({"event": "stage", "stage": name})
 
-    def progress(self, done: float, total: float, eta: float | None) -> None:
-        """Show how far the stage is; ``eta``: seconds until the whole night is over."""
+    def progress(self, at: Progress) -> None:
+        """Show how far the stage is; the time left is that of the whole night."""
         now = time.monotonic()
         if now - self._shown < SHOW_SECONDS:
             return
         self._shown = now
-        self._meter(done, total, eta)
-        self.record(self._stage, done, total, eta)
+        self._bar(replace(at, stage=""))
+        self.record(self._stage, at.done, at.total, at.eta_seconds)
         self._emit(
-            {"event": "progress", "stage": self._stage, "done": done, "total": total,
-             "eta_seconds": eta}
+            {"event": "progress", "stage": self._stage, "done": at.done, "total": at.total,
+             "eta_seconds": at.eta_seconds}
         )  # fmt: skip
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
-            left = "" if eta is None else f", {eta:.0f} s left in all"
-            self._write(f"{self._stage}: {100 * done / max(total, 1e-9):.0f} %{left}")
+            left = "" if at.eta_seconds is None else f", {at.eta_seconds:.0f} s left in all"
+            self._write(f"{self._stage}: {100 * at.done / max(at.total, 1e-9):.0f} %{left}")
 
     def _write(self, text: str) -> None:
         stamp = datetime.now().astimezone().isoformat(timespec="seconds")

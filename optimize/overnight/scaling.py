@@ -33,7 +33,7 @@ from optimize.overnight.context import JOB_SECONDS, LOOP_UNTIL, MODEL_UNTIL, TAB
 from optimize.overnight.design_stages import ROUND_SHARE
 from optimize.overnight.result import ResultError
 from optimize.overnight.store import RECORD
-from optimize.ui.console import clock
+from optimize.ui.console import duration
 from render.files import write_json
 
 TRIES = 5
@@ -285,7 +285,7 @@ def simulated(
 def scaling_rows(scaling: Scaling) -> list[tuple[str, str, str, str]]:
     """Return workers, time, speed-up and times the renders of every row, as text."""
     return [
-        (str(row.workers), clock(row.seconds), f"{row.speedup:.2g}", f"{row.more:.2g}")
+        (str(row.workers), duration(row.seconds), f"{row.speedup:.2g}", f"{row.more:.2g}")
         for row in scaling.rows
     ]
 
@@ -299,9 +299,9 @@ def scaling_words(scaling: Scaling) -> str:
     if scaling.hours is not None:
         night = f"the plan of a night of {scaling.hours:g} h, scattered as this one's, with its"
     return (
-        f"Simulated from {night} {scaling.renders} renders ({clock(scaling.render_seconds)} "
+        f"Simulated from {night} {scaling.renders} renders ({duration(scaling.render_seconds)} "
         f"in all, the longest {scaling.longest:.0f} s) and from its "
-        f"{clock(scaling.serial_seconds)} of other work, which does not shrink. A worker is "
+        f"{duration(scaling.serial_seconds)} of other work, which does not shrink. A worker is "
         f"{worker}. Jobs are cut and ordered as they were, given out by list scheduling, and every "
         "stage waits for the one before. A "
         f"result of {scaling.size / 1e6:.2g} MB travels at {way.rate / 1e6:.0f} MB/s (measured "

@@ -261,16 +261,12 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
         context.log.note(f"{folder} is missing or damaged: the surrogate is fitted again")
         for item in folder.glob("*") if folder.is_dir() else ():
             item.unlink()
-    from surrogate.training.train import TrainConfig, TrainProgress, train
+    from surrogate.training.train import TrainConfig, train
 
     context.stage("Surrogate", "surrogate")
     steps = context.decide("fit", lambda: {"steps": _steps(context, table())})["steps"]
     config = TrainConfig()
     network = replace(config.fit.network, steps=steps)
-
-    def progress(state: TrainProgress) -> None:
-        eta = None if np.isnan(state.eta_seconds) else state.eta_seconds
-        context.show(state.done, state.total, eta)
 
     began = time.monotonic()
     train(
@@ -282,7 +278,7 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
         run=context.store.run / TABLE,
         config=replace(config, fit=replace(config.fit, network=network)),
         command=f"tactilux overnight {context.scene.name} --seed {context.seed}",
-        progress=progress,
+        progress=context.progress,
     )
     digest = sha256((folder / MODEL_FILE).read_bytes())
     context.decide("model", lambda: {"sha256": digest, "seconds": time.monotonic() - began})

@@ -6,13 +6,13 @@ change between neighbors is taken over: ``d log T / d p`` by central differences
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from optimize.design import Array
 from render.preview import Preview
+from render.progress import Clock, OnProgress
 from render.scene import Scene
 
 STEP = 0.1
@@ -66,7 +66,7 @@ def material_slopes(
     scene: Scene,
     names: list[str],
     phi: Array,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> dict[str, Array]:
     """Return ``d log T / d p`` ``(fiber, phi_node, bend, site, facet)`` by name.
 
@@ -74,17 +74,17 @@ def material_slopes(
         scene: the sensor.
         names: of tolerances of the material.
         phi: ``(phi_node,)`` rad.
-        progress: called with previews drawn and previews in all.
+        progress: told of every preview that is drawn.
     """
     bends, slopes = np.array(scene.bending.angles), {}
-    for index, name in enumerate(names):
+    clock = Clock(2 * len(names), progress)
+    for name in names:
         around = neighbors(scene, name)
         logs = []
-        for side, neighbor in enumerate((around.below, around.above)):
+        for neighbor in (around.below, around.above):
             with Preview(neighbor) as preview:
                 transport, _ = preview.transport(phi, bends)
             logs.append(np.log(np.maximum(transport, 1e-12 * transport.max())))
-            if progress is not None:
-                progress(2 * index + side + 1, 2 * len(names))
+            clock.tick()
         slopes[name] = np.asarray((logs[1] - logs[0]) / (2.0 * around.step))
     return slopes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import IO
 
@@ -27,6 +27,7 @@ from optimize.search.colors import quick_colors, renamed_like
 from optimize.ui.console import print_table
 from render.chebyshev import chebyshev_nodes
 from render.errors import SceneError
+from render.progress import Clock, OnProgress, in_stage
 from render.scene import Scene
 
 SEARCH_DRAWS, RATING_DRAWS = 48, 1000
@@ -100,7 +101,7 @@ def study_robustness(
     exploration: Exploration,
     measure: Measure | None,
     shadow_weight: float | None,
-    report: Callable[[str, int, int], None],
+    report: OnProgress,
 ) -> Exploration:
     """Return the exploration with one more stage, the design for tolerances or shadows.
 
@@ -108,7 +109,7 @@ def study_robustness(
         exploration: the nominal exploration.
         measure: over tolerances; None leaves them out.
         shadow_weight: of the shadow penalty; None leaves it out.
-        report: called with a title, steps done and steps in all.
+        report: told how far every part of the work is.
 
     Raises:
         SceneError: tolerances are asked for, and the scene has none.
@@ -131,7 +132,7 @@ def study_robustness(
     if scorer.colors_alike:
         colorings = [renamed_like(row, best.colors) for row in colorings]
     starts = [best, *(Design(best.phi, scorer.power(row)) for row in colorings)]
-    design = multi_start(scorer, goal, starts, lambda i, n: report("Refining", i, n)).design
+    design = multi_start(scorer, goal, starts, in_stage(report, "refining")).design
     titles = [title for title, used in (("Robust", measure), ("Shadow-aware", shadow)) if used]
     stage = rate(
         checker, scene, "refined", " and ".join(titles).capitalize(), "the refinement", design
@@ -143,11 +144,12 @@ def study_robustness(
     at_end = 0.0
     if sensors is not None:
         _, fresh, slopes = sensors
-        for index, entry in enumerate(stages):
+        clock = Clock(len(stages) + 1, report, "rating")
+        for entry in stages:
             ratings[entry.key] = rate_robustly(scorer, fresh, entry.design)
-            report("Rating", index + 1, len(stages) + 1)
+            clock.tick()
         costs = tuple(sensitivities(scorer, design, spreads, slopes, seed=exploration.seed))
-        report("Rating", len(stages) + 1, len(stages) + 1)
+        clock.tick()
         at_end = fresh.fraction_at_end(design.phi)
     shadows = {} if shadow is None else {e.key: -shadow.value(e.design) for e in stages}
     extra = RobustnessStudy(measure, ratings, shadows, shadow_weight, costs, at_end)
@@ -155,14 +157,14 @@ def study_robustness(
 
 
 def _sensors(
-    scene: Scene, scorer: TableScorer, seed: int, report: Callable[[str, int, int], None]
+    scene: Scene, scorer: TableScorer, seed: int, report: OnProgress
 ) -> tuple[PerturbedSensors, PerturbedSensors, dict[str, np.ndarray]]:
     """Return sensors to search on, others to rate on, and the slopes of their materials."""
     assert scene.tolerances is not None  # checked before
     spreads = scene.tolerances.spreads()
     names: list[str] = [n for n in MATERIALS if n in spreads]
     slopes = material_slopes(
-        scene, names, scorer.table.phi, lambda i, n: report("Previews of other materials", i, n)
+        scene, names, scorer.table.phi, in_stage(report, "previews of other materials")
     )
 
     def drawn(draws: int, stream: int) -> PerturbedSensors:

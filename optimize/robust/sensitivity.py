@@ -7,7 +7,7 @@ both sides are nodes of the same run. Other materials need runs of their own, wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from optimize.robust.perturbed_sensors import QUANTILE, PerturbedSensors
 from optimize.scoring import Differentiator, JackknifeEstimate, TableScorer, jackknife
 from optimize.verification import reference_renders
 from render.chebyshev import interpolation_weights
-from render.progress import Progress
+from render.progress import OnProgress
 from render.scene import Spread
 
 DRAWS = 400
@@ -161,7 +161,7 @@ def check_slopes(
     samples: int,
     seed: int,
     checkpoint: Path | None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> list[CheckedSlope]:
     """Return every slope of ``exact`` (sums over fibers) beside that of renders.
 
@@ -180,9 +180,7 @@ def check_slopes(
     ]
 
     def rendered(what: RatedDesign, designs: list[Design]) -> Array:
-        render = reference_renders(
-            what.scene, checkpoint, None if progress is None else lambda _, at: progress(at)
-        )
+        render = reference_renders(what.scene, checkpoint, progress)
         return render(designs, samples=samples, seeds=[seed], title="neighbors").replicates
 
     def slope(pair: Array, width: float) -> JackknifeEstimate:

@@ -20,6 +20,7 @@ import numpy as np
 
 from optimize.design import Array, Design, ScoredDesign
 from optimize.scoring import Differentiator, TableScorer
+from render.progress import Clock, OnProgress
 
 MAX_ITERATIONS = 200
 DIRECTIONS_OPTIONS = {"maxiter": 60, "ftol": 1e-7}
@@ -113,26 +114,24 @@ def multi_start(
     scorer: TableScorer,
     objective: Objective,
     starts: Sequence[Design],
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> ScoredDesign:
     """Return the best design by ``objective`` within the limits of ``scorer``.
 
     Directions are improved from every one of ``starts``; then one fiber of the best design after
     the other takes another color, with directions improved anew, as long as that helps.
     """
-    optima = []
-    for done, start in enumerate(starts):
+    optima, clock = [], Clock(len(starts) + 1, progress)
+    for start in starts:
         optima.append(refine_directions(scorer, objective, start))
-        if progress is not None:
-            progress(done + 1, len(starts) + 1)
+        clock.tick()
     best = max(optima, key=lambda optimum: optimum.score)
     while recolored := _recolored(scorer, objective, best.design):
         refined = refine_directions(scorer, objective, recolored)
         if refined.score <= best.score:
             break
         best = refined
-    if progress is not None:
-        progress(len(starts) + 1, len(starts) + 1)
+    clock.tick()
     return best
 
 

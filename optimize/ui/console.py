@@ -11,8 +11,10 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING
 
+from render.progress import Progress
+
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    import rich.progress
 
 PATIENCE = 2.0  # seconds before a progress display appears
 LOG_EVERY = 15.0  # seconds between progress lines where stderr is not a terminal
@@ -87,22 +89,26 @@ def note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-class Meter:
-    """Progress with the time left, on stderr, only for work that takes longer than 2 s.
+class ProgressBar:
+    """Shows on stderr how far work is that takes longer than 2 s, and how long it will take.
 
-    A bar on a terminal, a line every 15 s in a log. Use as a context manager and call with
-    ``(done, total)``; ``eta`` in seconds replaces the estimate from elapsed time when known.
+    A bar on a terminal, a line every 15 s in a log. A context manager that is called with
+    `Progress`; where that knows no time left, the time since the stage began tells.
+
+    Arguments:
+        title: what is worked on; the stage follows it.
+        announce: write a line where a stage begins.
     """
 
-    def __init__(self, title: str) -> None:
-        self.title = title
-        self._start = self._said = time.monotonic()
-        self._bar: Progress | None = None
-        self._task: TaskID | None = None
+    def __init__(self, title: str = "", *, announce: bool = False) -> None:
+        self.title, self.announce = title, announce
+        self._stage = ""
+        self._start = self._stage_start = self._said = time.monotonic()
+        self._bar: rich.progress.Progress | None = None
 
-    def __enter__(self) -> Meter:
-        """Start the clock."""
-        self._start = self._said = time.monotonic()
+    def __enter__(self) -> ProgressBar:
+        """Begin to count the time."""
+        self._start = self._stage_start = self._said = time.monotonic()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -115,33 +121,41 @@ class Meter:
             self._bar.stop()
             self._bar = None
 
-    def __call__(self, done: float, total: float, eta: float | None = None) -> None:
-        """Show that ``done`` of ``total`` units are finished."""
+    def __call__(self, at: Progress) -> None:
+        """Show how far the work is."""
         now = time.monotonic()
-        elapsed = now - self._start
-        if elapsed < PATIENCE:
+        title = f"{self.title} {at.stage}".strip()
+        title = title[:1].upper() + title[1:]
+        if at.stage != self._stage:
+            self._stage, self._stage_start = at.stage, now
+            if self.announce:
+                self.note(f"{title} ...")
+        if now - self._start < PATIENCE:
             return
-        left = eta if eta is not None else elapsed * (total - done) / done if done > 0 else None
-        remaining = "" if left is None else f"{clock(left)} left"
+        left, elapsed = at.eta_seconds, now - self._stage_start
+        if left is None and at.done > 0:
+            left = elapsed * (at.total - at.done) / at.done
+        remaining = "" if left is None else f"{duration(left)} left"
         if sys.stderr.isatty():
-            self._draw(done, total, remaining)
+            self._draw(title, at, remaining)
         elif now - self._said >= LOG_EVERY:
             self._said = now
-            note(f"{self.title}: {100 * done / total:.0f} %, {remaining}".rstrip(", "))
+            note(f"{title}: {100 * at.done / at.total:.0f} %, {remaining}".rstrip(", "))
 
     def note(self, text: str) -> None:
         """Write a line that stays, above the bar if there is one."""
         if self._bar is None:
             note(text)
         else:
-            self._bar.console.print(text, highlight=False)
+            self._bar.console.print(text, highlight=False, markup=False)
 
-    def _draw(self, done: float, total: float, remaining: str) -> None:
+    def _draw(self, title: str, at: Progress, remaining: str) -> None:
         if self._bar is None:
             from rich.console import Console
-            from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+            from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+            from rich.progress import Progress as RichProgress
 
-            self._bar = Progress(
+            self._bar = RichProgress(
                 TextColumn("{task.description}"),
                 BarColumn(),
                 TaskProgressColumn(),
@@ -149,39 +163,18 @@ class Meter:
                 console=Console(stderr=True),
                 transient=True,
             )
-            self._task = self._bar.add_task(self.title, total=total, remaining=remaining)
+            self._bar.add_task(title, total=at.total, remaining=remaining)
             self._bar.start()
-        if self._task is not None:
-            self._bar.update(self._task, completed=done, total=total, remaining=remaining)
+        self._bar.update(
+            self._bar.task_ids[0],
+            description=title,
+            completed=at.done,
+            total=at.total,
+            remaining=remaining,
+        )
 
 
-class Stages:
-    """One `Meter` after the other, for work in named stages; a context manager."""
-
-    def __init__(self) -> None:
-        self._name = ""
-        self._meter: Meter | None = None
-
-    def __enter__(self) -> Stages:
-        """Begin without a stage."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Take the last bar away."""
-        if self._meter is not None:
-            self._meter.close()
-
-    def __call__(self, stage: str, done: float, total: float, eta: float | None = None) -> None:
-        """Show how far ``stage`` is; a new name begins a new bar. An ``eta`` of NaN is unknown."""
-        if self._meter is None or stage != self._name:
-            if self._meter is not None:
-                self._meter.close()
-            self._name, self._meter = stage, Meter(stage)
-            note(f"{stage} ...")
-        self._meter(done, total, None if eta is None or eta != eta else eta)
-
-
-def clock(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """Return ``h:mm:ss``, or ``m:ss`` below an hour."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -10,7 +10,7 @@ seeds that had no part in choosing them, and the scores that are reported come f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from optimize.scoring import (
     paired_difference,
     rendered_score,
 )
-from render.progress import Progress
+from render.progress import OnProgress, in_stage
 from render.reference import JobRunner, render_transport
 from render.scene import Scene
 
@@ -71,7 +71,7 @@ class RenderDesigns(Protocol):
 def reference_renders(
     scene: Scene,
     checkpoint: Path | None,
-    progress: Callable[[str, Progress], None] | None = None,
+    progress: OnProgress | None = None,
     runner: JobRunner | None = None,
 ) -> RenderDesigns:
     """Return what renders designs of ``scene`` at level 2.
@@ -92,7 +92,7 @@ def reference_renders(
             seeds=seeds,
             checkpoint=checkpoint,
             runner=runner,
-            progress=None if progress is None else lambda state: progress(title, state),
+            progress=in_stage(progress, title),
         )
         check_visible(estimate.replicates)
         # (replicate, fiber, node, ...) -> (replicate, design, fiber, ...)

@@ -7,7 +7,7 @@ jackknifed jointly so that noise which both share cancels.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from optimize.scoring import (
     paired_difference,
     rendered_score,
 )
-from render.progress import Progress
+from render.progress import OnProgress, in_stage
 from render.reference import TransportEstimate, measure_render_cost, render_transport, stored_plan
 from render.scene import Scene
 from surrogate.runtime import Checker
@@ -78,7 +78,7 @@ def verify(
     samples: int,
     seeds: Sequence[int],
     checkpoint: Path | None = None,
-    progress: Callable[[str, Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> Verification:
     """Render the candidate and the baseline, and compare them.
 
@@ -88,7 +88,7 @@ def verify(
         samples: per cell and seed.
         seeds: common to both designs.
         checkpoint: directory from which an interrupted verification goes on.
-        progress: called with the name of the design being rendered.
+        progress: called every few seconds; the stage is the design being rendered.
     """
     scene, design, baseline = candidate.scene, candidate.design, candidate.baseline
     bends = np.array(scene.bending.angles)
@@ -101,7 +101,7 @@ def verify(
             samples=samples,
             seeds=seeds,
             checkpoint=checkpoint,
-            progress=None if progress is None else lambda state: progress(name, state),
+            progress=in_stage(progress, name),
         )
 
     first = render("baseline", baseline.phi)

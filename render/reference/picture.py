@@ -8,14 +8,13 @@ the diffuser's own faces beside it converges slowly.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.progress import Clock, Progress
+from render.progress import Clock, OnProgress
 from render.reference.llvm import VARIANT, mitsuba
 from render.scene import Scene
 
@@ -46,7 +45,7 @@ def render_image(
     samples: int = 64,
     seed: int = 1,
     indented: bool = True,
-    progress: Callable[[Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> Picture:
     """Render a design at one bend.
 
@@ -78,6 +77,6 @@ def render_image(
     clock = Clock(total, progress)
     while run.done < total:
         run.sample(1)
-        clock.tick(1)
+        clock.tick()
     images = run.estimate().reshape(REPLICATES, height, width, 3)[:, :, ::-1]
     return Picture(images.mean(axis=0), images.std(axis=0, ddof=1) / np.sqrt(REPLICATES))

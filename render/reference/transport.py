@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -21,7 +21,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
 from render.geometry import is_mirror_symmetric, mirror_image
-from render.progress import Clock, Progress
+from render.progress import Clock, OnProgress
 from render.reference.error_bars import standard_error
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
@@ -71,7 +71,7 @@ def render_transport(
     sampler: Sampler = "monte-carlo",
     checkpoint: Path | None = None,
     runner: JobRunner | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> TransportEstimate:
     """Render the transport of all fibers at all bends.
 

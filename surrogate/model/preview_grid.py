@@ -10,7 +10,6 @@ numbers of its own, whose noise the fit averages. Leaving out each material in t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.errors import TableError
+from render.progress import Clock, OnProgress
 from render.scene import Scene
 from surrogate.model.materials import MaterialRange
 
@@ -140,7 +140,7 @@ def draw_material_grid(
     bend_count: int,
     *,
     materials: int = MATERIALS,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> tuple[PreviewGrid, InterpolationError | None]:
     """Return the grid of ``scene`` over what it leaves free, and its error; None without a range.
 
@@ -149,16 +149,16 @@ def draw_material_grid(
         phi_count: nodes in phi.
         bend_count: nodes in the bend.
         materials: how many are drawn.
-        progress: called with previews drawn and previews in all.
+        progress: told of every preview that is drawn.
     """
     free = MaterialRange.of(scene)
     if free is None:
         return draw_grid(scene, phi_count, bend_count), None
     chosen, grids = free.samples(materials), []
-    for number, material in enumerate(chosen):
+    clock = Clock(materials, progress)
+    for material in chosen:
         grids.append(draw_grid(free.scene_with(scene, material), phi_count, bend_count))
-        if progress is not None:
-            progress(number + 1, materials)
+        clock.tick()
     drawn = np.stack([grid.log_transport for grid in grids])
     basis = np.concatenate([np.ones((materials, 1)), free.terms(chosen)], axis=1)
     inverse = np.linalg.pinv(basis)

@@ -11,6 +11,7 @@ import torch
 from torch import nn
 
 from render.arrays import Array
+from render.progress import Clock, OnProgress, in_stage
 from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.conformal import (
@@ -98,7 +99,7 @@ def fit_residual(
     bends: np.ndarray,
     seed: int,
     config: FitConfig,
-    progress: Callable[[str, int, int], None],
+    progress: OnProgress | None,
 ) -> Fit:
     """Return the residual of ``cells`` on the preview ``grid``; deterministic for a seed.
 
@@ -119,7 +120,7 @@ def fit_ensembles(
     bends: np.ndarray,
     seed: int,
     config: FitConfig,
-    progress: Callable[[str, int, int], None],
+    progress: OnProgress | None,
 ) -> dict[str, nn.Module]:
     """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without evaluation."""
     with _one_thread():
@@ -187,7 +188,7 @@ class _Task:
         return self.evaluation(designs, everywhere, self.bends)
 
 
-def _fit(task: _Task, config: FitConfig, progress: Callable[[str, int, int], None]) -> Fit:
+def _fit(task: _Task, config: FitConfig, progress: OnProgress | None) -> Fit:
     cells, rows = task.cells, task.rows
     fold = folds(cells.group, config.members, task.seed)
     evaluation = task.overall(config, fold)
@@ -252,14 +253,15 @@ def _ensembles(
     config: FitConfig,
     evaluation: HeldOutEvaluation,
     fold: np.ndarray,
-    progress: Callable[[str, int, int], None],
+    progress: OnProgress | None,
 ) -> _Ensembles:
-    progress("ridge", 0, 1)
+    clock = Clock(1, progress, "ridge")
+    clock.skip(0)
     ridges = [(p, fit_ridge(task.rows, fold, config.members, p)) for p in config.penalties]
     penalty, ridge = min(
         ridges, key=lambda item: evaluation.errors("ridge", task.predicted(item[1], fold)).facet_rms
     )
-    progress("ridge", 1, 1)
+    clock.tick()
     network = _train(task, fold, config.members, "networks", config.network, progress)
     return _Ensembles(penalty, ridge, network)
 
@@ -270,12 +272,10 @@ def _train(
     members: int,
     name: str,
     network: NetworkConfig,
-    progress: Callable[[str, int, int], None],
+    progress: OnProgress | None,
 ) -> nn.Module:
-    def report(done: int, total: int) -> None:
-        progress(name, done, total)
-
-    return fit_networks(task.rows, where, members, network, task.seed, report)
+    told = in_stage(progress, name)
+    return fit_networks(task.rows, where, members, network, task.seed, told)
 
 
 def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:

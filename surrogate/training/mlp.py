@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from render.progress import Clock, OnProgress
 from surrogate.model.networks import NetworkEnsemble
 from surrogate.training.dataset import RegressionData, expand
 
@@ -42,12 +42,12 @@ def fit_networks(
     members: int,
     config: NetworkConfig,
     seed: int,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> NetworkEnsemble:
     """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
 
     Minimizes the weighted gamma deviance (:func:`deviance`).
-    ``progress`` is called with (steps done, steps in all).
+    ``progress`` is told of every 100 steps.
     """
     generator = torch.Generator().manual_seed(seed)
     outputs = rows.basis.shape[1]
@@ -59,6 +59,7 @@ def fit_networks(
     weight = seen[..., None] * rows.weight
     weight = weight / weight.mean(dim=(1, 2), keepdim=True)
     order = torch.zeros(0, dtype=torch.long)
+    clock = Clock(config.steps, progress)
     for step in range(config.steps):
         if len(order) < config.batch:
             order = torch.cat([order, torch.randperm(len(rows.x), generator=generator)])
@@ -70,8 +71,8 @@ def fit_networks(
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
-        if progress and (step + 1) % 100 == 0:
-            progress(step + 1, config.steps)
+        if (step + 1) % 100 == 0:
+            clock.tick(100)
     return net
 
 

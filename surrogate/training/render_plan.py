@@ -6,7 +6,6 @@ They give the reference data: one table, or one per material of a scene that lea
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
-from render.progress import Progress
+from render.progress import OnProgress, Progress, in_stage
 from render.reference import (
     JobRunner,
     TransportEstimate,
@@ -31,10 +30,6 @@ from surrogate.training.dataset import TrainingCells, cells_from_table, cells_of
 
 MIN_SAMPLES = 8
 """Samples per cell, however little time there is."""
-
-
-Report = Callable[..., None]
-"""Called with a stage, parts done, parts in all and, where it is known, the rest in seconds."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +96,7 @@ def render_plan(
     scene: Scene,
     plan: RenderPlan,
     folder: Path,
-    progress: Callable[[Progress], None] | None,
+    progress: OnProgress | None,
     runner: JobRunner | None = None,
 ) -> TransportEstimate:
     """Render the cells of ``plan``, going on where ``folder`` stands, or by ``runner``.
@@ -186,7 +181,7 @@ def render_reference(
     phi_count: int,
     bend_count: int,
     materials: Array | None,
-    progress: Report,
+    progress: OnProgress | None,
 ) -> ReferenceData:
     """Return the reference of ``scene``, rendered in the folder ``run``, going on where it stands.
 
@@ -199,7 +194,7 @@ def render_reference(
         phi_count: nodes in phi.
         bend_count: nodes in the bend.
         materials: ``(material, quantity)``; None renders the scene's own alone.
-        progress: see `Report`.
+        progress: called as the work goes on.
     """
     free = MaterialRange.of(scene)
     scenes, folders = [scene], [run]
@@ -209,7 +204,8 @@ def render_reference(
     tables, seconds = [], 0.0
     settings: dict[str, object] = {}
     for number, (one, folder) in enumerate(zip(scenes, folders, strict=True)):
-        progress("plan", number, len(scenes))
+        if progress:
+            progress(Progress(number, len(scenes), stage="plan"))
         plan = make_plan(
             one,
             folder,
@@ -220,11 +216,7 @@ def render_reference(
             bend_count=bend_count,
         )
         title = "render" if len(scenes) == 1 else f"render material {number + 1} of {len(scenes)}"
-
-        def report(state: Progress, title: str = title) -> None:
-            progress(title, state.done, state.total, state.eta_seconds)
-
-        estimate = render_plan(one, plan, folder, report)
+        estimate = render_plan(one, plan, folder, in_stage(progress, title))
         tables.append(estimate_table(one, plan, estimate))
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.errors import TableError
+from render.progress import OnProgress, Progress, in_stage
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.export.model_card import Provenance, describe_model, write_card
@@ -24,16 +23,6 @@ from surrogate.training.evaluation import scene_bends
 from surrogate.training.exposure import exposure_and_lambda
 from surrogate.training.fit import Fit, FitConfig, fit_residual
 from surrogate.training.render_plan import ReferenceData, render_reference
-
-
-@dataclass(frozen=True)
-class TrainProgress:
-    """How far training is: ``done`` of ``total`` in ``stage``; the rest of it in seconds."""
-
-    stage: str
-    done: int
-    total: int
-    eta_seconds: float
 
 
 @dataclass(frozen=True)
@@ -80,7 +69,7 @@ def train(
     run: Path | None = None,
     config: TrainConfig | None = None,
     command: str = "",
-    progress: Callable[[TrainProgress], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> Trained:
     """Make the model of ``scene`` in the folder ``out``; all its files appear together.
 
@@ -107,19 +96,19 @@ def train(
     if table is not None:
         _check(scene, table)
     began = time.monotonic()
-    report = _Reporter(progress)
+    report = progress or (lambda _: None)
 
-    report("preview", 0, 1)
+    report(Progress(0, 1, stage="preview"))
     grid, left_out = draw_material_grid(
         scene,
         *config.preview_nodes,
         materials=config.preview_materials,
-        progress=lambda done, total: report("preview", done, total),
+        progress=in_stage(progress, "preview"),
     )
     preview_error = interpolation_error(scene, grid)
-    report("preview", 1, 1)
+    report(Progress(1, 1, stage="preview"))
 
-    reference = _reference(scene, table, run, seed, config, report)
+    reference = _reference(scene, table, run, seed, config, progress)
     exposure, lam = exposure_and_lambda(scene, reference.tables[0])
     reference = reference.scaled(exposure, lam)
     reference.save(run)
@@ -134,11 +123,11 @@ def train(
         bends=scene_bends(reference.tables[0], scene.bending.angles),
         seed=seed,
         config=config.fit,
-        progress=report,
+        progress=progress,
     )
     fit_seconds = time.monotonic() - fitting
 
-    report("export", 0, 1)
+    report(Progress(0, 1, stage="export"))
     about = describe_model(scene, grid, preview_error, left_out, reference, fit)
     graph = CheckerModule(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
     render_seconds = reference.renderer.get("seconds", 0.0)
@@ -149,25 +138,8 @@ def train(
         fit_seconds=fit_seconds,
     )
     write_package(out, graph, about, write_card(about, fit, made), _golden_inputs(scene, seed))
-    report("export", 1, 1)
+    report(Progress(1, 1, stage="export"))
     return Trained(out, about, fit, reference.tables[0], time.monotonic() - began)
-
-
-class _Reporter:
-    """Turns (stage, done, total) into progress with an estimate of the remaining time."""
-
-    def __init__(self, progress: Callable[[TrainProgress], None] | None) -> None:
-        self.progress, self.stage, self.began = progress, "", 0.0
-
-    def __call__(self, stage: str, done: int, total: int, eta: float | None = None) -> None:
-        if stage != self.stage:
-            self.stage, self.began = stage, time.monotonic()
-        if self.progress is None:
-            return
-        if eta is None:
-            spent = time.monotonic() - self.began
-            eta = spent / done * (total - done) if done else math.nan
-        self.progress(TrainProgress(stage, done, total, eta))
 
 
 def _check(scene: Scene, table: TransportTable) -> None:
@@ -192,7 +164,7 @@ def _reference(
     run: Path,
     seed: int,
     config: TrainConfig,
-    report: _Reporter,
+    progress: OnProgress | None,
 ) -> ReferenceData:
     """Return the reference, rendered unless ``table`` is given."""
     free = MaterialRange.of(scene)
@@ -207,7 +179,7 @@ def _reference(
         phi_count=config.phi_nodes,
         bend_count=config.bend_nodes,
         materials=None if free is None else free.samples(config.materials),
-        progress=report,
+        progress=progress,
     )
 
 

@@ -1,14 +1,12 @@
 """Which LED drives which fiber: one file per search strategy."""
 
 from optimize.search.colors.colorings import ColorResult, canonical, renamed_like
-from optimize.search.colors.enumeration import SearchProgress
 from optimize.search.colors.exact import exact_colors
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
 
 __all__ = [
     "ColorResult",
-    "SearchProgress",
     "canonical",
     "exact_colors",
     "grouped_colors",

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import itertools
 import os
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from optimize.design import Array, Colors, SearchLimits
 from render.errors import TableError
 from render.metric import MetricConfig
+from render.progress import Clock, OnProgress
 
 if TYPE_CHECKING:
     from optimize.scoring.metric_kernel import Single
@@ -30,17 +30,6 @@ if TYPE_CHECKING:
 SUFFIX, MIDDLE, LANES = 5, 4, 64
 _TASKS_PER_ROUND = 24
 _SUFFIX_BYTES = 64 * 2**20
-
-
-@dataclass(frozen=True)
-class SearchProgress:
-    """How far a search has come: assignments done of total, seconds, rate per second, ETA."""
-
-    done: int
-    total: int
-    seconds: float
-    rate: float
-    eta_seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,11 +166,11 @@ class Enumeration:
     def best(
         self,
         keep: int,
-        progress: Callable[[SearchProgress], None] | None = None,
+        progress: OnProgress | None = None,
         limit: int | None = None,
     ) -> BestAssignments:
         """Return the ``keep`` best assignments of all, or of the first tasks up to ``limit``."""
-        start = time.perf_counter()
+        clock = Clock(self.total, progress)
         scores, codes, done = np.empty(0, np.float32), np.empty(0, np.int64), 0
         tasks = iter(self._prefix_codes())
         per_task, workers = self.middles * self.suffixes, self.workers()
@@ -194,11 +183,7 @@ class Enumeration:
                 order = np.lexsort((codes, -scores))[:keep]
                 scores, codes = scores[order], codes[order]
                 done += len(batch) * per_task
-                if progress is not None:
-                    seconds = time.perf_counter() - start
-                    rate = done / seconds
-                    remaining = (self.total - done) / rate
-                    progress(SearchProgress(done, self.total, seconds, rate, remaining))
+                clock.tick(len(batch) * per_task)
                 if limit is not None and done >= limit:
                     break
         return BestAssignments(digits(codes, self.units), scores, done)

@@ -7,7 +7,6 @@ The thesis called this infeasible (4.3.1: 3^20 assignments). Superposition, the 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -20,8 +19,9 @@ from optimize.search.colors.colorings import (
     raise_unreachable,
     ranked,
 )
-from optimize.search.colors.enumeration import Enumeration, Quota, SearchProgress
+from optimize.search.colors.enumeration import Enumeration, Quota
 from render.errors import TactiluxError
+from render.progress import OnProgress
 
 # Best assignments that are scored again in float64 and examined for ties.
 KEEP = 128
@@ -32,7 +32,7 @@ MAX_FIBERS = 26
 def exact_colors(
     scorer: TableScorer,
     phi: Array,
-    progress: Callable[[SearchProgress], None] | None = None,
+    progress: OnProgress | None = None,
     *,
     device: str | None = None,
 ) -> ColorResult:

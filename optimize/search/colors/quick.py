@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optimize.design import Array, Colors
 from optimize.scoring import TableScorer, improves, tied
 from optimize.search.colors.colorings import ColorResult, canonical, color_units, ranked
+from render.progress import Clock, OnProgress
 
 RESTARTS = 24
 _LANES = 128
@@ -23,13 +24,13 @@ def quick_colors(
     starts: Sequence[Colors] = (),
     restarts: int = RESTARTS,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> ColorResult:
     """Return the best local optimum for ``phi`` ``(F,)`` rad.
 
     A local optimum is a coloring that neither recoloring one fiber nor recoloring any two
     (which includes swaps) improves. Searches start from ``starts`` and from ``restarts`` random
-    colorings of ``seed``. ``progress(done, total)`` is called after every start. All are within
+    colorings of ``seed``. ``progress`` is told of every start. All are within
     the limits of ``scorer``; starts that are not are left out.
     """
     start = time.perf_counter()
@@ -46,12 +47,12 @@ def quick_colors(
     search = _TwoOpt(scorer, phi)
     queue = [np.asarray(colors, dtype=np.int64) for colors in starts] + list(random)
     optima: dict[tuple[int, ...], float] = {}
-    for done, colors in enumerate(queue):
+    clock = Clock(len(queue), progress)
+    for colors in queue:
         optimum, score = search.climb(colors)
         key = canonical(optimum) if scorer.colors_alike else optimum
         optima[tuple(key.tolist())] = score
-        if progress is not None:
-            progress(done + 1, len(queue))
+        clock.tick()
     order = np.array(sorted(optima, key=lambda key: -optima[key]), dtype=np.int64)
     same = tied(scorer, phi, scorer.power(order))
     return ColorResult(

@@ -8,6 +8,7 @@ import json
 import pytest
 
 from optimize.ui import console
+from render.progress import Progress
 
 
 def test_what_libraries_print_goes_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
@@ -32,8 +33,8 @@ def test_a_number_that_json_cannot_hold_is_an_error(capfd: pytest.CaptureFixture
 
 
 def test_short_work_shows_no_progress(capfd: pytest.CaptureFixture[str]) -> None:
-    with console.Meter("Quick") as meter:
-        meter(1, 2)
+    with console.ProgressBar("Quick") as bar:
+        bar(Progress(1, 2))
     assert capfd.readouterr().err == ""
 
 
@@ -42,11 +43,29 @@ def test_long_work_in_a_log_says_how_long_it_will_take(
 ) -> None:
     now = [0.0]
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
-    with console.Meter("Rendering") as meter:
+    with console.ProgressBar("Rendering") as bar:
         for step in range(1, 5):
             now[0] = 60.0 * step
-            meter(step, 8)
-        meter(4, 8, eta=3725.0)
+            bar(Progress(step, 8))
+        bar(Progress(4, 8, eta_seconds=3725.0))
     lines = capfd.readouterr().err.splitlines()
     assert lines[0] == "Rendering: 12 %, 7:00 left"
     assert lines[-1] == "Rendering: 50 %, 4:00 left"
+
+
+def test_a_stage_is_announced_named_in_the_log_and_timed_by_itself(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.ProgressBar("Fitting", announce=True) as bar:
+        for stage in ("ridge", "networks"):
+            bar(Progress(0, 4, stage=stage))
+            now[0] += 60.0
+            bar(Progress(1, 4, stage=stage))
+    assert capfd.readouterr().err.splitlines() == [
+        "Fitting ridge ...",
+        "Fitting ridge: 25 %, 3:00 left",
+        "Fitting networks ...",
+        "Fitting networks: 25 %, 3:00 left",
+    ]

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from render.errors import TableError
+from render.progress import Progress
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.runtime import Checker
 from surrogate.training.render_plan import data_hash, make_plan, training_bends
-from surrogate.training.train import TrainConfig, Trained, TrainProgress, train
+from surrogate.training.train import TrainConfig, Trained, train
 from tests.disk import DURABLE, logged_disk
 
 
@@ -60,7 +61,7 @@ def test_the_card_names_command_seed_machine_data_and_errors(trained: Trained) -
 def test_training_again_replaces_the_model_by_the_same_file(
     trained: Trained, scene: Scene, reference: TransportTable, quick: TrainConfig, tmp_path: Path
 ) -> None:
-    stages: list[TrainProgress] = []
+    stages: list[Progress] = []
     shutil.copytree(trained.folder, tmp_path / "again")
     (tmp_path / "again" / "checker.onnx").write_bytes(b"old")
     train(scene, tmp_path / "again", table=reference, config=quick, progress=stages.append)

@@ -11,9 +11,10 @@ import pytest
 
 from optimize.design import unlimited
 from optimize.scoring import TableScorer
-from optimize.search.colors import SearchProgress, exact_colors
+from optimize.search.colors import exact_colors
 from render.errors import TableError, TactiluxError
 from render.metric import clip_counts, design_score, image_counts, site_metric
+from render.progress import Progress
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -160,12 +161,12 @@ def test_a_heavy_weight_on_brightness_gives_one_color_and_says_so(make_table: Ma
 
 
 def test_progress_reaches_the_total(make_table: MakeTable) -> None:
-    seen: list[SearchProgress] = []
+    seen: list[Progress] = []
     scorer = TableScorer(make_table(12, sites=1, bends=1, facets=3))
     result = exact_colors(scorer, scorer.at_node(0), seen.append)
     assert seen[-1].done == seen[-1].total == result.evaluated
     assert seen[-1].eta_seconds == 0.0
-    assert seen[-1].rate > 0.0
+    assert seen[-1].seconds > 0.0
 
 
 def test_hopeless_and_overflowing_searches_are_refused(make_table: MakeTable) -> None:

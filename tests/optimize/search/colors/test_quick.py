@@ -10,6 +10,7 @@ import pytest
 
 from optimize.scoring import TableScorer
 from optimize.search.colors import exact_colors, quick_colors
+from render.progress import Progress
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -62,7 +63,7 @@ def test_unequal_leds_are_respected(make_table: MakeTable) -> None:
 
 
 def test_progress_counts_the_starts(make_table: MakeTable) -> None:
-    seen: list[tuple[int, int]] = []
+    seen: list[Progress] = []
     scorer = TableScorer(make_table(4))
-    quick_colors(scorer, scorer.at_node(0), restarts=2, progress=lambda *at: seen.append(at))
-    assert seen == [(1, 2), (2, 2)]
+    quick_colors(scorer, scorer.at_node(0), restarts=2, progress=seen.append)
+    assert [(at.done, at.total) for at in seen] == [(1, 2), (2, 2)]
