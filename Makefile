@@ -24,10 +24,7 @@ verify: $(FULL) ## Prove DESIGN against the baseline by physically based renderi
 train: $(FULL) ## Render the training cells of SCENE and fit its surrogate (about an hour)
 	$(BIN)/tactilux train $(SCENE)
 
-# Types and validation leave a core idle each: two at a time. Benchmarks run alone.
-test: lint check-format unit ## Everything that CI runs
-	$(MAKE) --jobs 2 --output-sync types $(VALIDATIONS)
-	$(MAKE) benchmark
+test: lint check-format types unit ## Before every commit; CI adds validation and benchmarks
 
 # Two workers on two cores: more threads of BLAS than cores wait for each other, five times as long.
 unit: export OMP_NUM_THREADS = 1
@@ -35,6 +32,7 @@ unit: $(FULL) ## The tests alone
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
 		--ignore tests/validation
 
+# They leave a core idle each: two at a time.
 validation: $(FULL) ## Against other renderers, closed forms and slow exact code
 	$(MAKE) --jobs 2 --output-sync $(VALIDATIONS)
 
