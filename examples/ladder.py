@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from functools import partial
 
 import numpy as np
 
@@ -37,10 +38,9 @@ def interpolated(T: np.ndarray, nodes: np.ndarray, phi: np.ndarray) -> np.ndarra
 
     Through the nodes by the polynomial basis T_m (m below the number of nodes).
     """
-    basis = np.polynomial.chebyshev.chebvander
-    unit = lambda x: 2 * x / np.pi - 1  # noqa: E731
-    weights = basis(unit(phi), len(nodes) - 1) @ np.linalg.inv(basis(unit(nodes), len(nodes) - 1))
-    return np.einsum("nj,fj...->fn...", weights, T)
+    at, through = (np.polynomial.chebyshev.chebvander(2 * x / np.pi - 1, len(nodes) - 1)
+                   for x in (phi, nodes))  # fmt: skip
+    return np.einsum("nj,fj...->fn...", at @ np.linalg.inv(through), T)
 
 
 # -- light adds up, and is exposed (thesis 4.3.1) --------------------------------------------------
@@ -107,7 +107,8 @@ def search(T: np.ndarray, colors: np.ndarray, exposure: float, lam: float, seed:
                 at[f], chosen[f] = np.unravel_index(scores.argmax(), scores.shape)
                 light, now = tried[at[f], chosen[f]], scores.max()
             for f, g in np.stack(np.triu_indices(fibers, 1), axis=1):
-                change = (T[g, at[g]] - T[f, at[f]])[..., None] * (unit[chosen[f]] - unit[chosen[g]])
+                turned = unit[chosen[f]] - unit[chosen[g]]
+                change = (T[g, at[g]] - T[f, at[f]])[..., None] * turned
                 after = score_of(np.minimum(exposure * (light + change), 255.0), lam)
                 if after > now:
                     light, now = light + change, after
@@ -186,8 +187,8 @@ def main() -> None:
     # Another seed than the one that chose it: a search that picks the best finds noise, too.
     fresh = render(best, seed=2).replicates[:, :, 0]
     for name, design, found in (("baseline", baseline, replicates), ("best", best, fresh)):
-        score = lambda T, power=design.power: score_of(counts_of(T, power, exposure), lam)  # noqa: E731
-        value, error = jackknifed(score, found)
+        counts = partial(counts_of, power=design.power, exposure=exposure)
+        value, error = jackknifed(lambda T, counts=counts: score_of(counts(T), lam), found)
         say(f"{name}: rendered S {value:.1f} +- {error:.1f}")
 
 
