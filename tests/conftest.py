@@ -41,6 +41,10 @@ TOGETHER = {
         f"tests/optimize/cli/test_{name}.py"
         for name in ("bad_input", "explore", "optimize", "verify")
     ),
+    "tiny_night": (
+        "tests/optimize/overnight/test_whole_night.py",
+        "tests/optimize/overnight/test_scaling.py",
+    ),
     "night_report": (
         "tests/optimize/overnight/test_report.py",
         "tests/optimize/test_reports_in_a_browser.py",
@@ -48,7 +52,7 @@ TOGETHER = {
 }
 # What takes longest of all begins first, so that no worker is left alone with it at the end.
 LONGEST = (
-    "tests/optimize/overnight/test_whole_night.py",
+    "tiny_night",
     "trained",
     "small_model",
     "tests/optimize/overnight/test_more_hours.py",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -17,7 +18,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from optimize.overnight.result import ResultError
-from optimize.overnight.run_log import Signals
 from optimize.overnight.scaling import (
     StageRenders,
     TransferCost,
@@ -29,11 +29,7 @@ from optimize.overnight.scaling import (
     simulated,
     write_scaling,
 )
-from optimize.overnight.store import Store
-from optimize.overnight.workers import LocalWorker, StoredRenders
-from render.progress import Clock
-from render.scene import load_scene
-from tests.optimize.overnight.tiny import request_of, tiny_jobs, write_tiny
+from tests.optimize.overnight.conftest import TinyNight
 
 Run = Callable[..., Any]
 
@@ -204,23 +200,18 @@ def test_a_damaged_file_is_refused(run: Path, content: str) -> None:
         load_scaling(run)
 
 
-def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tmp_path: Path) -> None:
+def test_a_real_run_tells_what_more_workers_would_do(
+    tactilux: Run, tiny_night: TinyNight, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
-    folder.mkdir()
-    scene = load_scene(write_tiny(tmp_path))
-    store = Store(folder, request_of(scene), print)
-    renders = StoredRenders(store, LocalWorker(), Signals())
-    first, *others = tiny_jobs(scene, 2)
-    for kind, jobs in (("1/trial", [first]), ("1/table", others)):
-        renders.kind = kind
-        renders(jobs, Clock(sum(job.samples for job in jobs), None))
-    store.close("stopped")
+    shutil.copytree(tiny_night.run, folder)
+    (folder / "scaling.json").unlink()
     done = tactilux("status", folder, "--scaling", "--json")
     assert done.code == 0, done.err
     status = json.loads(done.out)
     found = status["scaling"]
     assert [row["workers"] for row in found["rows"]] == [1, 2, 8, 64]
-    assert found["renders"] == len(others)
+    assert found["renders"] == status["evaluations"]
     assert found["rows"][0]["seconds"] == pytest.approx(status["seconds"])
     assert found["rows"][-1]["seconds"] >= found["serial_seconds"] + found["longest"]
     assert not (folder / "scaling.json").exists()
@@ -228,7 +219,7 @@ def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tmp_path: Pa
     assert "the plan of a night of 8 h" in " ".join(planned.out.split())
     assert tactilux("status", folder, "--hours", 8).code == 2
     said = " ".join(tactilux("status", folder, "--scaling").out.split())
-    assert "Simulated from this night's 3 renders" in said
+    assert f"Simulated from this night's {found['renders']} renders" in said
 
 
 def test_a_run_without_renders_says_so(run: Path, tmp_path: Path) -> None:
