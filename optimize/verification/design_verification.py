@@ -14,16 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Array, RatedDesign
-from optimize.scoring import (
-    JackknifeEstimate,
-    RenderedScore,
-    check_visible,
-    paired_difference,
-    rendered_score,
-)
-from render.progress import OnProgress, in_stage
-from render.reference import TransportEstimate, measure_render_cost, render_transport, stored_plan
+from optimize.design import Array, RatedDesign, ScoreSettings
+from optimize.scoring import JackknifeEstimate, RenderedScore, check_visible
+from optimize.verification.design_renders import DesignRenders, reference_renders
+from render.progress import OnProgress
+from render.reference import measure_render_cost, stored_plan
 from render.scene import Scene
 from surrogate.runtime import Checker
 
@@ -90,59 +85,51 @@ def verify(
         checkpoint: directory from which an interrupted verification goes on.
         progress: called every few seconds; the stage is the design being rendered.
     """
-    scene, design, baseline = candidate.scene, candidate.design, candidate.baseline
-    bends = np.array(scene.bending.angles)
-
-    def render(name: str, phi: Array) -> TransportEstimate:
-        return render_transport(
-            scene,
-            phi[:, None],
-            bends,
-            samples=samples,
-            seeds=seeds,
-            checkpoint=checkpoint,
-            progress=in_stage(progress, name),
-        )
-
-    first = render("baseline", baseline.phi)
+    design, baseline = candidate.design, candidate.baseline
+    render = reference_renders(candidate.scene, checkpoint, progress)
+    first = render([baseline], samples=samples, seeds=seeds, title="baseline")
+    second, seconds = first, first.seconds
     # Other colors need no other render: light is linear.
-    second = first if candidate.recolored else render("design", design.phi)
+    if not candidate.recolored:
+        second = render([design], samples=samples, seeds=seeds, title="design")
+        seconds += second.seconds
+    pair = DesignRenders(
+        (baseline, design),
+        np.concatenate([first.replicates, second.replicates], axis=1),
+        np.concatenate([first.background, second.background], axis=1),
+        seconds,
+    )
+    bends = np.array(candidate.scene.bending.angles)
     predicted = model.run(design.phi[None], design.power[None], bends)
     return paired_comparison(
-        candidate,
-        first.replicates[:, :, 0],
-        second.replicates[:, :, 0],
+        candidate.settings,
+        pair,
         surrogate_score=float(predicted["score"][0]),
-        render_seconds=first.seconds + (0.0 if candidate.recolored else second.seconds),
         seeds=tuple(seeds),
         samples=samples,
     )
 
 
 def paired_comparison(
-    candidate: RatedDesign,
-    baseline: Array,
-    design: Array,
+    settings: ScoreSettings,
+    pair: DesignRenders,
     *,
     surrogate_score: float,
-    render_seconds: float,
     seeds: tuple[int, ...],
     samples: int,
 ) -> Verification:
-    """Score two sets of replicates ``(R, F, B, S, K)`` of transport, made with common seeds.
+    """Score the renders of the baseline and of a design, made with common seeds.
 
     Raises:
         RenderError: the camera cannot see some facet, so the score is not defined.
     """
-    check_visible(np.stack([baseline, design], axis=1))
-    settings = candidate.settings
-    powers = (candidate.baseline.power, candidate.design.power)
+    check_visible(pair.replicates)
     return Verification(
-        baseline=rendered_score(settings, baseline, powers[0]),
-        design=rendered_score(settings, design, powers[1]),
-        difference=paired_difference(settings, baseline, powers[0], design, powers[1]),
+        baseline=pair.score(settings, 0),
+        design=pair.score(settings, 1),
+        difference=pair.difference(settings, 0, 1),
         surrogate_score=surrogate_score,
-        render_seconds=render_seconds,
+        render_seconds=pair.seconds,
         seeds=seeds,
         samples=samples,
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from optimize.design import Design, RatedDesign, Rating, ScoreSettings, baseline_design
+from optimize.verification.design_renders import DesignRenders
 from optimize.verification.design_verification import (
     Verification,
     affordable_samples,
@@ -50,16 +51,20 @@ def noisy(transport: np.ndarray, sigma: float, seed: int) -> np.ndarray:
     return transport * (1 + sigma * rng.standard_normal((REPLICATES, *transport.shape)))
 
 
-def judged(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
+def compared(
+    scene: Scene, design: Design, baseline_light: np.ndarray, design_light: np.ndarray
+) -> Verification:
+    """Return what pretended replicates ``(R, F, B, S, K)`` say of the design."""
+    rated, replicates = candidate(scene, design), np.stack([baseline_light, design_light], axis=1)
+    pair = DesignRenders((rated.baseline, design), replicates, replicates[..., 0], 1.0)
     return paired_comparison(
-        candidate(scene, design),
-        noisy(light(scene), sigma, 1),
-        noisy(brighter * light(scene), sigma, 2),
-        surrogate_score=SURROGATE,
-        render_seconds=1.0,
-        seeds=(1, 2),
-        samples=8,
+        rated.settings, pair, surrogate_score=SURROGATE, seeds=(1, 2), samples=8
     )
+
+
+def judged(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
+    first, second = noisy(light(scene), sigma, 1), noisy(brighter * light(scene), sigma, 2)
+    return compared(scene, design, first, second)
 
 
 @pytest.fixture(scope="module")
@@ -89,15 +94,7 @@ def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: S
     base = baseline_design(finger20)
     swapped = Design.of_colors(base.phi, (base.colors + 1) % 3)
     replicates = noisy(light(finger20), 0.3, 1)
-    found = paired_comparison(
-        candidate(finger20, swapped),
-        replicates,
-        replicates,
-        surrogate_score=SURROGATE,
-        render_seconds=1.0,
-        seeds=(1, 2),
-        samples=8,
-    )
+    found = compared(finger20, swapped, replicates, replicates)
     assert found.baseline.score.se > 0.1
     assert found.difference.value == pytest.approx(0.0, abs=1e-6)
     assert found.difference.se < 1e-6
@@ -133,15 +130,7 @@ def test_a_facet_that_the_camera_cannot_see_is_an_error(finger20: Scene, other: 
     hidden = light(finger20)
     hidden[:, 1, 4, 7] = np.nan
     with pytest.raises(RenderError, match="facet 7 of site 4 at bend 1"):
-        paired_comparison(
-            candidate(finger20, other),
-            noisy(hidden, 0.1, 1),
-            noisy(hidden, 0.1, 2),
-            surrogate_score=SURROGATE,
-            render_seconds=1.0,
-            seeds=(1, 2),
-            samples=8,
-        )
+        compared(finger20, other, noisy(hidden, 0.1, 1), noisy(hidden, 0.1, 2))
 
 
 def test_the_plan_is_synced_and_asked_instead_of_measuring_again(
