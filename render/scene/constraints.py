@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import AliasChoices, Field
 
-from render.scene.part import Part
-from render.scene.quantities import Count, Quantity
+from render.scene.quantities import Count, Part, Quantity
 
 Angle = Annotated[float, Quantity("deg", 0.0, 180.0)]
 Step = Annotated[float, Quantity("deg", 0.1, 90.0)]

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated
 
-from render.scene.part import Part
-from render.scene.quantities import Quantity
+from render.scene.quantities import Part, Quantity
 
 Scattering = Annotated[tuple[float, ...], Quantity("1/mm", 0.01, 50.0, many=True)]
 Thickness = Annotated[tuple[float, ...], Quantity("mm", 0.1, 20.0, many=True)]

@@ -20,8 +20,7 @@ from pydantic import Field, ValidationError, model_validator
 from render.errors import SceneError
 from render.scene.constraints import Constraints
 from render.scene.free_ranges import FreeRanges
-from render.scene.part import Part
-from render.scene.quantities import Count, Quantity
+from render.scene.quantities import Count, Part, Quantity
 from render.scene.tolerances import Tolerances
 
 Edge = Literal["left", "tip", "right"]

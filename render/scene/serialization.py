@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 from render.errors import SceneError
-from render.scene.part import Part
+from render.scene.quantities import Part
 from render.scene.schema import Scene
 
 _LEFT_OUT = {"constraints", "tolerances", "free"}

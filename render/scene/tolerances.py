@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from render.scene.part import Part
-from render.scene.quantities import check_range
+from render.arrays import Array
+from render.scene.quantities import Part, check_range
 
-Array = NDArray[np.float64]
 RELATIVE = "relative"
 
 
