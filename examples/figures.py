@@ -1,6 +1,6 @@
 """Figures 3.2 and 3.3 of the thesis, made again: renderers compared, and the luminance scale.
 
-``python -m render.figures OUT`` writes ``fig32.png``, ``fig33.png`` and ``figures.json``:
+``python examples/figures.py OUT`` writes ``fig32.png``, ``fig33.png`` and ``figures.json``:
 
 - Fig. 3.2: one picture of finger20 by path tracing (Mitsuba's ``volpath``), ``bdpt`` and ``pssmlt``
   at equal samples per pixel and at equal time, with the relative error of each against a long
@@ -38,7 +38,7 @@ SAMPLES = (10_000, 100_000, 1_000_000, 10_000_000)
 
 
 @dataclass(frozen=True)
-class Shot:
+class Rendering:
     """One render: radiance ``(row, column)`` float64, samples per pixel and seconds."""
 
     integrator: str
@@ -48,8 +48,8 @@ class Shot:
 
     def error(self, truth: Array) -> float:
         """Return the root mean square relative error over blocks."""
-        found, expected = blocks(self.picture[COATED]), blocks(truth[COATED])
-        return float(np.sqrt((((found - expected) / expected) ** 2).mean()))
+        measured, expected = blocks(self.picture[COATED]), blocks(truth[COATED])
+        return float(np.sqrt((((measured - expected) / expected) ** 2).mean()))
 
 
 def blocks(picture: Array) -> Array:
@@ -72,11 +72,11 @@ def sensor() -> Any:
 
 def pictures(
     lit: Any, spp: int, seconds: float, say: Callable[[str], None]
-) -> tuple[dict[str, list[Shot]], Array]:
+) -> tuple[dict[str, list[Rendering]], Array]:
     """Return shots at equal samples and at equal time, and the long render they are held to."""
     import mitsuba as mi
 
-    def shoot(integrator: str, samples: int, seed: int) -> Shot:
+    def shoot(integrator: str, samples: int, seed: int) -> Rendering:
         say(f"{integrator}, {samples} samples per pixel")
         depth = {"max_depth": -1, "rr_depth": 1000} if integrator == "volpath" else {}
         plugin: Any = mi.load_dict({"type": integrator, **depth})
@@ -85,9 +85,9 @@ def pictures(
         # In parts, so that no wavefront outgrows the memory.
         parts = max(1, samples // 64)
         for part in range(parts):
-            found = np.array(plugin.render(lit, seed=seed * 1000 + part, spp=samples // parts))
-            total += found[..., 0] / parts
-        return Shot(integrator, total, samples, time.perf_counter() - began)
+            image = np.array(plugin.render(lit, seed=seed * 1000 + part, spp=samples // parts))
+            total += image[..., 0] / parts
+        return Rendering(integrator, total, samples, time.perf_counter() - began)
 
     shoot("bdpt", 1, 0)
     equal_samples = [shoot(name, spp, 1) for name in INTEGRATORS]
@@ -110,12 +110,12 @@ def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dic
     rows = []
     for wanted in SAMPLES:
         samples = min(wanted, most)
-        found = []
+        intensities = []
         for seed in range(SEEDS):
-            scale = Normalization(sampler, samples, CHAINS, 2, seed)
-            scale.pilot()
-            found.append(scale.means(weights).mean())
-        means = np.array(found)
+            normalization = Normalization(sampler, samples, CHAINS, 2, seed)
+            normalization.pilot()
+            intensities.append(normalization.means(weights).mean())
+        means = np.array(intensities)
         spread = float(means.std(ddof=1) / means.mean())
         # The last one is the standard error of a standard deviation from so few seeds.
         rows.append(
@@ -131,7 +131,7 @@ def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dic
     return rows
 
 
-def draw_pictures(shots: dict[str, list[Shot]], truth: Array, path: Path) -> None:
+def draw_pictures(shots: dict[str, list[Rendering]], truth: Array, path: Path) -> None:
     """Write Fig. 3.2."""
     from matplotlib.figure import Figure
 
@@ -172,7 +172,7 @@ def draw_scale(rows: list[dict[str, float]], path: Path) -> None:
 
 def main(arguments: list[str]) -> None:
     """Write both figures and their numbers."""
-    parser = argparse.ArgumentParser(prog="python -m render.figures", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python examples/figures.py", description=__doc__)
     parser.add_argument("out", type=Path, help="folder for the results")
     parser.add_argument("--spp", type=int, default=64, help="samples per pixel in Fig. 3.2")
     parser.add_argument("--seconds", type=float, default=20.0, help="equal time in Fig. 3.2")
