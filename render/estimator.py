@@ -28,7 +28,7 @@ from render.arrays import Array
 
 
 @dataclass
-class Vertex:
+class PathVertex:
     """A vertex of a subpath, found through ``medium``, facing back along ``wi``.
 
     ``alpha`` is Veach's weight of the subpath up to here (eq. 10.6). Densities per area (in media
@@ -81,7 +81,7 @@ def coefficients(medium: mi.MediumPtr, active: mi.Bool) -> tuple[mi.Float, mi.Fl
     return dr.select(inside, s[0], 0.0), dr.select(inside, t[0], 0.0)
 
 
-def density(pdf: mi.Float, a: Vertex, b: Vertex, medium: mi.MediumPtr) -> mi.Float:
+def density(pdf: mi.Float, a: PathVertex, b: PathVertex, medium: mi.MediumPtr) -> mi.Float:
     """Return the density per area at ``b`` of a direction with ``pdf`` per solid angle at ``a``."""
     span = b.si.p - a.si.p
     distance = dr.norm(span)
@@ -92,8 +92,15 @@ def density(pdf: mi.Float, a: Vertex, b: Vertex, medium: mi.MediumPtr) -> mi.Flo
 
 
 def subpath(
-    scene: mi.Scene, first: Vertex, wo: Any, pdf: Any, alpha: Any, mode: Any, rng: Any, length: int
-) -> list[Vertex]:
+    scene: mi.Scene,
+    first: PathVertex,
+    wo: Any,
+    pdf: Any,
+    alpha: Any,
+    mode: Any,
+    rng: Any,
+    length: int,
+) -> list[PathVertex]:
     """Return ``first`` and ``length`` vertices behind it; it is left along ``wo``."""
     path, medium, zero = [first], first.medium, first.reverse
     for _ in range(length):
@@ -109,7 +116,7 @@ def subpath(
         surface = last.active & ~volume & si.is_valid()
         alpha = alpha * dr.select(volume, sigma_s / sigma_t, 1.0)
         delta = surface & ~mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
-        v = Vertex(si, volume, medium, -wo, alpha, zero, volume | surface, zero, delta)
+        v = PathVertex(si, volume, medium, -wo, alpha, zero, volume | surface, zero, delta)
         v.forward = density(pdf, last, v, medium)
         path.append(v)
         u, square = rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32())
@@ -127,7 +134,9 @@ def subpath(
     return path
 
 
-def heuristic(light: list[Vertex], camera: list[Vertex], reverse: dict[int, Any]) -> mi.Float:
+def heuristic(
+    light: list[PathVertex], camera: list[PathVertex], reverse: dict[int, Any]
+) -> mi.Float:
     """Return ``w`` (eq. 9.8) of two joined subpaths by ratios of densities (eq. 10.9).
 
     ``reverse`` holds what the connection decides, by ``id`` of the vertex.
@@ -143,7 +152,9 @@ def heuristic(light: list[Vertex], camera: list[Vertex], reverse: dict[int, Any]
     return dr.rcp(total)
 
 
-def connect(scene: mi.Scene, sensor: mi.Sensor, light: list[Vertex], camera: list[Vertex]) -> Any:
+def connect(
+    scene: mi.Scene, sensor: mi.Sensor, light: list[PathVertex], camera: list[PathVertex]
+) -> Any:
     """Return ``w f / p`` of the path through both ends (eq. 10.8), and where it meets the film."""
     z, reverse = camera[-1], {}
     if not light:  # the camera subpath ends on a light
@@ -204,7 +215,7 @@ def bidirectional_image(scene: mi.Scene, samples: int, edges: int, seed: int = 0
     ray, alpha = sensor.sample_ray(zero, zero, film, mi.Point2f(0.5))
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     si.p = mi.Point3f(sensor.world_transform().translation())
-    z_0 = Vertex(si, no, outside, -ray.d, one, zero, yes, zero, no)
+    z_0 = PathVertex(si, no, outside, -ray.d, one, zero, yes, zero, no)
     pdf, radiance = direction_density(sensor, si.p, ray.d), mi.TransportMode.Radiance
     camera = subpath(scene, z_0, ray.d, pdf, alpha, radiance, rng, edges)
     # y_0 is uniform on a light, each as likely as any; directions from it follow the cosine.
@@ -213,7 +224,7 @@ def bidirectional_image(scene: mi.Scene, samples: int, edges: int, seed: int = 0
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     si.p, si.n, si.sh_frame = ps.p, ps.n, mi.Frame3f(ps.n)
     area = ps.pdf / dr.width(lights)
-    y_0 = Vertex(si, no, outside, ps.n, one / area, area, yes, zero, no, light)
+    y_0 = PathVertex(si, no, outside, ps.n, one / area, area, yes, zero, no, light)
     square = mi.Point2f(rng.next_float32(), rng.next_float32())
     wo = si.to_world(mi.warp.square_to_cosine_hemisphere(square))
     emitted, pdf = y_0.scatter(wo, wo, None)

@@ -34,7 +34,7 @@ TOGETHER = {
             "export/test_onnx",
             "model/test_materials",
             "export/test_package",
-            "training/test_train",
+            "test_train",
         )
     ),
     "small_model": tuple(

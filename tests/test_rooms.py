@@ -1,4 +1,4 @@
-"""Packages import each other one way, and so do the rooms inside a package."""
+"""Packages and rooms import each other one way; names are unique; no room is too full."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_package_knows_only_those_below_it(package: str) -> None:
     assert not upward
 
 
-@pytest.mark.parametrize("package", ["optimize", "hw"])
+@pytest.mark.parametrize("package", PACKAGES)
 def test_rooms_of_a_package_import_each_other_without_a_circle(package: str) -> None:
     rooms = defaultdict(set)
     for module, names in imports(package).items():
@@ -55,3 +55,18 @@ def test_rooms_of_a_package_import_each_other_without_a_circle(package: str) -> 
                 rooms[parts[1]].add(other[1])
     order = list(TopologicalSorter(rooms).static_order())  # raises CycleError, which names it
     assert set(rooms) <= set(order)
+
+
+def test_no_two_public_classes_share_a_name() -> None:
+    homes = defaultdict(set)
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    homes[node.name].add(path.relative_to(ROOT).as_posix())
+    assert not {name: places for name, places in homes.items() if len(places) > 1}
+
+
+def test_no_room_holds_more_than_twenty_two_modules() -> None:
+    rooms = [path for package in PACKAGES for path in (ROOT / package).rglob("*") if path.is_dir()]
+    assert not {str(room): n for room in rooms if (n := len(list(room.glob("*.py")))) > 22}

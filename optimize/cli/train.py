@@ -30,7 +30,7 @@ def run(
     from render.scene import load_scene
     from render.transport import load_table
     from surrogate.export.package import check_replaceable
-    from surrogate.training.train import TrainConfig, train
+    from surrogate.train import TrainConfig, train
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)

@@ -24,7 +24,7 @@ from surrogate.runtime import Checker
 from surrogate.training.conformal import Coverage
 
 if TYPE_CHECKING:  # torch comes with the fits
-    from surrogate.training.train import TrainConfig
+    from surrogate.train import TrainConfig
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def measure_frontier(
     """
     from optimize.frontier.levels import fitted_rows, model_rows, preview_row, table_row
     from surrogate.model.preview_grid import draw_grid
+    from surrogate.train import TrainConfig
     from surrogate.training.render_plan import data_hash
-    from surrogate.training.train import TrainConfig
 
     config = TrainConfig()
     if table is not None and (table.scene_hash != scene.hash or table.level != "reference"):

@@ -261,7 +261,7 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
         context.log.note(f"{folder} is missing or damaged: the surrogate is fitted again")
         for item in folder.glob("*") if folder.is_dir() else ():
             item.unlink()
-    from surrogate.training.train import TrainConfig, train
+    from surrogate.train import TrainConfig, train
 
     context.stage("Surrogate", "surrogate")
     steps = context.decide("fit", lambda: {"steps": _steps(context, table())})["steps"]

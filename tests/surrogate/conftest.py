@@ -15,9 +15,9 @@ from render.preview import Preview
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid, grid_nodes
+from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.fit import FitConfig
 from surrogate.training.mlp import NetworkConfig
-from surrogate.training.train import TrainConfig, Trained, train
 
 PHI_NODES, BEND_NODES = 7, 5
 

@@ -15,9 +15,9 @@ from render.chebyshev import chebyshev_nodes
 from render.preview import Preview
 from render.scene import load_scene
 from render.transport import TransportTable
+from surrogate.train import TrainConfig, train
 from surrogate.training.fit import FitConfig
 from surrogate.training.mlp import NetworkConfig
-from surrogate.training.train import TrainConfig, train
 
 SMALLER = {
     'name = "finger20"': 'name = "small3"',
@@ -70,7 +70,7 @@ def frontier(
     sensor: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Run:
     monkeypatch.chdir(sensor)
-    monkeypatch.setattr("surrogate.training.train.TrainConfig", lambda: QUICK)
+    monkeypatch.setattr("surrogate.train.TrainConfig", lambda: QUICK)
     # Trials of the usual size take longer than everything else here.
     monkeypatch.setattr("render.reference.cost.TRIALS", (2, 6))
 

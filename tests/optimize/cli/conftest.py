@@ -65,9 +65,9 @@ def small_model(
     small_scene: Path, small_reference: TransportTable, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     """Train a model of the small sensor, with as few steps as the real code can do with."""
+    from surrogate.train import TrainConfig, train
     from surrogate.training.fit import FitConfig
     from surrogate.training.mlp import NetworkConfig
-    from surrogate.training.train import TrainConfig, train
 
     scene: Scene = load_scene(small_scene)
     folder = tmp_path_factory.mktemp("models") / scene.name

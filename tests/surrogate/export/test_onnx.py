@@ -17,7 +17,7 @@ from surrogate.model.checker_module import CheckerModule, CheckerOutputs
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.metadata import read_props
 from surrogate.runtime.model_file import INPUTS, MODEL_FILE, OUTPUTS
-from surrogate.training.train import Trained
+from surrogate.train import Trained
 
 
 @pytest.fixture(scope="module")

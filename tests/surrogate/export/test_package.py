@@ -15,7 +15,7 @@ from surrogate.export.package import FILES, write_package
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.model_file import MODEL_FILE
-from surrogate.training.train import Trained
+from surrogate.train import Trained
 
 
 @pytest.fixture

@@ -17,10 +17,10 @@ from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
 from surrogate.runtime import Checker, family_hash
+from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.dataset import cells_of_materials
 from surrogate.training.fit import FitConfig, fit_residual
 from surrogate.training.mlp import NetworkConfig
-from surrogate.training.train import TrainConfig, Trained, train
 
 RAYS = 20_000
 RANGES = FreeRanges.model_construct(reduced_scattering=(0.7, 1.4), diffuser_thickness=(1.5, 2.5))

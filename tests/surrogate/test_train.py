@@ -15,8 +15,8 @@ from render.progress import Progress
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.runtime import Checker
+from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.render_plan import data_hash, make_plan, training_bends
-from surrogate.training.train import TrainConfig, Trained, train
 from tests.disk import DURABLE, logged_disk
 
 
