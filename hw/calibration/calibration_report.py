@@ -13,7 +13,7 @@ from hw.calibration.reference_lines import reference_lines
 from hw.calibration.refine import Confirmation
 from hw.calibration.rig_fit import Calibration
 from hw.camera.linearity import Linearity
-from optimize.report.page import data_uri, render_page
+from optimize.report import data_uri, render_page
 from optimize.scoring import normal_factor
 from render.arrays import Array
 from render.scene import Scene

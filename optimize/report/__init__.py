@@ -1,7 +1,6 @@
 """Reports: single HTML files with pictures, and what they are drawn with."""
 
 from optimize.report.exploration_report import (
-    ExplorationReport,
     render_report,
     score_row,
     warnings,
@@ -32,7 +31,6 @@ from optimize.report.page import (
 __all__ = [
     "INK",
     "STAGES",
-    "ExplorationReport",
     "bend_titles",
     "clipping_warning",
     "convergence",

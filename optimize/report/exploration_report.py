@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -38,7 +37,6 @@ from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_text
 from render.metric import THESIS
-from render.scene import Scene
 
 DESIGN, BASELINE, REPORT = "design.json", "baseline.json", "report.html"
 PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
@@ -63,18 +61,15 @@ def write_exploration(
         for name, png in pictures.items():
             write_bytes(folder / f"{name}.png", png)
         html = render_report(
-            ExplorationReport(
-                scene=scene,
-                stages=exploration.stages,
-                pictures=pictures,
-                confidence=f"{exploration.checker.coverage:.0%}",
-                search_note=_search_note(exploration),
-                caveats=caveats(exploration),
-                facts=_facts(exploration, model, elapsed()),
-                errors=exploration.checker.metadata.held_out,
-                made=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
-                verify_command=f"tactilux verify {target / DESIGN}",
-            )
+            exploration.stages,
+            pictures,
+            confidence=f"{exploration.checker.coverage:.0%}",
+            search_note=_search_note(exploration),
+            caveats=caveats(exploration),
+            facts=_facts(exploration, model, elapsed()),
+            errors=exploration.checker.metadata.held_out,
+            made=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
+            verify_command=f"tactilux verify {target / DESIGN}",
         )
         write_text(folder / REPORT, html)
         result = exploration.to_json(target / DESIGN, target / REPORT, elapsed())
@@ -164,36 +159,44 @@ def _previews(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
                 yield f"preview-{stage.key}-{index}", picture_png(counts / THESIS.count_max)
 
 
-@dataclass(frozen=True)
-class ExplorationReport:
-    """Everything that the report shows, before it is laid out.
+def render_report(stages: Sequence[Stage], pictures: Mapping[str, bytes], **texts: Any) -> str:
+    """Return the report as HTML with every picture inside as a data URI.
 
     Arguments:
         stages: baseline first, the result last.
         pictures: PNG bytes by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
             ``preview-<stage>-<bend index>`` (baseline and result) and ``convergence``.
-        confidence: coverage of the intervals, as text.
-        search_note: what the search did, in one sentence.
-        caveats: what the reader must know before believing the numbers.
-        facts: origin of the numbers, in the order shown.
-        errors: rows of the model's held-out errors, as in its metadata.
+        texts: what else the template shows: ``confidence`` (coverage of the intervals),
+            ``search_note``, ``caveats``, ``facts`` (origin of the numbers), ``errors`` (rows of the
+            model's held-out errors, as in its metadata), ``made`` and ``verify_command``.
     """
-
-    scene: Scene
-    stages: Sequence[Stage]
-    pictures: Mapping[str, bytes]
-    confidence: str
-    search_note: str
-    caveats: Sequence[str]
-    facts: Sequence[tuple[str, str]]
-    errors: Sequence[Mapping[str, Any]]
-    made: str
-    verify_command: str
-
-
-def render_report(content: ExplorationReport) -> str:
-    """Return the report as HTML with every picture inside as a data URI."""
-    return render_page("report.html.j2", _context(content))
+    first, result = stages[0], stages[-1]
+    scene, bends = first.scene, bend_titles(first.scene)
+    context = {
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "level": "surrogate",
+        "lam": f"{first.settings.lam:.4g}",
+        "summary": summary(stages),
+        "warnings": warnings(stages),
+        "bends": bends,
+        "stages": [{**score_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
+        "previews": [
+            {
+                "title": stage.title,
+                "pictures": [
+                    {"bend": bend, "data": data_uri(pictures[f"preview-{stage.key}-{index}"])}
+                    for index, bend in enumerate(bends)
+                ],
+            }
+            for stage in (first, result)
+        ],
+        "convergence": data_uri(pictures["convergence"]),
+        "wiring": wiring_sheet(
+            scene, result.design, result.title, pictures[f"scheme-{result.key}"]
+        ),
+    }
+    return render_page("report.html.j2", context | texts)
 
 
 def score_row(stage: Stage) -> dict[str, str]:
@@ -251,53 +254,3 @@ def warnings(stages: Sequence[Stage]) -> list[str]:
             f"(excess {last.domain_excess:.2g}): its score is an extrapolation."
         )
     return texts + clipping_warning(last.clipped)
-
-
-def _context(content: ExplorationReport) -> dict[str, Any]:
-    scene, pictures = content.scene, content.pictures
-    bends, result = bend_titles(scene), content.stages[-1]
-    ends = [content.stages[0], result]
-    return {
-        "scene": scene.name,
-        "scene_hash": scene.hash,
-        "made": content.made,
-        "level": "surrogate",
-        "confidence": content.confidence,
-        "lam": f"{content.stages[0].settings.lam:.4g}",
-        "summary": summary(content.stages),
-        "warnings": warnings(content.stages),
-        "bends": bends,
-        "stages": [
-            {**score_row(stage), **stage_pictures(pictures, stage.key)} for stage in content.stages
-        ],
-        "previews": [
-            {
-                "title": stage.title,
-                "pictures": [
-                    {"bend": bend, "data": data_uri(pictures[f"preview-{stage.key}-{index}"])}
-                    for index, bend in enumerate(bends)
-                ],
-            }
-            for stage in ends
-        ],
-        "convergence": data_uri(pictures["convergence"]),
-        "search_note": content.search_note,
-        "wiring": wiring_sheet(
-            scene, result.design, result.title, pictures[f"scheme-{result.key}"]
-        ),
-        "caveats": content.caveats,
-        "verify_command": content.verify_command,
-        "facts": content.facts,
-        "errors": [_error_row(row) for row in content.errors],
-    }
-
-
-def _error_row(row: Mapping[str, Any]) -> dict[str, str]:
-    return {
-        "level": str(row["level"]),
-        "facet_median": f"{row['facet_median']:.1%}",
-        "facet_p95": f"{row['facet_p95']:.1%}",
-        "score_median": f"{row['score_median']:.2f}",
-        "score_p95": f"{row['score_p95']:.2f}",
-        "kendall_tau": f"{row['kendall_tau']:.2f}",
-    }

@@ -9,8 +9,7 @@ from dataclasses import replace
 import pytest
 
 from optimize.exploration import Stage
-from optimize.report import ExplorationReport, render_report, warnings
-from render.scene import Scene
+from optimize.report import render_report, warnings
 
 PIXEL = b"\x89PNG fake"
 
@@ -18,17 +17,17 @@ PIXEL = b"\x89PNG fake"
 StageMaker = Callable[[float, float, float], list[Stage]]
 
 
-def content(scene: Scene, stages: list[Stage]) -> ExplorationReport:
+def report(stages: list[Stage]) -> str:
+    """Return the report of ``stages`` with invented pictures and texts."""
     keys = [stage.key for stage in stages]
     names = [f"{kind}-{key}" for kind in ("scheme", "metric", "facets") for key in keys]
     names += [f"preview-{key}-{index}" for key in keys for index in range(3)]
-    return ExplorationReport(
-        scene=scene,
-        stages=stages,
-        pictures=dict.fromkeys([*names, "convergence"], PIXEL),
+    return render_report(
+        stages,
+        dict.fromkeys([*names, "convergence"], PIXEL),
         search_note="1000 designs in 3 s.",
         caveats=["Off by 2 counts on <held-out> designs."],
-        facts=[("Scene", scene.hash)],
+        facts=[("Scene", stages[0].scene.hash)],
         errors=[
             {
                 "level": "network",
@@ -45,34 +44,28 @@ def content(scene: Scene, stages: list[Stage]) -> ExplorationReport:
     )
 
 
-def test_the_report_needs_no_other_file_and_no_network(
-    finger20: Scene, sample_stages: StageMaker
-) -> None:
-    html = render_report(content(finger20, sample_stages(30, 40, 50)))
+def test_the_report_needs_no_other_file_and_no_network(sample_stages: StageMaker) -> None:
+    html = report(sample_stages(30, 40, 50))
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
     assert len(sources) == 3 * 3 + 2 * 3 + 1 + 1
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not re.search(r"<script|<link|@import|url\(|https?://", html)
 
 
-def test_the_wiring_sheet_has_a_row_for_every_fiber(
-    finger20: Scene, sample_stages: StageMaker
-) -> None:
+def test_the_wiring_sheet_has_a_row_for_every_fiber(sample_stages: StageMaker) -> None:
     stages = sample_stages(30, 40, 50)
-    sheet = render_report(content(finger20, stages)).partition("Wiring sheet")[2]
+    sheet = report(stages).partition("Wiring sheet")[2]
     rows = re.findall(r'<tr><td>(\d+)</td><td class="text">(left|tip|right)</td>', sheet)
     assert [int(number) for number, _ in rows] == list(range(20))
     assert [edge for _, edge in rows].count("tip") == 4
 
 
-def test_text_is_escaped(finger20: Scene, sample_stages: StageMaker) -> None:
-    assert "&lt;held-out&gt;" in render_report(content(finger20, sample_stages(30, 40, 50)))
+def test_text_is_escaped(sample_stages: StageMaker) -> None:
+    assert "&lt;held-out&gt;" in report(sample_stages(30, 40, 50))
 
 
-def test_the_summary_says_how_much_was_won_and_by_what(
-    finger20: Scene, sample_stages: StageMaker
-) -> None:
-    html = render_report(content(finger20, sample_stages(30, 42, 50)))
+def test_the_summary_says_how_much_was_won_and_by_what(sample_stages: StageMaker) -> None:
+    html = report(sample_stages(30, 42, 50))
     assert "gain of 20.0 (+67%)" in html
     assert "+12.0 by the color search and +8.0 by the fiber directions" in html
 
