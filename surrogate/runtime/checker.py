@@ -42,8 +42,8 @@ class Checker:
         """Take an open session; use :meth:`load` or :meth:`for_scene` for files."""
         self._session = session
         self.metadata = metadata
-        own = np.array(metadata.material.get("nominal", []), dtype=np.float64)
-        self.material = own if material is None else material
+        nominal = np.array(metadata.material.get("nominal", []), dtype=np.float64)
+        self.material = nominal if material is None else material
         self.scene_hash = scene_hash or metadata.scene_hash
 
     @classmethod
@@ -173,14 +173,14 @@ class Checker:
         directions = np.repeat(phi, runs)[:, None].repeat(fibers, axis=1)
         power = 1.0
         while True:
-            found = self.run(directions, np.tile(lit, (len(phi), 1, 1)) * power, bends)
-            if max(found["counts"].max(), found["background"].max()) < limit:
+            outputs = self.run(directions, np.tile(lit, (len(phi), 1, 1)) * power, bends)
+            if max(outputs["counts"].max(), outputs["background"].max()) < limit:
                 break
             power /= 4.0
 
         def cells(name: str) -> Array:
             """Return ``(fiber, phi_node, bend, site[, facet])`` of an output."""
-            value = np.moveaxis(found[name].astype(np.float64), -1, 1)
+            value = np.moveaxis(outputs[name].astype(np.float64), -1, 1)
             value = value.reshape(len(phi), runs * 3, *value.shape[2:])[:, :fibers]
             return value.swapaxes(0, 1) / (self.exposure * power)
 

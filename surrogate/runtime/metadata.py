@@ -114,15 +114,20 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             for item in fields(ModelMetadata)
             if item.name != "material" or "material" in props  # older models fix theirs
         }
-        found = ModelMetadata(**content)
-        _ = found.metric
-        numbers = [found.exposure, found.lam, found.conformal["counts"], found.conformal["score"]]
-        numbers += [x for name in ("phi", "power", "bend") for x in found.bounds[name]]
-        if found.material:
-            sizes = {len(found.material[key]) for key in ("names", "low", "high", "nominal")}
-            if len(sizes) != 1 or not isinstance(found.material["family"], str):
+        metadata = ModelMetadata(**content)
+        _ = metadata.metric
+        numbers = [
+            metadata.exposure,
+            metadata.lam,
+            metadata.conformal["counts"],
+            metadata.conformal["score"],
+        ]
+        numbers += [x for name in ("phi", "power", "bend") for x in metadata.bounds[name]]
+        if metadata.material:
+            sizes = {len(metadata.material[key]) for key in ("names", "low", "high", "nominal")}
+            if len(sizes) != 1 or not isinstance(metadata.material["family"], str):
                 raise ValueError("its material is incomplete")
-            numbers += [x for key in ("low", "high", "nominal") for x in found.material[key]]
+            numbers += [x for key in ("low", "high", "nominal") for x in metadata.material[key]]
         if not all(math.isfinite(x) for x in numbers):
             raise ValueError("a number in it is not finite")
     except (KeyError, ValueError, TypeError) as error:
@@ -130,4 +135,4 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             f"{origin} has a damaged description ({error}): take a fresh copy of the model",
             field="metadata_props",
         ) from None
-    return found
+    return metadata

@@ -156,13 +156,13 @@ class Quantiles:
         return self.score_factor * self.score_spread
 
 
-def conformal(found: Comparison) -> Quantiles:
+def conformal(comparison: Comparison) -> Quantiles:
     """Return the factors that cover the comparison's designs."""
-    total = np.hypot(found.score_spread, found.score_noise)
+    total = np.hypot(comparison.score_spread, comparison.score_noise)
     return Quantiles(
-        counts=_quantile(np.abs(found.error) / np.hypot(found.spread, found.noise)),
-        score_factor=_quantile(np.abs(found.score_error) / total),
-        score_spread=found.score_spread,
+        counts=_quantile(np.abs(comparison.error) / np.hypot(comparison.spread, comparison.noise)),
+        score_factor=_quantile(np.abs(comparison.score_error) / total),
+        score_spread=comparison.score_spread,
     )
 
 
@@ -174,13 +174,15 @@ class Coverage:
     score: float
 
 
-def coverage(found: Comparison, quantiles: Quantiles) -> Coverage:
+def coverage(comparison: Comparison, quantiles: Quantiles) -> Coverage:
     """Return how often intervals with ``quantiles`` hold the comparison's reference."""
-    half_width = quantiles.counts * np.hypot(found.spread, found.noise)
-    score_half_width = quantiles.score_factor * np.hypot(quantiles.score_spread, found.score_noise)
+    half_width = quantiles.counts * np.hypot(comparison.spread, comparison.noise)
+    score_half_width = quantiles.score_factor * np.hypot(
+        quantiles.score_spread, comparison.score_noise
+    )
     return Coverage(
-        float(np.mean(np.abs(found.error) <= half_width)),
-        float(np.mean(np.abs(found.score_error) <= score_half_width)),
+        float(np.mean(np.abs(comparison.error) <= half_width)),
+        float(np.mean(np.abs(comparison.score_error) <= score_half_width)),
     )
 
 

@@ -76,13 +76,13 @@ def cells_from_table(scene: Scene, table: TransportTable) -> TrainingCells:
         TableError: when the table lacks bends or background or does not fit the scene.
     """
     expected = (scene.fibers.count, scene.sites.count, scene.indenter.faces)
-    found = (table.T.shape[0], *table.T.shape[3:])
-    if found != expected:
+    shape = (table.T.shape[0], *table.T.shape[3:])
+    if shape != expected:
         raise TableError(
-            f"the reference table has (fiber, site, facet) = {found}, allowed: {expected} as in "
+            f"the reference table has (fiber, site, facet) = {shape}, allowed: {expected} as in "
             f"the scene {scene.name}: render it for this scene",
             field="T",
-            value=found,
+            value=shape,
         )
     if table.background is None or table.background_se is None:
         raise TableError(
@@ -280,15 +280,15 @@ def cell_features(
     ``material`` is that of each direction, ``(direction, quantity)``, where the scene leaves it
     free (default: the scene's own).
     """
-    at = torch.as_tensor(phi, dtype=torch.float32)
-    bend = torch.as_tensor(bends, dtype=torch.float32).expand(len(at), -1)
-    made_of = None
+    directions = torch.as_tensor(phi, dtype=torch.float32)
+    bend = torch.as_tensor(bends, dtype=torch.float32).expand(len(directions), -1)
+    unit_material = None
     if checker.free is not None:
-        own = np.tile(checker.free.nominal, (len(phi), 1)) if material is None else material
-        made_of = torch.as_tensor(checker.free.unit(own), dtype=torch.float32)
+        materials = np.tile(checker.free.nominal, (len(phi), 1)) if material is None else material
+        unit_material = torch.as_tensor(checker.free.unit(materials), dtype=torch.float32)
     with torch.no_grad():
-        log_preview = checker.preview(at, bend, made_of)
-        x = checker.inputs(at, bend, log_preview, made_of)
+        log_preview = checker.preview(directions, bend, unit_material)
+        x = checker.inputs(directions, bend, log_preview, unit_material)
         # One member for every basis function, with 1 for its coefficient.
         unit = torch.eye(SIZE).reshape(SIZE, SIZE, 1, 1, 1, 1)
         basis = checker.expansion(unit.expand(-1, -1, *log_preview.shape[1:]), log_preview)

@@ -44,10 +44,10 @@ def random_designs(
     fibers = allowed.shape[1]
     inside = [allowed & (block == b)[:, None] for b in np.unique(block)]
     usable = [choices for choices in inside if choices.any(axis=0).all()]
-    shares = np.array_split(np.arange(count), len(usable))
+    parts = np.array_split(np.arange(count), len(usable))
     drawn = [
-        np.stack([rng.choice(np.flatnonzero(ok), size=len(share)) for ok in choices.T], axis=1)
-        for choices, share in zip(usable, shares, strict=True)
+        np.stack([rng.choice(np.flatnonzero(ok), size=len(part)) for ok in choices.T], axis=1)
+        for choices, part in zip(usable, parts, strict=True)
     ]
     return RandomDesigns(np.concatenate(drawn), random_colors(count, fibers, rng))
 

@@ -299,7 +299,7 @@ def _splits(
 
     ``refit`` takes folds, their number and a name, and returns an ensemble.
     """
-    cells, found = task.cells, []
+    cells, errors = task.cells, []
     for name, group, inner in (
         ("fiber position", cells.fiber_group, False),
         ("direction", cells.direction_group, True),
@@ -307,16 +307,16 @@ def _splits(
         ("material", cells.material_group, False),
     ):
         out = interior_folds(group, SPLIT_FOLDS, task.seed, inner)
-        held = np.asarray(out >= 0)
+        held_out = np.asarray(out >= 0)
         count = int(out.max()) + 1
         if count < 2:
             continue
         residual = out_of_fold(task.residuals(refit(out, count, name)), out)
-        bends = np.flatnonzero(held.any(axis=(0, 1))) if name == "bend" else task.bends
-        designs = task.designs(config.designs, np.asarray(held.any(axis=2)), 1)
+        bends = np.flatnonzero(held_out.any(axis=(0, 1))) if name == "bend" else task.bends
+        designs = task.designs(config.designs, np.asarray(held_out.any(axis=2)), 1)
         transport = np.exp(task.rows.log_preview + residual)
-        found.append(task.evaluation(designs, held, bends).errors(f"unseen {name}", transport))
-    return tuple(found)
+        errors.append(task.evaluation(designs, held_out, bends).errors(f"unseen {name}", transport))
+    return tuple(errors)
 
 
 def _noisy(task: _Task) -> Array:
@@ -356,7 +356,7 @@ def _coverage(
         compared(task.evaluation(task.designs(config.designs, half, 2), everywhere, task.bends))
         for half in halves
     )
-    found = coverage(second, conformal(first)), coverage(first, conformal(second))
+    coverages = coverage(second, conformal(first)), coverage(first, conformal(second))
     return Coverage(
-        float(np.mean([f.counts for f in found])), float(np.mean([f.score for f in found]))
+        float(np.mean([f.counts for f in coverages])), float(np.mean([f.score for f in coverages]))
     )

@@ -151,8 +151,8 @@ class Refitter:
         rows = max(1, CELLS // normals)
         for start in range(0, len(x), rows):
             part = slice(start, start + rows)
-            own = nuisance[part].reshape(-1, pads)
-            columns = np.concatenate([_columns(x[part], basis[part]), own], axis=1)
+            scales = nuisance[part].reshape(-1, pads)
+            columns = np.concatenate([_columns(x[part], basis[part]), scales], axis=1)
             weighted = columns * weight[part].reshape(-1, 1)
             gram += weighted.T @ columns
             right += weighted.T @ ratio[part].ravel()

@@ -203,11 +203,11 @@ def render_reference(
         folders = [run / f"material-{number}" for number in range(len(materials))]
     tables, seconds = [], 0.0
     settings: dict[str, object] = {}
-    for number, (one, folder) in enumerate(zip(scenes, folders, strict=True)):
+    for number, (variant, folder) in enumerate(zip(scenes, folders, strict=True)):
         if progress:
             progress(Progress(number, len(scenes), stage="plan"))
         plan = make_plan(
-            one,
+            variant,
             folder,
             minutes=minutes / len(scenes),
             samples=samples,
@@ -216,8 +216,8 @@ def render_reference(
             bend_count=bend_count,
         )
         title = "render" if len(scenes) == 1 else f"render material {number + 1} of {len(scenes)}"
-        estimate = render_plan(one, plan, folder, in_stage(progress, title))
-        tables.append(estimate_table(one, plan, estimate))
+        estimate = render_plan(variant, plan, folder, in_stage(progress, title))
+        tables.append(estimate_table(variant, plan, estimate))
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)
     return ReferenceData(tuple(tables), settings | {"seconds": seconds}, materials)
