@@ -13,7 +13,6 @@ from types import TracebackType
 
 import numpy as np
 
-from hw.emulator.faults import BoardFaults
 from hw.emulator.firmware import Firmware, make_firmware
 from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
@@ -29,7 +28,6 @@ class EmulatedBoard:
         port: where the port appears (a link to the pseudo-terminal).
         protocol: what it speaks.
         leds: how many LEDs it drives.
-        faults: what it does wrong.
     """
 
     def __init__(
@@ -37,15 +35,12 @@ class EmulatedBoard:
         port: Path,
         protocol: ProtocolName = ProtocolName.LINES,
         leds: int = 20,
-        faults: BoardFaults | None = None,
     ) -> None:
         """Plug the board in."""
         self.port, self.leds = port, leds
-        self.faults = faults or BoardFaults()
         self._protocol = protocol
-        self._firmware: Firmware = make_firmware(protocol, leds, self.faults)
+        self._firmware = self.boot()
         self._lock = threading.Lock()
-        self._taken = 0
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self.plug_in()
@@ -69,6 +64,10 @@ class EmulatedBoard:
         with self._lock:
             return self._firmware.shown.copy()
 
+    def boot(self) -> Firmware:
+        """Return the program as it starts when the board gets power."""
+        return make_firmware(self._protocol, self.leds)
+
     def plug_in(self) -> None:
         """Connect the board; like most, it starts dark."""
         self._stop = threading.Event()
@@ -77,7 +76,7 @@ class EmulatedBoard:
         self.port.unlink(missing_ok=True)
         self.port.symlink_to(os.ttyname(slave))
         with self._lock:
-            self._firmware = make_firmware(self._protocol, self.leds, self.faults)
+            self._firmware = self.boot()
         self._thread = threading.Thread(
             target=self._serve, args=(master, slave, self._stop), daemon=True
         )
@@ -108,8 +107,6 @@ class EmulatedBoard:
             while not stop.is_set():
                 ready, _, _ = select.select([master], [], [], STEP)
                 content = os.read(master, 4096) if ready else b""
-                if not self._reaches(content):
-                    return
                 with self._lock:
                     answer = self._firmware.take(content, time.monotonic())
                 if answer:
@@ -120,12 +117,3 @@ class EmulatedBoard:
                 self._firmware.shown = dark(self.leds)
             os.close(slave)
             os.close(master)
-
-    def _reaches(self, content: bytes) -> bool:
-        """Return False when the cable is pulled by these bytes."""
-        limit = self.faults.unplug_after
-        self._taken += len(content)
-        if limit is None or self._taken < limit:
-            return True
-        self.faults.unplug_after = None
-        return False

@@ -11,12 +11,9 @@ from typing import Protocol
 
 import numpy as np
 
-from hw.emulator.faults import BoardFaults
 from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
 from hw.leds.lines import MAKER, VERSION, crc8, framed
-
-GARBAGE = b"\x00\xff\x7fE (boot) \xc3\x28\n"
 
 
 class Firmware(Protocol):
@@ -28,22 +25,13 @@ class Firmware(Protocol):
         """Take what came over the line (often nothing) at ``now`` (s); return the answer."""
 
 
-def make_firmware(protocol: ProtocolName, leds: int, faults: BoardFaults) -> Firmware:
+def make_firmware(protocol: ProtocolName, leds: int) -> Firmware:
     """Return the program of a board that speaks ``protocol``."""
     if protocol is ProtocolName.LINES:
-        return LineFirmware(leds, faults)
+        return LineFirmware(leds)
     if protocol is ProtocolName.WLED:
-        return WledFirmware(leds, faults)
-    return AdalightFirmware(leds, faults)
-
-
-def _mangled(answer: bytes, faults: BoardFaults) -> bytes:
-    """Return ``answer`` as the faults leave it."""
-    if faults.take("silent"):
-        return b""
-    if faults.take("partial"):
-        return answer[: len(answer) // 2]
-    return GARBAGE + answer if faults.take("garbage") else answer
+        return WledFirmware(leds)
+    return AdalightFirmware(leds)
 
 
 class LineFirmware:
@@ -51,10 +39,10 @@ class LineFirmware:
 
     LONGEST = 64
 
-    def __init__(self, leds: int, faults: BoardFaults) -> None:
+    def __init__(self, leds: int) -> None:
         """Start dark, with the watchdog asleep."""
         self.shown, self._next = dark(leds), dark(leds)
-        self._leds, self._faults = leds, faults
+        self._leds = leds
         self._buffer = b""
         self._watchdog, self._heard = 0.0, 0.0
 
@@ -68,9 +56,7 @@ class LineFirmware:
         answer = b""
         for line in lines:
             self._heard = now
-            if self._faults.take("corrupt"):
-                line = bytes([line[0] ^ 1, *line[1:]])
-            answer += _mangled(self._answer(line.rstrip(b"\r")), self._faults)
+            answer += self._answer(line.rstrip(b"\r"))
         return answer
 
     def _answer(self, line: bytes) -> bytes:
@@ -80,9 +66,7 @@ class LineFirmware:
         number, *words = body.decode("ascii", "replace").split(" ")
         if checksum != b"%02X" % crc8(body):
             return framed(f"{number if number.isdecimal() else 0} ERR checksum")
-        if self._faults.take("wrong"):
-            number = str((int(number) + 7) % 256)
-        problem = self._faults.refuse or self._obey(words)
+        problem = self._obey(words)
         return framed(f"{number} ERR {problem}" if problem else f"{number} OK")
 
     def _obey(self, words: list[str]) -> str:
@@ -111,10 +95,10 @@ class LineFirmware:
 class WledFirmware:
     """As much of WLED as a driver of single LEDs meets."""
 
-    def __init__(self, leds: int, faults: BoardFaults) -> None:
+    def __init__(self, leds: int) -> None:
         """Start dark."""
         self.shown = dark(leds)
-        self._leds, self._faults = leds, faults
+        self._leds = leds
         self._buffer = b""
         self._state = {"on": True, "bri": 128, "transition": 7}
 
@@ -123,20 +107,18 @@ class WledFirmware:
         *lines, self._buffer = (self._buffer + content).split(b"\n")
         answer = b""
         for line in lines:
-            if self._faults.take("corrupt"):
-                line = line[1:]
             try:
                 request = json.loads(line)
             except ValueError:
                 continue
             self._obey(request)
             if request.get("v"):
-                answer += _mangled(self._answer(), self._faults)
+                answer += self._answer()
         return answer
 
     def _obey(self, request: dict[str, object]) -> None:
         for key in ("on", "bri", "transition"):
-            if key in request and not self._faults.refuse:
+            if key in request:
                 self._state[key] = request[key]  # type: ignore[assignment]
         segment = request.get("seg")
         place = 0
@@ -158,10 +140,10 @@ class AdalightFirmware:
 
     GREETING = 1.0
 
-    def __init__(self, leds: int, faults: BoardFaults) -> None:
+    def __init__(self, leds: int) -> None:
         """Start dark."""
         self.shown = dark(leds)
-        self._leds, self._faults = leds, faults
+        self._leds = leds
         self._buffer = b""
         self._spoke = float("-inf")
 
@@ -175,7 +157,7 @@ class AdalightFirmware:
         if now - self._spoke < self.GREETING:
             return b""
         self._spoke = now
-        return _mangled(b"Ada\n", self._faults)
+        return b"Ada\n"
 
     def _frame(self) -> bool:
         """Show the next frame of the buffer, if it is whole; return whether there may be more."""

@@ -95,25 +95,6 @@ class SerialLink:
         except GONE:
             raise self._gone() from None
 
-    def reopen(self, patience: float) -> None:
-        """Close the port and open it again, trying for ``patience`` seconds.
-
-        Raises:
-            PortError: the port did not come back.
-        """
-        self.close()
-        self._rest = b""
-        deadline, pause = time.monotonic() + patience, 0.05
-        while True:
-            try:
-                self._serial = self._opened()
-                return
-            except PortError:
-                if time.monotonic() + pause > deadline:
-                    raise
-            time.sleep(pause)
-            pause = min(2 * pause, 1.0)
-
     def _opened(self) -> serial.Serial:
         try:
             return serial.Serial(

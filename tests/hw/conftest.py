@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from hw.check.prediction import PadPrediction, predict
-from hw.emulator.emulated_board import EmulatedBoard
-from hw.emulator.faults import BoardFaults
 from hw.leds import ProtocolName
 from surrogate.runtime import Checker
+from tests.hw.faulty_board import BoardFaults, FaultyBoard
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"
-Plug = Callable[..., EmulatedBoard]
+Plug = Callable[..., FaultyBoard]
 
 
 @pytest.fixture
@@ -24,10 +23,11 @@ def plug(tmp_path: Path) -> Iterator[Plug]:
     """Plug emulated boards in; they are unplugged after the test."""
     with ExitStack() as stack:
 
-        def one(protocol: str = "lines", leds: int = 20, **faults: object) -> EmulatedBoard:
+        def one(protocol: str = "lines", leds: int = 20, **faults: object) -> FaultyBoard:
             wrong = BoardFaults(**faults)  # type: ignore[arg-type]
-            board = EmulatedBoard(tmp_path / "port", ProtocolName(protocol), leds, wrong)
-            return stack.enter_context(board)
+            board = FaultyBoard(tmp_path / "port", ProtocolName(protocol), leds, wrong)
+            stack.enter_context(board)
+            return board
 
         yield one
 
