@@ -50,7 +50,7 @@ def fiber_images(
         fiber_end_of(scene),
         rays=rays,
         seed=seed,
-        phi=_few_nodes(phi),
+        phi=few_nodes(phi),
         quantiles=OFFSET_QUANTILES,
         heights=WALKED,
     ).spread_upwards(HEIGHTS)
@@ -70,7 +70,7 @@ def fiber_images(
     return images
 
 
-def _few_nodes(phi: Array) -> Array | None:
+def few_nodes(phi: Array) -> Array | None:
     """Return nodes that hold all of ``phi`` and their mirror images, None if these are many."""
     nodes = np.unique(np.round(np.concatenate([phi, np.pi - phi]), 9))
     # Mirror images again, so that rounding leaves them exact.

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.reference_lines import line_pixels, sample_image
-from hw.camera.pinhole import intrinsics, rotation
-from hw.camera.projection import pad_positions
+from hw.camera.projection import intrinsics, pad_positions, rotation
 from render.arrays import Array
 from render.scene import Scene
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.camera.pinhole import intrinsics
+from hw.camera.projection import intrinsics
 from hw.errors import CaptureError
 from render.arrays import Array
 from render.scene import Scene

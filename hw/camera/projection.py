@@ -1,6 +1,8 @@
-"""Between the pad and the photograph: where on the pad a pixel looks, and back."""
+"""The scene's pinhole, and where on the pad its pixels look."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,6 +20,30 @@ from render.scene import Scene
 NEWTON_STEPS = 12
 TOLERANCE_MM = 1e-3
 """Newton steps stop when all points are met this well (mm)."""
+
+
+def intrinsics(scene: Scene, columns: int, rows: int) -> Array:
+    """Return the pinhole matrix ``(3, 3)`` of the scene's camera in OpenCV's form.
+
+    Positions count from the middle of the first pixel; the field of view spans all rows.
+    """
+    focal = 0.5 * rows / np.tan(scene.camera.field_of_view / 2)
+    return np.array(
+        [[focal, 0.0, 0.5 * columns - 0.5], [0.0, focal, 0.5 * rows - 0.5], [0.0, 0.0, 1.0]]
+    )
+
+
+def rotation(tilt: Sequence[float]) -> Array:
+    """Return the matrix that turns by ``tilt`` (rad) about x, then y, then the viewing axis.
+
+    Every turn leads the first of the other two axes towards the second, in the order x, y, z.
+    About x (y to z) and z (x to y) that is right-handed; about y (x to z) it is left-handed, so
+    that the same sign of the first two tilts moves the picture the same way along both its axes.
+    """
+    from scipy.spatial.transform import Rotation
+
+    about_x, about_y, about_z = tilt
+    return np.asarray(Rotation.from_euler("xyz", [about_x, -about_y, about_z]).as_matrix())
 
 
 def flat_positions(scene: Scene, bend: float, directions: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.camera.photo import FULL_SCALE
-from hw.camera.pinhole import intrinsics, rotation
+from hw.camera.projection import intrinsics, rotation
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.errors import CameraError
 from render.arrays import Array

@@ -1,4 +1,4 @@
-"""A serial line: opened for one program alone, read with deadlines, opened again when lost."""
+"""A serial line: opened for one program alone, read with deadlines."""
 
 from __future__ import annotations
 
@@ -34,9 +34,14 @@ class SerialLink:
         Raises:
             PortError: no such port, no permission, or taken by another program.
         """
-        self.port, self.baud, self.timeout = port, baud, timeout
+        self.port, self.timeout = port, timeout
         self._rest = b""
-        self._serial = self._opened()
+        try:
+            self._serial = serial.Serial(
+                port, baud, timeout=timeout, write_timeout=timeout, exclusive=True
+            )
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise _port_error(port, error) from None
 
     def close(self) -> None:
         """Close the port; closing twice is no mistake."""
@@ -94,18 +99,6 @@ class SerialLink:
             self._serial.reset_input_buffer()
         except GONE:
             raise self._gone() from None
-
-    def _opened(self) -> serial.Serial:
-        try:
-            return serial.Serial(
-                self.port,
-                self.baud,
-                timeout=self.timeout,
-                write_timeout=self.timeout,
-                exclusive=True,
-            )
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise _port_error(self.port, error) from None
 
     def _gone(self) -> UnpluggedError:
         return UnpluggedError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hw.calibration.fiber_images import FEW, _few_nodes
+from hw.calibration.fiber_images import FEW, few_nodes
 from hw.calibration.material_table import line_light
 from hw.calibration.reference_lines import line_pixels
 from render.errors import RenderError
@@ -15,22 +15,22 @@ from render.scene import load_scene
 
 
 def test_one_direction_is_its_own_node() -> None:
-    nodes = _few_nodes(np.full(20, np.pi / 2))
+    nodes = few_nodes(np.full(20, np.pi / 2))
     assert nodes is not None
     assert nodes.tolist() == [np.pi / 2]
 
 
 def test_a_slanted_direction_brings_its_mirror_image() -> None:
-    nodes = _few_nodes(np.full(20, 1.0))
+    nodes = few_nodes(np.full(20, 1.0))
     assert nodes is not None
     np.testing.assert_allclose(nodes, [1.0, np.pi - 1.0])
 
 
 def test_many_directions_are_left_to_interpolation() -> None:
-    assert _few_nodes(np.linspace(0.3, 2.0, FEW + 1)) is None
+    assert few_nodes(np.linspace(0.3, 2.0, FEW + 1)) is None
 
 
-def test_few_nodes_agree_with_all() -> None:
+def testfew_nodes_agree_with_all() -> None:
     scene = load_scene("finger20")
     slab, beam = slab_of(scene), fiber_end_of(scene)
     middle = np.array([np.pi / 2])

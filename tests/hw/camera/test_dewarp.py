@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hw.camera.dewarp import Dewarp, load_lens
-from hw.camera.pinhole import intrinsics
+from hw.camera.projection import intrinsics
 from hw.errors import CaptureError
 from render.geometry import pixel_directions
 from render.scene import load_scene
