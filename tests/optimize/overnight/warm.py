@@ -113,8 +113,8 @@ def main() -> None:
     """Answer questions: begin a run, or say how one ended."""
     import cma  # noqa: F401
     import numba  # noqa: F401
-    import surrogate.training.train  # noqa: F401
 
+    import surrogate.train  # noqa: F401
     from render.reference.llvm import mitsuba
 
     mitsuba()
