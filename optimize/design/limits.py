@@ -146,7 +146,7 @@ def limits_of(scene: Scene) -> SearchLimits:
     padded = np.array([part + part[-1:] * (size - len(part)) for part in intervals])
     limits = SearchLimits(
         allowed=allowed,
-        led_counts=np.array(given.most(fibers), dtype=np.int64),
+        led_counts=np.array(given.max_counts(fibers), dtype=np.int64),
         led_power=np.array([given.power_red, given.power_green, given.power_blue]),
         low=padded[..., 0],
         high=padded[..., 1],

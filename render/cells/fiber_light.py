@@ -1,8 +1,7 @@
 """Fibers as light sources: a disk with a Gaussian radiance profile, in many directions at once.
 
-Thesis 3.3.1: ``L(omega) = L_max exp(-((omega - omega_d) / (2 sigma_v))^2) / (2 pi sigma_v)``, where
-the difference is the angle between the directions. The end face is a disk perpendicular to the
-beam; ``L_max`` is chosen so that the disk emits unit power.
+The end face is a disk perpendicular to the beam; the profile is that of
+``render.optics.fiber_profile`` at unit power.
 
 One light path serves every direction node: it is drawn from the equal mixture of all nodes'
 emission, and weighted per node by radiance over mixture density in ray space (projected area x

@@ -1,6 +1,8 @@
 """The Gaussian radiance profile of a fiber end (thesis 3.3.1): peak, density and sampling.
 
-``L(omega) = L_max exp(-(theta / (2 sigma_v))^2) / (2 pi sigma_v)``, theta the angle to the axis.
+``L(omega) = L_max exp(-(theta / (2 sigma_v))^2) / (2 pi sigma_v)``, theta the angle to the axis;
+``L_max`` is such that the end emits the power that is asked for. The preview has the same profile
+for numpy (``render.preview.diffuser.emission.FiberEnd``) and in its shader.
 Directions are sampled with theta from the Rayleigh-like density ``theta exp(-theta^2 / (4
 sigma_v^2))``, cut at pi/2, which leaves the smooth weight ``cos(theta) sin(theta) / theta``.
 """
@@ -28,7 +30,7 @@ def peak_radiance(sigma_v: float, area: float) -> float:
 
 
 def truncated_mass(sigma_v: float) -> float:
-    """Return the share of the Rayleigh density below pi/2, to which it is normalized."""
+    """Return the part of the Rayleigh density below pi/2, to which it is normalized."""
     return float(-np.expm1(-((np.pi / 2) ** 2) / (4 * sigma_v**2)))
 
 

@@ -128,5 +128,5 @@ def _coupling(scene: Scene, path: LightPath, normal: Array, facing: Array, in_ba
     """
     leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
     lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
-    kept = _reflected(scene, np.abs(path.depart[..., 1])) if in_base else 1.0
-    return np.asarray(leaves * lands * kept * path.spread / np.pi)
+    reflected = _reflected(scene, np.abs(path.depart[..., 1])) if in_base else 1.0
+    return np.asarray(leaves * lands * reflected * path.spread / np.pi)

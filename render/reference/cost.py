@@ -67,8 +67,8 @@ class RenderCost:
             renders: all jobs that share the time: of each, how many times these samples it takes.
             at_least: what is rendered however little time there is.
         """
-        left = seconds - self.trials - self.fixed * len(renders)
-        return max(at_least, int(left / (self.per_sample * sum(renders))))
+        remaining = seconds - self.trials - self.fixed * len(renders)
+        return max(at_least, int(remaining / (self.per_sample * sum(renders))))
 
     def seconds(self, jobs: Sequence[RenderJob]) -> float:
         """Return how long ``jobs`` take when the workers render them together."""

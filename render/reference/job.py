@@ -209,7 +209,7 @@ def pad_cells(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
 
 
 def _start(
-    scene: Scene, cells: Any, job: RenderJob, kept: dict[str, np.ndarray] | None
+    scene: Scene, cells: Any, job: RenderJob, saved: dict[str, np.ndarray] | None
 ) -> tuple[MarkovChains | MonteCarlo, float]:
     """Return a run, restored or at its beginning, and the seconds that it has cost so far."""
     from render.sampling.monte_carlo import MonteCarlo
@@ -227,9 +227,9 @@ def _start(
         run = MonteCarlo(cells, job.chains, job.replicates, job.seed)
     else:
         run = MarkovChains(cells, settings)
-    if kept is not None:
-        run.restore(kept)
-        return run, float(kept["seconds"])
+    if saved is not None:
+        run.restore(saved)
+        return run, float(saved["seconds"])
     if isinstance(run, MarkovChains):
         run.bootstrap(flattening_weights(run.pilot(), scene))
     return run, 0.0

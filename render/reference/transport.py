@@ -181,13 +181,13 @@ def transport_estimate(
     """
     bends = list(dict.fromkeys(job.bend for job in jobs))
     seeds = list(dict.fromkeys(job.seed for job in jobs))
-    found = {
+    estimates = {
         (job.bend, job.indented, job.seed): result.estimate
         for job, result in zip(jobs, results, strict=True)
     }
 
     def pads(indented: bool) -> Array:
-        stacked = np.stack([[found[bend, indented, seed] for seed in seeds] for bend in bends])
+        stacked = np.stack([[estimates[bend, indented, seed] for seed in seeds] for bend in bends])
         # (bend, seed, replicate, fiber, node, target) -> (replicate, fiber, node, bend, target)
         return stacked.reshape(len(bends), -1, *stacked.shape[3:]).transpose(1, 2, 3, 0, 4)
 

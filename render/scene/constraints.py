@@ -66,7 +66,7 @@ class Constraints(Part):
     fixed: Annotated[tuple[FixedFiber, ...], Field(strict=False)] = ()
     forbidden: Annotated[tuple[ForbiddenDirections, ...], Field(strict=False)] = ()
 
-    def most(self, fibers: int) -> tuple[int, int, int]:
+    def max_counts(self, fibers: int) -> tuple[int, int, int]:
         """Return the largest number of red, green and blue fibers, of ``fibers`` in all."""
         limits = (self.max_red, self.max_green, self.max_blue)
         red, green, blue = (fibers if limit is None else limit for limit in limits)
@@ -118,18 +118,18 @@ class Constraints(Part):
                     f"constraints.forbidden: low = {math.degrees(gap.low):g} deg and high = "
                     f"{math.degrees(gap.high):g} deg, allowed: low below high"
                 )
-        most = self.most(fibers)
-        if sum(most) < fibers:
+        limits = self.max_counts(fibers)
+        if sum(limits) < fibers:
             yield (
-                f"constraints: at most {most[0]} red, {most[1]} green and {most[2]} blue LEDs "
-                f"for {fibers} fibers cannot be fulfilled, allowed: at least {fibers} together"
+                f"constraints: at most {limits[0]} red, {limits[1]} green and {limits[2]} blue "
+                f"LEDs for {fibers} fibers cannot be fulfilled, allowed: at least {fibers} together"
             )
         for index, color in enumerate(("red", "green", "blue")):
             fixed = sum(entry.color == color for entry in self.fixed)
-            if fixed > most[index]:
+            if fixed > limits[index]:
                 yield (
                     f"constraints fix {fixed} {color} fibers, allowed: at most "
-                    f"max_{color} = {most[index]}"
+                    f"max_{color} = {limits[index]}"
                 )
         for fiber in range(fibers):
             if not self.intervals(fiber) or self.grid(fiber) == []:

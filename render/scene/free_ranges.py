@@ -29,8 +29,8 @@ class FreeRanges(Part):
 
     def ranges(self) -> dict[str, tuple[float, ...]]:
         """Return the ranges that are named."""
-        found = {name: getattr(self, name) for name in UNITS}
-        return {name: values for name, values in found.items() if values is not None}
+        named = {name: getattr(self, name) for name in UNITS}
+        return {name: values for name, values in named.items() if values is not None}
 
     def problems(self, values: dict[str, float]) -> Iterator[str]:
         """Yield what does not fit the scene's own ``values``, one sentence each."""

@@ -256,13 +256,13 @@ def load_scene(name_or_path: str | Path) -> Scene:
 def sources(name_or_path: str | Path) -> dict[str, str]:
     """Return the source of every value of a scene file, keyed like ``pad.width``."""
     raw, _ = _read(name_or_path)
-    found: dict[str, str] = {}
+    by_key: dict[str, str] = {}
     for part, content in raw.items():
         if isinstance(content, dict):
             for key, quantity in content.items():
                 if isinstance(quantity, dict) and "source" in quantity:
-                    found[f"{part}.{key}"] = str(quantity["source"])
-    return found
+                    by_key[f"{part}.{key}"] = str(quantity["source"])
+    return by_key
 
 
 def shipped_scenes() -> list[str]:

@@ -119,8 +119,8 @@ class Tolerances(Part):
 
     def spreads(self) -> dict[str, Spread]:
         """Return the tolerances that are named."""
-        found = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: spread for name, spread in found.items() if spread is not None}
+        named = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: spread for name, spread in named.items() if spread is not None}
 
     def sentences(self) -> Iterator[str]:
         """Yield the tolerances in words."""

@@ -41,18 +41,20 @@ def hemisphere(cosine: Array, count: int) -> Array:
 def linear_weights(x: Array, nodes: Array) -> Array:
     """Return ``(x, node)`` weights that share ``x`` between its neighbors; ends hold the rest."""
     cell = np.clip(np.searchsorted(nodes, x) - 1, 0, len(nodes) - 2)
-    part = np.clip((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0.0, 1.0)
+    fraction = np.clip((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0.0, 1.0)
     weights = np.zeros((len(x), len(nodes)))
     rows = np.arange(len(x))
-    weights[rows, cell] = 1 - part
-    weights[rows, cell + 1] = part
+    weights[rows, cell] = 1 - fraction
+    weights[rows, cell + 1] = fraction
     return weights
 
 
 def nonnegative(radiance: Array) -> Array:
     """Blend lights towards diffuse ones of the same power until none is negative anywhere."""
     terms = directional_terms(hemisphere(np.linspace(0.0, 1.0, 12), 24)).reshape(-1, TERMS)
-    least = np.min(radiance @ terms.T, axis=-1)
+    minimum = np.min(radiance @ terms.T, axis=-1)
     diffuse = np.maximum(radiance @ moments()[0] / np.pi, 0.0)
-    part = np.where(least < 0, diffuse / np.maximum(diffuse - least, 1e-300), 1.0)[..., None]
-    return np.asarray(part * radiance + (1 - part) * diffuse[..., None] * np.eye(TERMS)[0])
+    fraction = np.where(minimum < 0, diffuse / np.maximum(diffuse - minimum, 1e-300), 1.0)[
+        ..., None
+    ]
+    return np.asarray(fraction * radiance + (1 - fraction) * diffuse[..., None] * np.eye(TERMS)[0])

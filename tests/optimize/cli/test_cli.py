@@ -74,7 +74,7 @@ def test_an_interrupt_ends_with_130(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("render.scene.schema.load_scene", interrupt)
+    monkeypatch.setattr("render.scene.load_scene", interrupt)
     assert call(monkeypatch, "describe") == 130
 
 
@@ -97,7 +97,7 @@ def test_a_mistake_of_the_program_keeps_its_traceback(monkeypatch: pytest.Monkey
     def fail(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("render.scene.schema.load_scene", fail)
+    monkeypatch.setattr("render.scene.load_scene", fail)
     monkeypatch.setattr(sys, "argv", ["tactilux", "describe"])
     with pytest.raises(ZeroDivisionError):
         main()
