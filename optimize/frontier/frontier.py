@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from optimize.frontier.held_out import (
     REFERENCE_SEED,
@@ -22,9 +21,6 @@ from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 from surrogate.training.conformal import Coverage
-
-if TYPE_CHECKING:  # torch comes with the fits
-    from surrogate.train import TrainConfig
 
 
 @dataclass(frozen=True)
@@ -97,7 +93,7 @@ def measure_frontier(
     from optimize.frontier.levels import fitted_rows, model_rows, preview_row, table_row
     from surrogate.model.preview_grid import draw_grid
     from surrogate.train import TrainConfig
-    from surrogate.training.render_plan import data_hash
+    from surrogate.training.render_plan import data_hash, render_reference
 
     config = TrainConfig()
     if table is not None and (table.scene_hash != scene.hash or table.level != "reference"):
@@ -116,7 +112,18 @@ def measure_frontier(
     )
     reference = HeldOutReference.of(estimate, designs, checker.exposure, checker.lam)
     if table is None:
-        table, table_seconds = _rendered_table(scene, plan, seed, folder, config, report)
+        made = render_reference(
+            scene,
+            folder / "table",
+            seed=seed,
+            minutes=plan.minutes,
+            samples=plan.table_samples,
+            phi_count=config.phi_nodes,
+            bend_count=len(scene.bending.angles),
+            materials=None,
+            progress=in_stage(report, "transport table"),
+        )
+        table, table_seconds = made.tables[0], float(str(made.renderer["seconds"]))
     else:
         about = checker.metadata
         same = about.training_data_hash == data_hash(table)
@@ -145,33 +152,3 @@ def measure_frontier(
         nominal=checker.coverage,
         coverage=reference.coverage(checker),
     )
-
-
-def _rendered_table(
-    scene: Scene,
-    plan: FrontierPlan,
-    seed: int,
-    folder: Path,
-    config: TrainConfig,
-    report: OnProgress,
-) -> tuple[TransportTable, float]:
-    """Return a transport table at the training's nodes and the seconds of its render."""
-    from surrogate.training.render_plan import estimate_table, make_plan, render_plan
-
-    run = folder / "table"
-    wanted = make_plan(
-        scene,
-        run,
-        minutes=plan.minutes,
-        samples=plan.table_samples,
-        seed=seed,
-        phi_count=config.phi_nodes,
-        bend_count=len(scene.bending.angles),
-    )
-    estimate = render_plan(
-        scene,
-        wanted,
-        run,
-        in_stage(report, "transport table"),
-    )
-    return estimate_table(scene, wanted, estimate), estimate.seconds
