@@ -26,6 +26,8 @@ def mono() -> ModuleType:
 
 
 # Fixtures of a session that take many seconds, and the files that need them: on one worker.
+# (``--dist loadgroup`` would say this with marks, but pytest-xdist 3.8 ignores the groups under
+# pytest 9.2: https://github.com/pytest-dev/pytest-xdist/issues/1386.)
 TOGETHER = {
     "trained": tuple(
         f"tests/surrogate/{name}.py"
