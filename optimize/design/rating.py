@@ -37,10 +37,14 @@ class ScoreSettings:
         """Return counts ``(B, S, K, 3)`` of ``transport`` ``(F, B, S, K)``, ``power`` (F, 3)."""
         return np.asarray(image_counts(transport, power, self.exposure, self.conventions))
 
+    def metric(self, transport: Array, power: Array) -> Array:
+        """Return M of eq. (4.6), ``(B, S)``."""
+        counts = self.counts(transport, power)
+        return np.asarray(site_metric(counts, self.lam, self.conventions))
+
     def parts(self, transport: Array, power: Array) -> Array:
         """Return score, mean, spread over sites and over bends, ``(4,)`` (eq. 4.7)."""
-        metric = site_metric(self.counts(transport, power), self.lam, self.conventions)
-        score = design_score(metric, self.conventions)
+        score = design_score(self.metric(transport, power), self.conventions)
         return np.array([float(getattr(score, part)) for part in PARTS])
 
     def rating(

@@ -14,7 +14,6 @@ from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResul
 from optimize.scoring import check_interval, jackknife_se
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
-from render.metric import site_metric
 from surrogate.runtime import MODEL_FILE, Checker, sha256
 
 TIMED_RUNS = 20
@@ -33,7 +32,7 @@ def conclude(
     winner = choose_winner(evaluation)
     return OvernightResult(
         scene=context.scene,
-        scale=evaluation.settings,
+        settings=evaluation.settings,
         replicates=len(evaluation.renders.replicates),
         finalists=tuple(
             _finalist(context, checker, evaluation, index) for index in range(len(evaluation.names))
@@ -51,11 +50,11 @@ def _finalist(
 ) -> Finalist:
     name, design = evaluation.names[index], evaluation.renders.designs[index]
     replicates = evaluation.renders.replicates[:, index]
-    scale, score = evaluation.settings, evaluation.scores[index].score
+    settings, score = evaluation.settings, evaluation.scores[index].score
     count = len(replicates)
-    counts = scale.counts(replicates.mean(axis=0), design.power)
+    counts = settings.counts(replicates.mean(axis=0), design.power)
     # The error bar is the one before clipping: a clipped channel would seem to be known exactly.
-    light = scale.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
+    light = settings.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
     predicted = _predicted(context, checker, design)
     gain = None if name == "baseline" else evaluation.difference("baseline", name)
     return Finalist(
@@ -71,24 +70,14 @@ def _finalist(
         counts=counts,
         counts_se=light.std(axis=0, ddof=1) / np.sqrt(count),
         predicted_counts=predicted["counts"],
-        metric=np.asarray(site_metric(counts, scale.lam, scale.conventions)),
-        metric_se=_metric_se(evaluation, index),
+        metric=settings.metric(replicates.mean(axis=0), design.power),
+        metric_se=jackknife_se(lambda mean: settings.metric(mean, design.power), replicates),
     )
 
 
 def _predicted(context: RunContext, checker: Checker, design: Design) -> dict[str, Array]:
     found = checker.run(design.phi[None], design.power[None], context.bends)
     return {name: np.asarray(value[0], dtype=np.float64) for name, value in found.items()}
-
-
-def _metric_se(evaluation: FinalistEvaluation, index: int) -> Array:
-    """Return the jackknife's standard error of M, ``(bend, site)``."""
-    scale, power = evaluation.settings, evaluation.renders.designs[index].power
-
-    def metric(transport: Array) -> Array:
-        return np.asarray(site_metric(scale.counts(transport, power), scale.lam, scale.conventions))
-
-    return jackknife_se(metric, evaluation.renders.replicates[:, index])
 
 
 def _sentences(

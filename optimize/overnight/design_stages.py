@@ -358,7 +358,7 @@ def choose_finalists(
 def verify_finalists(
     context: RunContext,
     finalists: Sequence[tuple[str, Design]],
-    scale: ScoreSettings,
+    settings: ScoreSettings,
     cost: RenderCost | None,
 ) -> tuple[FinalistEvaluation, list[tuple[int, FinalistEvaluation]]]:
     """Return the evaluation of all seeds, and those of the first 1, 2, 4, ... seeds.
@@ -368,13 +368,13 @@ def verify_finalists(
     Arguments:
         context: of the run.
         finalists: designs by key, the baseline first.
-        scale: of the scores.
+        settings: of the scores.
         cost: of renders; None for a fixed amount of work.
     """
     designs = [design for _, design in finalists]
     amount = _amount(context, designs, cost)
     render = reference_renders(context.scene, None, context.progress, runner=context.renders)
-    pooled = _Pool(finalists, scale)
+    pooled = _Pool(finalists, settings)
     checks: list[tuple[int, FinalistEvaluation]] = []
     longest, number, extension = 0.0, 0, 0
     while True:
@@ -423,10 +423,10 @@ def verify_finalists(
 class _Pool:
     """Renders of the finalists, seed by seed, and what they say together."""
 
-    def __init__(self, finalists: Sequence[tuple[str, Design]], scale: ScoreSettings) -> None:
+    def __init__(self, finalists: Sequence[tuple[str, Design]], settings: ScoreSettings) -> None:
         self.names = tuple(name for name, _ in finalists)
         self.designs = tuple(design for _, design in finalists)
-        self.scale = scale
+        self.settings = settings
         self.pressed: list[Array] = []
         self.untouched: list[Array] = []
         self.seconds = 0.0
@@ -447,7 +447,7 @@ class _Pool:
         renders = DesignRenders(
             self.designs, np.concatenate(pressed), np.concatenate(untouched), self.seconds
         )
-        return FinalistEvaluation(self.names, renders, self.scale)
+        return FinalistEvaluation(self.names, renders, self.settings)
 
 
 def choose_winner(evaluation: FinalistEvaluation) -> str:

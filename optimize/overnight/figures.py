@@ -224,5 +224,5 @@ def bolt_pictures(result: OvernightResult) -> dict[tuple[str, int], bytes]:
         slice(rows.min(), rows.max() + 1),
         slice(columns_lit.min(), columns_lit.max() + 1),
     )
-    bright = result.scale.exposure / result.scale.conventions.count_max
+    bright = result.settings.exposure / result.settings.conventions.count_max
     return {name: picture_png(np.rot90(seen[frame]) * bright) for name, seen in drawn.items()}

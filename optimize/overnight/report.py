@@ -140,7 +140,7 @@ def _context(result: OvernightResult, scaling: Scaling | None) -> dict[str, Any]
         "scene": scene.name,
         "scene_hash": scene.hash,
         "title": last.title,
-        "lam": f"{result.scale.lam:.4g}",
+        "lam": f"{result.settings.lam:.4g}",
         "summary": summary(result),
         "warnings": warnings(result),
         "verdict": result.verdict,

@@ -143,7 +143,7 @@ class OvernightResult:
 
     Arguments:
         scene: the sensor.
-        scale: exposure, lambda and conventions of every score here.
+        settings: exposure, lambda and conventions of every score here.
         replicates: independent replicates behind every standard error.
         finalists: the baseline first.
         winner: key of the design that is handed over; the baseline's, if nothing beat it.
@@ -155,7 +155,7 @@ class OvernightResult:
     """
 
     scene: Scene
-    scale: ScoreSettings
+    settings: ScoreSettings
     replicates: int
     finalists: tuple[Finalist, ...]
     winner: str
@@ -179,12 +179,12 @@ class OvernightResult:
 
     def rating(self, finalist: Finalist) -> Rating:
         """Return the rating that goes into the finalist's design file."""
-        parts = design_score(finalist.metric, self.scale.conventions)
+        parts = design_score(finalist.metric, self.settings.conventions)
         values = {name: float(getattr(parts, name)) for name in ("spread_sites", "spread_bends")}
         values |= {"score": finalist.score, "mean": float(parts.mean)}
         half = self.interval_factor * finalist.se
         interval = (finalist.score - half, finalist.score + half)
-        return self.scale.rating("reference", values, interval)
+        return self.settings.rating("reference", values, interval)
 
     def save(self, run: Path) -> None:
         """Write the night into ``run``, every file atomically and ``night.json`` last.
@@ -234,7 +234,7 @@ class OvernightResult:
         arrays = read_npz(run / ARRAYS)
         kept = {name: getattr(file, name) for name in _SHARED}
         kept["finalists"] = tuple(_finalist(run, scene, e, arrays) for e in file.finalists)
-        result = cls(scene=scene, scale=_scale(run), **kept)
+        result = cls(scene=scene, settings=_settings(run), **kept)
         result._check(run)
         return result
 
@@ -308,7 +308,7 @@ def _read(run: Path) -> ResultFile:
     return file
 
 
-def _scale(run: Path) -> ScoreSettings:
+def _settings(run: Path) -> ScoreSettings:
     path = run / DESIGNS / "baseline.json"
     rating = load_design_file(path).rating
     if rating is None:

@@ -179,7 +179,7 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
     )
     return OvernightResult(
         scene=finger20,
-        scale=ScoreSettings(finger20_checker.exposure, finger20_checker.lam),
+        settings=ScoreSettings(finger20_checker.exposure, finger20_checker.lam),
         replicates=16,
         finalists=finalists,
         winner="winner",

@@ -145,7 +145,7 @@ def test_continuous_power_never_loses_and_keeps_to_the_limit(make_table: MakeTab
     assert ((found.design.power > 0).sum(axis=1) <= 1).all()
 
 
-def test_polish_climbs_from_any_start(make_table: MakeTable) -> None:
+def test_local_refinement_climbs_from_any_start(make_table: MakeTable) -> None:
     scorer = TableScorer(make_table(FIBERS))
     start = Design.of_colors(np.full(FIBERS, 0.4), np.arange(FIBERS) % 3)
     found = refine_locally(scorer, start)

@@ -33,7 +33,7 @@ def test_a_night_survives_the_round_trip(
     run_directory: Path, finished_night: OvernightResult
 ) -> None:
     loaded = OvernightResult.load(run_directory)
-    for name in ("scene", "scale", "replicates", "winner", "verdict", "steps", "trade", "facts"):
+    for name in ("scene", "settings", "replicates", "winner", "verdict", "steps", "trade", "facts"):
         assert getattr(loaded, name) == getattr(finished_night, name)
     for was, found in zip(finished_night.finalists, loaded.finalists, strict=True):
         np.testing.assert_allclose(found.design.phi, was.design.phi, rtol=0, atol=1e-15)
