@@ -40,7 +40,7 @@ def run(
     from optimize.report import warnings, write_exploration
     from optimize.robust import (
         RobustnessStudy,
-        check_tolerances,
+        declared_tolerances,
         print_study,
         study_robustness,
     )
@@ -53,7 +53,7 @@ def run(
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         if robust is not None:
-            check_tolerances(scene)
+            declared_tolerances(scene)
         if shadow is not None and not math.isfinite(shadow):
             raise DesignError(
                 f"--shadow = {shadow}, allowed: a finite weight of at least 0",

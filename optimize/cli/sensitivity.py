@@ -31,9 +31,8 @@ def run(
     from optimize.design import limits_of, open_rated
     from optimize.exploration import PHI_NODES
     from optimize.robust import (
-        MATERIALS,
         check_slopes,
-        check_tolerances,
+        declared_tolerances,
         material_slopes,
         print_sensitivities,
         score_slopes,
@@ -45,15 +44,12 @@ def run(
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
         sensor = candidate.scene
-        check_tolerances(sensor)
-        assert sensor.tolerances is not None  # just checked
-        spreads = sensor.tolerances.spreads()
+        spreads = declared_tolerances(sensor)
         checker = open_model(sensor, model)
         table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         scorer = TableScorer(table, limits=limits_of(sensor))
-        names: list[str] = [name for name in MATERIALS if name in spreads]
         with ProgressBar("Previews of other materials") as bar:
-            slopes = material_slopes(sensor, names, table.phi, bar)
+            slopes = material_slopes(sensor, spreads, table.phi, bar)
         found = tuple(sensitivities(scorer, candidate.design, spreads, slopes, seed=seed))
         result: dict[str, object] = {
             "scene_hash": sensor.hash,

@@ -1,9 +1,8 @@
 """Manufacturing tolerances and shadows: sensitivity, robust ratings, designs made for them."""
 
-from optimize.robust.material_slopes import MATERIALS, material_slopes
+from optimize.robust.material_slopes import declared_tolerances, material_slopes
 from optimize.robust.robustness_study import (
     RobustnessStudy,
-    check_tolerances,
     print_sensitivities,
     print_study,
     study_robustness,
@@ -11,10 +10,9 @@ from optimize.robust.robustness_study import (
 from optimize.robust.sensitivity import check_slopes, score_slopes, sensitivities
 
 __all__ = [
-    "MATERIALS",
     "RobustnessStudy",
     "check_slopes",
-    "check_tolerances",
+    "declared_tolerances",
     "material_slopes",
     "print_sensitivities",
     "print_study",

@@ -1,4 +1,4 @@
-"""How transport changes with the material: the preview of neighboring materials.
+"""The tolerances of a scene, and how transport changes with its material.
 
 A surrogate knows one material. The preview knows any, from its slab response, and its relative
 change between neighbors is taken over: ``d log T / d p`` by central differences.
@@ -6,14 +6,16 @@ change between neighbors is taken over: ``d log T / d p`` by central differences
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from optimize.design import Array
+from render.errors import SceneError
 from render.preview import Preview
 from render.progress import Clock, OnProgress
-from render.scene import Scene
+from render.scene import Scene, Spread
 
 STEP = 0.1
 """Relative step of the differences: the noise of two slab responses, divided by it, stays small."""
@@ -23,17 +25,32 @@ PER_FIBER = ("led_power", "fiber_angle", "sigma_v")
 """Tolerances that every fiber has for itself; the others are common to the sensor."""
 
 
+def declared_tolerances(scene: Scene) -> dict[str, Spread]:
+    """Return the tolerances of ``scene`` by name.
+
+    Raises:
+        SceneError: there is none to be robust against.
+    """
+    spreads = scene.tolerances.spreads() if scene.tolerances else {}
+    if not spreads:
+        raise SceneError(
+            f"scene {scene.name} has no tolerances: add a [tolerances] section to its file, for "
+            'example led_power = { distribution = "normal", deviation = 0.05, unit = "relative", '
+            'source = "data sheet" }',
+            field="tolerances",
+        )
+    return spreads
+
+
 @dataclass(frozen=True)
 class Neighbors:
     """A parameter of the material and the scenes on both sides of its value.
 
     Arguments:
-        name: of the tolerance.
         below, above: scenes.
         step: half the distance between them, in the tolerance's own unit (mm, or relative).
     """
 
-    name: str
     below: Scene
     above: Scene
     step: float
@@ -59,12 +76,12 @@ def neighbors(scene: Scene, name: str) -> Neighbors:
         changed = getattr(scene, part).model_copy(update={key: new})
         return scene.model_copy(update={part: changed})
 
-    return Neighbors(name, moved(-1.0), moved(1.0), STEP if relative else STEP * value)
+    return Neighbors(moved(-1.0), moved(1.0), STEP if relative else STEP * value)
 
 
 def material_slopes(
     scene: Scene,
-    names: list[str],
+    tolerances: Collection[str],
     phi: Array,
     progress: OnProgress | None = None,
 ) -> dict[str, Array]:
@@ -72,11 +89,12 @@ def material_slopes(
 
     Arguments:
         scene: the sensor.
-        names: of tolerances of the material.
+        tolerances: names; those of the material are looked at.
         phi: ``(phi_node,)`` rad.
         progress: told of every preview that is drawn.
     """
     bends, slopes = np.array(scene.bending.angles), {}
+    names = [name for name in MATERIALS if name in tolerances]
     clock = Clock(2 * len(names), progress)
     for name in names:
         around = neighbors(scene, name)

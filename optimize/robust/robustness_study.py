@@ -11,7 +11,7 @@ import numpy as np
 
 from optimize.design import Design, limits_of
 from optimize.exploration import PHI_NODES, Exploration, rate
-from optimize.robust.material_slopes import MATERIALS, material_slopes
+from optimize.robust.material_slopes import declared_tolerances, material_slopes
 from optimize.robust.perturbed_sensors import (
     Measure,
     PerturbedSensors,
@@ -26,9 +26,8 @@ from optimize.search import NominalScore, Objective, WeightedSum, multi_start
 from optimize.search.colors import quick_colors, renamed_like
 from optimize.ui.console import print_table
 from render.chebyshev import chebyshev_nodes
-from render.errors import SceneError
 from render.progress import Clock, OnProgress, in_stage
-from render.scene import Scene
+from render.scene import Spread
 
 SEARCH_DRAWS, RATING_DRAWS = 48, 1000
 COLORINGS = 6
@@ -82,21 +81,6 @@ class RobustnessStudy:
         return lines
 
 
-def check_tolerances(scene: Scene) -> None:
-    """Refuse a scene without tolerances.
-
-    Raises:
-        SceneError: there is no tolerance to be robust against.
-    """
-    if scene.tolerances is None or not scene.tolerances.spreads():
-        raise SceneError(
-            f"scene {scene.name} has no tolerances: add a [tolerances] section to its file, for "
-            'example led_power = { distribution = "normal", deviation = 0.05, unit = "relative", '
-            'source = "data sheet" }',
-            field="tolerances",
-        )
-
-
 def study_robustness(
     exploration: Exploration,
     measure: Measure | None,
@@ -114,20 +98,26 @@ def study_robustness(
     Raises:
         SceneError: tolerances are asked for, and the scene has none.
     """
-    scene, checker = exploration.scene, exploration.checker
+    scene, checker, seed = exploration.scene, exploration.checker, exploration.seed
     table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
     scorer = TableScorer(table, limits=limits_of(scene))
     goal: Objective = NominalScore(scorer)
     shadow = None if shadow_weight is None else ShadowPenalty(scene, table)
-    sensors = None
+    spreads: Mapping[str, Spread] = {}
     if measure is not None:
-        check_tolerances(scene)
-        sensors = _sensors(scene, scorer, exploration.seed, report)
-        goal = RobustScore(sensors[0], measure)
+        spreads = declared_tolerances(scene)
+        stage_report = in_stage(report, "previews of other materials")
+        slopes = material_slopes(scene, spreads, table.phi, stage_report)
+        # Sensors to search on, and others that rate what was found.
+        seen, unseen = (
+            PerturbedSensors(scorer, spreads, slopes, draws=draws, seed=1000 * seed + stream)
+            for stream, draws in ((1, SEARCH_DRAWS), (2, RATING_DRAWS))
+        )
+        goal = RobustScore(seen, measure)
     if shadow is not None and shadow_weight is not None:
         goal = WeightedSum((1.0, goal), (shadow_weight, shadow))
     best = exploration.stages[-1].design
-    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=exploration.seed).top
+    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
     colorings = [np.array(row) for row, _ in top[:COLORINGS]]
     if scorer.colors_alike:
         colorings = [renamed_like(row, best.colors) for row in colorings]
@@ -138,39 +128,20 @@ def study_robustness(
         checker, scene, "refined", " and ".join(titles).capitalize(), "the refinement", design
     )
     stages = (*exploration.stages, stage)
-    spreads = scene.tolerances.spreads() if scene.tolerances and sensors else {}
     ratings: dict[str, RobustRating] = {}
     costs: tuple[Sensitivity, ...] = ()
     at_end = 0.0
-    if sensors is not None:
-        _, fresh, slopes = sensors
+    if measure is not None:
         clock = Clock(len(stages) + 1, report, "rating")
         for entry in stages:
-            ratings[entry.key] = rate_robustly(scorer, fresh, entry.design)
+            ratings[entry.key] = rate_robustly(scorer, unseen, entry.design)
             clock.tick()
-        costs = tuple(sensitivities(scorer, design, spreads, slopes, seed=exploration.seed))
+        costs = tuple(sensitivities(scorer, design, spreads, slopes, seed=seed))
         clock.tick()
-        at_end = fresh.fraction_at_end(design.phi)
+        at_end = unseen.fraction_at_end(design.phi)
     shadows = {} if shadow is None else {e.key: -shadow.value(e.design) for e in stages}
     extra = RobustnessStudy(measure, ratings, shadows, shadow_weight, costs, at_end)
     return replace(exploration, stages=stages, study=extra)
-
-
-def _sensors(
-    scene: Scene, scorer: TableScorer, seed: int, report: OnProgress
-) -> tuple[PerturbedSensors, PerturbedSensors, dict[str, np.ndarray]]:
-    """Return sensors to search on, others to rate on, and the slopes of their materials."""
-    assert scene.tolerances is not None  # checked before
-    spreads = scene.tolerances.spreads()
-    names: list[str] = [n for n in MATERIALS if n in spreads]
-    slopes = material_slopes(
-        scene, names, scorer.table.phi, in_stage(report, "previews of other materials")
-    )
-
-    def drawn(draws: int, stream: int) -> PerturbedSensors:
-        return PerturbedSensors(scorer, spreads, slopes, draws=draws, seed=1000 * seed + stream)
-
-    return drawn(SEARCH_DRAWS, 1), drawn(RATING_DRAWS, 2), slopes
 
 
 def print_study(stream: IO[str], study: RobustnessStudy, titles: Mapping[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""A verdict follows from replicates: gain, tie, bias and the error of the surrogate."""
+"""A conclusion follows from replicates: gain, tie, bias and the error of the surrogate."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def compared(
     )
 
 
-def judged(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
+def with_noise(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
     first, second = noisy(light(scene), sigma, 1), noisy(brighter * light(scene), sigma, 2)
     return compared(scene, design, first, second)
 
@@ -75,7 +75,7 @@ def other(finger20: Scene) -> Design:
 
 
 def test_a_clear_loss_is_called_worse(finger20: Scene, other: Design) -> None:
-    found = judged(finger20, other, sigma=0.02, brighter=0.5)
+    found = with_noise(finger20, other, sigma=0.02, brighter=0.5)
     assert found.difference.interval()[1] < 0
     assert "worse" in found.conclusion
     assert found.difference.value == pytest.approx(
@@ -84,7 +84,7 @@ def test_a_clear_loss_is_called_worse(finger20: Scene, other: Design) -> None:
 
 
 def test_noise_alone_is_called_a_tie(finger20: Scene, other: Design) -> None:
-    found = judged(finger20, other, sigma=0.3)
+    found = with_noise(finger20, other, sigma=0.3)
     low, high = found.difference.interval()
     assert low < 0 < high
     assert "tie" in found.conclusion
@@ -101,15 +101,15 @@ def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: S
 
 
 def test_the_bias_of_noisy_renders_is_taken_out(finger20: Scene, other: Design) -> None:
-    exact = judged(finger20, other, sigma=0.0).baseline.score.value
-    found = judged(finger20, other, sigma=0.5).baseline.score
+    exact = with_noise(finger20, other, sigma=0.0).baseline.score.value
+    found = with_noise(finger20, other, sigma=0.5).baseline.score
     assert found.plain < exact
     assert abs(found.value - exact) < abs(found.plain - exact)
     assert abs(found.value - exact) < 3 * found.se
 
 
 def test_parts_add_up_and_the_surrogate_error_is_reported(finger20: Scene, other: Design) -> None:
-    found = judged(finger20, other, sigma=0.1)
+    found = with_noise(finger20, other, sigma=0.1)
     parts = {name: estimate.value for name, estimate in found.design.parts.items()}
     assert parts["score"] == pytest.approx(
         parts["mean"] - parts["spread_sites"] - parts["spread_bends"]
