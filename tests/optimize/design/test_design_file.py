@@ -112,7 +112,7 @@ def test_a_design_with_another_number_of_fibers_is_refused(tmp_path: Path, scene
         (lambda c: c.update(level="guess"), "level = 'guess'"),
     ],
 )
-def test_a_malformed_file_gets_one_sentence(
+def test_a_malformed_file_raises_one_clear_error(
     path: Path, edit: Callable[[dict[str, Any]], object], sentence: str
 ) -> None:
     with pytest.raises(DesignError, match=sentence) as caught:

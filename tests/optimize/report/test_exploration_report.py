@@ -86,7 +86,7 @@ def test_a_search_that_found_nothing_says_so(sample_stages: StageMaker) -> None:
     ("change", "word"),
     [({"domain_excess": 0.2}, "extrapolation"), ({"clipped": 0.05}, "saturate")],
 )
-def test_extrapolation_and_clipping_are_told(
+def test_extrapolation_and_clipping_raise_a_warning(
     sample_stages: StageMaker, change: dict[str, float], word: str
 ) -> None:
     stages = sample_stages(30, 40, 50)
