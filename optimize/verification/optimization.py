@@ -41,6 +41,7 @@ from render.scene import Scene
 from surrogate.runtime import Checker
 
 OptimizationMethod = Literal["loop", "thesis", "both"]
+DESIGN, BASELINE, THESIS = "design.json", "baseline.json", "thesis.json"
 THESIS_SEED, FINAL_SEED = 800, 900
 """Added to the render seeds of a loop's seed."""
 
@@ -181,9 +182,6 @@ def _run_loop(
         config=LoopConfig(config.samples, config.rounds, config.seed),
         report=report,
     )
-
-
-DESIGN, BASELINE, THESIS = "design.json", "baseline.json", "thesis.json"
 
 
 def write_optimization(

@@ -1,0 +1,55 @@
+"""A small sensor whose surrogate is its preview."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optimize.design import baseline_design
+from optimize.verification.thesis import baseline_settings
+from render.chebyshev import chebyshev_nodes
+from render.preview import Preview
+from render.scene import Scene, load_scene
+from render.transport import TransportTable
+from surrogate.model.preview_grid import PreviewGrid, draw_grid
+
+
+@pytest.fixture(scope="package")
+def small() -> Scene:
+    scene = load_scene("finger20")
+    fibers = scene.fibers.model_copy(update={"left": 3, "tip": 2, "right": 3})
+    sites = scene.sites.model_copy(update={"columns": 2, "rows": 2})
+    indenter = scene.indenter.model_copy(update={"faces": 5})
+    bending = scene.bending.model_copy(update={"angles": scene.bending.angles[:2]})
+    return scene.model_copy(
+        update={"fibers": fibers, "sites": sites, "indenter": indenter, "bending": bending}
+    )
+
+
+@pytest.fixture(scope="package")
+def grid(small: Scene) -> PreviewGrid:
+    return draw_grid(small, 7, 3)
+
+
+@pytest.fixture(scope="package")
+def table(small: Scene) -> TransportTable:
+    """Return the preview, which is the surrogate here."""
+    phi, bends = chebyshev_nodes(13, 0.0, np.pi), np.array(small.bending.angles)
+    with Preview(small) as preview:
+        transport, background = preview.transport(phi, bends)
+    plain = TransportTable(
+        T=transport,
+        se=0.03 * transport,
+        phi=phi,
+        exposure=1.0,
+        lam=1.0,
+        level="surrogate",
+        bends=bends,
+        background=background,
+        background_se=0.03 * background,
+    )
+    base = baseline_design(small)
+    settings = baseline_settings(plain.at(base.phi), base.power)
+    return replace(plain, exposure=settings.exposure, lam=settings.lam)
