@@ -15,8 +15,8 @@ from render.scene import Scene
 BOX_PIXELS = 5
 """Side (pixels) of the square that is averaged around every point."""
 CLEARANCE_PIXELS = 12
-"""Pixels around a point that must show the pad: beyond its outline there is no light, and as far
-reach the averages, their slopes, and a camera that is tilted by half a degree."""
+"""Pixels around a point that must show the pad: beyond its outline there is no light, and so far
+extend the averages, their slopes, and a camera that is tilted by half a degree."""
 OUTLINE_PIXELS = 4
 """Pixels from the pad's outline that the averages leave out."""
 MIN_COUNTS, MAX_COUNTS = 3.0, 225.0
@@ -52,12 +52,12 @@ class Measurement:
     tilt_slope: Array
 
 
-def _well_inside(positions: Array, reach: int) -> NDArray[np.bool_]:
-    """Return the pixels ``(row, column)`` around which ``reach`` pixels show the pad."""
+def _well_inside(positions: Array, margin: int) -> NDArray[np.bool_]:
+    """Return the pixels ``(row, column)`` around which ``margin`` pixels show the pad."""
     import cv2
 
     pad = np.isfinite(positions[..., 0]).astype(np.uint8)
-    square = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+    square = np.ones((2 * margin + 1, 2 * margin + 1), dtype=np.uint8)
     inside = cv2.erode(pad, square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(inside, dtype=np.bool_)
 
@@ -66,9 +66,9 @@ def _averaged(photo: Array, inside: NDArray[np.bool_]) -> Array:
     """Return the Gaussian average of those pixels of ``photo`` that are ``inside``."""
     import cv2
 
-    share = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), SLOPE_BLUR_PIXELS)
-    found = cv2.GaussianBlur(photo * inside[..., None], (0, 0), SLOPE_BLUR_PIXELS)
-    return np.asarray(found / np.maximum(share, 1e-6)[..., None])
+    weight = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), SLOPE_BLUR_PIXELS)
+    blurred = cv2.GaussianBlur(photo * inside[..., None], (0, 0), SLOPE_BLUR_PIXELS)
+    return np.asarray(blurred / np.maximum(weight, 1e-6)[..., None])
 
 
 class LineReader:

@@ -102,8 +102,8 @@ def _of_all(progress: OnProgress, number: int, materials: int, missing: int) -> 
     """Return what tells the progress of one render as that of all, ``missing`` ones included."""
 
     def said(at: Progress) -> None:
-        left = at.eta_seconds or 0.0
-        eta = left + missing * (at.seconds + left)
+        remaining = at.eta_seconds or 0.0
+        eta = remaining + missing * (at.seconds + remaining)
         done, total = at.done + (number - 1) * at.total, materials * at.total
         stage = f"material {number} of {materials}"
         progress(Progress(done, total, at.seconds, eta, stage))

@@ -100,9 +100,9 @@ class OpenCVCamera:
         )
 
     def _set(self, name: str, prop: int, value: float) -> None:
-        taken = self._capture.set(prop, value)
+        accepted = self._capture.set(prop, value)
         found = float(self._capture.get(prop))
-        if not taken or abs(found - value) > 1e-3 * max(abs(value), 1.0):
+        if not accepted or abs(found - value) > 1e-3 * max(abs(value), 1.0):
             raise CameraError(
                 f"camera {self.source} has {name} {found:g} after it was set to {value:g}: choose "
                 "a value that it can keep",
@@ -120,8 +120,8 @@ class OpenCVCamera:
         for _ in range(STALE_FRAMES):
             self._capture.grab()
         total: Array | None = None
-        missing = taken = 0
-        while taken < frames:
+        missing = count = 0
+        while count < frames:
             good, frame = self._capture.read()
             if not good or frame is None:
                 missing += 1
@@ -140,7 +140,7 @@ class OpenCVCamera:
                     field="camera",
                     value=frame.shape,
                 )
-            missing, taken = 0, taken + 1
+            missing, count = 0, count + 1
             # OpenCV's channels are blue, green, red.
             counts = frame[..., ::-1].astype(np.float64)
             total = counts if total is None else total + counts

@@ -18,7 +18,7 @@ def check_order(expected: Array, seen: Array) -> None:
     """Refuse photographs whose channels are in another order than red, green, blue.
 
     A single fiber with swapped colors changes a small part of what is compared; only an order
-    that nearly all fibers share is refused.
+    that nearly all fibers have in common is refused.
 
     Arguments:
         expected: ``(n, 3)`` predicted colors, of fibers or of sites.
@@ -33,9 +33,9 @@ def check_order(expected: Array, seen: Array) -> None:
     # Colors of different strength count alike; a channel may be weak, but not negative.
     mixing = np.maximum(mixing, 0.0)
     mixing /= np.maximum(mixing.sum(axis=1, keepdims=True), 1e-12)
-    share = {p: sum(mixing[c, p[c]] for c in range(3)) for p in itertools.permutations(range(3))}
-    best = max(share, key=lambda p: share[p])
-    if share[best] <= MIN_PREFERENCE * share[0, 1, 2] or share[best] < 0.8 * used.sum():
+    purity = {p: sum(mixing[c, p[c]] for c in range(3)) for p in itertools.permutations(range(3))}
+    best = max(purity, key=lambda p: purity[p])
+    if purity[best] <= MIN_PREFERENCE * purity[0, 1, 2] or purity[best] < 0.8 * used.sum():
         return
     said = ", ".join(f"{NAMES[c]} in {'RGB'[best[c]]}" for c in range(3) if used[c])
     raise CaptureError(

@@ -196,12 +196,12 @@ def _named(
         power = np.repeat(fiber.power[None], len(TURNS), 0)
         turned = fiber.fits(fiber.light, power, np.full(len(TURNS), tolerances.model))
         turn = int(np.argmax(np.where(fiber.reachable, turned.likelihood, -np.inf)))
-    left, angle = float(turned.best[turn]), float(TURNS[turn])
+    power_found, angle = float(turned.best[turn]), float(TURNS[turn])
     detail = {
-        FiberState.DIM: f"about {100 * left:.0f} % of its power",
+        FiberState.DIM: f"about {100 * power_found:.0f} % of its power",
         FiberState.MOVED: f"about {np.degrees(angle):+.0f} deg",
     }.get(state, "")
-    return FiberDiagnosis(fiber.index, state, confidence, left, angle, detail)
+    return FiberDiagnosis(fiber.index, state, confidence, power_found, angle, detail)
 
 
 def _mean(evidence: Array, weights: Array) -> float:

@@ -151,11 +151,11 @@ def _commission(record: RigRecord, prediction: PadPrediction, path: Path) -> Non
         before.check_fits(prediction, record.scene_hash, record.bend)
         record = before.joined(record)
     record.save(path)
-    left = STARTS - record.starts
-    more = f"; do this at {left} more starts of the healthy rig, to average its drift"
+    missing = STARTS - record.starts
+    more = f"; do this at {missing} more starts of the healthy rig, to average its drift"
     note(
         f"The record in {path} holds {record.starts} start{'s' * (record.starts > 1)} of the rig: "
-        f"give it to later checks with --rig{more if left > 0 else ''}."
+        f"give it to later checks with --rig{more if missing > 0 else ''}."
     )
 
 

@@ -96,8 +96,8 @@ class FiberLights:
         until = None if seconds is None else time.monotonic() + seconds
         step = min(0.5, (self._board.dark_after or 2.0) / 4)
         while until is None or time.monotonic() < until:
-            left = step if until is None else min(step, until - time.monotonic())
-            time.sleep(max(left, 0.0))
+            pause = step if until is None else min(step, until - time.monotonic())
+            time.sleep(max(pause, 0.0))
             try:
                 self._board.keep_alive()
             except LinkError:

@@ -80,11 +80,11 @@ class SerialLink:
                     field="port",
                     value=self.port,
                 )
-            left = deadline - time.monotonic()
-            if left <= 0:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0:
                 raise self._lost("did not answer in time")
             try:
-                self._serial.timeout = min(left, 0.05)
+                self._serial.timeout = min(remaining, 0.05)
                 # One byte at least, then all that has come: never waits for more than there is.
                 self._rest += self._serial.read(max(1, self._serial.in_waiting))
             except GONE:

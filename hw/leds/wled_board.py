@@ -75,13 +75,13 @@ class WledBoard:
             )
 
     def _retried(self, request: dict[str, object]) -> dict[str, Any]:
-        for left in reversed(range(TRIES)):
+        for remaining in reversed(range(TRIES)):
             try:
                 return self._ask(request, self._link.timeout)
             except UnpluggedError:
                 raise
             except LinkError:
-                if not left:
+                if not remaining:
                     raise
         raise AssertionError("unreachable")
 

@@ -18,6 +18,7 @@ from render.arrays import Array
 from render.progress import Progress
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, TRUE, photographs, toy, toy_model
+from tests.long import LONG
 
 MATERIALS = 8
 NOISE = 0.04
@@ -78,7 +79,7 @@ def outcome(
     scene: Scene, table: MaterialTable, tmp_path_factory: pytest.TempPathFactory
 ) -> Outcome:
     """Photograph the distorted toy, fit the plain one, refine."""
-    measurements, _ = photographs(scene)
+    measurements, _ = photographs(scene, fibers=20 if LONG else 10)
     known = np.exp(distortion(*frame_positions().T))[:, None]
     distorted = [
         type(one)(
