@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from render.errors import TactiluxError
+from tactilux import TactiluxError
 
 
 class HardwareError(TactiluxError):

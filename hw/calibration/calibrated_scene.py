@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hw.calibration.rig_fit import Calibration
-from render.scene import Scene, scene_text
+from render.scene import scene_text
+from tactilux import Scene
 
 SUFFIX = "-calibrated"
 

@@ -16,7 +16,7 @@ from hw.camera.linearity import Linearity
 from optimize.report import data_uri, render_page
 from optimize.scoring import normal_factor
 from render.arrays import Array
-from render.scene import Scene
+from tactilux import Scene
 
 SHOWN = 6
 """Photographs whose curves are drawn, spread evenly over all."""

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.preview import Preview, compute_response, fiber_end_of, slab_of
+from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.glow import Glow
-from render.scene import Scene
+from tactilux import Preview, Scene
 
 FEW = 4
 """Directions up to which the random walk serves these alone, with less noise."""

@@ -18,10 +18,9 @@ from hw.calibration.model_error import ErrorModes, field_modes
 from hw.calibration.reference_lines import reference_lines
 from render.arrays import Array
 from render.geometry import flat_sites
-from render.preview import Preview, cache_folder
+from render.preview import cache_folder
 from render.progress import OnProgress
-from render.scene import Scene
-from surrogate.runtime import Checker
+from tactilux import Checker, Preview, Scene
 
 DISCREPANCY = 0.015
 """Relative error of the corrected preview where the surrogate says nothing about it."""

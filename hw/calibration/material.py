@@ -15,7 +15,7 @@ import numpy as np
 
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene import Scene
+from tactilux import Scene
 
 NAMES = ("reduced_scattering", "absorption", "sigma_v", "roughness")
 UNITS = ("1/mm", "1/mm", "deg", "")

@@ -20,7 +20,7 @@ from hw.calibration.reference_lines import line_pixels, sample_image
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import Clock, OnProgress
-from render.scene import Scene
+from tactilux import Scene
 
 VERSION = 4
 MATERIALS, RAYS = 32, 100_000

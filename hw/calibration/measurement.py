@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hw.calibration.reference_lines import line_pixels, sample_image
 from hw.camera.projection import intrinsics, pad_positions, rotation
 from render.arrays import Array
-from render.scene import Scene
+from tactilux import Scene
 
 BOX_PIXELS = 5
 """Side (pixels) of the square that is averaged around every point."""

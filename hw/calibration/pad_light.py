@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.progress import Clock, OnProgress
-from render.scene import Scene
+from tactilux import Scene
 
 if TYPE_CHECKING:
     from render.cells.cell_sampler import Targets

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hw.camera.projection import pixels_of
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
-from render.scene import Scene
+from tactilux import Scene
 
 ACROSS_AT = (2.0, 5.0, 8.0)
 """Distances (mm) from the lit edge at which the lines across the light lie."""

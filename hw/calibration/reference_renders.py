@@ -19,7 +19,7 @@ from hw.calibration.reference_lines import frame_positions, reference_lines
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import OnProgress, Progress
-from render.scene import Scene
+from tactilux import Scene
 
 VERSION = 1
 FIRST_SEED = 5000

@@ -26,7 +26,7 @@ from hw.calibration.reference_renders import MaterialRender, reference_renders
 from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
 from render.progress import OnProgress, in_stage
-from render.scene import Scene
+from tactilux import Scene
 
 UNCORRECTED_ERROR = 0.03
 """Relative error of the shape of light that even the best correction leaves: so much do corrected

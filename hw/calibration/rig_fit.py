@@ -27,7 +27,7 @@ from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from optimize.scoring import normal_factor
 from render.arrays import Array
-from render.scene import Scene
+from tactilux import Scene
 
 ROUNDS = 2
 """Fits, each weighed by what the one before predicts."""

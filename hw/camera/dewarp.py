@@ -21,7 +21,7 @@ import numpy as np
 from hw.camera.projection import intrinsics
 from hw.errors import CaptureError
 from render.arrays import Array
-from render.scene import Scene
+from tactilux import Scene
 
 KEYS = {"columns": 1, "rows": 1, "focal": 2, "center": 2, "distortion": 4}
 

@@ -15,7 +15,7 @@ from render.geometry import (
     refract_into_pad,
     unbend_points,
 )
-from render.scene import Scene
+from tactilux import Scene
 
 NEWTON_STEPS = 12
 TOLERANCE_MM = 1e-3

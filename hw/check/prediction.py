@@ -8,7 +8,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
-from surrogate.runtime import Checker
+from tactilux import Checker
 
 NODES = 13
 """Direction nodes at which the model is asked; between them light is a polynomial in phi."""

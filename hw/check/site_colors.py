@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.geometry import flat_sites
-from render.scene import Scene
+from tactilux import Scene
 
 RADIUS = 1.0
 """Radius (mm) of the spot that is averaged: far more pixels than the model's own spots have, and

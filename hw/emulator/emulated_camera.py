@@ -17,7 +17,7 @@ from hw.camera.projection import intrinsics, rotation
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.errors import CameraError
 from render.arrays import Array
-from render.scene import Scene
+from tactilux import Scene
 
 NOISE_40_DB = FULL_SCALE / 100
 """Counts of noise 40 dB below full scale."""

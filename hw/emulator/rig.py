@@ -21,7 +21,7 @@ from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.emulator.smooth_ratio import SmoothRatio
 from render.arrays import Array
 from render.progress import OnProgress
-from render.scene import Scene
+from tactilux import Scene
 
 COLUMNS, ROWS = 120, 200
 RAYS = 360_000

@@ -20,8 +20,8 @@ from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import open_board
-from optimize.design import Array, Design
-from render.scene import Scene
+from optimize.design import Array
+from tactilux import Design, Scene
 
 BENDS = np.array([0.0, np.pi / 2])
 CALIBRATION_FIBERS = (slice(0, None, 2), slice(1, None, 2))

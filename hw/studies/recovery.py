@@ -11,10 +11,9 @@ from hw.calibration.rig_fit import Calibration, fit_rig, measure
 from hw.emulator.rig import TrueParameters, random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from hw.errors import CalibrationError
-from optimize.design import Design
 from render.preview import cache_folder
 from render.progress import OnProgress, in_stage
-from render.scene import Scene
+from tactilux import Design, Scene
 
 BOUND = 0.10
 """Relative error that a value may have where its interval does not hold the truth."""
