@@ -37,14 +37,6 @@ class ColumnMaterial(IntEnum):
     CLEAR = 2
 
 
-def site_half_width(scene: Scene) -> float:
-    """Return half the side (mm) of the square cell that is remeshed around a pyramid.
-
-    It is the clearance that scene validation guarantees: cells never overlap or leave the pad.
-    """
-    return 1.5 * scene.indenter.radius
-
-
 @dataclass(frozen=True)
 class PadGrid:
     """Grid lines (mm, flat frame) and the material of every column.
@@ -103,7 +95,7 @@ def pad_grid(scene: Scene, bend: float, indented: bool) -> PadGrid:
     half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
     x, y = [-half_width, half_width], [-half_length, half_length]
     if indented:
-        sites, half = flat_sites(scene), site_half_width(scene)
+        sites, half = flat_sites(scene), scene.indenter.clearance
         x += [*(sites[:, 0] - half), *(sites[:, 0] + half)]
         y += [*(sites[:, 1] - half), *(sites[:, 1] + half)]
     if scene.diffuser:
@@ -194,7 +186,7 @@ def _mesh(points: Array, faces: Index) -> trimesh.Trimesh:
 
 def _site_columns(scene: Scene, grid: PadGrid) -> np.ndarray:
     """Mark the columns ``(rows, columns)`` that lie in the square cell of a site."""
-    half = site_half_width(scene)
+    half = scene.indenter.clearance
     sites = flat_sites(scene)
     near_x = np.abs(0.5 * (grid.x[1:] + grid.x[:-1]) - sites[:, :1]) < half
     near_y = np.abs(0.5 * (grid.y[1:] + grid.y[:-1]) - sites[:, 1:2]) < half
@@ -210,7 +202,7 @@ def _site_faces(scene: Scene, grid: PadGrid, site: int) -> Index:
     apex = len(grid.points) + site * (faces_of_pyramid + 1)
     base = apex + 1 + np.arange(faces_of_pyramid)
     center = flat_sites(scene)[site]
-    border = _border(grid, center, site_half_width(scene))
+    border = _border(grid, center, scene.indenter.clearance)
     outline = grid.points[border] - center
     polygon = pyramid(scene)[:, 1]
     joined = _triangulated_ring(_azimuth(outline), _azimuth(polygon))

@@ -132,6 +132,11 @@ class Indenter(Part):
     radius: Annotated[float, Quantity("mm", 0.05, 10.0)]
 
     @property
+    def clearance(self) -> float:
+        """Half the side (mm) of the square around a pyramid that no other may enter."""
+        return 1.5 * self.radius
+
+    @property
     def depth(self) -> float:
         """Height of the pyramid in mm: how deep its apex is pressed below the coating."""
         return self.radius * math.cos(math.pi / self.faces) * math.tan(self.slope)
@@ -195,14 +200,14 @@ class Scene(Part):
                 f"indenter: the pyramid is {self.indenter.depth:g} mm deep, "
                 f"allowed: below pad.thickness = {self.pad.thickness:g} mm"
             )
-        sites, cell = self.sites, self.indenter.radius * 1.5
-        if sites.count > 1 and sites.spacing < 2 * cell:
+        sites, clearance = self.sites, self.indenter.clearance
+        if sites.count > 1 and sites.spacing < 2 * clearance:
             problems.append(
                 f"sites.spacing = {sites.spacing:g} mm lets pyramids overlap, "
-                f"allowed: at least 3 indenter.radius = {2 * cell:g} mm"
+                f"allowed: at least 3 indenter.radius = {2 * clearance:g} mm"
             )
-        half_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + cell
-        half_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + cell
+        half_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + clearance
+        half_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + clearance
         if half_x > self.pad.width / 2 or half_y > self.pad.length / 2:
             problems.append(
                 f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "

@@ -30,8 +30,8 @@ def slab_response(scene: Scene, *, cache: Path | None = None, rays: int = RAYS) 
         cache: folder of the cache; by default ``$XDG_CACHE_HOME/tactilux``.
         rays: light paths that are followed.
     """
-    slab, beam = slab_of(scene), fiber_end_of(scene)
-    content = {"version": VERSION, "rays": rays, "slab": asdict(slab), "beam": asdict(beam)}
+    slab, fiber_end = slab_of(scene), fiber_end_of(scene)
+    content = {"version": VERSION, "rays": rays, "slab": asdict(slab), "beam": asdict(fiber_end)}
     key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
     path = (cache or cache_folder()) / f"slab-{key}.npz"
     if path.exists():
@@ -39,7 +39,7 @@ def slab_response(scene: Scene, *, cache: Path | None = None, rays: int = RAYS) 
             return _read(path)
         except TableError as error:
             warnings.warn(f"{error}; it is made again", stacklevel=2)
-    response = compute_response(slab, beam, rays=rays)
+    response = compute_response(slab, fiber_end, rays=rays)
     try:
         write_npz(path, _arrays(response) | {"checksum": np.array(_checksum(response))})
     except OSError as error:

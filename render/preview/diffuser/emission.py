@@ -59,22 +59,22 @@ class FiberEnd:
 
 
 def emit_from_fiber(
-    slab: Slab, beam: FiberEnd, phi: Array, count: int, rng: np.random.Generator
+    slab: Slab, fiber_end: FiberEnd, phi: Array, count: int, rng: np.random.Generator
 ) -> tuple[Photons, Array]:
     """Return photons just inside the outer face and their weight per node ``(photon, node)``.
 
     Per node the weights of ``count`` launched rays, times the photons' own, estimate a unit power;
     light that misses the layer or is reflected by its outer face is missing from the sum.
     """
-    axes = beam.directions(phi)
+    axes = fiber_end.directions(phi)
     node = rng.integers(0, len(phi), count)
-    theta, flux_fraction = beam.flux()
+    theta, flux_fraction = fiber_end.flux()
     angle = np.interp(rng.random(count), flux_fraction, theta)
     s, t = tangent_frame(axes[node])
     direction = deflect(axes[node], np.cos(angle), rng).astype(np.float64)
-    radius = 0.5 * beam.diameter * np.sqrt(rng.random(count))
+    radius = 0.5 * fiber_end.diameter * np.sqrt(rng.random(count))
     azimuth = 2 * np.pi * rng.random(count)
-    center = np.array([0.0, -beam.gap, beam.height])
+    center = np.array([0.0, -fiber_end.gap, fiber_end.height])
     origin = center + radius[:, None] * (
         np.cos(azimuth)[:, None] * s + np.sin(azimuth)[:, None] * t
     )
@@ -84,7 +84,7 @@ def emit_from_fiber(
     hit[:, 1] = 0.0
     arrives = inward & (hit[:, 2] > 0) & (hit[:, 2] < slab.height)
     origin, direction, hit = origin[arrives], direction[arrives], hit[arrives]
-    weight = _radiance_of_nodes(beam, axes, origin - center, direction)
+    weight = _radiance_of_nodes(fiber_end, axes, origin - center, direction)
     weight /= weight.mean(axis=1, keepdims=True) * count
     met = sample_rough_face(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
     straight = np.ones(len(hit), dtype=bool)
@@ -94,16 +94,18 @@ def emit_from_fiber(
     return photons[met.transmission > 0], weight
 
 
-def _radiance_of_nodes(beam: FiberEnd, axes: Array, offset: Array, direction: Array) -> Array:
+def _radiance_of_nodes(fiber_end: FiberEnd, axes: Array, offset: Array, direction: Array) -> Array:
     """Return the radiance ``(photon, node)`` that each node's fiber end sends along each ray."""
     cos = direction @ axes.T
     safe = np.where(np.abs(cos) > 1e-9, cos, 1e-9)
     # Where the ray's line meets the node's disk, seen from the disk's center.
     disk = offset[:, None] - direction[:, None] * ((offset @ axes.T) / safe)[..., None]
     # The node that drew the ray must count as hit in spite of rounding.
-    inside = (cos > 0) & (np.einsum("pni,pni->pn", disk, disk) <= (beam.diameter / 2) ** 2 * 1.0001)
+    inside = (cos > 0) & (
+        np.einsum("pni,pni->pn", disk, disk) <= (fiber_end.diameter / 2) ** 2 * 1.0001
+    )
     sin = np.linalg.norm(np.cross(direction[:, None], axes[None]), axis=-1)
-    return np.where(inside, beam.radiance(np.arctan2(sin, cos)), 0.0)
+    return np.where(inside, fiber_end.radiance(np.arctan2(sin, cos)), 0.0)
 
 
 def emit_diffuse(slab: Slab, count: int, rng: np.random.Generator) -> Photons:

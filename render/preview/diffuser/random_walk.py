@@ -123,9 +123,9 @@ def _distance_to_face(
             goal = np.where(speed > 0, np.float32(far), np.float32(0.0))
             to.append(np.where(speed != 0, (goal - position[:, axis]) / speed, np.inf))
     first = to[0] <= to[1]
-    step = np.maximum(np.where(first, to[0], to[1]), 0).astype(np.float32)
+    distance = np.maximum(np.where(first, to[0], to[1]), 0).astype(np.float32)
     face = np.where(first, OUTER + (direction[:, 1] > 0), LOWER + (direction[:, 2] > 0))
-    return step, face
+    return distance, face
 
 
 def sample_henyey_greenstein(direction: Floats, g: float, rng: np.random.Generator) -> Floats:

@@ -86,7 +86,7 @@ class SlabResponse:
 
 def compute_response(
     slab: Slab,
-    beam: FiberEnd,
+    fiber_end: FiberEnd,
     *,
     rays: int = RAYS,
     seed: int = 0,
@@ -98,7 +98,7 @@ def compute_response(
 
     Arguments:
         slab: the layer.
-        beam: of the fibers.
+        fiber_end: of every fiber.
         rays: photons.
         seed: of the walk.
         phi: ``(node,)`` rad, ascending and symmetric about pi/2; Chebyshev points on [0, pi] by
@@ -119,7 +119,7 @@ def compute_response(
     launched = events = 0
     batch = min(BATCH, rays)
     while launched < rays and events < MAX_EVENTS:
-        photons, weight = emit_from_fiber(slab, beam, phi, batch, rng)
+        photons, weight = emit_from_fiber(slab, fiber_end, phi, batch, rng)
         exiting, spent = walk(slab, photons, rng)
         leaving.append((exiting, exiting.weight[:, None] * weight[exiting.label]))
         launched, events = launched + batch, events + spent
