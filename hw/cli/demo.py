@@ -1,12 +1,7 @@
-"""``tactilux hw demo``: set, sweep, check and calibrate on an emulated rig, end to end.
-
-Everything but the hardware is real: the serial driver talks to a pseudo-terminal, photographs go
-through the same readers, and the rig's true values are known to the emulated camera alone.
-"""
+"""``tactilux hw demo``: set, sweep, check and calibrate on an emulated rig, end to end."""
 
 from __future__ import annotations
 
-import itertools
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,27 +12,12 @@ from typer import Option
 from hw.cli.calibrate import calibrate_sets, print_calibration
 from hw.cli.options import Materials, Samples, SceneOption
 from optimize.cli.options import Json, ModelFolder, Seed
-from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
-from render.progress import Progress
+from optimize.ui.console import note, print_json, reserved_stdout
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from hw.camera.photo_set import PhotoSet
     from hw.check.diagnosis import Diagnosis
-    from hw.emulator.emulated_camera import EmulatedCamera
-    from hw.emulator.rig import TrueParameters
-    from hw.emulator.session import EmulatedRig
-    from optimize.design import Design
-    from render.arrays import Array
-    from render.scene import Scene
-    from surrogate.runtime import Checker
 
-FRAMES = 4
-"""Photographs that are averaged for each fiber of the checks."""
-DRIFT = 0.03
-"""Relative change of powers between two starts."""
 DURATION = "about 40 minutes on two cores the first time, and eight from then on"
 
 
@@ -63,6 +43,12 @@ def run(
 ) -> None:
     """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
     from hw.calibration.line_model import surrogate_correction
+    from hw.emulator.demonstration import (
+        check_faults,
+        compare_with_truth,
+        render_rig,
+        set_and_sweep,
+    )
     from hw.emulator.rig import random_parameters, true_images
     from hw.emulator.session import BENDS, single_exposure, switched_on
     from hw.leds.fiber_lights import interruptible
@@ -81,7 +67,7 @@ def run(
         truth = random_parameters(scene, seed)
         if calibrate:
             note(f"The whole demonstration takes {DURATION}; --no-calibrate leaves the long parts")
-            images = _rendered(scene, truth, design, rig_samples)
+            images = render_rig(scene, truth, design, rig_samples)
         else:
             note("Making a rig with secrets: material, powers, directions, camera")
             correction = surrogate_correction(scene, checker, design.phi, BENDS[:1])
@@ -90,8 +76,8 @@ def run(
             )
         truth = replace(truth, gain=single_exposure(truth, images))
         with switched_on(scene, design, truth, images) as rig:
-            _set_and_sweep(rig)
-            checks = _checks(rig, checker)
+            set_and_sweep(rig)
+            checks = check_faults(rig, checker)
             sets: list[PhotoSet] = []
             if calibrate:
                 note("Photographing every fiber in white, half of them flat and half bent")
@@ -110,127 +96,13 @@ def run(
                 materials=materials,
                 samples=samples,
             )
-            result["truth"] = _compared(result, truth)
+            result["truth"] = compare_with_truth(result, truth)
         result["checks"] = {name: diagnosis.to_json() for name, diagnosis in checks.items()}
         result["seconds"] = time.monotonic() - began
         if as_json:
             print_json(stream, result)
         else:
             _write(stream, checks, result)
-
-
-def _rendered(
-    scene: Scene, truth: TrueParameters, design: Design, rig_samples: int
-) -> NDArray[np.float32]:
-    """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
-    from hw.emulator.rig import rendered_images
-    from hw.emulator.session import BENDS, CALIBRATION_FIBERS
-
-    note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
-    fibers = range(scene.fibers.count)
-    with ProgressBar("Rendering the rig") as bar:
-        return rendered_images(
-            scene,
-            truth,
-            design.phi,
-            BENDS,
-            [fibers, fibers[CALIBRATION_FIBERS[1]]],
-            samples=rig_samples,
-            progress=bar,
-        )
-
-
-def _set_and_sweep(rig: EmulatedRig) -> None:
-    import numpy as np
-
-    from hw.camera.self_test import self_test
-    from hw.emulator.session import ADDITIVE_SCALE
-    from hw.leds.fiber_lights import sweep
-
-    note(f"Emulated LED board on {rig.board.port}; setting the design, then sweeping")
-    rig.lights.set(rig.design.power)
-    if not rig.board.wait_for((255 * rig.design.power).astype(np.uint8)):
-        raise AssertionError("the board does not show the design")
-    lit = list(sweep(rig.lights, rig.design.power))
-    self_test(rig.camera(), rig.lights, ADDITIVE_SCALE, 0.0)
-    note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
-
-
-def _checks(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
-    """Commission the rig, check it, then check it with one fault of each kind."""
-    import numpy as np
-
-    from hw.check.commission import commission
-    from hw.check.prediction import predict
-    from hw.check.rig_tolerances import rig_tolerances
-    from hw.check.site_colors import SiteSpots
-    from hw.check.sweep_check import check_sweep
-
-    spots = SiteSpots(rig.scene, 0.0)
-    prediction = predict(checker, rig.design.phi, rig.design.power, 0.0)
-    noise = rig.truth.imperfections.noise / np.sqrt(spots.counts * FRAMES)
-    known = rig_tolerances(sweep=True, starts=1, noise=noise)
-
-    def colors(camera: EmulatedCamera, power: Array) -> Array:
-        photos = rig.photos(camera, power, frames=FRAMES)
-        return photos.stacked(len(rig.design.phi), spots.colors)
-
-    healthy = colors(rig.camera(), rig.design.power)
-    record = commission(prediction, healthy, rig.scene.hash, 0.0)
-    found = {}
-    with ProgressBar("Checking") as bar:
-        for number, (name, camera, power) in enumerate(_faulty(rig)):
-            found[name] = check_sweep(prediction, colors(camera, power), known, record.ratio)
-            bar(Progress(number + 1, 4))
-    return found
-
-
-def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
-    """Return the rig at later starts: name, camera with drift and noise of its own, powers."""
-    import numpy as np
-
-    starts = itertools.count(1)
-
-    def weaker(fiber: int, factor: float) -> EmulatedCamera:
-        start = next(starts)
-        rng = np.random.default_rng([rig.truth.seed, start])
-        power = rig.truth.power * np.exp(DRIFT * rng.standard_normal(len(rig.truth.power)))
-        power[fiber] *= factor
-        return replace(
-            rig.camera(truth=replace(rig.truth, power=power)), seed=rig.truth.seed + start
-        )
-
-    swapped = rig.design.power.copy()
-    swapped[12] = np.roll(swapped[12], 1)
-    return [
-        ("healthy", weaker(0, 1.0), rig.design.power),
-        ("fiber 4 dead", weaker(4, 0.0), rig.design.power),
-        ("fiber 9 at half power", weaker(9, 0.5), rig.design.power),
-        ("fiber 12 with swapped colors", weaker(0, 1.0), swapped),
-    ]
-
-
-def _compared(result: dict[str, object], truth: TrueParameters) -> list[dict[str, object]]:
-    """Return the truth beside what was found."""
-    from hw.calibration.material import NAMES, PER_UNIT
-
-    material = result["material"]
-    assert isinstance(material, dict)
-    rows: list[dict[str, object]] = []
-    for name, true in zip(NAMES, PER_UNIT * truth.material.array(), strict=True):
-        value = float(true)
-        found = material[name]
-        low, high = found["interval"]
-        rows.append(
-            {
-                "name": name,
-                "true": value,
-                "found": found["value"],
-                "error": found["value"] / value - 1,
-                "inside": bool(low <= value <= high),
-            }
-        )
-    return rows
 
 
 def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, object]) -> None:

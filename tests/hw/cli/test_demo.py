@@ -20,7 +20,7 @@ def test_the_demonstration_recovers_the_rigs_secrets(
     model = toy_model(toy_table(load_scene("finger20")))
     monkeypatch.setattr("hw.calibration.line_model.line_model", lambda *_: model)
     monkeypatch.setattr(
-        "hw.emulator.rig.rendered_images",
+        "hw.emulator.demonstration.rendered_images",
         lambda scene, truth, *_, **__: toy_images(scene, truth.material.array(), ROWS, COLUMNS),
     )
     result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")
