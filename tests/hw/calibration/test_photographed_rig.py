@@ -37,7 +37,7 @@ def outcome(camera_scene: Scene, table: MaterialTable) -> Outcome:
     return fit_rig(camera_scene, toy_model(table), measurements), measurements, power
 
 
-def test_the_secret_material_is_found(outcome: Outcome) -> None:
+def test_the_true_material_is_found(outcome: Outcome) -> None:
     found, measurements, _ = outcome
     assert len(measurements) == 20
     values, truth = found.material.array(), PHOTOGRAPHED.array()
@@ -96,7 +96,7 @@ def test_a_sweep_without_all_fibers_together_is_refused(camera_scene: Scene) -> 
         require_linearity(sets, 2.55)
 
 
-def test_a_dark_fiber_is_told(camera_scene: Scene, table: MaterialTable) -> None:
+def test_a_dark_fiber_raises_one_clear_error(camera_scene: Scene, table: MaterialTable) -> None:
     sets, _, _ = taken(camera_scene, IMPERFECTIONS)
     sets[0].alone[4] = 0.0 * sets[0].alone[4]
     measurements = measure(camera_scene, sets, BENDS, 2.55)

@@ -103,7 +103,9 @@ def test_too_few_photographs_are_refused(scene: Scene, table: MaterialTable) -> 
         fitted(scene, table, photographs(scene, fibers=3)[0])
 
 
-def test_a_material_beyond_the_range_is_told(scene: Scene, table: MaterialTable) -> None:
+def test_a_material_beyond_the_range_raises_one_clear_error(
+    scene: Scene, table: MaterialTable
+) -> None:
     outside = Material(5.0, 0.02, np.radians(17.0), 0.1)
     with pytest.raises(CalibrationError, match="beyond the range"):
         fitted(scene, table, photographs(scene, true=outside)[0]).require_known()

@@ -26,7 +26,7 @@ def recording(tmp_path: Path) -> str:
     return path
 
 
-def test_a_missing_camera_is_one_sentence() -> None:
+def test_a_missing_camera_raises_one_clear_error() -> None:
     with pytest.raises(CameraError, match="plug it in"):
         OpenCVCamera(97)
 
@@ -45,7 +45,7 @@ def test_red_is_the_first_channel(recording: str) -> None:
     assert photo[..., 1:].max() < 60
 
 
-def test_a_camera_that_stops_is_one_sentence(recording: str) -> None:
+def test_a_camera_that_stops_raises_one_clear_error(recording: str) -> None:
     camera = OpenCVCamera(recording, unchecked=True)
     with pytest.raises(CameraError, match="no more frames"):
         camera.capture(50)
@@ -73,7 +73,7 @@ def test_a_few_dropped_frames_are_left_out_of_the_mean(recording: str) -> None:
     assert photo[..., 0].mean() == pytest.approx(200.0, abs=5.0)
 
 
-def test_too_many_dropped_frames_are_one_sentence(recording: str) -> None:
+def test_too_many_dropped_frames_raises_one_clear_error(recording: str) -> None:
     without_frames(recording, STALE_FRAMES + 1, 3)
     camera = OpenCVCamera(recording, unchecked=True)
     with pytest.raises(CameraError, match="no more frames"):

@@ -43,13 +43,13 @@ def test_gamma_is_undone() -> None:
         ("a.jpg", b"\xff\xd8\xff\xe0"),
     ],
 )
-def test_rubbish_is_one_sentence(tmp_path: Path, name: str, content: bytes) -> None:
+def test_rubbish_raises_one_clear_error(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(CaptureError, match="give a PNG, JPEG or"):
         read_photo(tmp_path / name)
 
 
-def test_a_truncated_png_is_one_sentence(tmp_path: Path) -> None:
+def test_a_truncated_png_raises_one_clear_error(tmp_path: Path) -> None:
     Image.fromarray(np.tile(PIXELS, (50, 50, 1))).save(tmp_path / "a.png")
     content = (tmp_path / "a.png").read_bytes()
     (tmp_path / "a.png").write_bytes(content[: len(content) // 2])

@@ -41,7 +41,7 @@ def test_what_no_single_fault_explains_is_unclear(prediction: PadPrediction) -> 
     assert {one.state for one in diagnosis.faults} == {FiberState.UNCLEAR}
 
 
-def test_darkness_is_one_sentence(prediction: PadPrediction) -> None:
+def test_darkness_raises_one_clear_error(prediction: PadPrediction) -> None:
     with pytest.raises(CaptureError, match="dark"):
         check_image(prediction, np.zeros((15, 3)), FINE)
 

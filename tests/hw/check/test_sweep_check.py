@@ -120,7 +120,7 @@ def test_the_models_own_error_cancels_against_a_record(prediction: PadPrediction
     assert check_sweep(prediction, colors, FINE, error).ok
 
 
-def test_darkness_is_one_sentence(prediction: PadPrediction) -> None:
+def test_darkness_raises_one_clear_error(prediction: PadPrediction) -> None:
     with pytest.raises(CaptureError, match="lens cap"):
         check_sweep(prediction, np.zeros((20, 15, 3)), FINE)
 

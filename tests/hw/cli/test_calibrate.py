@@ -31,7 +31,7 @@ def sweep(folder: Path, gamma: float = 1.0, together: bool = True) -> Path:
     return folder
 
 
-def test_a_linear_camera_is_told_so(tactilux: Run, tmp_path: Path) -> None:
+def test_a_linear_camera_is_said_to_be_linear(tactilux: Run, tmp_path: Path) -> None:
     result = tactilux("hw", "linearity", sweep(tmp_path / "a"), "--noise", "0.3", "--json")
     assert result.code == 0, result.err
     assert json.loads(result.out)["cause"] == "none"
@@ -61,7 +61,7 @@ def test_calibration_refuses_a_gamma(tactilux: Run, tmp_path: Path) -> None:
         (("--flat", "plain", "--bent", "plain", "--scene", "none"), "there is no scene"),
     ],
 )
-def test_what_cannot_be_calibrated_is_one_sentence(
+def test_what_cannot_be_calibrated_raises_one_clear_error(
     tactilux: Run, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     sweep(tmp_path / "plain", together=False)

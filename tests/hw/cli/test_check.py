@@ -103,7 +103,9 @@ def test_a_record_grows_with_every_healthy_start(
     assert other.code != 0
 
 
-def test_swapped_channels_are_one_sentence(tactilux: Run, tmp_path: Path, sweep: Path) -> None:
+def test_swapped_channels_raises_one_clear_error(
+    tactilux: Run, tmp_path: Path, sweep: Path
+) -> None:
     folder = tmp_path / "bgr"
     folder.mkdir()
     for path in sweep.iterdir():
@@ -156,7 +158,7 @@ def test_one_image_of_all_fibers_will_do(
         (("--capture", "black.png", "--design", "none.json"), "design.json"),
     ],
 )
-def test_what_cannot_be_checked_is_one_sentence(
+def test_what_cannot_be_checked_raises_one_clear_error(
     tactilux: Run, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     def image(name: str, value: int, size: tuple[int, int] = (360, 600)) -> None:

@@ -14,7 +14,7 @@ from tests.conftest import Run
 from tests.hw.calibration.toy import toy_images, toy_model, toy_table
 
 
-def test_the_demonstration_recovers_the_rigs_secrets(
+def test_the_demonstration_recovers_the_rigs_true_values(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = toy_model(toy_table(load_scene("finger20")))

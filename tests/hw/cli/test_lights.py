@@ -98,7 +98,7 @@ def test_ports_are_listed_for_programs(tactilux: Run) -> None:
         (("--limit-ma", "100"), "400 mA, allowed: 100 mA"),
     ],
 )
-def test_what_cannot_be_lit_is_one_sentence(
+def test_what_cannot_be_lit_raises_one_clear_error(
     tactilux: Run, design: Path, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     with EmulatedBoard(tmp_path / "port") as board:

@@ -57,7 +57,7 @@ def test_a_sweep_has_every_fiber_and_their_sum(plug: Plug) -> None:
     np.testing.assert_allclose(total, photos.together, atol=12.0)
 
 
-def test_a_dropped_frame_is_told(plug: Plug) -> None:
+def test_a_dropped_frame_raises_one_clear_error(plug: Plug) -> None:
     camera, lights = rig(plug, CameraImperfections(drop=1))
     with lights:
         with pytest.raises(CameraError, match="dropped a frame"):

@@ -66,9 +66,7 @@ def test_an_acknowledgement_of_another_request_does_not_count(plug: Plug) -> Non
 
 @pytest.mark.parametrize("protocol", ["lines", "wled"])
 @pytest.mark.parametrize("fault", ["silent", "partial"])
-def test_a_board_that_stops_answering_is_told_in_time(
-    plug: Plug, protocol: str, fault: str
-) -> None:
+def test_a_board_that_stops_answering_raises_in_time(plug: Plug, protocol: str, fault: str) -> None:
     rig = plug(protocol)
     board = opened(rig.port, protocol)
     setattr(rig.faults, fault, 10_000)
@@ -88,7 +86,7 @@ def test_one_wrong_acknowledgement_is_overcome(plug: Plug) -> None:
     board.close()
 
 
-def test_an_acknowledgement_of_less_light_is_told(plug: Plug) -> None:
+def test_an_acknowledgement_of_less_light_raises_one_clear_error(plug: Plug) -> None:
     rig = plug("wled")
     board = opened(rig.port, "wled")
     rig.faults.refuse = "brightness limit"
@@ -97,7 +95,7 @@ def test_an_acknowledgement_of_less_light_is_told(plug: Plug) -> None:
     board.close()
 
 
-def test_a_refusal_is_told_at_once(plug: Plug) -> None:
+def test_a_refusal_raises_at_once(plug: Plug) -> None:
     rig = plug()
     board = opened(rig.port)
     rig.faults.refuse = "overheated"
@@ -106,7 +104,7 @@ def test_a_refusal_is_told_at_once(plug: Plug) -> None:
     board.close()
 
 
-def test_lasting_noise_on_the_line_is_told_as_such(plug: Plug) -> None:
+def test_lasting_noise_on_the_line_raises_an_error_that_says_so(plug: Plug) -> None:
     rig = plug()
     board = opened(rig.port)
     rig.faults.corrupt = 100
@@ -193,7 +191,7 @@ def test_too_few_leds_are_refused(plug: Plug) -> None:
         ("/", "not a serial port"),
     ],
 )
-def test_what_is_no_port_is_one_sentence(port: str, said: str) -> None:
+def test_what_is_no_port_raises_one_clear_error(port: str, said: str) -> None:
     with pytest.raises(PortError, match=said):
         SerialLink(port)
 

@@ -116,7 +116,7 @@ def test_a_board_that_comes_back_shows_the_light_again(plug: Plug) -> None:
         timer.join()
 
 
-def test_a_board_that_stays_away_is_told_with_what_its_leds_do(plug: Plug) -> None:
+def test_a_board_that_stays_away_raises_and_says_what_its_leds_do(plug: Plug) -> None:
     rig = plug()
     began = time.monotonic()
 
