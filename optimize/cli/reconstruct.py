@@ -76,10 +76,11 @@ def _predicted(candidate: RatedDesign, checker: Checker, design: Design) -> tupl
     """Return colors of facets and pad as the surrogate predicts them, counts."""
     import numpy as np
 
+    from optimize.scoring import predict_design
+
     bends = np.array(candidate.scene.bending.angles)
-    found = checker.run(design.phi[None], design.power[None], bends)
-    facets, pad = (np.asarray(found[key][0], np.float64) for key in ("counts", "background"))
-    return facets, pad
+    output = predict_design(checker, design, bends)
+    return output["counts"], output["background"]
 
 
 def _rendered(

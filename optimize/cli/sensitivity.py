@@ -26,10 +26,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Say which manufacturing tolerance costs the most score."""
-    import numpy as np
-
     from optimize.design import limits_of, open_rated
-    from optimize.exploration import PHI_NODES
     from optimize.robust import (
         check_slopes,
         declared_tolerances,
@@ -38,15 +35,14 @@ def run(
         score_slopes,
         sensitivities,
     )
-    from optimize.scoring import TableScorer, open_model
-    from render.chebyshev import chebyshev_nodes
+    from optimize.scoring import TableScorer, open_model, search_table
 
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
         sensor = candidate.scene
         spreads = declared_tolerances(sensor)
         checker = open_model(sensor, model)
-        table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+        table = search_table(checker)
         scorer = TableScorer(table, limits=limits_of(sensor))
         with ProgressBar("Previews of other materials") as bar:
             slopes = material_slopes(sensor, spreads, table.phi, bar)

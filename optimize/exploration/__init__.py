@@ -1,7 +1,6 @@
 """The quick job: a better design, searched and rated on the surrogate."""
 
 from optimize.exploration.exploration import (
-    PHI_NODES,
     Exploration,
     Stage,
     explore,
@@ -9,7 +8,6 @@ from optimize.exploration.exploration import (
 )
 
 __all__ = [
-    "PHI_NODES",
     "Exploration",
     "Stage",
     "explore",

@@ -19,17 +19,12 @@ from optimize.design import (
     dimmed_baseline,
     limits_of,
 )
-from optimize.scoring import TableScorer
+from optimize.scoring import TableScorer, predict_design, search_table
 from optimize.search import AlternatingResult, SearchStep, alternating_search
-from render.chebyshev import chebyshev_nodes
 from render.geometry import fiber_edges
 from render.metric import clipped_fraction, design_score
 from render.scene import Scene
 from surrogate.runtime import Checker
-
-# Direction nodes of the table that is searched: its interpolation then moves a score by less than
-# 0.1 counts (measured; with 17 nodes by 0.9).
-PHI_NODES = 33
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +113,9 @@ def explore(
     The search keeps to the scene's constraints; the baseline only to those of LED power.
     """
     began = time.perf_counter()
-    table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
     baseline = dimmed_baseline(scene)
     search = alternating_search(
-        TableScorer(table, limits=limits_of(scene)),
+        TableScorer(search_table(checker), limits=limits_of(scene)),
         baseline,
         edges=fiber_edges(scene),
         seed=seed,
@@ -145,11 +139,7 @@ def rate(
     checker: Checker, scene: Scene, key: str, title: str, change: str, design: Design
 ) -> Stage:
     """Return the stage of ``design`` with everything that checker.onnx says about it."""
-    bends = np.array(scene.bending.angles)
-    output = {
-        name: np.asarray(value[0], dtype=np.float64)
-        for name, value in checker.run(design.phi[None], design.power[None], bends).items()
-    }
+    output = predict_design(checker, design, np.array(scene.bending.angles))
     parts = design_score(output["metric"])
     score, half = float(output["score"]), checker.score_half_width
     rating = Rating(

@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from optimize.design import Array, Design
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
-from optimize.scoring import check_interval, jackknife_se
+from optimize.scoring import check_interval, jackknife_se, predict_design
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
 from surrogate.runtime import MODEL_FILE, Checker, sha256
@@ -55,7 +54,7 @@ def _finalist(
     counts = settings.counts(replicates.mean(axis=0), design.power)
     # The error bar is the one before clipping: a clipped channel would seem to be known exactly.
     light = settings.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
-    predicted = _predicted(context, checker, design)
+    predicted = predict_design(checker, design, context.bends)
     gain = None if name == "baseline" else evaluation.difference("baseline", name)
     return Finalist(
         key=name,
@@ -75,11 +74,6 @@ def _finalist(
     )
 
 
-def _predicted(context: RunContext, checker: Checker, design: Design) -> dict[str, Array]:
-    found = checker.run(design.phi[None], design.power[None], context.bends)
-    return {name: np.asarray(value[0], dtype=np.float64) for name, value in found.items()}
-
-
 def _sentences(
     context: RunContext,
     checker: Checker,
@@ -97,7 +91,7 @@ def _sentences(
     ]
     index = names.index(winner)
     design, score = evaluation.renders.designs[index], evaluation.score(winner).score
-    off = float(_predicted(context, checker, design)["score"]) - score.value
+    off = float(predict_design(checker, design, context.bends)["score"]) - score.value
     reach = checker.score_half_width
     said.append(
         f"The surrogate is off by {off:+.2f} for the {winner}: its 90% interval of ±{reach:.2f} "
@@ -133,7 +127,8 @@ def _steps(
     for number, evaluation in checks:
         for index, name in enumerate(evaluation.names):
             score = evaluation.scores[index].score
-            predicted = _predicted(context, checker, evaluation.renders.designs[index])["score"]
+            design = evaluation.renders.designs[index]
+            predicted = predict_design(checker, design, context.bends)["score"]
             steps.append(
                 ConvergencePoint(
                     "final",

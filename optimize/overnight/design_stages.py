@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from optimize.design import Array, Design, ScoreSettings, dimmed_baseline, limits_of
-from optimize.exploration import PHI_NODES
 from optimize.overnight.context import (
     FIXED_ROUNDS,
     FIXED_SEEDS,
@@ -32,7 +31,7 @@ from optimize.overnight.context import (
     samples_within,
 )
 from optimize.overnight.workers import OutOfTime
-from optimize.scoring import JackknifeEstimate, TableScorer
+from optimize.scoring import JackknifeEstimate, TableScorer, search_table
 from optimize.search import (
     SearchStep,
     alternating_search,
@@ -54,7 +53,7 @@ from optimize.verification import (
     distinct_directions,
     reference_renders,
 )
-from render.chebyshev import chebyshev_nodes, interpolation_weights
+from render.chebyshev import interpolation_weights
 from render.geometry import fiber_edges
 from render.progress import Progress
 from render.reference import RenderCost, transport_jobs
@@ -74,7 +73,7 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Desig
 
     def search() -> dict[str, Any]:
         context.stage("Colors and directions on the surrogate", "search")
-        table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+        table = search_table(checker)
         steps: list[SearchStep] = []
 
         def report(step: SearchStep) -> None:
@@ -181,7 +180,7 @@ def run_loop(
     """
     config = _config(context, start, cost)
     loop = VerificationLoop(
-        checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)),
+        search_table(checker),
         baseline_of(context),
         reference_renders(context.scene, None, context.progress, runner=context.renders),
         _LateRefitter(context, checker),

@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 
 from optimize.design import Design, limits_of
-from optimize.exploration import PHI_NODES, Exploration, rate
+from optimize.exploration import Exploration, rate
 from optimize.robust.material_slopes import declared_tolerances, material_slopes
 from optimize.robust.perturbed_sensors import (
     Measure,
@@ -21,11 +21,10 @@ from optimize.robust.perturbed_sensors import (
 )
 from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import ShadowPenalty
-from optimize.scoring import TableScorer
+from optimize.scoring import TableScorer, search_table
 from optimize.search import NominalScore, Objective, WeightedSum, multi_start
 from optimize.search.colors import quick_colors, renamed_like
 from optimize.ui.console import print_table
-from render.chebyshev import chebyshev_nodes
 from render.progress import Clock, OnProgress, in_stage
 from render.scene import Spread
 
@@ -99,7 +98,7 @@ def study_robustness(
         SceneError: tolerances are asked for, and the scene has none.
     """
     scene, checker, seed = exploration.scene, exploration.checker, exploration.seed
-    table = checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+    table = search_table(checker)
     scorer = TableScorer(table, limits=limits_of(scene))
     goal: Objective = NominalScore(scorer)
     shadow = None if shadow_weight is None else ShadowPenalty(scene, table)

@@ -16,7 +16,12 @@ from optimize.scoring.render_scores import (
 )
 from optimize.scoring.score_gradient import Differentiator, score_by_counts
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
-from optimize.scoring.surrogate_model import find_model, open_model
+from optimize.scoring.surrogate_model import (
+    find_model,
+    open_model,
+    predict_design,
+    search_table,
+)
 from optimize.scoring.table_scorer import TableScorer, improves
 
 __all__ = [
@@ -36,11 +41,13 @@ __all__ = [
     "normal_factor",
     "open_model",
     "paired_difference",
+    "predict_design",
     "rank_agreement",
     "rendered_score",
     "score_by_counts",
     "score_draws",
     "score_interval",
+    "search_table",
     "student_factor",
     "tied",
 ]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from optimize.design import Array, RatedDesign, ScoreSettings
-from optimize.scoring import JackknifeEstimate, RenderedScore, check_visible
+from optimize.scoring import JackknifeEstimate, RenderedScore, check_visible, predict_design
 from optimize.verification.design_renders import DesignRenders, reference_renders
 from render.progress import OnProgress
 from render.reference import measure_render_cost, stored_plan
@@ -100,11 +100,11 @@ def verify(
         seconds,
     )
     bends = np.array(candidate.scene.bending.angles)
-    predicted = model.run(design.phi[None], design.power[None], bends)
+    predicted = predict_design(model, design, bends)
     return paired_comparison(
         candidate.settings,
         pair,
-        surrogate_score=float(predicted["score"][0]),
+        surrogate_score=float(predicted["score"]),
         seeds=tuple(seeds),
         samples=samples,
     )

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from optimize.design import (
     PARTS,
     Design,
@@ -19,8 +17,7 @@ from optimize.design import (
     limits_of,
     save_design,
 )
-from optimize.exploration import PHI_NODES
-from optimize.scoring import JackknifeEstimate, RankAgreement
+from optimize.scoring import JackknifeEstimate, RankAgreement, search_table
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.verification.design_renders import (
     FinalistEvaluation,
@@ -35,7 +32,6 @@ from optimize.verification.verification_loop import (
     LoopRound,
     verification_loop,
 )
-from render.chebyshev import chebyshev_nodes
 from render.geometry import fiber_edges
 from render.scene import Scene
 from surrogate.runtime import Checker
@@ -173,7 +169,7 @@ def _run_loop(
     preview = checker.metadata.preview
     grid = draw_grid(scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
     return verification_loop(
-        checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)),
+        search_table(checker),
         baseline,
         render,
         Refitter(scene, grid),

@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 
 from optimize.design import load_design, load_design_file
-from optimize.exploration import PHI_NODES
-from optimize.scoring import TableScorer
-from render.chebyshev import chebyshev_nodes
+from optimize.scoring import TableScorer, search_table
 from render.scene import load_scene
 from surrogate.runtime import Checker
 
@@ -113,7 +111,7 @@ def test_again_with_the_same_seed_it_finds_the_same_design_and_prints_a_table(
 def test_the_searched_table_scores_as_the_model_does(small_model: Path) -> None:
     checker = Checker.load(small_model)
     fibers = checker.metadata.fibers
-    scorer = TableScorer(checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi)))
+    scorer = TableScorer(search_table(checker))
     rng = np.random.default_rng(5)
     phi = rng.uniform(0.0, np.pi, (20, fibers))
     power = np.eye(3)[rng.integers(0, 3, (20, fibers))]
