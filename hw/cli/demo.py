@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.calibrate import calibrate_sets, print_calibration
+from hw.cli.calibrate import print_calibration
 from hw.cli.options import Materials, Samples, SceneOption
 from optimize.cli.options import Json, ModelFolder, Seed
 from optimize.ui.console import note, print_json, reserved_stdout
@@ -42,6 +42,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
+    from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
     from hw.emulator.demonstration import (
         check_faults,

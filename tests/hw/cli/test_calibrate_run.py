@@ -38,7 +38,7 @@ def test_photographs_become_a_calibrated_scene(
 ) -> None:
     scene = load_scene("finger20")
     model = toy_model(toy_table(scene))
-    monkeypatch.setattr("hw.calibration.line_model.line_model", lambda *_: model)
+    monkeypatch.setattr("hw.calibration.calibration.line_model", lambda *_: model)
     sets, additive, _ = taken(scene, IMPERFECTIONS)
     flat, bent, sums = (
         save(photos, tmp_path / name)

@@ -18,7 +18,7 @@ def test_the_demonstration_recovers_the_rigs_true_values(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = toy_model(toy_table(load_scene("finger20")))
-    monkeypatch.setattr("hw.calibration.line_model.line_model", lambda *_: model)
+    monkeypatch.setattr("hw.calibration.calibration.line_model", lambda *_: model)
     monkeypatch.setattr(
         "hw.emulator.demonstration.rendered_images",
         lambda scene, truth, *_, **__: toy_images(scene, truth.material.array(), ROWS, COLUMNS),
