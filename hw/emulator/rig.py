@@ -16,8 +16,7 @@ from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import in_frame, reference_lines, sample_image
 from hw.camera.projection import pad_positions, pixels_of
-from hw.emulator.emulated_board import EmulatedBoard
-from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
+from hw.emulator.emulated_camera import CameraImperfections
 from hw.emulator.smooth_ratio import SmoothRatio
 from render.arrays import Array
 from render.progress import OnProgress
@@ -48,13 +47,13 @@ class TrueParameters:
     seed: int
 
 
-def random_parameters(scene: Scene, seed: int, *, spread: float = 0.35) -> TrueParameters:
-    """Return a rig near ``scene``: material within ``spread`` (relative), 8 % power, 1 deg turn."""
+def random_parameters(scene: Scene, seed: int) -> TrueParameters:
+    """Return a rig near ``scene``: material within 35 %, powers 8 %, directions 1 deg."""
     rng = np.random.default_rng([seed, 77])
     middle = Material.of(scene).array()
     # Absorption may be anything small; the scene's own is an assumption.
     middle[1] = max(middle[1], 0.02)
-    factor = np.exp(spread * rng.uniform(-1, 1, 4))
+    factor = np.exp(0.35 * rng.uniform(-1, 1, 4))
     material = np.clip(middle * factor, LOW + 0.02 * (HIGH - LOW), HIGH - 0.02 * (HIGH - LOW))
     imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
@@ -180,12 +179,3 @@ def _bring_to_reference(
     row, column = np.moveaxis((seen - blocks[0, 0])[..., ::-1] / light.block, -1, 0)
     for fiber, ratio in zip(fibers, found, strict=True):
         images[fiber] *= np.exp(map_coordinates(ratio, [row, column], order=3, mode="nearest"))
-
-
-def camera_of(
-    scene: Scene, truth: TrueParameters, images: NDArray[np.float32], board: EmulatedBoard
-) -> EmulatedCamera:
-    """Return the rig's camera at one bend, for ``images`` ``(fiber, row, column)``."""
-    return EmulatedCamera(
-        scene, images, board, truth.gain, truth.power, truth.imperfections, truth.seed
-    )

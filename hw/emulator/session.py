@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import EmulatedCamera
-from hw.emulator.rig import TrueParameters, camera_of
+from hw.emulator.rig import TrueParameters
 from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
@@ -46,7 +46,11 @@ class EmulatedRig:
 
     def camera(self, bend: int = 0, truth: TrueParameters | None = None) -> EmulatedCamera:
         """Return the camera at a bend's index, with a fault where a changed ``truth`` has one."""
-        return camera_of(self.scene, truth or self.truth, self.images[bend], self.board)
+        known = truth or self.truth
+        return EmulatedCamera(
+            self.scene, self.images[bend], self.board, known.gain, known.power,
+            known.imperfections, known.seed,
+        )  # fmt: skip
 
     def photos(
         self, camera: EmulatedCamera, power: Array, *, frames: int = 1, together: bool = False
