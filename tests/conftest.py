@@ -46,6 +46,7 @@ TOGETHER = {
     "tiny_night": (
         "tests/optimize/overnight/test_whole_night.py",
         "tests/optimize/overnight/test_scaling.py",
+        "tests/optimize/overnight/test_more_hours.py",
     ),
     "night_report": (
         "tests/optimize/overnight/test_report.py",
@@ -57,7 +58,6 @@ LONGEST = (
     "tiny_night",
     "trained",
     "small_model",
-    "tests/optimize/overnight/test_more_hours.py",
     "tests/optimize/overnight/test_dask_workers.py",
     "tests/optimize/overnight/test_disk.py",
 )

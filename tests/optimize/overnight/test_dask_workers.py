@@ -35,7 +35,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 @pytest.fixture(scope="module")
 def jobs(scene: Scene) -> list[RenderJob]:
-    return tiny_jobs(scene, 3)
+    return tiny_jobs(scene, 2)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def alone(jobs: list[RenderJob]) -> list[np.ndarray]:
 def workers() -> Iterator[DaskWorkers]:
     """Two worker processes, made impatient: a test has no minute to wait."""
     made = DaskWorkers(workers=2)
-    made.patience = 4.0
+    made.patience = 3.0
     made.unknown = 120.0
     yield made
     made.close()
@@ -157,7 +157,10 @@ def test_a_worker_of_another_version_is_refused_instead_of_mixing_results(
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "quic://a:1", "tcp://"])
-def test_an_address_without_a_scheduler_is_one_sentence(address: str) -> None:
+def test_an_address_without_a_scheduler_is_one_sentence(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("optimize.overnight.dask_workers.CONNECT_SECONDS", 2.0)
     began = time.monotonic()
     with pytest.raises(RunError, match="no Dask scheduler answers at") as caught:
         DaskWorkers(address=address)

@@ -12,7 +12,7 @@ from optimize.overnight.store import RENDERS
 from tests.long import LONG
 from tests.optimize.overnight.tiny import ROOT, rows
 
-KILLS = 50 if LONG else 12
+KILLS = 50 if LONG else 5
 
 
 def test_kills_at_random_instants_change_nothing(tmp_path: Path) -> None:
@@ -24,7 +24,7 @@ def test_kills_at_random_instants_change_nothing(tmp_path: Path) -> None:
     found = json.loads(done.stdout)
     assert found["killed"] == KILLS
     # Kills came in the middle of renders, and those went on from their states.
-    assert found["resumed"] >= KILLS // 10
+    assert found["resumed"] >= max(1, KILLS // 10)
 
     unbroken = tmp_path / "unbroken"
     wanted = {path.name: path.read_bytes() for path in (unbroken / RENDERS).iterdir()}

@@ -2,18 +2,57 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from optimize.overnight.context import REPORT_SECONDS
 from optimize.overnight.job import REFINE_FACTOR, OvernightConfig, overnight
 from optimize.overnight.result import OvernightResult
 from optimize.overnight.status import status_of
-from optimize.overnight.workers import LocalWorker
-from tests.optimize.overnight.tiny import rows, write_tiny
+from optimize.overnight.workers import FinishedJob
+from render.reference.job import RenderJob, RenderResult
+from render.scene.schema import Scene
+from render.transport import TransportTable, load_table
+from tests.optimize.overnight.conftest import TinyNight
+from tests.optimize.overnight.tiny import rows
 
-SECONDS = 12.0
+SECONDS = 60.0
+
+
+class PretendedWorkers:
+    """Invents renders; each takes the same time by a clock that nothing else moves."""
+
+    count = 1
+
+    def __init__(self, table: TransportTable) -> None:
+        assert table.background is not None
+        self.now = 0.0
+        self.light = {True: table.T.mean(axis=(0, 1, 2)), False: table.background.mean((0, 1, 2))}
+
+    def render(
+        self,
+        jobs: Sequence[RenderJob],
+        state: Callable[[RenderJob], Path],
+        tick: Callable[[int], None],
+    ) -> Iterator[FinishedJob]:
+        for index, job in enumerate(jobs):
+            light = self.light[job.indented].ravel()
+            rng = np.random.default_rng(int(job.key[:16], 16))
+            shape = (job.replicates, len(job.phi), len(job.phi[0]), len(light))
+            noise = 1 + 0.05 * rng.standard_normal(shape)
+            seconds = 0.5 + 1e-4 * job.samples
+            self.now += seconds
+            tick(job.samples)
+            result = RenderResult(light * noise, seconds)
+            yield FinishedJob(index, result, "pretended")
+
+    def close(self) -> None:
+        """Nothing was started."""
 
 
 def batches(run: Path) -> list[str]:
@@ -22,19 +61,32 @@ def batches(run: Path) -> list[str]:
 
 
 def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_night: TinyNight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Drawing a report takes seconds, and nobody reads it here.
-    monkeypatch.setattr("optimize.overnight.job.write_report", lambda night, run: None)
-    scene, run = write_tiny(tmp_path), tmp_path / "run"
+    workers = PretendedWorkers(load_table(tiny_night.run / "table" / "reference.npz"))
+    clock = SimpleNamespace(monotonic=lambda: workers.now)
+    monkeypatch.setattr("optimize.overnight.store.time", clock)
+
+    def train(scene: Scene, folder: Path, **rest: object) -> None:
+        """Take the surrogate of the same sensor that is there; fitting one takes seconds."""
+        shutil.copytree(tiny_night.run / "model", folder, dirs_exist_ok=True)
+
+    monkeypatch.setattr("surrogate.training.train.train", train)
+
+    def write_report(result: OvernightResult, run: Path) -> None:
+        """Draw nothing, because nobody reads it, in the time that is set aside for it."""
+        workers.now += REPORT_SECONDS
+
+    monkeypatch.setattr("optimize.overnight.job.write_report", write_report)
+    run = tmp_path / "run"
 
     def night(seconds: float) -> OvernightResult:
-        return overnight(
-            str(scene), run, OvernightConfig(hours=seconds / 3600), make_workers=LocalWorker
-        )
+        config = OvernightConfig(hours=seconds / 3600)
+        return overnight(str(tiny_night.scene), run, config, make_workers=lambda: workers)
 
     first = night(SECONDS)
     kept = batches(run)
+    assert workers.now == pytest.approx(SECONDS, rel=0.04)
     # Nothing to do: the same answer, at once.
     assert night(SECONDS).finalists[0].score == first.finalists[0].score
     assert batches(run) == kept

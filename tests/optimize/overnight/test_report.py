@@ -147,7 +147,10 @@ def test_text_is_escaped_and_a_bare_night_still_has_a_report(
 
     # Drawing a bolt takes seconds, and what stands in its place is tested here.
     monkeypatch.setattr("optimize.overnight.report.bolt_pictures", too_small)
-    night = replace(finished_night, steps=(), trade=(), facts=(("Model", "<fitted>"),))
+    shown = tuple(finished_night.finalist(key) for key in ("baseline", "winner"))
+    night = replace(
+        finished_night, finalists=shown, steps=(), trade=(), facts=(("Model", "<fitted>"),)
+    )
     html = render_report(night)
     assert "&lt;fitted&gt;" in html
     assert "No picture: a bolt does not fit." in html
