@@ -10,7 +10,7 @@ import numpy as np
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
-from optimize.scoring import check_interval, jackknife_se, predict_design
+from optimize.scoring import JackknifeEstimate, check_interval, jackknife_se, predict_design
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
 from surrogate.runtime import MODEL_FILE, Checker, sha256
@@ -81,29 +81,30 @@ def _sentences(
     evaluation: FinalistEvaluation,
     winner: str,
 ) -> tuple[str, ...]:
-    names, said = evaluation.names, []
+    names, sentences = evaluation.names, []
     if winner != "baseline":
-        said.append(evaluation.comparison("baseline", winner))
-    said += [
+        sentences.append(evaluation.comparison("baseline", winner))
+    sentences += [
         evaluation.comparison(other, winner)
         for other in ("runner-up", "thesis", "colors", "winner")
         if other in names and other != winner
     ]
     index = names.index(winner)
     design, score = evaluation.renders.designs[index], evaluation.score(winner).score
-    off = float(predict_design(checker, design, context.bends)["score"]) - score.value
-    reach = checker.score_half_width
-    said.append(
-        f"The surrogate is off by {off:+.2f} for the {winner}: its 90% interval of ±{reach:.2f} "
-        f"{check_interval(off, reach, score.se)} (renders ±{score.se:.2f})."
+    error = float(predict_design(checker, design, context.bends)["score"]) - score.value
+    half_width = checker.score_half_width
+    sentences.append(
+        f"The surrogate is off by {error:+.2f} for the {winner}: "
+        f"its 90% interval of ±{half_width:.2f} "
+        f"{check_interval(error, half_width, score.se)} (renders ±{score.se:.2f})."
     )
-    said.append(f"The verification loop stopped because {loop_outcome.reason}.")
+    sentences.append(f"The verification loop stopped because {loop_outcome.reason}.")
     if design.monochrome:
-        said.append(
+        sentences.append(
             "The optimum is monochrome: the weight of the color term does not reward color "
             "differences in this scene."
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _steps(
@@ -117,29 +118,28 @@ def _steps(
         seconds for kind, seconds in spent.items() if _precedes_rounds(kind, context.number)
     )
     steps = []
+
+    def add(
+        stage: str,
+        number: int,
+        role: str,
+        seconds: float,
+        score: JackknifeEstimate,
+        predicted: float,
+    ) -> None:
+        steps.append(
+            ConvergencePoint(stage, number, role, seconds, score.value, score.se, predicted)
+        )
+
     for done in loop_outcome.rounds:
         before += done.seconds
-        steps += [
-            ConvergencePoint("rounds", done.number, entry.role, before, m.score.value, m.score.se,
-                 entry.predicted)
-            for entry, m in zip(done.proposals, done.scores, strict=True)
-        ]  # fmt: skip
+        for entry, rendered in zip(done.proposals, done.scores, strict=True):
+            add("rounds", done.number, entry.role, before, rendered.score, entry.predicted)
     for number, evaluation in checks:
-        for index, name in enumerate(evaluation.names):
-            score = evaluation.scores[index].score
-            design = evaluation.renders.designs[index]
-            predicted = predict_design(checker, design, context.bends)["score"]
-            steps.append(
-                ConvergencePoint(
-                    "final",
-                    number,
-                    name,
-                    before + evaluation.renders.seconds,
-                    score.value,
-                    score.se,
-                    float(predicted),
-                )
-            )
+        renders, scores = evaluation.renders, evaluation.scores
+        for name, design, rendered in zip(evaluation.names, renders.designs, scores, strict=True):
+            predicted = float(predict_design(checker, design, context.bends)["score"])
+            add("final", number, name, before + renders.seconds, rendered.score, predicted)
     return tuple(steps)
 
 
@@ -211,11 +211,7 @@ def _facts(
     store, scene = context.store, context.scene
     table = context.decided("table")
     passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, context.number + 1))
-    asked = (
-        f"{hours:g} h"
-        if hours is not None
-        else f"{context.fixed and context.fixed.samples} samples"
-    )
+    asked = f"{context.fixed.samples} samples" if context.fixed is not None else f"{hours:g} h"
     versions = package_versions("mitsuba", "drjit", "torch", "onnxruntime", "numpy")
     return (
         ("Scene", f"{scene.name}, {scene.hash}"),
@@ -224,10 +220,7 @@ def _facts(
         ("Time worked", f"{store.spent() / 3600:.3f} h"),
         ("Rendering", f"{store.render_seconds():.0f} s in {store.evaluations()} renders"),
         ("Workers", str(context.renders.workers.count)),
-        (
-            "Transport table",
-            f"{passes} passes, {table['samples']} samples per cell in the last",
-        ),
+        ("Transport table", f"{passes} passes, {table['samples']} samples per cell in the last"),
         ("Rounds", str(len(loop_outcome.rounds))),
         ("Final verification", f"{len(evaluation.renders.replicates)} replicates"),
         ("Surrogate", sha256((store.run / "model" / MODEL_FILE).read_bytes())),

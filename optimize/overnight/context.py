@@ -11,18 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from optimize.design import Array, Design
 from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Store
-from optimize.overnight.workers import StoredRenders
+from optimize.overnight.workers import OutOfTime, StoredRenders
 from render.progress import Progress
 from render.reference import RenderCost, RenderJob
 from render.scene import Scene
 
+T = TypeVar("T")
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""
 OVERTIME_SHARE = 0.04
@@ -126,15 +127,15 @@ class RunContext:
         """Seconds until the period ends."""
         return self.until - self.store.spent()
 
-    def seconds_until(self, share: float) -> float:
-        """Return the seconds until ``share`` of the period is over."""
-        return self.began + share * (self.until - self.began) - self.store.spent()
+    def seconds_until(self, fraction: float) -> float:
+        """Return the seconds until ``fraction`` of the period is over."""
+        return self.began + fraction * (self.until - self.began) - self.store.spent()
 
-    def deadline(self, share: float) -> float | None:
-        """Return the seconds of work after which ``share`` of the period is over; None if fixed."""
+    def deadline(self, fraction: float) -> float | None:
+        """Return the seconds of work by which ``fraction`` of the period is over; None if fixed."""
         if self.fixed is not None:
             return None
-        return self.began + share * (self.until - self.began)
+        return self.began + fraction * (self.until - self.began)
 
     def decide(self, name: str, make: Callable[[], Any]) -> Any:
         """Return the period's decision of that name; see ``Store.decide``."""
@@ -143,6 +144,23 @@ class RunContext:
     def decided(self, name: str) -> Any:
         """Return the decision, None where there is none yet."""
         return self.store.decided(f"{self.number}/{name}")
+
+    def within(
+        self, name: str, deadline: float | None, work: Callable[[], T], given_up: Any = True
+    ) -> T | None:
+        """Return what ``work`` renders until ``deadline``, in seconds of ``Store.spent``.
+
+        None where the time was over: that is a decision, with ``given_up`` as its value, which a
+        run that goes on takes again.
+        """
+        name = f"{name} given up"
+        if self.decided(name) is None:
+            try:
+                with self.renders.until(deadline):
+                    return work()
+            except OutOfTime:
+                self.decide(name, lambda: given_up)
+        return None
 
     def random_seed(self, purpose: int, index: int) -> int:
         """Return a seed of renders that no other purpose, index, period or run seed has."""
@@ -160,9 +178,9 @@ class RunContext:
         left = max(self.seconds_left, 0.0) if self.fixed is None else state.eta_seconds
         self.log.progress(replace(state, eta_seconds=left))
 
-    def keep_best(self, level: str, score: float, reach: float, what: str) -> None:
+    def keep_best(self, level: str, score: float, half_width: float, what: str) -> None:
         """Keep the best design so far for ``tactilux status``."""
-        self.best = {"score": score, "interval": [score - reach, score + reach],
+        self.best = {"score": score, "interval": [score - half_width, score + half_width],
                      "level": level, "design": what}  # fmt: skip
 
 

@@ -9,8 +9,8 @@ the time is used; their replicates are pooled.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,6 @@ from optimize.overnight.context import (
     extended,
     samples_within,
 )
-from optimize.overnight.workers import OutOfTime
 from optimize.scoring import JackknifeEstimate, TableScorer, search_table
 from optimize.search import (
     SearchStep,
@@ -152,6 +151,7 @@ ROUND_SEEDS = 4
 """Seeds of a round at most: jobs that can be rendered at once."""
 
 
+@dataclass(frozen=True)
 class LoopOutcome:
     """What the loop found.
 
@@ -161,10 +161,9 @@ class LoopOutcome:
         reason: why it stopped.
     """
 
-    def __init__(
-        self, rounds: list[RenderedRound], candidates: list[Candidate], reason: str
-    ) -> None:
-        self.rounds, self.candidates, self.reason = rounds, candidates, reason
+    rounds: list[RenderedRound]
+    candidates: list[Candidate]
+    reason: str
 
 
 def run_loop(
@@ -209,21 +208,20 @@ def run_loop(
             return {"proposals": [_proposal_json(entry) for entry in found]}
 
         decided = context.decide(f"round {number}", propose)
-        decided = context.decided(f"round {number} given up") or decided
         if "stop" in decided:
             reason = decided["stop"]
             break
         context.stage(f"Round {number}", f"round {number}")
         late = context.deadline(LOOP_UNTIL + OVERTIME_SHARE) if rounds else None
-        try:
-            with context.renders.until(late):
-                done = loop.render(number, [_proposal_of(entry) for entry in decided["proposals"]])
-        except OutOfTime:
-            reason = context.decide(f"round {number} given up", lambda: {"stop": TIME_USED})["stop"]
+        proposals = [_proposal_of(entry) for entry in decided["proposals"]]
+        render = partial(loop.render, number, proposals)
+        done = context.within(f"round {number}", late, render, {"stop": TIME_USED})
+        if done is None:
+            reason = TIME_USED
             break
         rounds.append(done)
         took = max(context.store.spent() - began, took)
-        _tell_round(context, done)
+        _log_round(context, done)
         best = max(zip(done.scores, done.proposals, strict=True), key=lambda m: m[0].score.value)
         low, high = best[0].score.interval()
         context.keep_best("reference", best[0].score.value, (high - low) / 2, f"round {number}")
@@ -249,9 +247,9 @@ def _config(context: RunContext, start: Design, cost: RenderCost | None) -> Loop
         samples = samples_within(cost, unit, 64, seconds)
         return {"samples": samples, "rounds": MAX_ROUNDS, "seeds": seeds}
 
-    found = context.decide("rounds", choose)
+    amount = context.decide("rounds", choose)
     # Every period of every seed searches and renders with seeds of its own.
-    return LoopConfig(seed=64 * context.seed + context.number, **found)
+    return LoopConfig(seed=64 * context.seed + context.number, **amount)
 
 
 class _LateRefitter:
@@ -273,7 +271,7 @@ class _LateRefitter:
         return self._refitter.apply(correction, table)
 
 
-def _tell_round(context: RunContext, done: RenderedRound) -> None:
+def _log_round(context: RunContext, done: RenderedRound) -> None:
     said = context.decided(f"round {done.number} said")
     if said is not None:
         return
@@ -344,11 +342,11 @@ def choose_finalists(
     """Return who is verified, by key."""
 
     def choose() -> list[dict[str, Any]]:
-        found = [("baseline", baseline_of(context)), ("colors", colored)]
-        found += [("thesis", thesis)] if thesis is not None else []
+        finalists = [("baseline", baseline_of(context)), ("colors", colored)]
+        finalists += [("thesis", thesis)] if thesis is not None else []
         best = [entry.design for entry in loop_outcome.candidates[:2]]
-        found += list(zip(("winner", "runner-up"), best, strict=False))
-        return [{"key": key, "design": design_json(design)} for key, design in found]
+        finalists += list(zip(("winner", "runner-up"), best, strict=False))
+        return [{"key": key, "design": design_json(design)} for key, design in finalists]
 
     kept = context.decide("finalists", choose)
     return [(entry["key"], design_of(entry["design"])) for entry in kept]
@@ -390,24 +388,20 @@ def verify_finalists(
             return [context.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
 
         seeds = context.decide(name, another)
-        if not seeds or context.decided(f"{name} given up") is not None:
+        renders = None
+        if seeds:
+            context.stage("Final verification", "final")
+            work = partial(
+                render, designs, samples=amount["samples"], seeds=seeds, title="the finalists"
+            )
+            late = context.until - REPORT_SECONDS / 2 if number and not context.fixed else None
+            renders = context.within(name, late, work)
+        if renders is None:
             if extension == context.extension:
                 break
             extension += 1
             continue
-        context.stage("Final verification", "final")
-        late = (
-            None if context.fixed is not None or not number else context.until - REPORT_SECONDS / 2
-        )
-        try:
-            with context.renders.until(late):
-                found = render(
-                    designs, samples=amount["samples"], seeds=seeds, title="the finalists"
-                )
-        except OutOfTime:
-            context.decide(f"{name} given up", lambda: True)
-            break
-        pooled.add(found, len(seeds))
+        pooled.add(renders, len(seeds))
         number += 1
         longest = max(longest, context.store.spent() - began)
         if number & (number - 1) == 0:
@@ -482,8 +476,8 @@ def _amount(
         seconds = max(least, min(2 * cost.fixed * jobs, free))
         return {"samples": samples_within(cost, unit, 64, seconds), "seeds": seeds}
 
-    found: dict[str, int] = context.decide("final", choose)
-    return found
+    amount: dict[str, int] = context.decide("final", choose)
+    return amount
 
 
 def _rate(context: RunContext, evaluation: FinalistEvaluation) -> None:

@@ -120,9 +120,9 @@ def color_scatter(result: OvernightResult) -> Figure:
         edges = np.linspace(predicted.min(), predicted.max(), 9)
         middle, level = 0.5 * (edges[1:] + edges[:-1]), np.digitize(predicted, edges[1:-1])
         spread = [np.sqrt((noise[level == i] ** 2).mean()) for i in np.unique(level)]
-        reach = result.interval_factor * np.array(spread)
-        lower.plot(middle[np.unique(level)], reach, "-", color="#1c1f24", lw=0.9)
-        lower.plot(middle[np.unique(level)], -reach, "-", color="#1c1f24", lw=0.9)
+        half_width = result.interval_factor * np.array(spread)
+        lower.plot(middle[np.unique(level)], half_width, "-", color="#1c1f24", lw=0.9)
+        lower.plot(middle[np.unique(level)], -half_width, "-", color="#1c1f24", lw=0.9)
         upper.set(ylabel="rendered counts")
         lower.set(xlabel="facet colors, surrogate (counts)", ylabel="difference")
         upper.legend(frameon=False, loc="upper left")

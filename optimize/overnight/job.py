@@ -149,7 +149,8 @@ def _work(
                     write_report(result, run)
                 return result
         workers = make_workers()
-        context = _context(scene, store, workers, signals, log, config, number, extension)
+        renders = StoredRenders(store, workers, signals)
+        context = _context(scene, renders, log, config, number, extension)
         result = _run_stages(context, config)
         ended = "finished"
         return result
@@ -197,15 +198,13 @@ def _finish_count(store: Store, number: int) -> int:
 
 def _context(
     scene: Scene,
-    store: Store,
-    workers: Workers,
-    signals: Signals,
+    renders: StoredRenders,
     log: RunLog,
     config: OvernightConfig,
     number: int,
     extension: int,
 ) -> RunContext:
-    began = 0.0
+    store, began = renders.store, 0.0
     if number > 1:
         last = _finish_count(store, number - 1) - 1
         began = store.decided(extended(f"{number - 1}/finished", last))["spent"]
@@ -213,7 +212,7 @@ def _context(
     context = RunContext(
         scene=scene,
         store=store,
-        renders=StoredRenders(store, workers, signals),
+        renders=renders,
         log=log,
         seed=config.seed,
         number=number,

@@ -97,27 +97,27 @@ def summary(result: OvernightResult) -> list[str]:
 
 def warnings(result: OvernightResult) -> list[str]:
     """Return what makes the result doubtful, most important first; usually nothing."""
-    last, found = result.finalist(result.winner), []
+    last, doubts = result.finalist(result.winner), []
     if last.gain is not None and last.gain_se is not None:
         low, high = _interval(result, last.gain, last.gain_se)
         if high < 0:
-            found.append("The renders say that the baseline is better: this design is not one.")
+            doubts.append("The renders say that the baseline is better: this design is not one.")
         elif low <= 0:
-            found.append(
+            doubts.append(
                 "The interval of the gain reaches 0: more hours would make it narrower, and the "
                 "same command with more of them goes on from here."
             )
-        found += monochrome_warning(last.design)
+        doubts += monochrome_warning(last.design)
     others = [
         entry
         for entry in result.finalists
         if entry is not last and entry.score > last.score + result.interval_factor * last.se
     ]
     if others:
-        found.append(
+        doubts.append(
             f"{others[0].title} scored higher in the last renders, at {others[0].score:.1f}."
         )
-    return found + clipping_warning(last.clipped)
+    return doubts + clipping_warning(last.clipped)
 
 
 def prediction_check(entry: Finalist) -> IntervalCheck:
@@ -158,9 +158,11 @@ def _context(result: OvernightResult, scaling: Scaling | None) -> dict[str, Any]
         },
         "color_errors": _color_errors(result),
         "levels": [_level(row) for row in timed_levels(result)],
-        "scaling": None if scaling is None else _scaling(scaling),
+        "scaling": scaling,
+        "scaling_rows": scaling_rows(scaling) if scaling else [],
+        "scaling_note": scaling_words(scaling) if scaling else "",
         "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
-        "caveats": _caveats(result),
+        "replicates": result.replicates,
         "facts": result.facts,
     }
 
@@ -240,31 +242,10 @@ def _level(row: dict[str, float | str | None]) -> dict[str, str]:
     }
 
 
-def _scaling(scaling: Scaling) -> dict[str, Any]:
-    names = ("workers", "time", "speedup", "more")
-    rows = [dict(zip(names, row, strict=True)) for row in scaling_rows(scaling)]
-    return {"rows": rows, "note": scaling_words(scaling)}
-
-
-def _caveats(result: OvernightResult) -> list[str]:
-    return [
-        "Scores come from physically based renders (reference: bidirectional, MIS) "
-        "with seeds that had no part "
-        f"in the choice. ± is one standard error from {result.replicates} independent replicates; "
-        f"intervals hold 95%. What the noise of a render does to a spread is taken out of scores "
-        "by the jackknife.",
-        "The gain is that of paired renders: noise which both designs share cancels, so its error "
-        "is smaller than that of the two scores together.",
-        "The surrogate's figures and the bolt's pictures are of lower levels and say so.",
-        "The scene is the one described by its file. Values marked as assumed there (see "
-        "tactilux describe) have not been calibrated against a real sensor.",
-    ]
-
-
 def _interval(result: OvernightResult, value: float, se: float) -> tuple[float, float]:
     return value - result.interval_factor * se, value + result.interval_factor * se
 
 
-def _pm(value: float, reach: float, sign: str = "") -> str:
+def _pm(value: float, half_width: float, sign: str = "") -> str:
     """Return value and reach as text that does not break into two lines."""
-    return f"{value:{sign}.1f}\u00a0±\u00a0{reach:.1f}"
+    return f"{value:{sign}.1f}\u00a0±\u00a0{half_width:.1f}"

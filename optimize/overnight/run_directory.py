@@ -71,16 +71,16 @@ def _gone(run: Path) -> RunError:
 
 
 def _of_sqlite(run: Path, error: sqlite3.DatabaseError) -> RunError:
-    name, said = getattr(error, "sqlite_errorname", ""), " ".join(str(error).split())
+    name, message = getattr(error, "sqlite_errorname", ""), " ".join(str(error).split())
     if name.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
         advice = "free some space, then give the same command again; it goes on from what is done"
-        return RunError(f"{run} cannot be written ({said}): {advice}", field="out")
+        return RunError(f"{run} cannot be written ({message}): {advice}", field="out")
     if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
         return RunError(
-            f"{run} cannot be written ({said}): choose another place with --out", field="out"
+            f"{run} cannot be written ({message}): choose another place with --out", field="out"
         )
     return RunError(
-        f"{run / RECORD} is damaged ({said}): restore it from a copy, or start anew in "
+        f"{run / RECORD} is damaged ({message}): restore it from a copy, or start anew in "
         "another place with --out; nothing was changed",
         field="run",
         value=str(run),

@@ -173,9 +173,9 @@ class Scaling:
 
 def write_scaling(run: Path) -> Scaling:
     """Simulate from the record of ``run``, keep the result there and return it."""
-    found = scaling_of(run, run)
-    keep_scaling(run, found)
-    return found
+    scaling = scaling_of(run, run)
+    keep_scaling(run, scaling)
+    return scaling
 
 
 def keep_scaling(run: Path, scaling: Scaling) -> None:
@@ -231,13 +231,13 @@ def planned_stages(measured: Sequence[StageRenders], hours: float) -> list[Stage
     spread = np.concatenate([stage.seconds / stage.seconds.mean() for stage in measured])
     sizes = np.concatenate([stage.size for stage in measured])
 
-    def stage(name: str, share: float, jobs: int) -> StageRenders:
+    def stage(name: str, fraction: float, jobs: int) -> StageRenders:
         relative = np.resize(spread, jobs)
-        seconds = 3600 * hours * share * relative / relative.sum()
+        seconds = 3600 * hours * fraction * relative / relative.sum()
         return StageRenders(name, seconds, np.resize(sizes, jobs))
 
-    def jobs_in(share: float) -> int:
-        return max(1, round(3600 * hours * share / JOB_SECONDS))
+    def jobs_in(fraction: float) -> int:
+        return max(1, round(3600 * hours * fraction / JOB_SECONDS))
 
     loop, final = LOOP_UNTIL - MODEL_UNTIL, 1.0 - LOOP_UNTIL
     rounds = round(1 / ROUND_SHARE)

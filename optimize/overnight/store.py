@@ -117,24 +117,25 @@ class Store:
         try:
             self._db.execute(
                 "UPDATE attempts SET seconds = ?, ended = ? WHERE id = ?",
-                (self._own(), ended, self._attempt),
+                (self._worked(), ended, self._attempt),
             )
         finally:
             self._db.close()
 
-    def _own(self) -> float:
+    def _worked(self) -> float:
         return time.monotonic() - self._began
 
     def spent(self) -> float:
         """Return the seconds that all attempts together have worked."""
-        return self._before + self._own()
+        return self._before + self._worked()
 
     def beat(self) -> None:
         """Record the time spent, at most every ``HEARTBEAT`` seconds."""
         if time.monotonic() - self._beat >= HEARTBEAT:
             self._beat = time.monotonic()
             self._db.execute(
-                "UPDATE attempts SET seconds = ? WHERE id = ?", (self._own(), self._attempt)
+                "UPDATE attempts SET seconds = ? WHERE id = ?",
+                (self._worked(), self._attempt),
             )
 
     def progress(
@@ -301,9 +302,9 @@ _WORDS = {
 
 
 def _check_whole(db: sqlite3.Connection) -> None:
-    found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
-    if found != "ok":
-        raise sqlite3.DatabaseError(found)
+    state = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+    if state != "ok":
+        raise sqlite3.DatabaseError(state)
 
 
 def _sweep(run: Path) -> None:

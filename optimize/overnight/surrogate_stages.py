@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from optimize.overnight.context import (
     samples_within,
 )
 from optimize.overnight.store import TABLE
-from optimize.overnight.workers import OutOfTime
 from optimize.scoring import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
@@ -72,8 +72,8 @@ def measured_cost(context: RunContext) -> RenderCost:
         )
         return {"fixed": cost.fixed, "each": cost.per_sample}
 
-    found = context.decide("pace", trial)
-    return _cost_of(context, found)
+    kept = context.decide("pace", trial)
+    return _cost_of(context, kept)
 
 
 def _cost_of(context: RunContext, kept: dict[str, float]) -> RenderCost:
@@ -110,13 +110,8 @@ def render_table(context: RunContext, cost: RenderCost | None) -> None:
         jobs = _jobs(context, passes["samples"], chosen)
         clock = Clock(sum(job.samples for job in jobs), context.progress)
         late = context.deadline(TABLE_UNTIL + OVERTIME_SHARE) if first else None
-        try:
-            if context.decided(f"table passes from {first} given up") is not None:
-                break
-            with context.renders.until(late):
-                context.renders(jobs, clock)
-        except OutOfTime:
-            context.decide(f"table passes from {first} given up", lambda: True)
+        render = partial(context.renders, jobs, clock)
+        if context.within(f"table passes from {first}", late, render) is None:
             break
         if cost is not None and clock.worked == clock.total:
             # From here on what was seen counts, not what the trial promised.
@@ -134,19 +129,19 @@ def render_table(context: RunContext, cost: RenderCost | None) -> None:
 
 def observed_cost(context: RunContext) -> RenderCost | None:
     """Return the cost that the table's renders had; None for a fixed amount of work."""
-    found = context.decided("table")["pace"]
-    return None if found is None else _cost_of(context, found)
+    kept = context.decided("table")["pace"]
+    return None if kept is None else _cost_of(context, kept)
 
 
 def pooled_table(context: RunContext) -> TransportTable:
     """Return the mean of all passes of all periods so far, weighted by their samples."""
     parts: list[tuple[int, TransportTable]] = []
     for number in range(1, context.number + 1):
-        found = context.store.decided(f"{number}/table")
-        for seed in found["seeds"]:
-            jobs = _jobs(context, found["samples"], [seed])
+        passes = context.store.decided(f"{number}/table")
+        for seed in passes["seeds"]:
+            jobs = _jobs(context, passes["samples"], [seed])
             results = context.renders(jobs, Clock(sum(job.samples for job in jobs), None))
-            parts.append((found["samples"], _table(context.scene, jobs, results)))
+            parts.append((passes["samples"], _table(context.scene, jobs, results)))
     return _mean(parts)
 
 
@@ -162,9 +157,9 @@ def table_bends(context: RunContext) -> Array:
         return BEND_NODES[context.until - context.began >= 3600 * LONG[0]]
 
     nodes = context.store.decide("bend nodes", choose)
-    own = context.bends
-    between = [b for b in training_bends(context.scene, nodes) if np.abs(own - b).min() > 1e-6]
-    return np.concatenate([own, between])
+    wanted = context.bends
+    between = [b for b in training_bends(context.scene, nodes) if np.abs(wanted - b).min() > 1e-6]
+    return np.concatenate([wanted, between])
 
 
 def _passes(context: RunContext, cost: RenderCost | None) -> dict[str, int]:
@@ -181,8 +176,8 @@ def _passes(context: RunContext, cost: RenderCost | None) -> dict[str, int]:
         samples = samples_within(cost, unit, 64, work / passes / min(cost.workers, len(unit)))
         return {"passes": passes, "samples": samples}
 
-    found: dict[str, int] = context.decide("passes", choose)
-    return found
+    amount: dict[str, int] = context.decide("passes", choose)
+    return amount
 
 
 def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[RenderJob]:
@@ -198,28 +193,27 @@ def _corrected(cost: RenderCost, jobs: list[RenderJob], seconds: float) -> Rende
 
 
 def _table(scene: Scene, jobs: list[RenderJob], results: list[RenderResult]) -> TransportTable:
-    found = transport_estimate(scene, jobs, results, 0)
-    check_visible(found.replicates)
+    estimate = transport_estimate(scene, jobs, results, 0)
+    check_visible(estimate.replicates)
     bends = np.array(list(dict.fromkeys(job.bend for job in jobs)))
     order = np.argsort(bends)
     return TransportTable(
-        T=found.T[:, :, order],
-        se=found.se[:, :, order],
+        T=estimate.T[:, :, order],
+        se=estimate.se[:, :, order],
         phi=np.array(jobs[0].phi[0]),
         exposure=1.0,
         lam=0.0,
         scene_hash=scene.hash,
         level="reference",
         bends=bends[order],
-        background=found.background[:, :, order],
-        background_se=found.background_se[:, :, order],
+        background=estimate.background[:, :, order],
+        background_se=estimate.background_se[:, :, order],
     )
 
 
 def _mean(parts: list[tuple[int, TransportTable]]) -> TransportTable:
     """Return the weighted mean; its standard errors follow from those of the parts."""
     total = sum(weight for weight, _ in parts)
-    first = parts[0][1]
 
     def mean(name: str) -> Array:
         return np.asarray(sum(weight / total * getattr(part, name) for weight, part in parts))
@@ -228,15 +222,10 @@ def _mean(parts: list[tuple[int, TransportTable]]) -> TransportTable:
         squares = sum((weight / total * getattr(part, name)) ** 2 for weight, part in parts)
         return np.asarray(np.sqrt(np.asarray(squares)))
 
-    return TransportTable(
+    return replace(
+        parts[0][1],
         T=mean("T"),
         se=error("se"),
-        phi=first.phi,
-        exposure=1.0,
-        lam=0.0,
-        scene_hash=first.scene_hash,
-        level="reference",
-        bends=first.bends,
         background=mean("background"),
         background_se=error("background_se"),
     )
@@ -255,9 +244,9 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
     folder = context.store.run / MODEL
     known = context.decided("model")
     if known is not None:
-        found = _whole(context, known["sha256"])
-        if found is not None:
-            return found
+        fitted = _whole(context, known["sha256"])
+        if fitted is not None:
+            return fitted
         context.log.note(f"{folder} is missing or damaged: the surrogate is fitted again")
         for item in folder.glob("*") if folder.is_dir() else ():
             item.unlink()
@@ -282,14 +271,14 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
     )
     digest = sha256((folder / MODEL_FILE).read_bytes())
     context.decide("model", lambda: {"sha256": digest, "seconds": time.monotonic() - began})
-    made = _whole(context, context.decided("model")["sha256"])
-    if made is None:
+    refitted = _whole(context, context.decided("model")["sha256"])
+    if refitted is None:
         raise ModelError(
             f"{folder} was fitted again to the same renders and came out different: this is "
             "another processor type or another version; start anew in another directory",
             field="model",
         )
-    return made
+    return refitted
 
 
 def _whole(context: RunContext, digest: str) -> Checker | None:

@@ -15,6 +15,8 @@ from optimize.overnight.job import REFINE_FACTOR, OvernightConfig, overnight
 from optimize.overnight.result import OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.workers import FinishedJob
+from render.arrays import Array
+from render.chebyshev import interpolation_weights
 from render.reference.job import RenderJob, RenderResult
 from render.scene.schema import Scene
 from render.transport import TransportTable, load_table
@@ -30,9 +32,17 @@ class PretendedWorkers:
     count = 1
 
     def __init__(self, table: TransportTable) -> None:
-        assert table.background is not None
-        self.now = 0.0
-        self.light = {True: table.T.mean(axis=(0, 1, 2)), False: table.background.mean((0, 1, 2))}
+        self.table, self.now = table, 0.0
+
+    def light(self, job: RenderJob) -> Array:
+        """Return what the table says of the job, ``(fiber, node, target)``."""
+        assert self.table.background is not None
+        known = self.table.T if job.indented else self.table.background
+        bend = int(np.abs(self.table.bends - job.bend).argmin())
+        at_bend = np.maximum(known[:, :, bend], 1e-3 * known.mean())
+        at_bend = at_bend.reshape(*at_bend.shape[:2], -1)
+        weights = [interpolation_weights(self.table.phi, phi) for phi in np.array(job.phi).T]
+        return np.maximum(np.einsum("nfj,fjt->fnt", np.stack(weights), at_bend), at_bend.min())
 
     def render(
         self,
@@ -41,10 +51,9 @@ class PretendedWorkers:
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
         for index, job in enumerate(jobs):
-            light = self.light[job.indented].ravel()
+            light = self.light(job)
             rng = np.random.default_rng(int(job.key[:16], 16))
-            shape = (job.replicates, len(job.phi), len(job.phi[0]), len(light))
-            noise = 1 + 0.05 * rng.standard_normal(shape)
+            noise = 1 + 0.05 * rng.standard_normal((job.replicates, *light.shape))
             seconds = 0.5 + 1e-4 * job.samples
             self.now += seconds
             tick(job.samples)
@@ -71,7 +80,7 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
         """Take the surrogate of the same sensor that is there; fitting one takes seconds."""
         shutil.copytree(tiny_night.run / "model", folder, dirs_exist_ok=True)
 
-    monkeypatch.setattr("surrogate.training.train.train", train)
+    monkeypatch.setattr("surrogate.train.train", train)
 
     def write_report(result: OvernightResult, run: Path) -> None:
         """Draw nothing, because nobody reads it, in the time that is set aside for it."""
