@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from optimize.overnight.context import REPORT_SECONDS
-from optimize.overnight.job import REFINE_FACTOR, OvernightConfig, overnight
+from optimize.overnight.job import EXTEND_FACTOR, REFINE_FACTOR, OvernightConfig, overnight
 from optimize.overnight.result import OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.workers import FinishedJob
@@ -23,7 +23,8 @@ from render.transport import TransportTable, load_table
 from tests.optimize.overnight.conftest import TinyNight
 from tests.optimize.overnight.tiny import rows
 
-SECONDS = 60.0
+SECONDS, MORE = 60.0, 1.2
+assert EXTEND_FACTOR < MORE < REFINE_FACTOR
 
 
 class PretendedWorkers:
@@ -100,7 +101,7 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
     assert night(SECONDS).finalists[0].score == first.finalists[0].score
     assert batches(run) == kept
 
-    more = night(0.5 * (1 + REFINE_FACTOR) * status_of(run).seconds)
+    more = night(MORE * status_of(run).seconds)
     for before, after in zip(first.finalists, more.finalists, strict=True):
         np.testing.assert_allclose(after.design.phi, before.design.phi)
     added = batches(run)[len(kept) :]
