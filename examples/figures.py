@@ -103,7 +103,7 @@ def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dic
     """Return the relative standard deviation of the mean intensity per luminance samples."""
     from render.integrators.film_sampler import FilmSampler
     from render.integrators.normalization import Normalization
-    from render.integrators.path_limits import PathLimits
+    from render.integrators.subpaths import PathLimits
 
     sampler = FilmSampler(lit, lit.sensors()[0], PathLimits())
     weights = np.full((sampler.bins, sampler.channels), 1.0 / (sampler.bins * sampler.channels))

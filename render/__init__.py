@@ -3,6 +3,6 @@
 
 def register_plugins() -> None:
     """Make the plugins of this package known to Mitsuba's current variant."""
-    from render.integrators.register import register
+    from render.integrators import register
 
     register()

@@ -1,4 +1,4 @@
-"""Transport cells as a sampling problem: fiber and facet are extra primary dimensions.
+"""Transport cells and pictures of lit pads as path samplers (``render.sampling.proposals``).
 
 One run fills ``T[fiber, node, target]``: primary numbers choose the site, the fiber, a pixel inside
 the mask of each of the site's targets (its facets, or the untouched pad), and everything along the
@@ -6,37 +6,43 @@ paths. The same light paths serve all direction nodes of the fiber (``render.cel
 and all facets of the site, so errors of facets of one site are correlated; those of sites are not.
 """
 
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.cells.camera_rays import pixel_rays
-from render.cells.cell_connections import joined_nodes
-from render.cells.facet_subpaths import camera_subpath
+from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
-from render.cells.guiding import FacetAim, Guide
-from render.cells.light_vertex_picks import LightPicks, light_picks
-from render.cells.lower_face_mirror import Bridge
-from render.cells.resampling import Promise
-from render.geometry import facets, fiber_poses
+from render.cells.guiding import FacetGuiding, FiberGlow
+from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
+from render.cells.lower_face_mirror import LowerFaceMirror
+from render.geometry import camera_origin, facets, fiber_poses
 from render.optics.pad_scene import pad_scene, with_min_roughness
 from render.sampling.proposals import Splat
+from render.sampling.streams import Stream
 from render.scene import Scene
 
-LIGHT_PATHS = 4
+CELL_LIGHT_PATHS, PICTURE_LIGHT_PATHS = 4, 2
+"""Light subpaths per sample of cells, and of a picture."""
 CAMERA_STORED = 10
 LIGHT_STORED = 10
-# Fibers are chosen by slots of equal probability. This share of them falls to all fibers alike, so
-# that dim ones are known as well; the rest to near ones, which make the colors.
-SLOTS, EVEN = 512, 0.4
-# Events by which the camera subpaths of one lane are apart.
+FIBER_SLOTS = 512
+"""Slots of equal probability by which fibers are chosen."""
+UNIFORM_FRACTION = 0.4
+"""Fraction of the slots that falls to all fibers alike, so that dim ones are known as well.
+
+The rest falls to near ones, which make the colors.
+"""
 CAMERA_STRIDE = 40
+"""Events by which the camera subpaths of one lane are apart."""
 
 
 @dataclass(frozen=True)
@@ -53,26 +59,72 @@ class Targets:
 
 
 def fiber_slots(site: Array, fiber: Array, lit: np.ndarray | None = None) -> np.ndarray:
-    """Return the fiber of every slot, ``(site, SLOTS)``, from positions ``(site | fiber, 3)`` mm.
+    """Return the fiber of every slot, ``(site, slot)``, from positions ``(site | fiber, 3)`` mm.
 
-    Every fiber gets slots in proportion to ``EVEN`` shares plus the inverse square of its distance.
+    Every fiber gets slots in proportion to a uniform part plus the inverse square of its distance.
     Where ``lit`` ``(site, fiber)`` is given, only its fibers get any at a site that has some.
     """
     chosen = np.ones((len(site), len(fiber)))
     if lit is not None:
         chosen = np.where(lit.any(axis=1, keepdims=True), lit, chosen)
     near = chosen / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
-    share = EVEN * chosen / chosen.sum(axis=1, keepdims=True)
-    share = share + (1.0 - EVEN) * near / near.sum(axis=1, keepdims=True)
-    middle = (np.arange(SLOTS) + 0.5) / SLOTS
-    edges = np.cumsum(share, axis=1)
+    fraction = UNIFORM_FRACTION * chosen / chosen.sum(axis=1, keepdims=True)
+    fraction = fraction + (1.0 - UNIFORM_FRACTION) * near / near.sum(axis=1, keepdims=True)
+    middle = (np.arange(FIBER_SLOTS) + 0.5) / FIBER_SLOTS
+    edges = np.cumsum(fraction, axis=1)
     return np.stack([np.searchsorted(row / row[-1], middle) for row in edges])
 
 
-class CellSampler:
-    """All cells of one pad (one bend, indented or untouched) (``render.sampling.proposals``)."""
+def pixel_rays(
+    scene: Scene, column: mi.Float, row: mi.Float, columns: int, rows: int
+) -> tuple[mi.Point3f, mi.Vector3f]:
+    """Return origins (mm) and unit directions through continuous image positions in pixels.
 
-    stored = (CAMERA_STORED, LIGHT_PATHS, LIGHT_STORED)
+    The same pinhole as that of ``render.geometry.visibility``, as Dr.Jit arrays.
+    """
+    half_height = float(np.tan(scene.camera.field_of_view / 2))
+    half_width = half_height * columns / rows
+    u = 1 - 2 * column / columns
+    v = 1 - 2 * row / rows
+    d = dr.normalize(mi.Vector3f(u * half_width, v * half_height, 1.0))
+    origin = mi.Point3f(*camera_origin(scene).tolist())
+    return origin + dr.zeros(mi.Point3f, dr.width(d)), d
+
+
+class PadSampler:
+    """What cells and pictures share: one pad (a bend, indented or untouched), lit by its fibers."""
+
+    def __init__(self, scene: Scene, phi: Array, bend: float, indented: bool) -> None:
+        """Load the pad; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad."""
+        scene = with_min_roughness(scene)
+        self.scene = scene
+        self.pad = pad_scene(scene, bend, indented)
+        self.light = FiberLight(scene, phi, bend)
+        self.glow = FiberGlow(scene, bend)
+        self.mirror = LowerFaceMirror(scene, bend)
+        self.target = CoatingTarget(scene, bend, self.mirror)
+
+    def camera_subpath(
+        self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
+        first: mi.UInt32, guiding: FacetGuiding,
+    ) -> FacetSubpath:  # fmt: skip
+        """Trace camera subpaths through positions on a film of ``size`` (columns, rows)."""
+        o, d = pixel_rays(self.scene, column, row, *size)
+        return trace_facet_subpath(self.pad, o, d, stream, first, guiding, self.mirror)
+
+    def light_vertices(
+        self, point: mi.Point3f, normal: mi.Vector3f, fiber: mi.UInt32, stream: Stream, paths: int
+    ) -> DrawnVertices:
+        """Trace light subpaths; one vertex of each is drawn for ``point`` of the coating."""
+        return trace_light_subpaths(
+            self.pad, self.target, point, normal, self.light, fiber, stream, paths
+        )
+
+
+class CellSampler(PadSampler):
+    """All cells of one pad: fiber and facet are extra primary dimensions."""
+
+    stored = (CAMERA_STORED, CELL_LIGHT_PATHS, LIGHT_STORED)
 
     def __init__(
         self,
@@ -87,13 +139,8 @@ class CellSampler:
 
         ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`); their cells stay 0.
         """
-        scene = with_min_roughness(scene)
-        self.scene = scene
-        self.pad = pad_scene(scene, bend, indented)
-        self.light = FiberLight(scene, phi, bend)
-        self.guide = Guide(scene, bend)
-        self.bridge = Bridge(scene, bend)
-        self.promise = Promise(scene, bend, self.bridge)
+        super().__init__(scene, phi, bend, indented)
+        scene = self.scene
         self.targets = targets
         self.fibers, self.channels = phi.shape
         self.sites = scene.sites.count
@@ -104,8 +151,9 @@ class CellSampler:
         self._normal = mi.Vector3f(_points(place.site_normal))
         slots = fiber_slots(place.site_position, fiber_poses(scene, bend).position, lit)
         self._fiber = mi.UInt32(slots.astype(np.uint32).ravel())
-        shares = np.stack([np.bincount(row, minlength=self.fibers)[row] for row in slots])
-        self._scale = mi.Float((self.sites * SLOTS / shares).astype(np.float32).ravel())
+        counts = np.stack([np.bincount(row, minlength=self.fibers)[row] for row in slots])
+        # 1 / probability of a site and a fiber.
+        self._scale = mi.Float((self.sites * FIBER_SLOTS / counts).astype(np.float32).ravel())
         # One more entry: a target without pixels at the end reads past the others'.
         self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
         self._offset = mi.UInt32(targets.offset.astype(np.uint32))
@@ -113,25 +161,25 @@ class CellSampler:
             self._pixel, self._offset, self._point, self._normal, self._fiber, self._scale
         )
 
-    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
-        """Return a deposit per facet of the chosen site: radiance per direction node."""
+    def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
+        """Return a splat per facet of the chosen site: radiance per direction node."""
         pick_site, pick_fiber, _, _ = camera.event(mi.UInt32(0))
         site = dr.minimum(mi.UInt32(pick_site * self.sites), self.sites - 1)
-        slot = site * SLOTS + dr.minimum(mi.UInt32(pick_fiber * SLOTS), SLOTS - 1)
+        slot = site * FIBER_SLOTS + dr.minimum(mi.UInt32(pick_fiber * FIBER_SLOTS), FIBER_SLOTS - 1)
         fiber = dr.gather(mi.UInt32, self._fiber, slot)
-        picks = light_picks(
-            self.pad, self.promise, dr.gather(mi.Point3f, self._point, site),
-            dr.gather(mi.Vector3f, self._normal, site), self.light, fiber, light, LIGHT_PATHS,
+        vertices = self.light_vertices(
+            dr.gather(mi.Point3f, self._point, site), dr.gather(mi.Vector3f, self._normal, site),
+            fiber, light, CELL_LIGHT_PATHS,
         )  # fmt: skip
         # From here on one lane per facet: all facets of a site share its light subpaths.
         lanes = dr.width(site)
-        wide: Any = dr.arange(mi.UInt32, lanes * self.faces)
+        wide = dr.arange(mi.UInt32, lanes * self.faces)
         face = wide // lanes
         lane = wide - face * lanes
-        values = self._seen(
+        values = self._radiance(
             dr.gather(mi.UInt32, site, lane) * self.faces + face,
-            dr.gather(mi.UInt32, fiber, lane), picks, lane, face, camera.spread(lane),
-            light.spread(lane),
+            dr.gather(mi.UInt32, fiber, lane), vertices, lane, face, camera.of_lanes(lane),
+            light.of_lanes(lane),
         )  # fmt: skip
         dr.eval(values)
         scale = dr.gather(mi.Float, self._scale, slot)
@@ -144,10 +192,10 @@ class CellSampler:
             for k in range(self.faces)
         ]
 
-    def _seen(
-        self, target: Any, fiber: Any, picks: LightPicks, lane: Any, face: Any, camera: Any,
-        light: Any,
-    ) -> list[Any]:  # fmt: skip
+    def _radiance(
+        self, target: mi.UInt32, fiber: mi.UInt32, vertices: DrawnVertices, lane: mi.UInt32,
+        face: mi.UInt32, camera: Stream, light: Stream,
+    ) -> list[mi.Float]:  # fmt: skip
         """Return the radiance per direction node that one camera subpath per target finds."""
         first = 1 + face * CAMERA_STRIDE
         pick_pixel, _, x, y = camera.event(first)
@@ -158,14 +206,68 @@ class CellSampler:
         film = self.scene.camera
         row = pixel // film.columns
         column = pixel - row * film.columns
-        o, d = pixel_rays(
-            self.scene, mi.Float(column) + x, mi.Float(row) + y, film.columns, film.rows
+        guiding = FacetGuiding(self.glow, fiber)
+        subpath = self.camera_subpath(
+            mi.Float(column) + x, mi.Float(row) + y, (film.columns, film.rows), camera, first + 1,
+            guiding,
+        )  # fmt: skip
+        return radiance_per_node(
+            self.pad, vertices, lane, subpath, light, face, guiding, self.mirror
         )
-        aim = FacetAim(self.guide, fiber)
-        seen = camera_subpath(self.pad, o, d, camera, first + 1, aim, self.bridge)
-        return joined_nodes(self.pad, picks, lane, seen, light, face, aim, self.bridge)
 
 
-def _points(array: Array) -> Any:
+class PictureSampler(PadSampler):
+    """All pixels of a picture of one design: bins are pixels, channels are red, green, blue."""
+
+    stored = (CAMERA_STORED, PICTURE_LIGHT_PATHS, LIGHT_STORED)
+    channels = 3
+
+    def __init__(
+        self,
+        scene: Scene,
+        phi: Array,
+        power: Array,
+        bend: float,
+        indented: bool,
+        width: int,
+        height: int,
+    ) -> None:
+        """Load the pad; ``phi`` ``(fiber,)`` rad, ``power`` ``(fiber, 3)``, ``bend`` rad."""
+        super().__init__(scene, phi[:, None], bend, indented)
+        self.width, self.height = width, height
+        self.bins = width * height
+        lit = np.nonzero(power.max(axis=1) > 0)[0]
+        self.lit = len(lit)
+        self._fiber = mi.UInt32(lit.astype(np.uint32))
+        self._power = [mi.Float(power[:, c].astype(np.float32)) for c in range(3)]
+        dr.make_opaque(self._fiber, self._power)
+
+    def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
+        """Return one splat per lane: radiance per color, over the bin's probability."""
+        x, y, pick, _ = camera.event(mi.UInt32(0))
+        chosen = dr.minimum(mi.UInt32(pick * self.lit), self.lit - 1)
+        fiber = dr.gather(mi.UInt32, self._fiber, chosen)
+        column = dr.minimum(mi.UInt32(x * self.width), self.width - 1)
+        row = dr.minimum(mi.UInt32(y * self.height), self.height - 1)
+        guiding = FacetGuiding(self.glow, fiber)
+        subpath = self.camera_subpath(
+            x * self.width, y * self.height, (self.width, self.height), camera, mi.UInt32(1),
+            guiding,
+        )  # fmt: skip
+        dr.eval(subpath)
+        coated = subpath.facet.weight > 0
+        point = dr.select(coated, subpath.facet.p, subpath.end.p)
+        normal = mi.Vector3f(dr.select(coated, subpath.facet.n, subpath.end.n))
+        vertices = self.light_vertices(point, normal, fiber, light, PICTURE_LIGHT_PATHS)
+        lane = dr.arange(mi.UInt32, dr.width(fiber))
+        value = radiance_per_node(
+            self.pad, vertices, lane, subpath, light, mi.UInt32(0), guiding, self.mirror
+        )[0]
+        scale = self.lit * self.bins
+        colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
+        return [Splat(row * self.width + column, colors)]
+
+
+def _points(array: Array) -> mi.Point3f:
     """Return ``(n, 3)`` as n points."""
     return mi.Point3f(*(mi.Float(column) for column in array.T.astype(np.float32)))

@@ -8,9 +8,11 @@ emission, and weighted per node by radiance over mixture density in ray space (p
 solid angle). A line that misses a node's disk weighs zero for that node.
 """
 
-from __future__ import annotations
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
-from typing import Any
+from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
@@ -47,15 +49,16 @@ class FiberLight:
         self.constants = mi.Float([self.radius, self.sigma_v, self.peak, self.norm])
         dr.make_opaque(self.center, self.beam, self.constants)
 
-    def _center(self, fiber: Any) -> Any:
+    def _center(self, fiber: mi.UInt32) -> mi.Point3f:
         return dr.gather(mi.Point3f, self.center, fiber)
 
-    def _beam(self, fiber: Any, node: Any) -> Any:
+    def _beam(self, fiber: mi.UInt32, node: mi.UInt32) -> mi.Vector3f:
         return dr.gather(mi.Vector3f, self.beam, fiber * self.nodes + node)
 
     def sample(
-        self, fiber: Any, pick: Any, direction: tuple[Any, Any], square: Any
-    ) -> tuple[Any, Any]:
+        self, fiber: mi.UInt32, pick: mi.Float, direction: tuple[mi.Float, mi.Float],
+        square: mi.Point2f,
+    ) -> tuple[mi.Point3f, mi.Vector3f]:  # fmt: skip
         """Return origin and direction of rays drawn from the mixture over nodes."""
         sigma_v, norm = self._constant(1), self._constant(3)
         node = dr.minimum(mi.UInt32(pick * self.nodes), self.nodes - 1)
@@ -65,7 +68,7 @@ class FiberLight:
         origin = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
         return mi.Point3f(origin), frame.to_world(local)
 
-    def weights(self, fiber: Any, o: Any, d: Any) -> list[Any]:
+    def weights(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> list[mi.Float]:
         """Return, per node, radiance over mixture density for rays ``(o, d)``."""
         radius, sigma_v, peak, norm = (self._constant(i) for i in range(4))
         radiance, mixture = [], mi.Float(0.0)
@@ -84,5 +87,5 @@ class FiberLight:
         scale = dr.select(mixture > 0, dr.rcp(mixture), 0.0)
         return [value * scale for value in radiance]
 
-    def _constant(self, index: int) -> Any:
+    def _constant(self, index: int) -> mi.Float:
         return dr.gather(mi.Float, self.constants, mi.UInt32(index))

@@ -7,10 +7,13 @@ point of the diffuser's inner face, or of its mirror image below the pad. The mi
 enters the MIS weights like any other, so a poor aim on a strongly bent pad costs time, not truth.
 """
 
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -20,14 +23,14 @@ from render.geometry import fiber_poses
 from render.paths.vertex import Vertex
 from render.scene import Scene
 
-# Share of guided directions; the rest follow the coating's BSDF.
-SHARE = 0.5
-# Scale (mm) of the logistic spread along the edge; its standard deviation is 1.8 mm.
-SPREAD = 1.0
+GUIDED_FRACTION = 0.5
+"""Probability of guided directions; the rest follow the coating's BSDF."""
+LOGISTIC_SCALE = 1.0
+"""Scale (mm) of the logistic distribution along the edge; its standard deviation is 1.8 mm."""
 
 
-class Guide:
-    """The aim points of all fibers at one bend."""
+class FiberGlow:
+    """Points where the light of each fiber leaves the diffuser, at one bend."""
 
     def __init__(self, scene: Scene, bend: float) -> None:
         """Upload the frames; ``bend`` in radians."""
@@ -40,51 +43,52 @@ class Guide:
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         dr.make_opaque(self.frames)
 
-    def _frame(self, fiber: Any) -> tuple[Any, Any, Any, Any]:
+    def _frame(self, fiber: mi.UInt32) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f, mi.Vector3f]:
         parts = [dr.gather(mi.Vector3f, self.frames, 4 * fiber + i) for i in range(4)]
         return mi.Point3f(parts[0]), parts[1], parts[2], parts[3]
 
-    def sample(self, fiber: Any, a: Any, x: Any, y: Any) -> Any:
+    def sample(self, fiber: mi.UInt32, a: mi.Point3f, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return directions from points ``a`` towards the glow of ``fiber``."""
         foot, along, _, up = self._frame(fiber)
         x = dr.clip(x, 1e-6, 1.0 - 1e-6)
-        t = SPREAD * dr.log(x / (1.0 - x))
+        t = LOGISTIC_SCALE * dr.log(x / (1.0 - x))
         aim = foot + t * along + (2.0 * y - 1.0) * self.thickness * up
         return dr.normalize(aim - a)
 
-    def density(self, fiber: Any, a: Any, direction: Any) -> Any:
+    def density(self, fiber: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
         """Return the density per solid angle with which ``sample`` finds ``direction``."""
         foot, along, inward, up = self._frame(fiber)
         cosine = -dr.dot(direction, inward)
         distance = dr.dot(a - foot, inward) / cosine
         offset = a + distance * direction - foot
         z = dr.dot(offset, up)
-        e = dr.exp(-dr.abs(dr.dot(offset, along)) / SPREAD)
-        spread = e / (SPREAD * dr.square(1.0 + e))
-        area = spread / (2.0 * self.thickness)
+        e = dr.exp(-dr.abs(dr.dot(offset, along)) / LOGISTIC_SCALE)
+        logistic = e / (LOGISTIC_SCALE * dr.square(1.0 + e))
+        area = logistic / (2.0 * self.thickness)
         hit = (cosine > 1e-4) & (distance > 0) & (dr.abs(z) <= self.thickness)
         return dr.select(hit, area * dr.square(distance) / cosine, 0.0)
 
 
 @dataclass
-class FacetAim:
-    """The guide of each lane's fiber, used at the facet vertex (see ``render.paths.walk.Aim``)."""
+class FacetGuiding:
+    """The glow of each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet."""
 
-    guide: Guide
-    fiber: Any
+    glow: FiberGlow
+    fiber: mi.UInt32
 
-    def guided(self, v: Vertex) -> Any:
+    def applies(self, v: Vertex) -> mi.Bool:
         """Return whether ``v`` is a facet: diffuse, and not the end of the subpath."""
         return v.diffuse & ~v.terminal
 
-    def chosen(self, v: Vertex, number: Any) -> Any:
+    def selected(self, v: Vertex, number: mi.Float) -> mi.Bool:
         """Return whether this number picks the guided direction."""
-        return self.guided(v) & (number < SHARE)
+        return self.applies(v) & (number < GUIDED_FRACTION)
 
-    def direction(self, v: Vertex, x: Any, y: Any) -> Any:
+    def sample(self, v: Vertex, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a direction towards the fiber's glow."""
-        return self.guide.sample(self.fiber, v.p, x, y)
+        return self.glow.sample(self.fiber, v.p, x, y)
 
-    def mixed(self, v: Vertex, direction: Any, pdf: Any) -> Any:
+    def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
-        return (1.0 - SHARE) * pdf + SHARE * self.guide.density(self.fiber, v.p, direction)
+        guided = self.glow.density(self.fiber, v.p, direction)
+        return (1.0 - GUIDED_FRACTION) * pdf + GUIDED_FRACTION * guided

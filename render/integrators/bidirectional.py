@@ -17,7 +17,7 @@ Metropolis flattens its target by a smoothed pilot image. It still costs more th
 paths are well sampled: on the slab scene of tests/validation (64 samples per pixel, 8x8 blocks,
 squared relative error x seconds) it was 0.27, 0.14 and 0.16 at ``p_large`` 0.3, 0.6 and 0.9,
 against 0.02 for a ``bdpt`` whose lanes shared nothing, and 0.013 now. Raise ``luminance_samples``
-with the samples: an eighth is a pilot, some start the chains, the rest fixes the scale
+with the samples: an eighth is a pilot, some start the chains, the rest fixes b
 (``render.integrators.normalization``).
 """
 
@@ -34,19 +34,22 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.integrators.film_sampler import FilmSampler
 from render.integrators.normalization import Normalization
-from render.integrators.path_limits import PathLimits
-from render.integrators.vertex_cache import SHARED
+from render.integrators.subpaths import PathLimits
+from render.integrators.vertex_cache import SHARED_PATHS
 from render.sampling.monte_carlo import monte_carlo_replicates
 from render.sampling.pssmlt import ChainSettings, MarkovChains
 
 CHUNK = 8
-# Lanes of one pass; every pass is traced anew.
+"""Mutations between updates of the normalization."""
 LANES = 1 << 18
-# What a sample of ``Normalization`` is worth in plain ones, or less: 10 to 20 on the slab.
-GAIN = 8.0
+"""Lanes of one pass; every pass is traced anew."""
+NORMALIZATION_GAIN = 8.0
+"""What a sample of ``Normalization`` is worth in plain ones, or less: 10 to 20 on the slab."""
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
-# Samples under the kernel that smooths the pilot, and the least level relative to the mean.
-ENOUGH, DARK = 256.0, 0.02
+KERNEL_SAMPLES = 256.0
+"""Samples under the kernel that smooths the pilot."""
+LEVEL_MIN = 0.02
+"""Least level of the smoothed pilot, relative to the mean."""
 
 
 class Bidirectional(mi.SamplingIntegrator):
@@ -66,7 +69,7 @@ class Bidirectional(mi.SamplingIntegrator):
         """Return the limits on path length, checked."""
         return PathLimits(self.max_depth, self.rr_depth)
 
-    def replicate_images(self, problem: FilmSampler, seed: int, spp: int) -> Array:
+    def replicate_images(self, sampler: FilmSampler, seed: int, spp: int) -> Array:
         """Return independent images ``(replicate, pixel, channel)``."""
         raise NotImplementedError
 
@@ -85,13 +88,13 @@ class Bidirectional(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if spp == 0:
             spp = sensor.sampler().sample_count()
-        problem = FilmSampler(scene, sensor, self.limits)
-        replicates = self.replicate_images(problem, _number(seed), spp)
+        sampler = FilmSampler(scene, sensor, self.limits)
+        replicates = self.replicate_images(sampler, _number(seed), spp)
         image = replicates.mean(axis=0)
         if self.error_bars:
             error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
             image = np.concatenate([image, error], axis=-1)
-        shape = (problem.height, problem.width, image.shape[-1])
+        shape = (sampler.height, sampler.width, image.shape[-1])
         return mi.TensorXf(image.reshape(shape).astype(np.float32))
 
     def aov_names(self) -> list[str]:
@@ -114,10 +117,10 @@ def _level(pilot: Array, samples: float) -> Array:
 
     The chains then visit all pixels alike; where it is 0 everywhere, the bootstrap says so.
     """
-    # About ENOUGH samples under the kernel, and a few pixels at least.
-    width = max(3.0, np.sqrt(ENOUGH * pilot.size / (4 * np.pi * samples)))
-    smooth = gaussian_filter(pilot, width, mode="nearest")
-    return np.asarray(np.maximum(smooth, DARK * pilot.mean()) + np.finfo(np.float32).tiny)
+    # About KERNEL_SAMPLES under the kernel, and a few pixels at least.
+    width = max(3.0, np.sqrt(KERNEL_SAMPLES * pilot.size / (4 * np.pi * samples)))
+    level = gaussian_filter(pilot, width, mode="nearest")
+    return np.asarray(np.maximum(level, LEVEL_MIN * pilot.mean()) + np.finfo(np.float32).tiny)
 
 
 class PSSMLT(Bidirectional):
@@ -130,24 +133,27 @@ class PSSMLT(Bidirectional):
         self.p_large = float(props.get("p_large", 0.6))
         self.chains = int(props.get("chains", 16384))
 
-    def replicate_images(self, problem: FilmSampler, seed: int, spp: int) -> Array:
+    def replicate_images(self, sampler: FilmSampler, seed: int, spp: int) -> Array:
         """Run the chains; the target is luminance over that of a smoothed pilot image."""
         settings = ChainSettings(
             self.chains, self.luminance_samples, self.p_large, self.replicates, seed
         )
-        if problem.emission.dark():
+        if sampler.emission.dark():
             raise RenderError(
                 "every emitter of the scene emits nothing: raise a radiance, intensity or power",
                 field="emitter",
             )
-        chains = MarkovChains(problem, settings)
-        scale = Normalization(problem, self.luminance_samples, self.chains, self.replicates, seed)
-        weights = np.array([1.0] if problem.channels == 1 else [0.2126, 0.7152, 0.0722])
-        pilot = (scale.pilot() @ weights).reshape(problem.height, problem.width)
-        flat = weights / _level(pilot, scale.for_pilot).reshape(-1, 1)
-        chains.bootstrap(flat, scale.starts)
-        chains.inform(scale.means(flat), GAIN * scale.for_scale / self.replicates)
-        chains.sample(CHUNK * max(1, round(spp * problem.bins / settings.chains / CHUNK)))
+        chains = MarkovChains(sampler, settings)
+        normalization = Normalization(
+            sampler, self.luminance_samples, self.chains, self.replicates, seed
+        )
+        weights = np.array([1.0] if sampler.channels == 1 else [0.2126, 0.7152, 0.0722])
+        pilot = (normalization.pilot() @ weights).reshape(sampler.height, sampler.width)
+        flat = weights / _level(pilot, normalization.for_pilot).reshape(-1, 1)
+        chains.bootstrap(flat, normalization.for_starts)
+        worth = NORMALIZATION_GAIN * normalization.for_estimate / self.replicates
+        chains.add_estimates(normalization.means(flat), worth)
+        chains.sample(CHUNK * max(1, round(spp * sampler.bins / settings.chains / CHUNK)))
         return chains.estimate()
 
     def to_string(self) -> str:
@@ -158,13 +164,13 @@ class PSSMLT(Bidirectional):
 class BDPT(Bidirectional):
     """The same paths by plain Monte Carlo."""
 
-    def replicate_images(self, problem: FilmSampler, seed: int, spp: int) -> Array:
+    def replicate_images(self, sampler: FilmSampler, seed: int, spp: int) -> Array:
         """Average paths; those of one replicate share their light subpaths."""
-        paths = spp * problem.bins
+        paths = spp * sampler.bins
         passes = -(-paths // LANES)
         lanes = max(-(-paths // passes), self.replicates)
         return monte_carlo_replicates(
-            problem.together(lanes, self.replicates, SHARED),
+            sampler.sharing(lanes, self.replicates, SHARED_PATHS),
             lanes=lanes, passes=passes, replicates=self.replicates, seed=seed,
         )  # fmt: skip
 

@@ -1,141 +1,178 @@
-"""Joins of camera subpaths to light subpaths of the film sampler, after both have been traced.
+"""Connections of camera subpaths to light subpaths of the film sampler, after both are traced.
 
-Light subpaths are long, joins cost ray casts, and which pair of vertices carries light is mostly
-chance. So every light subpath leaves a few vertices (``render.integrators.light_subpaths``), every
+Light subpaths are long, connections cost ray casts, and which pair of vertices carries light is
+mostly chance. So every light subpath leaves a few vertices (``render.integrators.subpaths``), every
 camera subpath looks at those of many light subpaths and at some close to it
-(``render.integrators.neighbors``), glimpses (``render.integrators.proxy_weights``) leave a few of
-them, and for each kept camera vertex one of these is drawn by its promise
-(``render.integrators.target_weights``) and stands for all: connections to a cache of light vertices
-(Davidovic et al. 2014, "Progressive light transport simulation on the GPU") that are resampled
-(Popov et al. 2015, "Probabilistic connections for bidirectional path tracing").
+(``render.integrators.vertex_cache``), proxy weights leave a few of them, and for each kept camera
+vertex one of these is drawn by its target weight and stands for all
+(``render.integrators.resampling``): connections to a cache of light vertices (Davidovic et al.
+2014, "Progressive light transport simulation on the GPU") that are resampled (Popov et al. 2015,
+"Probabilistic connections for bidirectional path tracing").
 """
 
-from __future__ import annotations
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
-from typing import Any
+from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-from render.integrators.camera_subpaths import CameraPart, Kept
-from render.integrators.light_subpaths import LightVertex, LightVertices, seen_from
-from render.integrators.mirror_connections import Mirrors, bridge, competing
-from render.integrators.neighbors import Nearby
-from render.integrators.path_limits import GLOSSY, SPARE, PathLimits
-from render.integrators.proxy_weights import Look, Seen, glimpse
-from render.integrators.reservoirs import Drawn, Glimpsed
-from render.integrators.target_weights import mirrored, promise
-from render.integrators.vertex_cache import Ensemble
-from render.paths.connect import join
-from render.paths.lane_memory import stacked, taken
+from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet, mirror_ratio
+from render.integrators.resampling import (
+    CameraProxy,
+    LightProxies,
+    ProxyReservoir,
+    Reservoir,
+    mirrored_target_weight,
+    proxy_weight,
+    target_weight,
+)
+from render.integrators.subpaths import (
+    EVENT_BLOCK,
+    CameraSubpath,
+    CameraVertex,
+    LightVertex,
+    PathLimits,
+    for_camera_passes,
+)
+from render.integrators.vertex_cache import LightVertexCache, MortonNeighbors
+from render.paths.connect import connect_vertices
 from render.sampling.streams import Stream
 
-# Light vertices that are glimpsed for each that is promised.
-GLIMPSED = 16
-# Vertices close to the main camera vertex that are glimpsed, and how many camera vertices, first
-# the main one, look at them.
-CLOSE, CLOSE_ENDS = 12, 2
+PROXY_COUNT = 16
+"""Light vertices whose proxy weights are compared for one target weight."""
+NEIGHBOR_COUNT = 12
+"""Vertices close to the main camera vertex whose proxy weights are compared."""
+NEIGHBOR_ENDS = 2
+"""Camera vertices, first the main one, that look at the close ones."""
 
 
 @dr.syntax
-def joins(
-    scene: Any, camera: CameraPart, light: LightVertices, ensemble: Ensemble, stream: Stream,
-    limits: PathLimits, mirrors: Mirrors | None, shared: bool,
-) -> Any:  # fmt: skip
+def connect_subpaths(
+    scene: mi.Scene, camera: CameraSubpath, cache: LightVertexCache, stream: Stream,
+    limits: PathLimits, mirrors: MirrorSet | None, shared: bool,
+) -> mi.Spectrum:  # fmt: skip
     """Return the light that each lane's camera subpath gets from its partners, their average.
 
-    Where partners are ``shared``, only one of every ``GLIMPSED`` of their vertices is promised to a
-    camera vertex, drawn by a glimpse of all; and vertices close to the main camera vertex are drawn
-    from the whole group instead.
+    Where partners are ``shared``, only one of every ``PROXY_COUNT`` of their vertices gets a target
+    weight for a camera vertex, drawn by the proxy weights of all; and vertices close to the main
+    camera vertex are drawn from the whole group instead.
     """
-    glimpsed = mi.UInt32(GLIMPSED if shared else 1)
-    dr.make_opaque(glimpsed)
-    most = limits.edges()
-    anchor = camera.anchor
+    # ----------------------------- Configure loop state ------------------------------
+    proxies_per_target = mi.UInt32(PROXY_COUNT if shared else 1)
+    dr.make_opaque(proxies_per_target)
+    edges_max = limits.edges()
+    mirror_end = camera.mirror_end
     ends = [camera.main, camera.later, camera.glossy]
-    looks = [Look.of(end) for end in ends]
-    drawn, over = [Drawn.none() for _ in ends], Drawn.none()
-    lane, paths, partner_of = ensemble.lane, ensemble.paths, ensemble.partner
-    lanes, slots = dr.width(lane), len(light.picks)
-    vertices, shares = stacked(light.picks, lanes), stacked(light.shares, lanes)
-    seen = Seen.of(vertices, shares)
-    nearby = Nearby(seen, ensemble, camera.main.vertex.p) if shared else None
-    last, number = paths * slots, dr.zeros(mi.UInt32, lanes)
+    looks = [CameraProxy.of(end) for end in ends]
+    drawn, mirrored = [Reservoir.empty() for _ in ends], Reservoir.empty()  # by target weights
+    paths, lanes = cache.groups.paths, dr.width(cache.groups.lane)
+    proxies = cache.proxies
+    neighbors = MortonNeighbors(proxies, cache.groups, camera.main.vertex.p) if shared else None
+    last, number = paths * cache.slots, dr.zeros(mi.UInt32, lanes)  # vertices of all partners
     while number < last:
-        numbers = stream.event(3 * SPARE + number)
-        few, sent = [Glimpsed.none(u) for u in numbers[: len(ends)]], Glimpsed.none(numbers[3])
-        until = dr.minimum(number + glimpsed, last)
+        # --------------- Proxy weights: one of a few, for each end --------------------
+        numbers = stream.event(3 * EVENT_BLOCK + number)
+        few = [ProxyReservoir.empty(u) for u in numbers[: len(ends)]]
+        few_mirrored = ProxyReservoir.empty(numbers[3])
+        until = dr.minimum(number + proxies_per_target, last)
         while number < until:
-            k = number // slots
-            place = (number - k * slots) * ensemble.lanes + partner_of(lane, k)
-            y = taken(seen, place)
-            close = mi.Bool(False) if nearby is None else nearby.holds(place)
+            index = cache.index(number)
+            y = dr.gather(LightProxies, proxies, index)
+            close = mi.Bool(False) if neighbors is None else neighbors.holds(index)
             for i in range(len(ends)):
-                fits = looks[i].there & (y.edges + looks[i].edges < most)
-                if i < CLOSE_ENDS:
+                fits = looks[i].valid & (y.edges + looks[i].edges < edges_max)
+                if i < NEIGHBOR_ENDS:
                     fits &= ~close
-                few[i] = few[i].offered(place, dr.select(fits, glimpse(y, looks[i]), 0.0))
+                weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
+                few[i] = few[i].update(index, weight)
             if mirrors is not None:
-                fits = y.smooth & (y.edges + anchor.edges + 1 < most)
-                hope = y.power / (dr.squared_norm(y.p - anchor.vertex.p) + mirrors.blur)
-                hope = dr.select(fits, hope, 0.0)
-                sent = sent.offered(place, hope)
+                fits = y.wide & (y.edges + mirror_end.edges + 1 < edges_max)
+                weight = y.power / (dr.squared_norm(y.p - mirror_end.vertex.p) + mirrors.blur)
+                few_mirrored = few_mirrored.update(index, dr.select(fits, weight, 0.0))
             number += 1
-        numbers = stream.event(4 * SPARE + number)
+        # --------------- Target weights: one of those, for each end -------------------
+        numbers = stream.event(4 * EVENT_BLOCK + number)
         for i in range(len(ends)):
-            drawn[i] = _promised(scene, vertices, shares, few[i], ends[i], drawn[i], numbers[i])
+            drawn[i] = _resampled(scene, cache, few[i], ends[i], drawn[i], numbers[i])
         if mirrors is not None:
-            share = sent.all() * dr.gather(mi.Float, shares, sent.place)
-            y = taken(vertices, sent.place, share > 0)
-            pick = stream.event(5 * SPARE + number)[0]
-            mirror, chance = mirrors.drawn(anchor.vertex.p, y.vertex.p, pick)
-            hope = mirrored(scene, mirrors, y.vertex, anchor.vertex, mirror, chance, share > 0)
-            over = over.offered(sent.place, share, share * hope, numbers[3], mirror, chance)
-    if nearby is not None:
-        numbers = stream.event(mi.UInt32(6 * SPARE))
-        few = [Glimpsed.none(u) for u in numbers[:CLOSE_ENDS]]
-        number, until = dr.zeros(mi.UInt32, lanes), mi.UInt32(CLOSE)
+            represented = few_mirrored.contribution_weight() * dr.gather(
+                mi.Float, cache.represented, few_mirrored.index
+            )
+            light = cache.vertex(few_mirrored.index, represented > 0)
+            pick = stream.event(5 * EVENT_BLOCK + number)[0]
+            mirror, probability = mirrors.select(mirror_end.vertex.p, light.vertex.p, pick)
+            weight = mirrored_target_weight(
+                scene,
+                mirrors,
+                light.vertex,
+                mirror_end.vertex,
+                mirror,
+                probability,
+                represented > 0,
+            )
+            mirrored = mirrored.update(
+                few_mirrored.index, represented, represented * weight, numbers[3], mirror,
+                probability,
+            )  # fmt: skip
+    # ------------------------ Close ones, from the whole group -----------------------
+    if neighbors is not None:
+        numbers = stream.event(mi.UInt32(6 * EVENT_BLOCK))
+        few = [ProxyReservoir.empty(u) for u in numbers[:NEIGHBOR_ENDS]]
+        number, until = dr.zeros(mi.UInt32, lanes), mi.UInt32(NEIGHBOR_COUNT)
         dr.make_opaque(until)
         while number < until:
-            y, place, stands_for = nearby.drawn(stream.event(7 * SPARE + number)[0], CLOSE)
-            for i in range(CLOSE_ENDS):
-                fits = looks[i].there & (y.edges + looks[i].edges < most) & (stands_for > 0)
-                hope = dr.select(fits, glimpse(y, looks[i]), 0.0)
-                few[i] = few[i].offered(place, hope, stands_for)
+            y, place, represented = neighbors.sample(
+                stream.event(7 * EVENT_BLOCK + number)[0], NEIGHBOR_COUNT
+            )
+            for i in range(NEIGHBOR_ENDS):
+                fits = looks[i].valid & (y.edges + looks[i].edges < edges_max) & (represented > 0)
+                weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
+                few[i] = few[i].update(place, weight, represented)
             number += 1
-        numbers = stream.event(mi.UInt32(8 * SPARE))
-        for i in range(CLOSE_ENDS):
-            few[i].place = nearby.index(few[i].place)
-            drawn[i] = _promised(scene, vertices, shares, few[i], ends[i], drawn[i], numbers[i])
-    joined: Any = mi.Spectrum(0.0)
-    for end, choice in zip(ends, drawn, strict=True):
-        share = choice.all()
-        y = taken(vertices, choice.place, share > 0)
-        joined += _join(scene, mirrors, y, end, share > 0) * share
+        numbers = stream.event(mi.UInt32(8 * EVENT_BLOCK))
+        for i in range(NEIGHBOR_ENDS):
+            few[i].index = neighbors.index(few[i].index)
+            drawn[i] = _resampled(scene, cache, few[i], ends[i], drawn[i], numbers[i])
+    # ------------------------------ Connect what was drawn ---------------------------
+    total = mi.Spectrum(0.0)
+    for end, reservoir in zip(ends, drawn, strict=True):
+        weight = reservoir.contribution_weight()
+        light = cache.vertex(reservoir.index, weight > 0)
+        total += _connect(scene, mirrors, light, end, weight > 0) * weight
     if mirrors is not None:
-        share = over.all()
-        y = taken(vertices, over.place, share > 0)
-        u, v, _, _ = stream.event(mi.UInt32(SPARE))
-        joined += bridge(
-            scene, mirrors, seen_from(y.vertex, anchor.left), anchor.vertex, over.mirror,
-            over.chance, (u, v), share > 0,
-        ) * share  # fmt: skip
-    return joined / mi.Float(paths)
+        weight = mirrored.contribution_weight()
+        light = cache.vertex(mirrored.index, weight > 0)
+        u, v, _, _ = stream.event(mi.UInt32(EVENT_BLOCK))
+        total += mirrors.connect(
+            scene, for_camera_passes(light.vertex, mirror_end.passes), mirror_end.vertex,
+            mirrored.mirror, mirrored.probability, (u, v), weight > 0,
+        ) * weight  # fmt: skip
+    return total / mi.Float(paths)
 
 
-def _promised(
-    scene: Any, vertices: LightVertex, shares: Any, few: Glimpsed, end: Kept, drawn: Drawn,
-    number: Any,
-) -> Drawn:  # fmt: skip
-    """Return ``drawn`` with the light vertex that was drawn by glimpses offered by its promise."""
-    share = few.all() * dr.gather(mi.Float, shares, few.place)
-    y = taken(vertices, few.place, share > 0)
-    hope = share * promise(scene, seen_from(y.vertex, end.left), end.vertex, share > 0)
-    return drawn.offered(few.place, share, hope, number)
+def _resampled(
+    scene: mi.Scene, cache: LightVertexCache, few: ProxyReservoir, end: CameraVertex,
+    drawn: Reservoir, number: mi.Float,
+) -> Reservoir:  # fmt: skip
+    """Return ``drawn``, updated by the light vertex of ``few`` and its target weight."""
+    represented = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.index)
+    y = for_camera_passes(cache.vertex(few.index, represented > 0).vertex, end.passes)
+    weight = represented * target_weight(scene, y, end.vertex, represented > 0)
+    return drawn.update(few.index, represented, weight, number)
 
 
-def _join(scene: Any, mirrors: Mirrors | None, y: LightVertex, end: Kept, active: Any) -> Any:
+def _connect(
+    scene: mi.Scene, mirrors: MirrorSet | None, y: LightVertex, end: CameraVertex, active: mi.Bool
+) -> mi.Spectrum:
     """Return the light of ``y`` at a kept camera vertex."""
     z = end.vertex
-    further = competing(mirrors, y.vertex, y.trail, z, end.before, end.waiting, active)
-    return join(scene, seen_from(y.vertex, end.left), z, active, extra=further, glossy=GLOSSY)
+    further = mirror_ratio(
+        mirrors, y.vertex, y.tail, z, end.previous, end.glossy_after_wide, active
+    )
+    return connect_vertices(
+        scene, for_camera_passes(y.vertex, end.passes), z, active, extra=further,
+        glossy=GLOSSY_WEIGHT,
+    )  # fmt: skip

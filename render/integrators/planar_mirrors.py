@@ -1,13 +1,15 @@
-"""Flat glossy faces of any scene, as mirrors that bridges can aim over.
+"""Flat glossy faces of any scene, as mirrors of mirror connections.
 
 Triangles of glossy meshes, rectangles and disks are gathered into planes by normal and offset.
 The largest planes are kept; a curved mesh spreads over many small ones and gives none.
 """
 
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -15,26 +17,26 @@ import numpy as np
 
 from render.arrays import Array
 
-MOST = 8
+MIRRORS_MAX = 8
 """Planes that are kept, by area."""
-# Planes below this share of the largest one, and of all glossy area, are not worth an aim.
-SMALL = 0.02
-# Normals and offsets (relative to the size of all of them) closer than this belong to one plane.
-CLOSE = 1e-4
-BINS = 16
+AREA_FRACTION_MIN = 0.02
+"""Planes below this fraction of all glossy area are not worth a connection."""
+PLANE_TOLERANCE = 1e-4
+"""Normals and offsets (relative to the size of all of them) closer than this are one plane's."""
+COSINE_BINS = 16
 """Equal steps of the cosine in which the reflectance of a face is known."""
-# Least reflectance that is told, so that no side of a face is taken to be black.
-DIM = 0.01
-# Directions and random numbers with which the roughness of a face is measured.
-PROBES = 2048
+REFLECTANCE_MIN = 0.01
+"""Least reflectance, so that no side of a face is taken to be black."""
+PROBE_COUNT = 2048
+"""Directions and random numbers with which the roughness of a face is measured."""
 
 
 @dataclass(frozen=True)
-class Mirror:
+class PlanarMirror:
     """A plane ``normal . p = offset``, the box around its faces (mm), and how it reflects.
 
     ``slope`` is the standard deviation of the microfacets' slopes per axis; ``area`` in mm^2.
-    ``reflectance`` ``(2, BINS)`` by cosine, behind the plane and on the side of its normal.
+    ``reflectance`` ``(2, COSINE_BINS)`` by cosine, behind the plane and on the side of its normal.
     """
 
     normal: Array
@@ -46,7 +48,7 @@ class Mirror:
     reflectance: Array
 
 
-def mirrors(scene: Any) -> list[Mirror]:
+def find_mirrors(scene: mi.Scene) -> list[PlanarMirror]:
     """Return the flat glossy faces of a Mitsuba scene, the largest first."""
     parts, slopes, reflectances = [], [], []
     for shape in scene.shapes():
@@ -63,14 +65,14 @@ def mirrors(scene: Any) -> list[Mirror]:
     return _planes(np.concatenate(parts), np.concatenate(slopes), np.concatenate(reflectances))
 
 
-def _is_glossy(bsdf: Any) -> bool:
+def _is_glossy(bsdf: mi.BSDF) -> bool:
     flags = bsdf.flags()
     return mi.has_flag(flags, mi.BSDFFlags.GlossyReflection) and not mi.has_flag(
         flags, mi.BSDFFlags.Diffuse
     )
 
 
-def _triangles(shape: Any) -> Array:
+def _triangles(shape: mi.Shape) -> Array:
     """Return ``(triangle, corner, xyz)`` of a shape that may be flat; none for other shapes."""
     parameters = mi.traverse(shape)
     if "vertex_positions" in parameters:
@@ -86,7 +88,7 @@ def _triangles(shape: Any) -> Array:
     return np.zeros((0, 3, 3))
 
 
-def _planes(triangles: Array, slopes: Array, reflectances: Array) -> list[Mirror]:
+def _planes(triangles: Array, slopes: Array, reflectances: Array) -> list[PlanarMirror]:
     size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     double = np.linalg.norm(cross, axis=1)
@@ -95,24 +97,24 @@ def _planes(triangles: Array, slopes: Array, reflectances: Array) -> list[Mirror
     reflectances = reflectances[solid]
     normal = cross[solid] / double[solid, None]
     # Both sides of a face are the same mirror: the first component that is not 0 is positive.
-    leading = np.argmax(np.abs(normal) > CLOSE, axis=1)
+    leading = np.argmax(np.abs(normal) > PLANE_TOLERANCE, axis=1)
     sign = np.sign(np.take_along_axis(normal, leading[:, None], axis=1))
     normal = normal * sign
     reflectances = np.where(sign[:, None] > 0, reflectances, reflectances[:, ::-1])
     offset = np.einsum("ij,ij->i", normal, triangles[:, 0])
-    left = np.ones(len(area), dtype=bool)
-    found: list[Mirror] = []
+    remaining = np.ones(len(area), dtype=bool)
+    mirrors: list[PlanarMirror] = []
     total = area.sum()
     order = np.argsort(-area, kind="stable")
-    for i in order[: 64 * MOST]:
-        if not left[i]:
+    for i in order[: 64 * MIRRORS_MAX]:
+        if not remaining[i]:
             continue
-        same = left & (normal @ normal[i] > 1 - 0.5 * CLOSE**2)
-        same &= np.abs(offset - offset[i]) < CLOSE * size
-        left &= ~same
+        same = remaining & (normal @ normal[i] > 1 - 0.5 * PLANE_TOLERANCE**2)
+        same &= np.abs(offset - offset[i]) < PLANE_TOLERANCE * size
+        remaining &= ~same
         corners = triangles[same].reshape(-1, 3)
-        found.append(
-            Mirror(
+        mirrors.append(
+            PlanarMirror(
                 normal[i],
                 float(offset[i]),
                 corners.min(axis=0),
@@ -122,16 +124,16 @@ def _planes(triangles: Array, slopes: Array, reflectances: Array) -> list[Mirror
                 np.average(reflectances[same], axis=0, weights=area[same]),
             )
         )
-    found.sort(key=lambda mirror: -mirror.area)
-    return [m for m in found[:MOST] if m.area > SMALL * total]
+    mirrors.sort(key=lambda mirror: -mirror.area)
+    return [m for m in mirrors[:MIRRORS_MAX] if m.area > AREA_FRACTION_MIN * total]
 
 
-def measured_slope(bsdf: Any) -> float:
+def measured_slope(bsdf: mi.BSDF) -> float:
     """Return the standard deviation of the slopes of a glossy face, from its own samples.
 
     From the median of what it reflects at 45 degrees, either side; 0.1 where it reflects nothing.
     """
-    side = np.where(np.arange(PROBES) % 2 == 0, 1.0, -1.0)
+    side = np.where(np.arange(PROBE_COUNT) % 2 == 0, 1.0, -1.0)
     wi, wo, weight = _probed(bsdf, 0.5**0.5 * side)
     half = wo + wi
     half /= np.linalg.norm(half, axis=0)
@@ -143,25 +145,25 @@ def measured_slope(bsdf: Any) -> float:
     return float(np.clip(np.sqrt(np.median(squared) / (2 * np.log(2))), 1e-3, 1.0))
 
 
-def measured_reflectance(bsdf: Any) -> Array:
-    """Return what share of the light a face reflects, ``(2, BINS)``, from its own samples.
+def measured_reflectance(bsdf: mi.BSDF) -> Array:
+    """Return the reflectance of a face, ``(2, COSINE_BINS)``, from its own samples.
 
-    From behind and from the side of its normal, by the cosine; at least ``DIM``.
+    From behind and from the side of its normal, by the cosine; at least ``REFLECTANCE_MIN``.
     """
-    cosine = np.repeat((np.arange(BINS) + 0.5) / BINS, PROBES // BINS)
-    table = np.empty((2, BINS))
+    cosine = np.repeat((np.arange(COSINE_BINS) + 0.5) / COSINE_BINS, PROBE_COUNT // COSINE_BINS)
+    table = np.empty((2, COSINE_BINS))
     for side, sign in enumerate((-1.0, 1.0)):
         _, wo, weight = _probed(bsdf, sign * cosine)
         reflected = np.where(wo[2] * sign > 0, weight, 0.0)
-        table[side] = reflected.reshape(BINS, -1).mean(axis=1)
-    return np.clip(table, DIM, 1.0)
+        table[side] = reflected.reshape(COSINE_BINS, -1).mean(axis=1)
+    return np.clip(table, REFLECTANCE_MIN, 1.0)
 
 
-def _probed(bsdf: Any, cosine: Array) -> tuple[Array, Array, Array]:
+def _probed(bsdf: mi.BSDF, cosine: Array) -> tuple[Array, Array, Array]:
     """Return incident and sampled directions ``(xyz, probe)`` and weights at these cosines."""
-    numbers = np.random.default_rng(1).random((3, PROBES)).astype(np.float32)
-    wi = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(PROBES), cosine])
-    si = dr.zeros(mi.SurfaceInteraction3f, PROBES)
+    numbers = np.random.default_rng(1).random((3, PROBE_COUNT)).astype(np.float32)
+    wi = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(PROBE_COUNT), cosine])
+    si = dr.zeros(mi.SurfaceInteraction3f, PROBE_COUNT)
     si.wi = mi.Vector3f(wi.astype(np.float32))
     si.n, si.sh_frame = mi.Normal3f(0, 0, 1), mi.Frame3f(mi.Vector3f(0, 0, 1))
     sample, weight = bsdf.sample(

@@ -1,7 +1,22 @@
-"""Lanes of the film sampler that are sampled together: strata, and shared light subpaths."""
+"""The light vertex cache of the film sampler: who shares light vertices, and which lie near.
+
+Connections to a cache of light vertices (Davidovic et al. 2014, "Progressive light transport
+simulation on the GPU"). Lanes form groups that stay independent; within a group each camera subpath
+looks at the vertices of many light subpaths, and at some close to it.
+
+Of light vertices that are drawn evenly, few lie where light is rare, and there the nearest ones
+matter. So those near the camera vertex's own place in Morton order are drawn separately: a place
+``r`` away with a probability nearly proportional to ``1 / (r + NEIGHBOR_SCALE)``, so that all
+scales are drawn alike often, whatever the size of the scene.
+"""
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
 from typing import Any
 
 import drjit as dr
@@ -9,16 +24,25 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
+from render.integrators.resampling import LightProxies
+from render.integrators.subpaths import LightVertex, LightVertices
+from render.sampling.streams import Numbers
 
-# Light subpaths that each camera subpath of plain Monte Carlo is joined to.
-SHARED = 48
+SHARED_PATHS = 48
+"""Light subpaths that each camera subpath of plain Monte Carlo is connected to."""
+NEIGHBOR_WINDOW = 512
+"""Places before and behind the camera vertex's own that are near it."""
+NEIGHBOR_SCALE = 4.0
+"""How many of them are about as likely as the very nearest one."""
+MORTON_BITS = 16
+"""Bits per axis of a place on the curve; the rest of a key is the group."""
 
 
-class Ensemble:
+class LaneGroups:
     """Groups of lanes, those of equal number modulo ``groups``, which stay independent.
 
-    Within a group film positions are stratified, and each camera subpath is joined to ``paths`` of
-    the group's light subpaths.
+    Within a group film positions are stratified, and each camera subpath is connected to ``paths``
+    of the group's light subpaths.
     """
 
     def __init__(self, lanes: int, groups: int, paths: int, density: Array | None = None) -> None:
@@ -30,15 +54,15 @@ class Ensemble:
         self.lanes, self.groups, self.paths = (mi.UInt32(n) for n in (lanes, groups, paths))
         dr.make_opaque(self.lanes, self.groups, self.paths)
         self.count = groups
-        self.lane: Any = dr.arange(mi.UInt32, lanes)
-        self.edges: Any = None
+        self.lane = dr.arange(mi.UInt32, lanes)
+        self.edges: mi.Float | None = None
         self.cells = (0, 0) if density is None else density.shape
         if density is not None:
             edges = np.append(0.0, np.cumsum(density / density.sum()))
             edges[-1] = 1.0
             self.edges = mi.Float(edges.astype(np.float32))
 
-    def placed(self, numbers: Any, height: int) -> tuple[Any, Any]:
+    def film_positions(self, numbers: Numbers, height: int) -> tuple[mi.Point2f, mi.Float]:
         """Return film positions in [0, 1)^2, and 1 / their density, for three uniform numbers.
 
         ``height`` is the number of pixel rows, along which strata of a uniform density run.
@@ -52,20 +76,19 @@ class Ensemble:
             part = (mi.Float(place * height - before * members) + x * height) / mi.Float(members)
             row = dr.floor(part)
             return mi.Point2f(part - row, (mi.Float(before) + row + y) / height), mi.Float(1.0)
+        edges = self.edges
         rows, columns = self.cells
         at = dr.minimum((mi.Float(place) + x) / mi.Float(members), 1.0 - 2.0**-24)
-        search: Any = dr.binary_search
-        cell = search(
-            0, rows * columns - 1,
-            lambda i: dr.gather(mi.Float, self.edges, mi.UInt32(i) + 1) <= at,
-        )  # fmt: skip
-        share = dr.gather(mi.Float, self.edges, cell + 1) - dr.gather(mi.Float, self.edges, cell)
+        cell = dr.binary_search(
+            0, rows * columns - 1, lambda i: dr.gather(mi.Float, edges, mi.UInt32(i) + 1) <= at
+        )
+        probability = dr.gather(mi.Float, edges, cell + 1) - dr.gather(mi.Float, edges, cell)
         row = cell // columns
         column = mi.Float(cell - row * columns)
         position = mi.Point2f((column + z) / columns, (mi.Float(row) + y) / rows)
-        return position, 1.0 / (share * (rows * columns))
+        return position, 1.0 / (probability * (rows * columns))
 
-    def partner(self, lane: Any, k: Any) -> Any:
+    def partner(self, lane: mi.UInt32, k: mi.UInt32) -> mi.UInt32:
         """Return the lane whose light subpath is the ``k``-th partner of ``lane``; itself first.
 
         Partners are as far apart as can be, so that errors of pixels close by differ.
@@ -75,6 +98,125 @@ class Ensemble:
         place = (lane // self.groups + k * step) % members
         return place * self.groups + lane % self.groups
 
-    def members(self, lane: Any) -> Any:
+    def members(self, lane: mi.UInt32) -> mi.UInt32:
         """Return how many lanes the group of ``lane`` has."""
         return (self.lanes - lane % self.groups + self.groups - 1) // self.groups
+
+
+class LightVertexCache:
+    """All kept light vertices: one slot of all lanes after the other."""
+
+    def __init__(self, light: LightVertices, groups: LaneGroups) -> None:
+        """Gather the vertices that each lane's light subpath left."""
+        lanes = dr.width(groups.lane)
+        self.groups, self.slots = groups, len(light.kept)
+        self.vertices: LightVertex = _stacked(light.kept, lanes)
+        self.represented: mi.Float = _stacked(light.represented, lanes)
+        self.proxies = LightProxies.of(self.vertices, self.represented)
+
+    def index(self, number: mi.UInt32) -> mi.UInt32:
+        """Return where the ``number``-th vertex of each lane's partners is."""
+        k = number // self.slots
+        lane = self.groups.partner(self.groups.lane, k)
+        return (number - k * self.slots) * self.groups.lanes + lane
+
+    def vertex(self, index: mi.UInt32, active: mi.Bool) -> LightVertex:
+        """Return the vertices at ``index``."""
+        return dr.gather(LightVertex, self.vertices, index, active)
+
+
+def _stacked(trees: list[Any], lanes: int) -> Any:
+    """Return evaluated dataclass trees of ``lanes`` entries each, one after the other."""
+    kind: Any = type(trees[0])
+    if is_dataclass(trees[0]):
+        return kind(**{k: _stacked([getattr(t, k) for t in trees], lanes) for k in vars(trees[0])})
+    if hasattr(kind, "DRJIT_STRUCT"):
+        whole = kind()
+        for name in kind.DRJIT_STRUCT:
+            setattr(whole, name, _stacked([getattr(t, name) for t in trees], lanes))
+        return whole
+    if dr.depth_v(kind) > 1:
+        return kind(*(_stacked(list(parts), lanes) for parts in zip(*trees, strict=True)))
+    # What is the same in all lanes may be there only once.
+    return dr.concat([t if dr.width(t) == lanes else dr.repeat(t, lanes) for t in trees])
+
+
+class MortonNeighbors:
+    """The light vertices of each group in Morton order, around a point per lane."""
+
+    def __init__(self, proxies: LightProxies, groups: LaneGroups, p: mi.Point3f) -> None:
+        """Order the vertices ``proxies`` and find the places of the points ``p``."""
+        lanes = dr.width(groups.lane)
+        lit = proxies.power > 0
+        there = np.array(lit)
+        number = np.arange(len(there), dtype=np.uint64)
+        group = number % np.uint64(lanes) % np.uint64(groups.count)
+        low = np.array([dr.min(dr.select(lit, c, dr.inf))[0] for c in proxies.p])
+        high = np.array([dr.max(dr.select(lit, c, -dr.inf))[0] for c in proxies.p])
+        size = (high - low).max()
+        self.low = mi.Point3f(low if there.any() else 0.0)
+        self.scale = mi.Float((1 << MORTON_BITS) / size if size > 0 else 1.0)
+        dr.make_opaque(self.low, self.scale)
+        keys = np.array(self._keys(proxies.p, mi.UInt64(group)))
+        # Vertices without light come behind all groups.
+        starts = np.arange(groups.count + 1, dtype=np.uint64) << np.uint64(3 * MORTON_BITS)
+        keys[~there] = starts[-1]
+        order = np.argsort(keys).astype(np.uint32)
+        keys = keys[order]
+        rank = np.empty(len(order), dtype=np.int32)
+        rank[order] = np.arange(len(order), dtype=np.int32)
+        self.order, self.rank, sorted_keys = mi.UInt32(order), mi.Int32(rank), mi.UInt64(keys)
+        self.proxies = dr.gather(LightProxies, proxies, self.order)
+        mine = groups.lane % groups.groups
+        limits = mi.Int32(np.searchsorted(keys, starts).astype(np.int32))
+        self.first, self.last = (
+            dr.gather(mi.Int32, limits, mine),
+            dr.gather(mi.Int32, limits, mine + 1),
+        )
+        key = self._keys(p, mi.UInt64(mine))
+        self.place = mi.Int32(
+            dr.binary_search(0, len(keys), lambda i: dr.gather(mi.UInt64, sorted_keys, i) < key)
+        )
+        # Light subpaths of the group for each that a camera subpath looks at.
+        self.ratio = mi.Float(groups.members(groups.lane)) / mi.Float(groups.paths)
+        dr.eval(self.proxies, self.first, self.last, self.place, self.ratio)
+
+    def _keys(self, p: mi.Point3f, group: mi.UInt64) -> mi.UInt64:
+        scaled = dr.clip((p - self.low) * self.scale, 0.0, float((1 << MORTON_BITS) - 1))
+        key = group << (3 * MORTON_BITS)
+        for axis in range(3):
+            key |= _interleaved(mi.UInt64(scaled[axis])) << axis
+        return key
+
+    def sample(self, number: mi.Float, count: int) -> tuple[LightProxies, mi.Int32, mi.Float]:
+        """Return a vertex near each lane's point, one of ``count``, and its place in the order.
+
+        The last result is how many of the vertices that ``holds`` leaves out it represents, 0 where
+        there is none.
+        """
+        signed = 2.0 * number - 1.0
+        log_range = np.log1p(NEIGHBOR_WINDOW / NEIGHBOR_SCALE)
+        offset = mi.Int32(NEIGHBOR_SCALE * (dr.exp(dr.abs(signed) * log_range) - 1.0))
+        place = self.place + dr.select(signed < 0, -offset, offset)
+        valid = (place >= self.first) & (place < self.last) & (offset < NEIGHBOR_WINDOW)
+        probability = dr.log(1.0 + dr.rcp(mi.Float(offset) + NEIGHBOR_SCALE)) / log_range
+        probability = dr.select(offset > 0, 0.5 * probability, probability)
+        represented = dr.select(valid, dr.rcp(self.ratio * probability * count), 0.0)
+        return dr.gather(LightProxies, self.proxies, mi.UInt32(place), valid), place, represented
+
+    def holds(self, index: mi.UInt32) -> mi.Bool:
+        """Return whether ``sample`` can find the vertex with that ``index``."""
+        return dr.abs(dr.gather(mi.Int32, self.rank, index) - self.place) < NEIGHBOR_WINDOW
+
+    def index(self, place: mi.Int32) -> mi.UInt32:
+        """Return the index of the vertex at ``place``."""
+        return dr.gather(mi.UInt32, self.order, mi.UInt32(place))
+
+
+def _interleaved(x: mi.UInt64) -> mi.UInt64:
+    """Return ``x`` of 16 bits with two zero bits between any two."""
+    for shift, mask in (
+        (16, 0x0000FF0000FF), (8, 0x00F00F00F00F), (4, 0x0C30C30C30C3), (2, 0x249249249249)
+    ):  # fmt: skip
+        x = (x | (x << shift)) & mi.UInt64(mask)
+    return x

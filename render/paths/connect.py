@@ -1,11 +1,16 @@
-"""Connecting path vertices: ray casts and optical depths through null boundaries, and joins.
+"""Connecting path vertices: ray casts and optical depths through null boundaries, and connections.
 
-Only the choice of vertices is random here; nothing is scattered on the way between them.
+Only the choice of vertices is random here; nothing is scattered on the way between them. Equation
+numbers are those of Georgiev 2012, "Implementing vertex connection and merging".
 """
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import drjit as dr
 import mitsuba as mi
@@ -13,28 +18,29 @@ import mitsuba as mi
 from render.paths.vertex import (
     Vertex,
     area_factor,
-    choose,
     empty_vertex,
+    evaluate_scattering,
     extinction,
+    has_wide_lobe,
     is_null,
-    is_smooth,
     leave,
-    scatter,
 )
-from render.paths.walk import Aim, intersect
+from render.paths.walk import GuidingDistribution, intersect
 
 
 @dr.syntax
-def cast(scene: Any, a: Vertex, direction: Any, active: Any) -> tuple[Vertex, Any, Any]:
+def trace_to_surface(
+    scene: mi.Scene, a: Vertex, direction: mi.Vector3f, active: mi.Bool
+) -> tuple[Vertex, mi.Spectrum, mi.Bool]:
     """Return the first real surface from ``a`` in ``direction`` and the optical depth to it.
 
     The third value says whether there is one. Nothing is scattered on the way.
     """
-    origin, medium = leave(a, direction)
-    depth = mi.Spectrum(0.0)
-    found = empty_vertex()
-    hit = mi.Bool(False)
-    going = mi.Bool(active)
+    origin, medium = leave(a, direction)  # where the ray goes on, and through what
+    depth = mi.Spectrum(0.0)  # optical depth so far
+    surface = empty_vertex()  # the vertex where the ray arrived
+    hit = mi.Bool(False)  # whether it has
+    going = mi.Bool(active)  # lanes whose ray is under way
     while going:
         si = intersect(scene, mi.Ray3f(origin, direction), going)
         sigma_t = extinction(medium, going)[1]
@@ -44,35 +50,37 @@ def cast(scene: Any, a: Vertex, direction: Any, active: Any) -> tuple[Vertex, An
         arrived = valid & ~crossing
         flags = si.bsdf().flags()
         here = Vertex(
-            p=si.p, n=si.n, frame=si.sh_frame, wi=-direction, uv=si.uv, bsdf=si.bsdf(),
+            p=si.p, n=si.n, frame=si.sh_frame, wi=mi.Vector3f(-direction), uv=si.uv, bsdf=si.bsdf(),
             shape=si.shape, medium=medium, phase=dr.zeros(mi.PhaseFunctionPtr),
             volume=mi.Bool(False), diffuse=mi.has_flag(flags, mi.BSDFFlags.Diffuse),
             delta=~mi.has_flag(flags, mi.BSDFFlags.Smooth), terminal=mi.Bool(False),
-            beta=mi.Spectrum(0), vcm=mi.Float(0), vc=mi.Float(0), weight=mi.Float(1),
+            beta=mi.Spectrum(0), d_vcm=mi.Float(0), d_vc=mi.Float(0), weight=mi.Float(1),
         )  # fmt: skip
-        found = choose(arrived, here, found)
+        surface = dr.select(arrived, here, surface)
         hit |= arrived
         origin = dr.select(crossing, si.spawn_ray(direction).o, origin)
         medium = dr.select(
             crossing & si.is_medium_transition(), si.target_medium(direction), medium
         )
         going = crossing
-    return found, depth, hit
+    return surface, depth, hit
 
 
 @dr.syntax
-def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, Any]:
+def optical_depth(
+    scene: mi.Scene, a: Vertex, b: Vertex, active: mi.Bool
+) -> tuple[mi.Spectrum, mi.Bool]:
     """Return the optical depth per channel between two vertices and whether they see each other."""
     between = b.p - a.p
-    origin, medium = leave(a, between)
+    origin, medium = leave(a, between)  # where the ray goes on, and through what
     # Both ends are off their surfaces: a ray that is shorter, or parallel to the line between the
     # vertices instead, misses walls close to them.
     span = leave(b, -between)[0] - origin
-    remaining = dr.norm(span)
+    remaining = dr.norm(span)  # distance to b
     direction = span / dr.maximum(remaining, 1e-30)
-    depth = mi.Spectrum(0.0)
-    clear = mi.Bool(active)
-    going = mi.Bool(active)
+    depth = mi.Spectrum(0.0)  # optical depth so far
+    clear = mi.Bool(active)  # whether no real surface was in the way so far
+    going = mi.Bool(active)  # lanes whose ray is under way
     while going:
         si = intersect(scene, mi.Ray3f(mi.Ray3f(origin, direction), remaining), going)
         t = dr.minimum(si.t, remaining)
@@ -92,60 +100,127 @@ def optical_depth(scene: Any, a: Vertex, b: Vertex, active: Any) -> tuple[Any, A
     return depth, clear
 
 
-def join(
-    scene: Any,
+def connect_vertices(
+    scene: mi.Scene,
     y: Vertex,
     z: Vertex,
-    active: Any,
-    aim: Aim | None = None,
-    extra: Any = 0.0,
-    bridged: Any = 0.0,
+    active: mi.Bool,
+    guiding: GuidingDistribution | None = None,
+    extra: mi.Float | float = 0.0,
+    mirrored: mi.Float | float = 0.0,
     glossy: float = 1.0,
-) -> Any:
-    """Return the MIS-weighted contribution of joining light vertex ``y`` to camera vertex ``z``.
+) -> mi.Spectrum:
+    """Return the MIS-weighted contribution of connecting light vertex ``y`` to camera vertex ``z``.
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
-    ``extra`` is the density ratio of a further strategy to this one; ``bridged`` that of a
-    further strategy to the camera subpath that ends before ``z``. ``glossy`` is what a join counts
+    ``extra`` is the density ratio of a further strategy to this one; ``mirrored`` that of mirror
+    connections to the camera subpath that ends before ``z``. ``glossy`` is what a connection counts
     between a glossy ``z`` and a ``y`` in a volume or on a diffuse surface.
     """
     active = active & (y.weight > 0) & (z.weight > 0)
     depth, clear = optical_depth(scene, y, z, active)
-    joined = joined_through(y, z, dr.exp(-depth), active & clear, aim, extra, bridged, glossy)
-    return joined * y.weight * z.weight
+    light = connection_contribution(
+        y, z, dr.exp(-depth), active & clear, guiding, extra, mirrored, glossy
+    )
+    return light * y.weight * z.weight
 
 
-def joined_through(
+def connection_contribution(
     y: Vertex,
     z: Vertex,
-    transmittance: Any,
-    active: Any,
-    aim: Aim | None = None,
-    extra: Any = 0.0,
-    bridged: Any = 0.0,
+    transmittance: mi.Spectrum,
+    active: mi.Bool,
+    guiding: GuidingDistribution | None = None,
+    extra: mi.Float | float = 0.0,
+    mirrored: mi.Float | float = 0.0,
     glossy: float = 1.0,
-) -> Any:
-    """Return what ``join`` does for a known transmittance between the vertices."""
+) -> mi.Spectrum:
+    """Return what ``connect_vertices`` does for a known transmittance between the vertices."""
     span = z.p - y.p
     distance_squared = dr.squared_norm(span)
     w = span * dr.rsqrt(distance_squared)
     active = active & (distance_squared > 0)
-    f_y, p_y, r_y = scatter(y, w, mi.TransportMode.Importance, active)
-    f_z, p_z, r_z = scatter(z, -w, mi.TransportMode.Radiance, active)
-    if aim is not None:
-        p_z = dr.select(aim.guided(z), aim.mixed(z, -w, p_z), p_z)
+    f_y, p_y, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
+    f_z, p_z, r_z = evaluate_scattering(z, -w, mi.TransportMode.Radiance, active)
+    if guiding is not None:
+        p_z = dr.select(guiding.applies(z), guiding.mixture_pdf(z, -w, p_z), p_z)
     value = y.beta * f_y * f_z * z.beta / distance_squared
-    _, sigma_y = extinction(y.medium, active & y.volume)
-    _, sigma_z = extinction(z.medium, active & z.volume)
-    mean_t = dr.mean(transmittance)
-    reach_y = dr.select(y.volume, dr.mean(sigma_y * transmittance), mean_t)
-    reach_z = dr.select(z.volume, dr.mean(sigma_z * transmittance), mean_t)
-    camera_density = p_z * area_factor(y, w) * reach_y / distance_squared
-    light_density = p_y * area_factor(z, w) * reach_z / distance_squared
+    arrival_y = arrival_density(y, transmittance, active)
+    arrival_z = arrival_density(z, transmittance, active)
+    camera_density = p_z * area_factor(y, w) * arrival_y / distance_squared
+    light_density = p_y * area_factor(z, w) * arrival_z / distance_squared
     r_y = dr.select(y.terminal, 0.0, r_y)
-    light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.vcm + y.vc * r_y))
-    camera_ratio = light_density * (z.vcm + z.vc * r_z)
-    further = extra + light_density * z.vcm * bridged
-    fair = dr.select(is_smooth(y) & ~is_smooth(z), glossy, 1.0)
-    mis = fair / (fair + light_ratio + camera_ratio + further)
+    # Eqs. 40 and 41, the strategies before y and those behind z.
+    light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.d_vcm + y.d_vc * r_y))
+    camera_ratio = light_density * (z.d_vcm + z.d_vc * r_z)
+    further = extra + light_density * z.d_vcm * mirrored
+    # Eq. 37, with a weight for this strategy.
+    strategy = dr.select(has_wide_lobe(y) & ~has_wide_lobe(z), glossy, 1.0)
+    mis = strategy / (strategy + light_ratio + camera_ratio + further)
     return dr.select(active, value * transmittance * mis, 0.0)
+
+
+def arrival_density(v: Vertex, transmittance: mi.Spectrum, active: mi.Bool) -> mi.Float:
+    """Return the density, mean over channels, with which free paths of a transmittance reach ``v``.
+
+    Per length (1/mm) in a volume, a probability at a surface.
+    """
+    _, sigma_t = extinction(v.medium, active & v.volume)
+    return dr.select(v.volume, dr.mean(sigma_t * transmittance), dr.mean(transmittance))
+
+
+def mirror_connection(
+    scene: mi.Scene,
+    y: Vertex,
+    a: Vertex,
+    direction: mi.Vector3f,
+    density: mi.Float,
+    active: mi.Bool,
+    in_mirror: Callable[[Vertex], mi.Bool] | None = None,
+    guiding: GuidingDistribution | None = None,
+    glossy: float = 1.0,
+) -> mi.Spectrum:
+    """Return the MIS-weighted light that camera vertex ``a`` gets from ``y`` over a glossy face.
+
+    The ``direction`` from ``a`` was drawn with ``density`` per solid angle, about the mirror image
+    of ``y``, and finds the vertex ``b`` on the face by itself; a further strategy of the balance
+    heuristic (Veach 1997, sec. 9.2) for the paths
+
+        ... - y (volume or diffuse) - b (glossy) - a (volume or diffuse) - ...
+
+    ``in_mirror`` says whether ``b`` lies where the direction was meant to go; ``glossy`` is what
+    connections of ``b`` to ``y`` count. Strategies that find ``b`` from either side compete.
+    """
+    active = active & (y.weight > 0) & (a.weight > 0) & (density > 0)
+    f_a, p_a, r_a = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
+    if guiding is not None:
+        p_a = guiding.mixture_pdf(a, direction, p_a)
+    active = active & (dr.max(f_a) > 0)
+    b, depth_ab, hit = trace_to_surface(scene, a, direction, active)
+    active = hit & ~b.diffuse & ~b.delta
+    if in_mirror is not None:
+        active = active & in_mirror(b)
+    span = b.p - y.p
+    squared = dr.squared_norm(span)
+    w = span * dr.rsqrt(squared)
+    f_y, p_y, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
+    f_b, p_b, r_b = evaluate_scattering(b, -w, mi.TransportMode.Radiance, active)
+    value = y.beta * f_y * f_b * f_a * a.beta / (squared * density)
+    active = active & (dr.max(value) > 0) & (squared > 0)
+    depth_by, clear = optical_depth(scene, y, b, active)
+    t_ab, t_by = dr.exp(-depth_ab), dr.exp(-depth_by)
+    distance_squared = dr.squared_norm(b.p - a.p)
+    # The camera finds b from a; then light is connected to b, or the camera goes on to y (eq. 40).
+    camera_b = dr.select(a.terminal, 0.0, p_a * dr.mean(t_ab) / density)
+    arrival_y = arrival_density(y, t_by, active)
+    r_y = dr.select(y.terminal, 0.0, r_y)
+    camera_y = p_b * area_factor(y, w) * arrival_y / squared * (y.d_vcm + y.d_vc * r_y)
+    # Light finds b from y; then it is connected to a, or goes on to a (eq. 41).
+    density_b = density * area_factor(b, direction) / distance_squared
+    light_b = p_y * area_factor(b, w) * dr.mean(t_by) / squared / density_b
+    arrival_a = arrival_density(a, t_ab, active)
+    light_a = r_b * area_factor(a, direction) * arrival_a / distance_squared
+    light_a *= a.d_vcm + a.d_vc * r_a
+    # Eq. 37.
+    mis = 1.0 / (1.0 + camera_b * (glossy + camera_y) + light_b * (1.0 + light_a))
+    return dr.select(clear & active, value * t_ab * t_by * mis * y.weight * a.weight, 0.0)

@@ -5,16 +5,21 @@ own (Lafortune and Willems 1996). A surface vertex evaluates its BSDF times the 
 outgoing direction; a volume vertex its phase function. Densities are per solid angle.
 """
 
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
-# MIS quantities are ratios of densities; beyond this they only mean "this strategy never".
 RATIO_MAX = 1e30
+"""MIS quantities are ratios of densities; beyond this they only mean "this strategy never"."""
+VOLUME_PASSES = 2
+"""Volume vertices that camera subpaths pass, at most, before they are absorbed at the next one."""
 
 
 @dataclass
@@ -23,38 +28,39 @@ class Vertex:
 
     ``wi`` points back to the predecessor (world), ``n`` is the geometric normal, ``medium`` the
     medium through which the path arrived. ``beta`` is the throughput up to and including the
-    arrival. ``vcm`` and ``vc`` are the recursive MIS sums of Georgiev 2012 (without merging).
-    ``weight`` is 1 / probability that this vertex was kept; 0 where there is none.
+    arrival. ``d_vcm`` and ``d_vc`` are the recursive MIS sums of Georgiev 2012 ("Implementing
+    vertex connection and merging", eqs. 31 to 39, without merging). ``weight`` is 1 / probability
+    that this vertex was kept; 0 where there is none.
     """
 
-    p: Any
-    n: Any
-    frame: Any
-    wi: Any
-    uv: Any
-    bsdf: Any
-    shape: Any
-    medium: Any
-    phase: Any
-    volume: Any
-    diffuse: Any
-    delta: Any
-    terminal: Any
-    beta: Any
-    vcm: Any
-    vc: Any
-    weight: Any
+    p: mi.Point3f
+    n: mi.Normal3f
+    frame: mi.Frame3f
+    wi: mi.Vector3f
+    uv: mi.Point2f
+    bsdf: mi.BSDFPtr
+    shape: mi.ShapePtr
+    medium: mi.MediumPtr
+    phase: mi.PhaseFunctionPtr
+    volume: mi.Bool
+    diffuse: mi.Bool
+    delta: mi.Bool
+    terminal: mi.Bool
+    beta: mi.Spectrum
+    d_vcm: mi.Float
+    d_vc: mi.Float
+    weight: mi.Float
 
 
 @dataclass
-class OpenVertex(Vertex):
+class PassableVertex(Vertex):
     """A light vertex whose sums also come for camera subpaths that pass volumes.
 
-    ``vc`` is for those that pass none, ``vc_open[i]`` for those that pass up to ``i + 1`` vertices
-    in volumes, the vertices on this side of it (see ``left_after``).
+    ``d_vc`` is for those that pass none, ``d_vc_passing[i]`` for those that pass up to ``i + 1``
+    vertices in volumes, the vertices on this side of it (see ``passes_behind``).
     """
 
-    vc_open: Any
+    d_vc_passing: mi.Vector2f
 
 
 def empty_vertex() -> Vertex:
@@ -74,51 +80,35 @@ def empty_vertex() -> Vertex:
         delta=mi.Bool(False),
         terminal=mi.Bool(False),
         beta=mi.Spectrum(0.0),
-        vcm=mi.Float(0.0),
-        vc=mi.Float(0.0),
+        d_vcm=mi.Float(0.0),
+        d_vc=mi.Float(0.0),
         weight=mi.Float(0.0),
     )
 
 
-PASSES = 2
-"""Volume vertices that camera subpaths pass, at most, before they are absorbed at the next one.
-
-``OpenVertex.vc_open``, a ``Vector2f``, has a sum for each.
-"""
-
-
-def left_after(v: Vertex, left: Any) -> Any:
-    """Return how many volume vertices a camera subpath may still pass behind ``v``.
-
-    ``left`` is their number before it. Behind a diffuse surface it is none.
-    """
-    fewer = dr.maximum(left, 1) - 1
-    return dr.select(v.diffuse, 0, dr.select(v.volume, fewer, left))
-
-
-def vc_of(v: OpenVertex, left: Any) -> Any:
-    """Return the sum of ``v`` for camera subpaths that pass ``left`` volume vertices behind it."""
-    vc = v.vc
-    for i in range(PASSES):
-        vc = dr.select(left == i + 1, v.vc_open[i], vc)
-    return vc
-
-
-_V = TypeVar("_V", bound="Vertex")
-
-
-def choose(condition: Any, a: _V, b: _V) -> _V:
-    """Return ``a`` where ``condition`` holds, else ``b``."""
-    chosen = {k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(b)}
-    return type(b)(**chosen)
-
-
-def is_smooth(v: Vertex) -> Any:
+def has_wide_lobe(v: Vertex) -> mi.Bool:
     """Return whether ``v`` scatters widely: in a volume, or at a diffuse surface."""
     return v.volume | v.diffuse
 
 
-def surface_interaction(v: Vertex) -> Any:
+def passes_behind(v: Vertex, passes: mi.UInt32) -> mi.UInt32:
+    """Return how many volume vertices a camera subpath may still pass behind ``v``.
+
+    ``passes`` is their number before it. Behind a diffuse surface it is none.
+    """
+    fewer = dr.maximum(passes, 1) - 1
+    return dr.select(v.diffuse, 0, dr.select(v.volume, fewer, passes))
+
+
+def d_vc_for(v: PassableVertex, passes: mi.UInt32) -> mi.Float:
+    """Return ``d_vc`` of ``v`` for camera subpaths that pass so many volume vertices behind it."""
+    d_vc = v.d_vc
+    for i in range(VOLUME_PASSES):
+        d_vc = dr.select(passes == i + 1, v.d_vc_passing[i], d_vc)
+    return d_vc
+
+
+def surface_interaction(v: Vertex) -> mi.SurfaceInteraction3f:
     """Return the Mitsuba surface interaction that ``v`` stands for."""
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.p, si.n, si.sh_frame, si.uv, si.shape = v.p, v.n, v.frame, v.uv, v.shape
@@ -126,7 +116,7 @@ def surface_interaction(v: Vertex) -> Any:
     return si
 
 
-def medium_interaction(v: Vertex) -> Any:
+def medium_interaction(v: Vertex) -> mi.MediumInteraction3f:
     """Return the Mitsuba medium interaction that ``v`` stands for."""
     mei = dr.zeros(mi.MediumInteraction3f)
     mei.p, mei.wi, mei.medium = v.p, v.wi, v.medium
@@ -134,12 +124,14 @@ def medium_interaction(v: Vertex) -> Any:
     return mei
 
 
-def scatter(v: Vertex, wo: Any, mode: Any, active: Any) -> tuple[Any, Any, Any]:
+def evaluate_scattering(
+    v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode, active: mi.Bool
+) -> tuple[mi.Spectrum, mi.Float, mi.Float]:
     """Return value, density of ``wo`` and density of the reverse, at ``v`` for a given ``wo``.
 
-    ``wo`` is a world direction away from the vertex, ``mode`` the ``mi.TransportMode`` of the
-    subpath that the vertex belongs to. The value of a surface includes the cosine of ``wo``.
-    Phase functions are taken to be symmetric, which all of Mitsuba's are.
+    ``wo`` is a world direction away from the vertex, ``mode`` that of the subpath that the vertex
+    belongs to. The value of a surface includes the cosine of ``wo``. Phase functions are taken to
+    be symmetric, which all of Mitsuba's are.
     """
     surface, volume = active & ~v.volume, active & v.volume
     si = surface_interaction(v)
@@ -158,8 +150,10 @@ def scatter(v: Vertex, wo: Any, mode: Any, active: Any) -> tuple[Any, Any, Any]:
     return value, pdf, reverse
 
 
-def value(v: Vertex, wo: Any, mode: Any, active: Any) -> Any:
-    """Return the first result of ``scatter`` alone."""
+def scattering_value(
+    v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode, active: mi.Bool
+) -> mi.Spectrum:
+    """Return the first result of ``evaluate_scattering`` alone."""
     si = surface_interaction(v)
     local = v.frame.to_local(wo)
     surface = v.bsdf.eval(mi.BSDFContext(mode), si, local, active & ~v.volume)
@@ -169,12 +163,12 @@ def value(v: Vertex, wo: Any, mode: Any, active: Any) -> Any:
     return dr.select(v.volume, phase, surface)
 
 
-def area_factor(v: Vertex, direction: Any) -> Any:
+def area_factor(v: Vertex, direction: mi.Vector3f) -> mi.Float:
     """Return the cosine that turns a density per solid angle into one per area; 1 in a volume."""
     return dr.select(v.volume, 1.0, dr.abs(dr.dot(v.frame.n, direction)))
 
 
-def leave(v: Vertex, direction: Any) -> tuple[Any, Any]:
+def leave(v: Vertex, direction: mi.Vector3f) -> tuple[mi.Point3f, mi.MediumPtr]:
     """Return origin and medium of a ray that leaves ``v`` in ``direction``, off the surface."""
     outside = dr.dot(v.n, direction) > 0
     magnitude = (1.0 + dr.max(dr.abs(v.p))) * mi.math.RayEpsilon
@@ -184,7 +178,7 @@ def leave(v: Vertex, direction: Any) -> tuple[Any, Any]:
     return v.p + offset * mi.Vector3f(v.n), dr.select(transition, beyond, v.medium)
 
 
-def extinction(medium: Any, active: Any) -> tuple[Any, Any]:
+def extinction(medium: mi.MediumPtr, active: mi.Bool) -> tuple[mi.Spectrum, mi.Spectrum]:
     """Return ``(sigma_s, sigma_t)`` of homogeneous media in 1/mm; 0 outside of any medium."""
     inside = active & (medium != None)  # noqa: E711 (a Dr.Jit pointer array)
     sigma_s, _, sigma_t = medium.get_scattering_coefficients(
@@ -193,10 +187,10 @@ def extinction(medium: Any, active: Any) -> tuple[Any, Any]:
     return dr.select(inside, sigma_s, 0.0), dr.select(inside, sigma_t, 0.0)
 
 
-def is_null(si: Any) -> Any:
+def is_null(si: mi.SurfaceInteraction3f) -> mi.Bool:
     """Return whether a surface is an index-matched boundary that light passes unchanged."""
     flags = si.bsdf().flags()
     # A thin pane of glass passes light unchanged too, but reflects some of it.
     reflects = mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
-    smooth = mi.has_flag(flags, mi.BSDFFlags.Smooth)
-    return mi.has_flag(flags, mi.BSDFFlags.Null) & ~smooth & ~reflects
+    non_delta = mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    return mi.has_flag(flags, mi.BSDFFlags.Null) & ~non_delta & ~reflects

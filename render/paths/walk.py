@@ -4,170 +4,187 @@ A *segment* runs from one vertex to the next and may cross null (index-matched) 
 paths are sampled once per segment as an optical depth, so that crossing a boundary needs no new
 random number. With channel-dependent media one channel, chosen uniformly per segment, drives the
 sampling and the density is the mean over channels (Wilkie et al. 2014, spectral MIS).
+
+Equation numbers are those of Georgiev 2012, "Implementing vertex connection and merging".
 """
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
 from render.paths.vertex import (
-    PASSES,
     RATIO_MAX,
-    OpenVertex,
+    VOLUME_PASSES,
+    PassableVertex,
     Vertex,
     area_factor,
+    d_vc_for,
+    evaluate_scattering,
     extinction,
     is_null,
     leave,
-    left_after,
     medium_interaction,
-    scatter,
+    passes_behind,
     surface_interaction,
-    vc_of,
 )
 
 
-class Aim(Protocol):
-    """A sampler that some vertices mix with their BSDF (``render.cells.guiding``)."""
+class GuidingDistribution(Protocol):
+    """Directions that some vertices mix with their BSDF (``render.cells.guiding``)."""
 
-    def guided(self, v: Vertex) -> Any:
+    def applies(self, v: Vertex) -> mi.Bool:
         """Return whether the mixture is used at ``v``."""
 
-    def chosen(self, v: Vertex, number: Any) -> Any:
+    def selected(self, v: Vertex, number: mi.Float) -> mi.Bool:
         """Return whether this number picks the guided direction."""
 
-    def direction(self, v: Vertex, x: Any, y: Any) -> Any:
+    def sample(self, v: Vertex, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a guided world direction."""
 
-    def mixed(self, v: Vertex, direction: Any, pdf: Any) -> Any:
+    def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture."""
 
 
 @dataclass
-class Head:
+class SubpathState:
     """The moving end of a subpath (a Dr.Jit PyTree).
 
-    ``tau`` is what is left of the sampled optical depth in the driving ``channel``; ``depth`` the
+    ``tau`` is what remains of the sampled optical depth in the driving ``channel``; ``depth`` the
     optical depth per channel and ``length`` (mm) since the last vertex; ``sigma_from`` the
     extinction at the last vertex when that was in a volume (``from_volume``).
     """
 
-    o: Any
-    d: Any
-    medium: Any
-    beta: Any
-    tau: Any
-    channel: Any
-    depth: Any
-    length: Any
-    vcm: Any
-    vc: Any
-    sigma_from: Any
-    from_volume: Any
+    o: mi.Point3f
+    d: mi.Vector3f
+    medium: mi.MediumPtr
+    beta: mi.Spectrum
+    tau: mi.Float
+    channel: mi.UInt32
+    depth: mi.Spectrum
+    length: mi.Float
+    d_vcm: mi.Float
+    d_vc: mi.Float
+    sigma_from: mi.Spectrum
+    from_volume: mi.Bool
 
 
 @dataclass
-class OpenHead(Head):
-    """The head of a subpath of ``OpenVertex``."""
+class PassableState(SubpathState):
+    """The state of a subpath of ``PassableVertex``."""
 
-    vc_open: Any
+    d_vc_passing: mi.Vector2f
 
 
-def start(o: Any, d: Any, medium: Any, beta: Any, vcm: Any, vc: Any, sample: Any) -> Head:
-    """Return the head of a new segment whose free path is drawn from ``sample``."""
+def begin_subpath(
+    o: mi.Point3f, d: mi.Vector3f, medium: mi.MediumPtr, beta: mi.Spectrum, d_vcm: mi.Float,
+    d_vc: mi.Float, sample: mi.Float,
+) -> SubpathState:  # fmt: skip
+    """Return the state at the start of a new segment whose free path is drawn from ``sample``."""
     channels = len(beta)
     scaled = sample * channels
     channel = dr.minimum(mi.UInt32(scaled), channels - 1)
     tau = -dr.log(dr.maximum(1.0 - (scaled - mi.Float(channel)), 1e-38))
-    return Head(
-        o=o, d=d, medium=medium, beta=beta, tau=tau, channel=channel,
-        depth=mi.Spectrum(0), length=mi.Float(0), vcm=vcm, vc=vc,
+    return SubpathState(
+        o=mi.Point3f(o), d=mi.Vector3f(d), medium=medium, beta=beta, tau=tau, channel=channel,
+        depth=mi.Spectrum(0), length=mi.Float(0), d_vcm=d_vcm, d_vc=d_vc,
         sigma_from=mi.Spectrum(0), from_volume=mi.Bool(False),
     )  # fmt: skip
 
 
-def intersect(scene: Any, ray: Any, active: Any) -> Any:
+def intersect(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
     """Return the nearest surface with what BSDFs need, without derivatives of the surface."""
     needed = mi.RayFlags.UV | mi.RayFlags.ShadingFrame
     return scene.ray_intersect(ray, ray_flags=needed, coherent=False, active=active)
 
 
-def advance(scene: Any, head: Head, active: Any) -> tuple[Head, Vertex, Any, Any]:
-    """Cast one ray; return the head, the vertex, whether it is one, and whether light escaped.
+def trace_segment(
+    scene: mi.Scene, state: SubpathState, active: mi.Bool
+) -> tuple[SubpathState, Vertex, mi.Bool, mi.Bool]:
+    """Cast one ray; return the state, the vertex, whether it is one, and whether light escaped.
 
     Neither means that a null boundary was crossed and the segment goes on.
     """
-    sigma_s, sigma_t = extinction(head.medium, active)
+    # -------------------- Free path, or the nearest surface ---------------------
+    sigma_s, sigma_t = extinction(state.medium, active)
     driving = sigma_t[0]
     for c in range(1, len(sigma_t)):
-        driving = dr.select(head.channel == c, sigma_t[c], driving)
-    free = dr.select(driving > 0, head.tau / driving, dr.inf)
+        driving = dr.select(state.channel == c, sigma_t[c], driving)
+    free = dr.select(driving > 0, state.tau / driving, dr.inf)
     # Rays that end with the free path are much cheaper to cast than unbounded ones.
-    si = intersect(scene, mi.Ray3f(mi.Ray3f(head.o, head.d), free), active)
+    si = intersect(scene, mi.Ray3f(mi.Ray3f(state.o, state.d), free), active)
     volume = active & (free < si.t)
     escaped = active & ~volume & ~si.is_valid()
     t = dr.select(volume, free, si.t)
     moved = active & ~escaped
-    head.depth = dr.select(moved, head.depth + sigma_t * t, head.depth)
-    head.length = dr.select(moved, head.length + t, head.length)
-    head.tau = dr.select(moved, head.tau - driving * t, head.tau)
+    state.depth = dr.select(moved, state.depth + sigma_t * t, state.depth)
+    state.length = dr.select(moved, state.length + t, state.length)
+    state.tau = dr.select(moved, state.tau - driving * t, state.tau)
     crossing = moved & ~volume & is_null(si)
     arrived = moved & ~crossing
     flags = si.bsdf().flags()
     vertex = Vertex(
-        p=dr.select(volume, mi.Point3f(head.o + t * head.d), si.p),
-        n=si.n, frame=si.sh_frame, wi=-head.d, uv=si.uv, bsdf=si.bsdf(), shape=si.shape,
-        medium=head.medium, phase=head.medium.phase_function(), volume=volume,
+        p=dr.select(volume, mi.Point3f(state.o + t * state.d), si.p),
+        n=si.n, frame=si.sh_frame, wi=-state.d, uv=si.uv, bsdf=si.bsdf(), shape=si.shape,
+        medium=state.medium, phase=state.medium.phase_function(), volume=volume,
         diffuse=~volume & mi.has_flag(flags, mi.BSDFFlags.Diffuse),
         delta=~volume & ~mi.has_flag(flags, mi.BSDFFlags.Smooth),
-        terminal=volume, beta=mi.Spectrum(0), vcm=mi.Float(0), vc=mi.Float(0),
+        terminal=volume, beta=mi.Spectrum(0), d_vcm=mi.Float(0), d_vc=mi.Float(0),
         weight=mi.Float(1),
     )  # fmt: skip
+    # -------------------- Throughput and MIS sums on arrival --------------------
     # exp(-(depth - least)) keeps ratios of transmittances finite however thick the medium is.
-    least = dr.min(head.depth)
-    relative = dr.exp(-(head.depth - least))
+    least = dr.min(state.depth)
+    relative = dr.exp(-(state.depth - least))
     forward = dr.select(volume, dr.mean(sigma_t * relative), dr.mean(relative))
-    reverse = dr.select(head.from_volume, dr.mean(head.sigma_from * relative), dr.mean(relative))
+    reverse = dr.select(state.from_volume, dr.mean(state.sigma_from * relative), dr.mean(relative))
     weight = relative * dr.select(volume, sigma_s, 1.0) / forward
-    cosine = area_factor(vertex, head.d)
-    vertex.beta = dr.select(arrived, head.beta * weight, 0.0)
+    cosine = area_factor(vertex, state.d)
+    vertex.beta = dr.select(arrived, state.beta * weight, 0.0)
     density = cosine * forward
-    vertex.vcm = dr.minimum(
-        head.vcm * dr.square(head.length) / (density * dr.exp(-least)), RATIO_MAX
+    # Eqs. 31 to 36: the distance and the cosine of the arrival, known only now.
+    vertex.d_vcm = dr.minimum(
+        state.d_vcm * dr.square(state.length) / (density * dr.exp(-least)), RATIO_MAX
     )
-    vertex.vc = dr.minimum(head.vc * reverse / density, RATIO_MAX)
-    vertex.vcm = dr.select(head.vcm > 0, vertex.vcm, 0.0)
-    vertex.vc = dr.select(head.vc > 0, vertex.vc, 0.0)
-    if isinstance(head, OpenHead):
-        opened = dr.minimum(head.vc_open * reverse / density, RATIO_MAX)
-        vertex = OpenVertex(**vars(vertex), vc_open=dr.select(head.vc_open > 0, opened, 0.0))
-    head.sigma_from = dr.select(arrived, sigma_t, head.sigma_from)
-    head.from_volume = dr.select(arrived, volume, head.from_volume)
-    beyond = si.spawn_ray(head.d)
-    head.o = dr.select(crossing, beyond.o, head.o)
-    head.medium = dr.select(
-        crossing & si.is_medium_transition(), si.target_medium(head.d), head.medium
+    vertex.d_vc = dr.minimum(state.d_vc * reverse / density, RATIO_MAX)
+    vertex.d_vcm = dr.select(state.d_vcm > 0, vertex.d_vcm, 0.0)
+    vertex.d_vc = dr.select(state.d_vc > 0, vertex.d_vc, 0.0)
+    if isinstance(state, PassableState):
+        passing = dr.minimum(state.d_vc_passing * reverse / density, RATIO_MAX)
+        passing = dr.select(state.d_vc_passing > 0, passing, 0.0)
+        vertex = PassableVertex(**vars(vertex), d_vc_passing=passing)
+    # ------------------------- Step off, or across ------------------------------
+    state.sigma_from = dr.select(arrived, sigma_t, state.sigma_from)
+    state.from_volume = dr.select(arrived, volume, state.from_volume)
+    beyond = si.spawn_ray(state.d)
+    state.o = dr.select(crossing, beyond.o, state.o)
+    state.medium = dr.select(
+        crossing & si.is_medium_transition(), si.target_medium(state.d), state.medium
     )
-    return head, vertex, arrived, escaped
+    return state, vertex, arrived, escaped
 
 
-def bounce(
-    head: Head,
+def sample_scattering(
+    state: SubpathState,
     v: Vertex,
-    mode: Any,
-    numbers: tuple[Any, Any, Any, Any],
-    active: Any,
-    aim: Aim | None = None,
-) -> tuple[Head, Any]:
-    """Sample a new direction at ``v``; return the head of the next segment and whether it lives.
+    mode: mi.TransportMode,
+    numbers: tuple[mi.Float, mi.Float, mi.Float, mi.Float],
+    active: mi.Bool,
+    guiding: GuidingDistribution | None = None,
+) -> tuple[SubpathState, mi.Bool]:
+    """Sample a new direction at ``v``; return the state of the next segment and whether it lives.
 
-    Updates the recursive MIS sums (Georgiev 2012, eqs. 33 to 39, no merging). A terminal vertex
-    is one that a camera subpath never passes, so its reverse density counts as zero.
+    Updates the recursive MIS sums (eqs. 34 and 35; 53 and 54 at delta scattering; no merging). A
+    terminal vertex is one that a camera subpath never passes, so its reverse density counts as 0.
     """
+    # -------------------- Direction from the BSDF or the phase function ----------
     free, lobe, x, y = numbers
     square = mi.Point2f(x, y)
     surface, volume = active & ~v.volume, active & v.volume
@@ -186,39 +203,37 @@ def bounce(
     pdf = dr.select(v.volume, phase_pdf, sample.pdf)
     reverse = dr.select(v.volume, phase_pdf, reverse)
     weight = dr.select(v.volume, mi.Spectrum(phase_weight), weight)
-    if aim is not None:
-        wo = dr.select(aim.chosen(v, lobe), aim.direction(v, x, y), wo)
-        value, plain, guided_back = scatter(v, wo, mode, active & aim.guided(v))
-        mixed = aim.mixed(v, wo, plain)
-        pdf = dr.select(aim.guided(v), mixed, pdf)
-        reverse = dr.select(aim.guided(v), guided_back, reverse)
-        weight = dr.select(aim.guided(v), value / mixed, weight)
-    back_pdf = reverse
+    if guiding is not None:
+        applies = guiding.applies(v)
+        wo = dr.select(guiding.selected(v, lobe), guiding.sample(v, x, y), wo)
+        value, unguided_pdf, guided_reverse = evaluate_scattering(v, wo, mode, active & applies)
+        mixture_pdf = guiding.mixture_pdf(v, wo, unguided_pdf)
+        pdf = dr.select(applies, mixture_pdf, pdf)
+        reverse = dr.select(applies, guided_reverse, reverse)
+        weight = dr.select(applies, value / mixture_pdf, weight)
+    passing_reverse = reverse
     reverse = dr.select(v.terminal, 0.0, reverse)
     beta = v.beta * weight
     alive = active & (dr.max(beta) > 0) & (pdf > 0)
+    # ------------------------- MIS sums of the next segment ----------------------
     cosine = area_factor(v, wo)
-    vc = dr.select(delta, cosine * v.vc, cosine / pdf * (v.vc * reverse + v.vcm))
-    vc = dr.minimum(dr.select(v.vcm + v.vc > 0, vc, 0.0), RATIO_MAX)
-    vcm = dr.select(delta, 0.0, dr.minimum(1.0 / pdf, RATIO_MAX))
+    # Eq. 35; eq. 54 at delta scattering.
+    d_vc = dr.select(delta, cosine * v.d_vc, cosine / pdf * (v.d_vc * reverse + v.d_vcm))
+    d_vc = dr.minimum(dr.select(v.d_vcm + v.d_vc > 0, d_vc, 0.0), RATIO_MAX)
+    # Eq. 34; eq. 53 at delta scattering.
+    d_vcm = dr.select(delta, 0.0, dr.minimum(1.0 / pdf, RATIO_MAX))
     origin, medium = leave(v, wo)
-    after = start(origin, wo, medium, beta, vcm, vc, free)
-    if isinstance(v, OpenVertex):
-        sums: Any = mi.Vector2f(0.0)
-        for i in range(PASSES):
-            onward = vc_of(v, left_after(v, mi.UInt32(i + 1)))
-            opened = cosine / pdf * (onward * back_pdf + v.vcm)
-            sums[i] = dr.select(v.vcm + onward > 0, opened, 0.0)
-        # A smooth face opens camera subpaths again.
-        opened = cosine * v.vc_open[PASSES - 1]
-        sums = dr.minimum(dr.select(delta, opened, sums), RATIO_MAX)
-        after.vc = dr.select(delta, sums[PASSES - 1], after.vc)
-        after = OpenHead(**vars(after), vc_open=sums)
-    after.sigma_from, after.from_volume = head.sigma_from, head.from_volume
-    return pick(alive, after, head), alive
-
-
-def pick(condition: Any, a: Head, b: Head) -> Head:
-    """Return the head ``a`` where ``condition`` holds, else ``b``."""
-    picked = {k: dr.select(condition, getattr(a, k), getattr(b, k)) for k in vars(b)}
-    return type(b)(**picked)
+    following = begin_subpath(origin, wo, medium, beta, d_vcm, d_vc, free)
+    if isinstance(v, PassableVertex):
+        sums = mi.Vector2f(0.0)
+        for i in range(VOLUME_PASSES):
+            behind = d_vc_for(v, passes_behind(v, mi.UInt32(i + 1)))
+            passing = cosine / pdf * (behind * passing_reverse + v.d_vcm)
+            sums[i] = dr.select(v.d_vcm + behind > 0, passing, 0.0)
+        # A specular face lets camera subpaths pass volumes again.
+        passing = cosine * v.d_vc_passing[VOLUME_PASSES - 1]
+        sums = dr.minimum(dr.select(delta, passing, sums), RATIO_MAX)
+        following.d_vc = dr.select(delta, sums[VOLUME_PASSES - 1], following.d_vc)
+        following = PassableState(**vars(following), d_vc_passing=sums)
+    following.sigma_from, following.from_volume = state.sigma_from, state.from_volume
+    return dr.select(alive, following, state), alive

@@ -1,9 +1,9 @@
 """The picture that the camera sees, by bidirectional Monte Carlo: level 2 for eyes.
 
 Fiber and film position are primary dimensions; the estimator is that of the transport cells, so
-guiding and bridges work here too, and large steps alone are the cheapest. Colors are superposed
-inside one render, since materials do not depend on the channel. Made for the coating: the glow of
-the diffuser's own faces beside it converges slowly.
+guiding and mirror connections work here too, and independent samples are the cheapest. Colors are
+superposed inside one render, since materials do not depend on the channel. Made for the coating:
+the glow of the diffuser's own faces beside it converges slowly.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def render_image(
     if not len(lit):
         raise RenderError("power is 0 for all fibers: switch at least one on", field="power")
     mitsuba(VARIANT)
-    from render.cells.picture_sampler import PictureSampler
+    from render.cells.cell_sampler import PictureSampler
     from render.sampling.monte_carlo import MonteCarlo
 
     sampler = PictureSampler(scene, phi, power, bend, indented, width, height)

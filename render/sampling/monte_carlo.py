@@ -1,12 +1,14 @@
-"""Plain Monte Carlo over the same problems: what Metropolis is with large steps alone.
+"""Plain Monte Carlo over the same path samplers: what Metropolis is with large steps alone.
 
 Kelemen's weights at ``p_large`` 1 would still mix chains in; here every sample counts as itself.
 The state of a run is its sums, so it resumes bit-equal from any pass.
 """
 
-from __future__ import annotations
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
-from typing import Any
+from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
@@ -14,39 +16,31 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.sampling.proposals import LIGHT_SALT, PathSampler
-from render.sampling.streams import ROUNDS, Hashed, key
+from render.sampling.proposals import LIGHT_SALT, PathSampler, Splat
+from render.sampling.streams import ROUNDS, HashedStream, key
 
 
 class MonteCarlo:
     """A resumable run of ``lanes`` independent paths per pass, in ``replicates`` groups."""
 
-    def __init__(self, problem: PathSampler, lanes: int, replicates: int, seed: int) -> None:
+    def __init__(self, sampler: PathSampler, lanes: int, replicates: int, seed: int) -> None:
         """Set up; nothing is traced before ``sample``."""
-        self.problem, self.replicates, self.seed = problem, replicates, seed
-        self.lane: Any = dr.arange(mi.UInt32, lanes)
+        self.sampler, self.replicates, self.seed = sampler, replicates, seed
+        self.lane = dr.arange(mi.UInt32, lanes)
         self.group = np.arange(lanes) % replicates
         self.done = 0
-        self.sums = np.zeros((replicates, problem.bins, problem.channels))
+        self.sums = np.zeros((replicates, sampler.bins, sampler.channels))
 
     def sample(self, count: int) -> None:
-        """Take ``count`` large steps in every lane.
+        """Take ``count`` samples in every lane.
 
         Raises:
             RenderError: when a path returns a value that is not finite.
         """
         for _ in range(count):
-            streams, _ = mi.sample_tea_32(self.lane, key(self.seed, 2, self.done), ROUNDS)
-            deposits = self.problem.evaluate(Hashed(streams), Hashed(streams ^ LIGHT_SALT))
-            dr.eval(deposits)
-            for deposit in deposits:
-                place = self.group * self.problem.bins + np.array(deposit.bin)
-                for c, value in enumerate(deposit.values):
-                    values = np.array(value, dtype=np.float64)
-                    if not np.isfinite(values).all():
-                        raise RenderError("the path sampler returned a non-finite value")
-                    paid = np.bincount(place, values, self.sums[..., 0].size)
-                    self.sums[..., c] += paid.reshape(self.sums.shape[:2])
+            splats, _ = independent_paths(self.sampler, self.lane, key(self.seed, 2, self.done))
+            for splat in splats:
+                add_splat(self.sums, self.group, splat)
             self.done += 1
 
     def estimate(self) -> Array:
@@ -58,15 +52,54 @@ class MonteCarlo:
         """Return everything that ``restore`` needs, as arrays."""
         return {"done": np.array(self.done), "sums": self.sums}
 
-    def restore(self, kept: dict[str, np.ndarray]) -> None:
+    def restore(self, state: dict[str, np.ndarray]) -> None:
         """Continue from a ``state``."""
-        self.done, self.sums = int(kept["done"]), kept["sums"]
+        self.done, self.sums = int(state["done"]), state["sums"]
+
+
+def independent_paths(
+    sampler: PathSampler, lane: mi.UInt32, salt: mi.UInt32
+) -> tuple[list[Splat], mi.UInt32]:
+    """Return the evaluated splats of one independent path per lane, and the lanes' seeds.
+
+    ``salt`` tells passes apart.
+    """
+    seed, _ = mi.sample_tea_32(lane, salt, ROUNDS)
+    splats = sampler.evaluate(HashedStream(seed), HashedStream(seed ^ LIGHT_SALT))
+    dr.eval(splats, seed)
+    return splats, seed
+
+
+def finite_values(splat: Splat) -> list[Array]:
+    """Return the values of a splat per channel, as float64.
+
+    Raises:
+        RenderError: when one of them is not finite.
+    """
+    values = [np.array(value, dtype=np.float64) for value in splat.values]
+    if not all(np.isfinite(value).all() for value in values):
+        raise RenderError("the path sampler returned a non-finite value")
+    return values
+
+
+def add_splat(sums: Array, group: np.ndarray, splat: Splat, weight: Array | float = 1.0) -> None:
+    """Add a splat times ``weight`` to ``sums`` ``(group, bin, channel)``, lane by lane.
+
+    ``group`` is that of each lane.
+
+    Raises:
+        RenderError: when a value is not finite.
+    """
+    place = group * sums.shape[1] + np.array(splat.bin)
+    for c, values in enumerate(finite_values(splat)):
+        total = np.bincount(place, values * weight, sums[..., 0].size)
+        sums[..., c] += total.reshape(sums.shape[:2])
 
 
 def monte_carlo_replicates(
-    problem: PathSampler, *, lanes: int, passes: int, replicates: int, seed: int
+    sampler: PathSampler, *, lanes: int, passes: int, replicates: int, seed: int
 ) -> Array:
     """Return independent estimates ``(replicate, bin, channel)`` from ``lanes * passes`` paths."""
-    run = MonteCarlo(problem, lanes, replicates, seed)
+    run = MonteCarlo(sampler, lanes, replicates, seed)
     run.sample(passes)
     return run.estimate()

@@ -1,32 +1,35 @@
 """Primary sample space Metropolis chains (Kelemen et al. 2002) over any path sampler.
 
-A *problem* maps primary samples to deposits: values that are to be averaged into bins. Chains walk
-through primary sample space with stationary density proportional to the scalar target
-``F(u) = sum over deposits of weight[bin, channel] * value``.
+A *path sampler* maps primary samples to splats: values that are to be averaged into bins. Chains
+walk through primary sample space with stationary density proportional to the scalar target
+``F(u) = sum over splats of weight[bin, channel] * value``.
 
 The first events of a path are stored per chain and perturbed; the tail of long scattering paths
 is hashed from a per-chain seed, which is part of the state and changes on large steps only. The
 proposal is symmetric in both parts, so this is exact and memory stays bounded.
 
 Estimates combine large steps, which are plain Monte Carlo samples, with the chains by Kelemen's
-balance heuristic (2002, sec. 4.3): a sample is worth ``value / (F / b + p_large)``, where ``b``
-is the mean of ``F``. With ``p_large = 1`` this is plain bidirectional Monte Carlo.
+balance heuristic (2002, sec. 4.3): a sample is worth ``value / (F / b + p_large)``, where the
+normalization constant ``b`` is the mean of ``F``. With ``p_large = 1`` this is plain bidirectional
+Monte Carlo.
 """
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
-from render.sampling.streams import hashed
+from render.sampling.streams import Numbers, Stream, hashed
 
 # Kelemen et al. 2002, sec. 3.1: perturbations between s1 and s2, exponentially distributed.
 STEP_SMALL, STEP_LARGE = 1.0 / 1024.0, 1.0 / 64.0
-
-
 LIGHT_EVENTS = 16384
 """Events by which light subpaths of one chain are apart."""
 LIGHT_SALT = 0x7FEB352D
@@ -35,33 +38,25 @@ LIGHT_SALT = 0x7FEB352D
 
 @dataclass
 class Splat:
-    """Values (one per channel) that a path adds to one bin; ``bin`` is uint32 per lane."""
+    """Values (one per channel) that a path adds to one bin per lane (a Dr.Jit PyTree)."""
 
-    bin: Any
-    values: list[Any]
-
-    def where(self, condition: Any, other: Splat) -> Splat:
-        """Return this deposit where ``condition`` holds, else ``other``."""
-        pairs = zip(self.values, other.values, strict=True)
-        return Splat(
-            dr.select(condition, self.bin, other.bin),
-            [dr.select(condition, a, b) for a, b in pairs],
-        )
+    bin: mi.UInt32
+    values: list[mi.Float]
 
 
 class PathSampler(Protocol):
-    """What chains can sample."""
+    """What Monte Carlo and Markov chains sample."""
 
     bins: int
     channels: int
     stored: tuple[int, int, int]  # camera events, light paths, events stored per light path
 
-    def evaluate(self, camera: Any, light: Any) -> list[Splat]:
-        """Return the deposits of one path per lane."""
+    def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
+        """Return the splats of one path per lane."""
         ...
 
 
-def perturb(value: Any, number: Any) -> Any:
+def perturb(value: mi.Float, number: mi.Float) -> mi.Float:
     """Return ``value`` moved by a symmetric exponential step, wrapped into [0, 1)."""
     sign = dr.select(number < 0.5, 1.0, -1.0)
     unit = dr.select(number < 0.5, 2.0 * number, 2.0 * number - 1.0)
@@ -72,38 +67,31 @@ def perturb(value: Any, number: Any) -> Any:
 
 
 @dataclass
-class Chosen:
+class Mutation:
     """What a proposal is made of, per chain: its kind, and the seeds of its random numbers.
 
-    ``fresh`` replaces everything on a large step; ``step`` perturbs the stored numbers on a small
-    one; ``tail`` is the current seed of the numbers that are not stored.
+    ``fresh`` replaces everything on a ``large`` step; ``step`` perturbs the stored numbers on a
+    small one; ``tail`` is the current seed of the numbers that are not stored.
     """
 
-    large: Any
-    fresh: Any
-    step: Any
-    tail: Any
-
-    def spread(self, lane: Any) -> Chosen:
-        """Return the choices of the chains ``lane``."""
-        return Chosen(
-            dr.gather(mi.Bool, self.large, lane),
-            *(dr.gather(mi.UInt32, seed, lane) for seed in (self.fresh, self.step, self.tail)),
-        )
+    large: mi.Bool
+    fresh: mi.UInt32
+    step: mi.UInt32
+    tail: mi.UInt32
 
 
 @dataclass
-class Proposed:
+class MutatedStream:
     """The proposal's primary samples of one kind of subpath, computed on the fly.
 
     ``memory`` holds four arrays of ``slots * lanes`` numbers; ``block`` is the number of stored
     events of every run of ``stride`` events (a light path), of which there are ``blocks``.
     """
 
-    memory: list[Any]
-    lane: Any
+    memory: list[mi.Float]
+    lane: mi.UInt32
     lanes: int
-    chosen: Chosen
+    mutation: Mutation
     salt: int
     first: int
     block: int
@@ -111,19 +99,24 @@ class Proposed:
     stride: int
 
     @staticmethod
-    def camera(memory: list[Any], lane: Any, lanes: int, chosen: Chosen, block: int) -> Proposed:
+    def camera(
+        memory: list[mi.Float], lane: mi.UInt32, lanes: int, mutation: Mutation, block: int
+    ) -> MutatedStream:
         """Return the numbers of camera subpaths, which are one run of events."""
-        return Proposed(memory, lane, lanes, chosen, 0, 0, block, 1, 1 << 24)
+        return MutatedStream(memory, lane, lanes, mutation, 0, 0, block, 1, 1 << 24)
 
     @staticmethod
     def light(
-        memory: list[Any], lane: Any, lanes: int, chosen: Chosen, first: int, block: int, paths: int
-    ) -> Proposed:
+        memory: list[mi.Float], lane: mi.UInt32, lanes: int, mutation: Mutation, first: int,
+        block: int, paths: int,
+    ) -> MutatedStream:  # fmt: skip
         """Return the numbers of ``paths`` light subpaths, stored from slot ``first`` on."""
-        return Proposed(memory, lane, lanes, chosen, LIGHT_SALT, first, block, paths, LIGHT_EVENTS)
+        return MutatedStream(
+            memory, lane, lanes, mutation, LIGHT_SALT, first, block, paths, LIGHT_EVENTS
+        )
 
-    def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
-        """Return the four numbers of event ``index`` (uint32 array)."""
+    def event(self, index: mi.UInt32) -> Numbers:
+        """Return the four numbers of event ``index``."""
         index = mi.UInt32(index)
         run = index // self.stride
         within = index - run * self.stride
@@ -131,21 +124,22 @@ class Proposed:
         slot = self.first + run * self.block + within
         return self._numbers(index, slot, stored)
 
-    def spread(self, lane: Any) -> Proposed:
-        """Return the numbers of the chains ``lane`` (uint32 array)."""
+    def of_lanes(self, lane: mi.UInt32) -> MutatedStream:
+        """Return the numbers of the chains ``lane``."""
         there = dr.gather(mi.UInt32, self.lane, lane)
-        return replace(self, lane=there, chosen=self.chosen.spread(lane))
+        return replace(self, lane=there, mutation=dr.gather(Mutation, self.mutation, lane))
 
-    def slot_numbers(self, slot: Any) -> tuple[Any, Any, Any, Any]:
+    def slot_numbers(self, slot: mi.UInt32) -> Numbers:
         """Return the numbers of stored slot ``slot`` (counted from ``first``)."""
         run = slot // self.block
         index = run * self.stride + (slot - run * self.block)
         return self._numbers(index, self.first + slot, dr.full(mi.Bool, True, dr.width(slot)))
 
-    def _numbers(self, index: Any, slot: Any, stored: Any) -> tuple[Any, Any, Any, Any]:
-        moving = stored & ~self.chosen.large
-        small = dr.select(stored, self.chosen.step, self.chosen.tail)
-        seed = dr.select(self.chosen.large, self.chosen.fresh, small) ^ self.salt
+    def _numbers(self, index: mi.UInt32, slot: mi.UInt32, stored: mi.Bool) -> Numbers:
+        mutation = self.mutation
+        moving = stored & ~mutation.large
+        small = dr.select(stored, mutation.step, mutation.tail)
+        seed = dr.select(mutation.large, mutation.fresh, small) ^ self.salt
         where = slot * self.lanes + self.lane
         a, b, c, d = (
             dr.select(moving, perturb(dr.gather(mi.Float, array, where, moving), number), number)

@@ -1,13 +1,16 @@
-"""Running the chains: bootstrap of the luminance scale, mutations, accumulation, error bars.
+"""Running the chains: bootstrap of the normalization, mutations, accumulation, error bars.
 
 All random numbers are counter-based and sums are made in a fixed order, so a run that was
 interrupted and resumed from its state ends bit-equal to an unbroken one.
 """
 
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -15,8 +18,9 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.sampling.proposals import LIGHT_SALT, Chosen, PathSampler, Proposed, Splat
-from render.sampling.streams import ROUNDS, Hashed, key, uniform
+from render.sampling.monte_carlo import add_splat, independent_paths
+from render.sampling.proposals import MutatedStream, Mutation, PathSampler, Splat
+from render.sampling.streams import ROUNDS, key, uniform
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,7 @@ class ChainSettings:
 
     Arguments:
         chains: number of Markov chains, run side by side.
-        luminance_samples: bootstrap samples, for the scale ``b`` and the chains' starts.
+        luminance_samples: bootstrap samples, for the normalization ``b`` and the chains' starts.
         p_large: probability of a large step.
         replicates: independent groups of chains, for error bars.
         seed: of all random numbers.
@@ -58,20 +62,20 @@ class ChainSettings:
 
 
 class MarkovChains:
-    """A resumable Metropolis run over one problem."""
+    """A resumable Metropolis run over one path sampler."""
 
-    def __init__(self, problem: PathSampler, settings: ChainSettings) -> None:
+    def __init__(self, sampler: PathSampler, settings: ChainSettings) -> None:
         """Set the chains up; nothing is traced before ``bootstrap`` or ``restore``."""
-        self.problem, self.settings = problem, settings
-        camera, paths, light = problem.stored
+        self.sampler, self.settings = sampler, settings
+        camera, paths, light = sampler.stored
         self.slots = camera + paths * light
-        self.lane: Any = dr.arange(mi.UInt32, settings.chains)
+        self.lane = dr.arange(mi.UInt32, settings.chains)
         self.group = np.arange(settings.chains) % settings.replicates
         self.done = 0
-        self.sums = np.zeros((settings.replicates, problem.bins, problem.channels))
-        # Large steps and bootstrap samples per replicate: count, sum of F, sum of F^2.
-        self.plain = np.zeros((settings.replicates, 3))
-        self.weights: Array = np.ones((problem.bins, problem.channels))
+        self.sums = np.zeros((settings.replicates, sampler.bins, sampler.channels))
+        # Of large steps and bootstrap samples per replicate: count, sum of F, sum of F^2.
+        self.moments = np.zeros((settings.replicates, 3))
+        self.weights: Array = np.ones((sampler.bins, sampler.channels))
 
     # -- start ---------------------------------------------------------------------------------
 
@@ -79,15 +83,16 @@ class MarkovChains:
         """Return a plain Monte Carlo estimate ``(bin, channel)`` from half the bootstrap."""
         total = np.zeros_like(self.sums)
         for batch in range(self._batches()):
-            deposits, _ = self._independent(2 * batch + 1)
-            for deposit in deposits:
-                self._pay(total, deposit, np.ones(self.settings.chains))
+            splats, _ = self._independent(2 * batch + 1)
+            for splat in splats:
+                add_splat(total, self.group, splat)
         return np.asarray(total.sum(axis=0) / (self._batches() * self.settings.chains))
 
     def bootstrap(self, weights: Array, samples: int | None = None) -> None:
         """Fix the target's weights ``(bin, channel)``, estimate ``b`` and start the chains.
 
-        From so many ``samples``; half of ``luminance_samples`` where they are not given.
+        Kelemen 2002, sec. 4.1, from so many ``samples``; half of ``luminance_samples`` where they
+        are not given.
 
         Raises:
             RenderError: when no bootstrap path carries light, or one is not finite.
@@ -97,8 +102,8 @@ class MarkovChains:
         target, seeds = [], []
         batches = self._batches() if samples is None else max(1, samples // self.settings.chains)
         for batch in range(batches):
-            deposits, seed = self._independent(2 * batch)
-            target.append(np.array(self._target(deposits), dtype=np.float64))
+            splats, seed = self._independent(2 * batch)
+            target.append(np.array(self._target(splats), dtype=np.float64))
             seeds.append(np.array(seed))
         values, starts = np.concatenate(target), np.concatenate(seeds)
         group = np.tile(self.group, batches)
@@ -116,7 +121,7 @@ class MarkovChains:
                     field="luminance_samples",
                     value=self.settings.luminance_samples,
                 )
-            self.plain[r] = len(f), f.sum(), (f**2).sum()
+            self.moments[r] = len(f), f.sum(), (f**2).sum()
             lanes = np.nonzero(self.group == r)[0]
             # Systematic resampling: chains start in the stationary density, no burn-in.
             edges = np.cumsum(f) / f.sum()
@@ -124,80 +129,83 @@ class MarkovChains:
             chosen[lanes] = members[np.minimum(np.searchsorted(edges, at), len(f) - 1)]
         self._start_from(mi.UInt32(starts[chosen]))
 
-    def inform(self, means: Array, worth: Array | float) -> None:
-        """Add estimates ``(replicate,)`` of the mean of F, each worth so many plain samples."""
-        self.plain[:, 0] += worth
-        self.plain[:, 1] += worth * means
+    def add_estimates(self, means: Array, samples: Array | float) -> None:
+        """Add estimates ``(replicate,)`` of ``b``, each worth so many plain samples."""
+        self.moments[:, 0] += samples
+        self.moments[:, 1] += samples * means
 
-    def scale(self) -> tuple[float, float]:
-        """Return the mean of F, from all plain samples so far, and its standard error."""
-        means = self.plain[:, 1] / self.plain[:, 0]
+    def normalization(self) -> tuple[float, float]:
+        """Return ``b``, from all plain samples so far, and its standard error."""
+        means = self.moments[:, 1] / self.moments[:, 0]
         return float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means)))
 
-    def _start_from(self, seed: Any) -> None:
+    def _start_from(self, seed: mi.UInt32) -> None:
         """Set every chain's state to the path of a bootstrap seed."""
         always = dr.full(mi.Bool, True, self.settings.chains)
         self.memory = [dr.zeros(mi.Float, self.slots * self.settings.chains) for _ in range(4)]
-        chosen = Chosen(large=always, fresh=seed, step=seed, tail=seed)
-        self.current = self.problem.evaluate(*self._proposed(chosen))
+        mutation = Mutation(large=always, fresh=seed, step=seed, tail=seed)
+        self.current = self.sampler.evaluate(*self._streams(mutation))
         self.current_target = self._target(self.current)
-        self.carried = dr.zeros(mi.Float, self.settings.chains)
-        self.memory = self._moved_memory(chosen, always)
+        self.current_weight = dr.zeros(mi.Float, self.settings.chains)
+        self.memory = self._moved_memory(mutation, always)
         self.tail = seed
         dr.eval(self.current, self.current_target, self.tail, self.memory)
 
     # -- mutations -----------------------------------------------------------------------------
 
     def sample(self, count: int) -> None:
-        """Propose ``count`` mutations in every chain; the scale is brought up to date once."""
-        b = mi.Float((self.plain[:, 1] / self.plain[:, 0]).astype(np.float32))
+        """Propose ``count`` mutations in every chain; ``b`` is brought up to date once."""
+        b = mi.Float((self.moments[:, 1] / self.moments[:, 0]).astype(np.float32))
         p_large = mi.Float(self.settings.p_large)
         dr.make_opaque(b, p_large)
         mean = dr.gather(mi.Float, b, self.lane % self.settings.replicates)
         for _ in range(count):
+            # ------------------------------ Propose a path -------------------------
             now = key(self.settings.seed, 3, self.done)
             a, fresh = mi.sample_tea_32(self.lane, now, ROUNDS)
             step, c = mi.sample_tea_32(self.lane ^ 0x5BD1E995, now, ROUNDS)
-            chosen = Chosen(uniform(a) < p_large, fresh, step, self.tail)
-            proposed = self.problem.evaluate(*self._proposed(chosen))
+            mutation = Mutation(uniform(a) < p_large, fresh, step, self.tail)
+            proposed = self.sampler.evaluate(*self._streams(mutation))
             target = self._target(proposed)
             ratio = dr.select(self.current_target > 0, target / self.current_target, 1.0)
             acceptance = dr.minimum(ratio, 1.0)
-            large = dr.select(chosen.large, 1.0, 0.0)
-            worth = (acceptance + large) / (target / mean + p_large)
-            carried = self.carried + (1.0 - acceptance) / (self.current_target / mean + p_large)
+            # ------------------- Weights of both (Kelemen 2002, sec. 4.3) ----------
+            large = dr.select(mutation.large, 1.0, 0.0)
+            proposed_weight = (acceptance + large) / (target / mean + p_large)
+            rejected = (1.0 - acceptance) / (self.current_target / mean + p_large)
+            current_weight = self.current_weight + rejected
             accepted = uniform(c) < acceptance
-            # What leaves a chain is paid out: the old state when it is replaced, else the
+            # What leaves a chain is splatted: the old state when it is replaced, else the
             # proposal that was turned down.
-            pairs = list(zip(proposed, self.current, strict=True))
-            leaving = [old.where(accepted, new) for new, old in pairs]
-            self.current = [new.where(accepted, old) for new, old in pairs]
-            payment = dr.select(accepted, carried, worth)
-            self.carried = dr.select(accepted, worth, carried)
+            leaving = dr.select(accepted, self.current, proposed)
+            leaving_weight = dr.select(accepted, current_weight, proposed_weight)
+            self.current = dr.select(accepted, proposed, self.current)
+            self.current_weight = dr.select(accepted, proposed_weight, current_weight)
             self.current_target = dr.select(accepted, target, self.current_target)
-            dr.eval(leaving, self.current, payment, self.carried, self.current_target,
-                    accepted, target, chosen.large, fresh, step)  # fmt: skip
-            self.memory = self._moved_memory(chosen, accepted)
-            self.tail = dr.select(accepted & chosen.large, fresh, self.tail)
+            dr.eval(leaving, self.current, leaving_weight, self.current_weight,
+                    self.current_target, accepted, target, mutation.large, fresh, step)  # fmt: skip
+            self.memory = self._moved_memory(mutation, accepted)
+            self.tail = dr.select(accepted & mutation.large, fresh, self.tail)
             dr.eval(self.memory, self.tail)
-            for deposit in leaving:
-                self._pay(self.sums, deposit, np.array(payment, dtype=np.float64))
-            self._count(np.array(target, dtype=np.float64), np.array(chosen.large))
+            # ------------------------------ Accumulate -----------------------------
+            for splat in leaving:
+                add_splat(self.sums, self.group, splat, np.array(leaving_weight, dtype=np.float64))
+            self._count(np.array(target, dtype=np.float64), np.array(mutation.large))
             self.done += 1
 
     def _count(self, target: Array, large: np.ndarray) -> None:
-        """Add the large steps, which are plain samples of F, to the estimate of the scale."""
+        """Add the large steps, which are plain samples of F, to the estimate of ``b``."""
         if not np.isfinite(target).all():
             raise RenderError("the path sampler returned a non-finite value")
         plain = np.where(large, target, 0.0)
         for column, values in enumerate((large.astype(np.float64), plain, plain**2)):
-            self.plain[:, column] += np.bincount(self.group, values, self.settings.replicates)
+            self.moments[:, column] += np.bincount(self.group, values, self.settings.replicates)
 
     def estimate(self) -> Array:
         """Return the estimates ``(replicate, bin, channel)``, states still in chains included."""
         total = self.sums.copy()
-        for deposit in self.current:
-            self._pay(total, deposit, np.array(self.carried, dtype=np.float64))
+        for splat in self.current:
+            add_splat(total, self.group, splat, np.array(self.current_weight, dtype=np.float64))
         mutations = np.bincount(self.group, minlength=self.settings.replicates) * self.done
         return np.asarray(total / mutations[:, None, None])
 
@@ -205,33 +213,33 @@ class MarkovChains:
 
     def state(self) -> dict[str, np.ndarray]:
         """Return everything that ``restore`` needs, as arrays."""
-        kept: dict[str, np.ndarray] = {
+        state: dict[str, np.ndarray] = {
             "done": np.array(self.done),
             "sums": self.sums,
-            "plain": self.plain,
+            "plain": self.moments,
             "weights": self.weights,
             "tail": np.array(self.tail),
-            "carried": np.array(self.carried),
+            "carried": np.array(self.current_weight),
             "target": np.array(self.current_target),
         }
         for i, memory in enumerate(self.memory):
-            kept[f"memory{i}"] = np.array(memory)
-        for i, deposit in enumerate(self.current):
-            kept[f"bin{i}"] = np.array(deposit.bin)
-            kept[f"values{i}"] = np.stack([np.array(value) for value in deposit.values])
-        return kept
+            state[f"memory{i}"] = np.array(memory)
+        for i, splat in enumerate(self.current):
+            state[f"bin{i}"] = np.array(splat.bin)
+            state[f"values{i}"] = np.stack([np.array(value) for value in splat.values])
+        return state
 
-    def restore(self, kept: dict[str, np.ndarray]) -> None:
+    def restore(self, state: dict[str, np.ndarray]) -> None:
         """Continue from a ``state``; the run then ends bit-equal to an unbroken one."""
-        self.done = int(kept["done"])
-        self.sums, self.plain, self.weights = kept["sums"], kept["plain"], kept["weights"]
-        self.tail, self.carried = mi.UInt32(kept["tail"]), mi.Float(kept["carried"])
-        self.current_target = mi.Float(kept["target"])
-        self.memory = [mi.Float(kept[f"memory{i}"]) for i in range(4)]
-        deposits = sum(name.startswith("bin") for name in kept)
+        self.done = int(state["done"])
+        self.sums, self.moments, self.weights = state["sums"], state["plain"], state["weights"]
+        self.tail, self.current_weight = mi.UInt32(state["tail"]), mi.Float(state["carried"])
+        self.current_target = mi.Float(state["target"])
+        self.memory = [mi.Float(state[f"memory{i}"]) for i in range(4)]
+        splats = sum(name.startswith("bin") for name in state)
         self.current = [
-            Splat(mi.UInt32(kept[f"bin{i}"]), [mi.Float(row) for row in kept[f"values{i}"]])
-            for i in range(deposits)
+            Splat(mi.UInt32(state[f"bin{i}"]), [mi.Float(row) for row in state[f"values{i}"]])
+            for i in range(splats)
         ]
 
     # -- pieces --------------------------------------------------------------------------------
@@ -239,46 +247,36 @@ class MarkovChains:
     def _batches(self) -> int:
         return max(1, self.settings.luminance_samples // (2 * self.settings.chains))
 
-    def _independent(self, batch: int) -> tuple[list[Splat], Any]:
-        """Return the deposits and seeds of one batch of independent paths."""
-        seed, _ = mi.sample_tea_32(self.lane, key(self.settings.seed, 1, batch), ROUNDS)
-        deposits = self.problem.evaluate(Hashed(seed), Hashed(seed ^ LIGHT_SALT))
-        dr.eval(deposits, seed)
-        return deposits, seed
+    def _independent(self, batch: int) -> tuple[list[Splat], mi.UInt32]:
+        """Return the splats and seeds of one batch of independent paths."""
+        return independent_paths(self.sampler, self.lane, key(self.settings.seed, 1, batch))
 
-    def _target(self, deposits: list[Splat]) -> Any:
-        """Return F of the deposits."""
+    def _target(self, splats: list[Splat]) -> mi.Float:
+        """Return F of the splats."""
         weight = mi.Float(self.weights.astype(np.float32).ravel())
         total = mi.Float(0.0)
-        for deposit in deposits:
-            for c, value in enumerate(deposit.values):
-                index = deposit.bin * self.problem.channels + c
+        for splat in splats:
+            for c, value in enumerate(splat.values):
+                index = splat.bin * self.sampler.channels + c
                 total += value * dr.gather(mi.Float, weight, index)
         return total
 
-    def _pay(self, sums: Array, deposit: Splat, worth: Array) -> None:
-        """Add deposits times ``worth`` to ``sums`` ``(replicate, bin, channel)``, lane by lane."""
-        place = self.group * self.problem.bins + np.array(deposit.bin)
-        for c, value in enumerate(deposit.values):
-            paid = np.bincount(place, np.array(value, dtype=np.float64) * worth,
-                               sums.shape[0] * sums.shape[1])  # fmt: skip
-            sums[:, :, c] += paid.reshape(sums.shape[:2])
-
-    def _proposed(self, chosen: Chosen) -> tuple[Proposed, Proposed]:
-        camera, paths, light = self.problem.stored
+    def _streams(self, mutation: Mutation) -> tuple[MutatedStream, MutatedStream]:
+        """Return the proposal's primary samples of camera and light subpaths."""
+        camera, paths, light = self.sampler.stored
         memory = (self.memory, self.lane, self.settings.chains)
         return (
-            Proposed.camera(*memory, chosen, camera),
-            Proposed.light(*memory, chosen, camera, light, paths),
+            MutatedStream.camera(*memory, mutation, camera),
+            MutatedStream.light(*memory, mutation, camera, light, paths),
         )
 
-    def _moved_memory(self, chosen: Chosen, accepted: Any) -> list[Any]:
+    def _moved_memory(self, mutation: Mutation, accepted: mi.Bool) -> list[mi.Float]:
         """Return the chains' memory with accepted proposals written into it."""
         chains = self.settings.chains
         everywhere = dr.arange(mi.UInt32, self.slots * chains)
         slot = everywhere // chains
         lane = everywhere - slot * chains
-        camera, light = self._proposed(chosen.spread(lane))
+        camera, light = self._streams(dr.gather(Mutation, mutation, lane))
         camera.lane = light.lane = lane
         from_camera = slot < camera.block
         numbers_camera = camera.slot_numbers(dr.select(from_camera, slot, 0))

@@ -5,32 +5,38 @@ order, so nothing has to be stored for plain Monte Carlo and only the first even
 to be stored for Metropolis (``render.sampling.proposals``).
 """
 
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
-# Four rounds pass the spectral tests of Zafar et al. 2010 for rendering; six is their safe choice.
 ROUNDS = 6
+"""Of the hash; four pass the spectral tests of Zafar et al. 2010, six are their safe choice."""
+Numbers: TypeAlias = "tuple[mi.Float, mi.Float, mi.Float, mi.Float]"
+"""The four numbers of an event."""
 
 
-def uniform(bits: Any) -> Any:
+def uniform(bits: mi.UInt32) -> mi.Float:
     """Return float32 numbers in [0, 1) from 32 random bits (24 are used)."""
     return mi.Float(bits >> 8) * (2.0**-24)
 
 
-def hashed(seed: Any, event: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the four uniform numbers of ``event`` for the streams ``seed`` (uint32 arrays)."""
+def hashed(seed: mi.UInt32, event: mi.UInt32) -> Numbers:
+    """Return the four uniform numbers of ``event`` for the streams ``seed``."""
     a, b = mi.sample_tea_32(seed, 2 * event, ROUNDS)
     c, d = mi.sample_tea_32(seed, 2 * event + 1, ROUNDS)
     return uniform(a), uniform(b), uniform(c), uniform(d)
 
 
-def key(seed: int, purpose: int, index: int) -> Any:
-    """Return an opaque uint32 that differs for every seed, purpose and index (splitmix64)."""
+def key(seed: int, purpose: int, index: int) -> mi.UInt32:
+    """Return an opaque number that differs for every seed, purpose and index (splitmix64)."""
     word = (seed * 0x9E3779B97F4A7C15 + (purpose << 40) + index) & 0xFFFFFFFFFFFFFFFF
     for multiplier in (0xBF58476D1CE4E5B9, 0x94D049BB133111EB):
         word = ((word ^ (word >> 30)) * multiplier) & 0xFFFFFFFFFFFFFFFF
@@ -42,25 +48,25 @@ def key(seed: int, purpose: int, index: int) -> Any:
 class Stream(Protocol):
     """Primary samples by event; see the module's description."""
 
-    def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
-        """Return the four numbers of event ``index`` (uint32 array)."""
+    def event(self, index: mi.UInt32) -> Numbers:
+        """Return the four numbers of event ``index``."""
         ...
 
-    def spread(self, lane: Any) -> Stream:
-        """Return the streams of the lanes ``lane`` (uint32 array)."""
+    def of_lanes(self, lane: mi.UInt32) -> Stream:
+        """Return the streams of the lanes ``lane``."""
         ...
 
 
 @dataclass
-class Hashed:
+class HashedStream:
     """The plain Monte Carlo stream: every event is hashed from the lane's seed."""
 
-    seed: Any
+    seed: mi.UInt32
 
-    def event(self, index: Any) -> tuple[Any, Any, Any, Any]:
-        """Return the four numbers of event ``index`` (uint32 array)."""
+    def event(self, index: mi.UInt32) -> Numbers:
+        """Return the four numbers of event ``index``."""
         return hashed(self.seed, mi.UInt32(index))
 
-    def spread(self, lane: Any) -> Hashed:
-        """Return the streams of the lanes ``lane`` (uint32 array)."""
-        return Hashed(dr.gather(mi.UInt32, self.seed, lane))
+    def of_lanes(self, lane: mi.UInt32) -> HashedStream:
+        """Return the streams of the lanes ``lane``."""
+        return HashedStream(dr.gather(mi.UInt32, self.seed, lane))

@@ -11,13 +11,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.camera_rays import pixel_rays
-from render.cells.cell_sampler import Targets
+from render.cells.cell_sampler import Targets, pixel_rays
 from render.integrators.emitters import Emission
-from render.integrators.light_subpaths import project
-from render.paths.walk import advance, bounce, start
+from render.integrators.subpaths import connect_to_camera
+from render.paths.walk import begin_subpath, sample_scattering, trace_segment
 from render.sampling.proposals import LIGHT_EVENTS
-from render.sampling.streams import Hashed
+from render.sampling.streams import HashedStream
 from render.scene import Scene
 
 LANES = 1 << 16
@@ -50,28 +49,34 @@ def by_volpath(
 
 
 @dr.syntax
-def _light_tracer(scene: Any, sensor: Any, emission: Emission, stream: Any) -> tuple[Any, Any]:
-    """Trace light, join one random vertex that the camera sees to the camera, without MIS."""
+def _light_tracer(
+    scene: mi.Scene, sensor: mi.Sensor, emission: Emission, stream: HashedStream
+) -> tuple[Any, Any]:
+    """Trace light, connect one random vertex that the camera sees to the camera, without MIS."""
     pick, x, y, free = stream.event(mi.UInt32(0))
     u, w, _, _ = stream.event(mi.UInt32(1))
-    begin = emission.start(pick, mi.Point2f(x, y), u, w)
-    head = start(begin.o, begin.d, begin.medium, begin.beta, mi.Float(0), mi.Float(0), free)
+    start = emission.start(pick, mi.Point2f(x, y), u, w)
+    state = begin_subpath(
+        start.o, start.d, start.medium, start.beta, mi.Float(0), mi.Float(0), free
+    )
     event = mi.UInt32(2)
     total, where = mi.Float(0.0), mi.Point2f(0.0)
-    active = dr.max(begin.beta) > 0
+    active = dr.max(start.beta) > 0
     coated = mi.Bool(False)
     while active:
-        head, v, arrived, escaped = advance(scene, head, active)
-        v.vcm, v.vc = mi.Float(0.0), mi.Float(0.0)
+        state, v, arrived, escaped = trace_segment(scene, state, active)
+        v.d_vcm, v.d_vc = mi.Float(0.0), mi.Float(0.0)
         # Facet colors are light that comes from the coating: through the face after it.
-        uv, value = project(scene, sensor, v, 1.0, arrived & ~v.delta & coated & ~v.volume)
+        uv, value = connect_to_camera(
+            scene, sensor, v, 1.0, arrived & ~v.delta & coated & ~v.volume
+        )
         amount = dr.mean(value)
         total += amount
-        taken = (amount > 0) & (stream.event(event + LIGHT_EVENTS)[0] * total < amount)
-        where = dr.select(taken, uv, where)
+        replaces = (amount > 0) & (stream.event(event + LIGHT_EVENTS)[0] * total < amount)
+        where = dr.select(replaces, uv, where)
         coated = dr.select(arrived, v.diffuse, coated)
         numbers = stream.event(event)
-        head, alive = bounce(head, v, mi.TransportMode.Importance, numbers, arrived)
+        state, alive = sample_scattering(state, v, mi.TransportMode.Importance, numbers, arrived)
         active &= ~escaped & (~arrived | alive) & (event < LIGHT_EVENTS)
         event += 1
     return total, where
@@ -80,7 +85,7 @@ def _light_tracer(scene: Any, sensor: Any, emission: Emission, stream: Any) -> t
 def by_light_tracing(
     scene: Scene, lit: Any, targets: Targets, passes: int, replicates: int, seed: int
 ) -> np.ndarray:
-    """Light paths alone, joined to the camera where they leave the silicone."""
+    """Light paths alone, connected to the camera where they leave the silicone."""
     columns, rows = scene.camera.columns, scene.camera.rows
     owner = np.full(columns * rows, targets.count)
     for t in range(targets.count):
@@ -95,7 +100,7 @@ def by_light_tracing(
         # A literal would be compiled into the kernel, again for every pass.
         salt: Any = dr.opaque(mi.UInt32, seed * 1000 + number)
         streams, _ = mi.sample_tea_32(lane, salt, 6)
-        total, where = _light_tracer(lit, lit.sensors()[0], emission, Hashed(streams))
+        total, where = _light_tracer(lit, lit.sensors()[0], emission, HashedStream(streams))
         uv = np.array(where).T
         column = np.minimum((uv[:, 0]).astype(int), columns - 1)
         row = np.minimum((uv[:, 1]).astype(int), rows - 1)

@@ -182,15 +182,14 @@ def test_beyond_its_ends_a_value_is_refused_by_name(tmp_path: Path, key: str, va
 def test_the_bound_on_events_costs_a_known_share_of_the_light_at_the_thickest_layer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from render.cells import cell_connections as cell_paths
-    from render.cells import light_vertex_picks as light_picks
-    from render.sampling import proposals as chains
+    from render.cells import facet_paths, light_subpaths
+    from render.sampling import proposals
 
     scene = edited(tmp_path, **{"diffuser.sigma_s": 50.0})
     levels, bars = [], []
-    for bound in (light_picks.PICK_EVENT, 4 * light_picks.PICK_EVENT):
-        monkeypatch.setattr(light_picks, "PICK_EVENT", bound)
-        for module in (light_picks, cell_paths, chains):
+    for bound in (light_subpaths.RESERVOIR_EVENT, 4 * light_subpaths.RESERVOIR_EVENT):
+        monkeypatch.setattr(light_subpaths, "RESERVOIR_EVENT", bound)
+        for module in (light_subpaths, facet_paths, proposals):
             monkeypatch.setattr(module, "LIGHT_EVENTS", 2 * bound)
         began = time.process_time()
         replicates = render(scene, samples=1600, replicates=32).background_replicates

@@ -125,13 +125,13 @@ def test_a_lit_thing_outside_of_the_picture_leaves_it_exactly_black(mono: Module
 def test_the_bound_on_events_costs_less_than_a_picture_can_show(
     mono: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from render.integrators.bidirectional import path_limits as film_paths
+    from render.integrators import subpaths
 
     # The worst of the allowed layers: much scattering, none of it lost, light kept inside.
     scene = slab(mono, sigma_s=50.0, sigma_a=0.0, g=0.0, index=1.7)
     cut = {}
-    for bound in (500, film_paths.EVENTS):
-        monkeypatch.setattr(film_paths, "EVENTS", bound)
+    for bound in (500, subpaths.EVENTS_MAX):
+        monkeypatch.setattr(subpaths, "EVENTS_MAX", bound)
         began = time.process_time()
         cut[bound] = ours(mono, scene, "bdpt", SPP, seed=2), time.process_time() - began
     (short, quick), (full, slow) = cut.values()

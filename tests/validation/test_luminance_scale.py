@@ -30,7 +30,7 @@ def test_the_mean_intensity_scatters_less_than_0_2_percent_at_ten_million_sample
 ) -> None:
     from render.integrators.film_sampler import FilmSampler
     from render.integrators.normalization import Normalization
-    from render.integrators.path_limits import PathLimits
+    from render.integrators.subpaths import PathLimits
 
     scene = slab(mono, tmp_path, lamp(mono))
     sampler = FilmSampler(scene, scene.sensors()[0], PathLimits())

@@ -12,10 +12,10 @@ FIBER = np.array([[-10.0, 0.0, 2.0], [10.0, 0.0, 2.0], [0.0, 20.0, 2.0]])
 
 def shares(lit: np.ndarray | None = None) -> np.ndarray:
     """Return the part of the slots that each fiber has, ``(site, fiber)``."""
-    from render.cells.cell_sampler import SLOTS, fiber_slots
+    from render.cells.cell_sampler import FIBER_SLOTS, fiber_slots
 
     slots = fiber_slots(SITE, FIBER, lit)
-    return np.stack([np.bincount(row, minlength=3) for row in slots]) / SLOTS
+    return np.stack([np.bincount(row, minlength=3) for row in slots]) / FIBER_SLOTS
 
 
 def test_every_fiber_has_slots_and_near_ones_more() -> None:

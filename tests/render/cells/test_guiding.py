@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.cells.guiding import Guide
+from render.cells.guiding import FiberGlow
 from render.geometry import facets
 from render.scene import Scene, load_scene
 
@@ -34,14 +34,14 @@ def lanes(mono: ModuleType, points: np.ndarray) -> Any:
 def test_the_density_is_that_of_the_sampled_directions(
     mono: ModuleType, scene: Scene, fiber: int, bend: float
 ) -> None:
-    guide = Guide(scene, bend)
+    glow = FiberGlow(scene, bend)
     a = lanes(mono, np.repeat(facet_points(scene, bend)[70:71], COUNT, axis=0))
     fibers = mono.UInt32(np.full(COUNT, fiber, dtype=np.uint32))
     rng = np.random.default_rng(1)
     x, y = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(2))
-    drawn = guide.sample(fibers, a, x, y)
+    drawn = glow.sample(fibers, a, x, y)
     anywhere = mono.warp.square_to_uniform_sphere(mono.Point2f(x, y))
-    density = guide.density(fibers, a, anywhere)
+    density = glow.density(fibers, a, anywhere)
     dr.eval(drawn, anywhere, density)
     drawn, anywhere = np.array(drawn).T, np.array(anywhere).T
     weight = 4 * np.pi * np.array(density, dtype=np.float64)
@@ -63,9 +63,9 @@ def test_every_facet_aims_at_every_fiber_with_a_positive_finite_density(
     fibers = mono.UInt32(np.tile(np.arange(count, dtype=np.uint32), len(points)))
     rng = np.random.default_rng(2)
     x, y = (mono.Float(rng.random(len(points) * count).astype(np.float32)) for _ in range(2))
-    guide = Guide(scene, bend)
-    directions = guide.sample(fibers, a, x, y)
-    density = np.array(guide.density(fibers, a, directions))
+    glow = FiberGlow(scene, bend)
+    directions = glow.sample(fibers, a, x, y)
+    density = np.array(glow.density(fibers, a, directions))
     assert np.isfinite(np.array(directions)).all()
     assert np.isfinite(density).all()
     # Aim points in the last thousandth of the wall's height may fall off it by rounding.

@@ -1,4 +1,4 @@
-"""Bridges aim at mirror images with the density that they state."""
+"""Directions go to mirror images with the density that they state."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.cells.lower_face_mirror import Bridge
+from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import bend_points
 from render.scene import Scene, load_scene
 
@@ -32,9 +32,9 @@ def points(mono: ModuleType, scene: Scene, bend: float, count: int) -> tuple[Any
     )
 
 
-def axis(mono: ModuleType, bridge: Bridge, scene: Scene, bend: float) -> np.ndarray:
+def axis(mono: ModuleType, mirror: LowerFaceMirror, scene: Scene, bend: float) -> np.ndarray:
     a, y = points(mono, scene, bend, 1)
-    return np.array(bridge.sample(a, y, mono.Float([0.0]), mono.Float([0.0])), dtype=np.float64)[
+    return np.array(mirror.sample(a, y, mono.Float([0.0]), mono.Float([0.0])), dtype=np.float64)[
         :, 0
     ]
 
@@ -58,12 +58,12 @@ def polar(center: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
     mono: ModuleType, scene: Scene, bend: float
 ) -> None:
-    bridge = Bridge(scene, bend)
-    center = axis(mono, bridge, scene, bend)
+    mirror = LowerFaceMirror(scene, bend)
+    center = axis(mono, mirror, scene, bend)
     d, solid, theta = polar(center / np.linalg.norm(center))
     a, y = points(mono, scene, bend, len(d))
     density = np.array(
-        bridge.density(a, y, mono.Vector3f(np.ascontiguousarray(d.T).astype(np.float32)))
+        mirror.density(a, y, mono.Vector3f(np.ascontiguousarray(d.T).astype(np.float32)))
     )
     assert np.isfinite(density).all()
     share = density.astype(np.float64) * solid
@@ -72,7 +72,7 @@ def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
     a, y = points(mono, scene, bend, COUNT)
     rng = np.random.default_rng(1)
     u, v = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(2))
-    drawn = np.array(bridge.sample(a, y, u, v), dtype=np.float64).T
+    drawn = np.array(mirror.sample(a, y, u, v), dtype=np.float64).T
     angles = np.arccos(np.clip(drawn @ center / np.linalg.norm(center), -1, 1))
     for limit in (0.05, 0.1, 0.2, 0.5):
         expected = share[theta < limit].sum()
@@ -82,10 +82,10 @@ def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
 
 
 @BENDS
-def test_the_bridge_aims_where_a_mirror_would_reflect(
+def test_directions_go_where_a_mirror_would_reflect(
     mono: ModuleType, scene: Scene, bend: float
 ) -> None:
-    d = axis(mono, Bridge(scene, bend), scene, bend)
+    d = axis(mono, LowerFaceMirror(scene, bend), scene, bend)
     a, y = (np.array(p, dtype=np.float64)[:, 0] for p in points(mono, scene, bend, 1))
     # March to the face, then compare the mirrored direction with the way to the light vertex.
     radius = scene.pad.length / bend if bend else 0.0
@@ -110,16 +110,16 @@ def test_the_bridge_aims_where_a_mirror_would_reflect(
 def test_light_vertices_anywhere_on_the_pad_give_finite_directions_and_densities(
     mono: ModuleType, scene: Scene, bend: float
 ) -> None:
-    bridge = Bridge(scene, bend)
-    # The first two are on the coating, where bridges start.
+    mirror = LowerFaceMirror(scene, bend)
+    # The first two are on the coating, where mirror connections start.
     corners = np.array([[0, 3, 4], [9, -12, 4], [0, 3, 0], [-9, 18, 2.0]])
     there = bend_points(scene, corners, bend).astype(np.float32)
     first, second = (grid.ravel() for grid in np.meshgrid(range(2), range(4)))
     a = mono.Point3f(np.ascontiguousarray(there[first].T))
     y = mono.Point3f(np.ascontiguousarray(there[second].T))
     half = mono.Float(np.full(8, 0.5, dtype=np.float32))
-    d = bridge.sample(a, y, half, half)
-    density = bridge.density(a, y, d)
+    d = mirror.sample(a, y, half, half)
+    density = mirror.density(a, y, d)
     dr.eval(d, density)
     assert np.isfinite(np.array(d)).all()
     assert np.isfinite(np.array(density)).all()

@@ -1,4 +1,4 @@
-"""Bridges over the flat faces of a scene: stated densities, and the same pictures as without."""
+"""Mirror connections over flat faces: stated densities, and the same pictures as without."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.integrators.mirror_connections import Mirrors
+from render.integrators.mirror_connections import MirrorSet
 
 A, Y = np.array([0.3, -0.2, -0.6]), np.array([-0.4, 0.5, 0.7])
 COUNT = 1 << 16
@@ -24,25 +24,27 @@ def repeated(mono: ModuleType, p: np.ndarray, count: int) -> Any:
     return mono.Point3f(np.repeat(p[:, None], count, axis=1).astype(np.float32))
 
 
-def found_mirrors(scene: Any) -> Mirrors:
-    mirrors = Mirrors.of(scene)
+def found_mirrors(scene: Any) -> MirrorSet:
+    mirrors = MirrorSet.of(scene)
     assert mirrors is not None
     return mirrors
 
 
-def test_a_scene_without_flat_glossy_faces_has_no_bridges(mono: ModuleType) -> None:
-    assert Mirrors.of(mono.load_dict(mono.cornell_box())) is None
+def test_a_scene_without_flat_glossy_faces_has_no_mirrors(mono: ModuleType) -> None:
+    assert MirrorSet.of(mono.load_dict(mono.cornell_box())) is None
 
 
-def test_bridges_find_each_point_of_the_faces_with_the_stated_density(mono: ModuleType) -> None:
+def test_mirror_connections_find_each_point_of_the_faces_with_the_stated_density(
+    mono: ModuleType,
+) -> None:
     mirrors = found_mirrors(cube(mono, 0.3))
     rng = np.random.default_rng(1)
     numbers = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(3))
     a, y = repeated(mono, A, COUNT), repeated(mono, Y, COUNT)
     pick, u, v = numbers
-    k, chance = mirrors.drawn(a, y, pick)
-    direction, density = mirrors.aimed(k, a, y, u, v)
-    density = density * chance
+    k, probability = mirrors.select(a, y, pick)
+    direction, density = mirrors.sample(k, a, y, u, v)
+    density = density * probability
     assert (np.array(density) > 0).all()
     d = np.array(direction, dtype=np.float64).T
     # Where the ray leaves the cube; only the face that was aimed at counts.
@@ -53,12 +55,12 @@ def test_bridges_find_each_point_of_the_faces_with_the_stated_density(mono: Modu
     normal = np.eye(3)[axis]
     there = mono.Point3f(np.ascontiguousarray(b.T).astype(np.float32))
     n = mono.Normal3f(np.ascontiguousarray(normal.T).astype(np.float32))
-    meant = np.array(mirrors.plane(there, n)) == np.array(k)
+    meant = np.array(mirrors.mirror_at(there, n)) == np.array(k)
     area = np.array(mirrors.area_density(a, there, n, y), dtype=np.float64)
     expected = np.array(density) * np.abs((d * normal).sum(1)) / (t.min(axis=1) ** 2)
     np.testing.assert_allclose(area[meant], expected[meant], rtol=2e-3)
 
-    # The density per area over all faces integrates to the share that arrived as meant, per face.
+    # The density per area over all faces integrates to the fraction that arrived, per face.
     cells = 256
     grid = (np.arange(cells) + 0.5) / cells * 2 - 1
     u, v = (g.ravel() for g in np.meshgrid(grid, grid))
@@ -71,10 +73,10 @@ def test_bridges_find_each_point_of_the_faces_with_the_stated_density(mono: Modu
                 mirrors.area_density(wide_a, mono.Point3f(p), mono.Normal3f(n), wide_y),
                 dtype=np.float64,
             )
-            share = area.sum() * (2 / cells) ** 2
+            fraction = area.sum() * (2 / cells) ** 2
             here = meant & (axis == face) & (np.sign(b[:, face]) == side)
-            error = np.sqrt(share * (1 - share) / COUNT)
-            assert abs(here.mean() - share) < 4 * error + 1e-3
+            error = np.sqrt(fraction * (1 - fraction) / COUNT)
+            assert abs(here.mean() - fraction) < 4 * error + 1e-3
 
 
 @pytest.mark.parametrize("other", [[0.3, -0.2, -0.6], [0.3, 0.5, 1.0], [3.0, 0.0, 0.0]])
@@ -84,9 +86,9 @@ def test_points_in_a_face_or_outside_or_the_same_give_finite_densities(
     mirrors = found_mirrors(cube(mono, 0.1))
     a, y = repeated(mono, A, 4), repeated(mono, np.array(other), 4)
     half = mono.Float([0.0, 0.3, 0.6, 0.99])
-    k, chance = mirrors.drawn(a, y, half)
-    direction, density = mirrors.aimed(k, a, y, half, half)
-    density = density * chance
+    k, probability = mirrors.select(a, y, half)
+    direction, density = mirrors.sample(k, a, y, half, half)
+    density = density * probability
     dr.eval(direction, density)
     assert np.isfinite(np.array(direction)).all()
     assert np.isfinite(np.array(density)).all()
@@ -127,23 +129,23 @@ def lit(mono: ModuleType, medium: dict[str, Any] | None) -> Any:
     [None, {"sigma_t": 1.0, "albedo": 0.9, "phase": {"type": "hg", "g": 0.5}}],
     ids=["clear", "fog"],
 )
-def test_pictures_with_bridges_and_shared_light_subpaths_equal_those_without(
+def test_pictures_with_mirror_connections_and_shared_light_subpaths_equal_those_without(
     mono: ModuleType, medium: dict[str, Any] | None
 ) -> None:
     from render.integrators.film_sampler import FilmSampler
-    from render.integrators.path_limits import PathLimits
+    from render.integrators.subpaths import PathLimits
     from render.sampling.monte_carlo import monte_carlo_replicates
 
     scene, lanes = lit(mono, medium), 1 << 15
     runs = []
-    for seed, bridged in enumerate((True, False)):
-        problem = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=12))
-        assert problem.mirrors is not None
-        problem.mirrors = problem.mirrors if bridged else None
-        # Those with bridges share light subpaths as well; the others have each lane to itself.
-        problem = problem.together(lanes, 16, 8) if bridged else problem
+    for seed, mirrored in enumerate((True, False)):
+        sampler = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=12))
+        assert sampler.mirrors is not None
+        sampler.mirrors = sampler.mirrors if mirrored else None
+        # Those with mirrors share light subpaths as well; the others have each lane to itself.
+        sampler = sampler.sharing(lanes, 16, 8) if mirrored else sampler
         runs.append(
-            monte_carlo_replicates(problem, lanes=lanes, passes=8, replicates=16, seed=seed)[..., 0]
+            monte_carlo_replicates(sampler, lanes=lanes, passes=8, replicates=16, seed=seed)[..., 0]
         )
     means = [run.mean(axis=0) for run in runs]
     error = np.sqrt(sum(run.var(axis=0, ddof=1) / 16 for run in runs))

@@ -12,20 +12,24 @@ from tests.render.integrators.test_bidirectional import lambert, plane
 SAMPLES = 1 << 16
 
 
-def test_the_guided_scale_is_the_mean_of_the_picture_under_any_weights(mono: ModuleType) -> None:
+def test_the_guided_normalization_is_the_mean_of_the_picture_under_any_weights(
+    mono: ModuleType,
+) -> None:
     from render.integrators.film_sampler import FilmSampler
     from render.integrators.normalization import Normalization
-    from render.integrators.path_limits import PathLimits
+    from render.integrators.subpaths import PathLimits
 
     scene = plane(mono)
-    problem = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=2))
-    scale = Normalization(problem, SAMPLES, 1024, 8, seed=3)
-    assert scale.for_pilot + scale.starts + scale.for_scale == SAMPLES
+    sampler = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=2))
+    normalization = Normalization(sampler, SAMPLES, 1024, 8, seed=3)
+    assert (
+        normalization.for_pilot + normalization.for_starts + normalization.for_estimate == SAMPLES
+    )
     truth = lambert().ravel()
-    pilot = scale.pilot()[:, 0]
+    pilot = normalization.pilot()[:, 0]
     assert pilot.mean() == pytest.approx(truth.mean(), rel=0.02)
-    for weights in (np.ones(problem.bins), 1 / pilot, np.arange(problem.bins) % 8 + 0.1):
-        means = scale.means(weights[:, None] / problem.bins)
+    for weights in (np.ones(sampler.bins), 1 / pilot, np.arange(sampler.bins) % 8 + 0.1):
+        means = normalization.means(weights[:, None] / sampler.bins)
         error = means.std(ddof=1) / np.sqrt(len(means))
         # Student's t with 7 degrees of freedom: 0.9999 quantile.
         assert abs(means.mean() - (weights * truth).mean()) < 8 * error

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from render.integrators.planar_mirrors import (
-    BINS,
-    DIM,
-    MOST,
+    COSINE_BINS,
+    MIRRORS_MAX,
+    REFLECTANCE_MIN,
+    find_mirrors,
     measured_reflectance,
     measured_slope,
-    mirrors,
 )
 
 ROUGH = {"type": "roughdielectric", "distribution": "beckmann", "alpha": 0.2, "int_ior": 1.4}
@@ -26,7 +26,7 @@ def scene(mono: ModuleType, **shapes: Any) -> Any:
 
 def test_a_rough_cube_has_its_six_faces(mono: ModuleType) -> None:
     to_world = mono.ScalarTransform4f().translate([1, 2, 3]).rotate([0, 1, 0], 30).scale([1, 2, 3])
-    found = mirrors(scene(mono, cube={"type": "cube", "bsdf": ROUGH, "to_world": to_world}))
+    found = find_mirrors(scene(mono, cube={"type": "cube", "bsdf": ROUGH, "to_world": to_world}))
     assert [m.area for m in found] == pytest.approx([24, 24, 12, 12, 8, 8], rel=1e-5)
     for m in found:
         assert np.linalg.norm(m.normal) == pytest.approx(1, abs=1e-6)
@@ -36,7 +36,7 @@ def test_a_rough_cube_has_its_six_faces(mono: ModuleType) -> None:
 
 def test_coplanar_faces_of_several_shapes_are_one_mirror(mono: ModuleType) -> None:
     move = mono.ScalarTransform4f()
-    found = mirrors(
+    found = find_mirrors(
         scene(
             mono,
             a={"type": "rectangle", "bsdf": ROUGH, "to_world": move.translate([-2, 0, 1])},
@@ -66,7 +66,7 @@ def test_coplanar_faces_of_several_shapes_are_one_mirror(mono: ModuleType) -> No
 def test_diffuse_smooth_and_curved_faces_are_no_mirrors(
     mono: ModuleType, shape: dict[str, Any]
 ) -> None:
-    assert mirrors(scene(mono, shape=shape)) == []
+    assert find_mirrors(scene(mono, shape=shape)) == []
 
 
 def test_the_largest_planes_are_kept(mono: ModuleType) -> None:
@@ -76,10 +76,12 @@ def test_the_largest_planes_are_kept(mono: ModuleType) -> None:
             "bsdf": ROUGH,
             "to_world": mono.ScalarTransform4f().translate([0, 0, i]).scale(10 + i),
         }
-        for i in range(MOST + 4)
+        for i in range(MIRRORS_MAX + 4)
     }
-    found = mirrors(scene(mono, **shapes))
-    assert [round(m.area) for m in found] == [4 * (10 + i) ** 2 for i in range(MOST + 3, 3, -1)]
+    found = find_mirrors(scene(mono, **shapes))
+    assert [round(m.area) for m in found] == [
+        4 * (10 + i) ** 2 for i in range(MIRRORS_MAX + 3, 3, -1)
+    ]
 
 
 @pytest.mark.parametrize("kind", ["roughdielectric", "roughconductor"])
@@ -100,15 +102,15 @@ def test_glass_reflects_little_from_outside_and_everything_beyond_the_critical_a
     assert before[-1] == pytest.approx(0.028, abs=0.02)
     assert behind[-1] == pytest.approx(0.028, abs=0.02)
     # The critical cosine is sqrt(1 - 1 / n^2) = 0.70.
-    total = (np.arange(BINS) + 1) / BINS < 0.6
+    total = (np.arange(COSINE_BINS) + 1) / COSINE_BINS < 0.6
     assert (behind[total] > 0.9).all()
-    assert (before >= DIM).all()
+    assert (before >= REFLECTANCE_MIN).all()
 
 
 def test_a_face_turned_over_has_its_sides_exchanged(mono: ModuleType) -> None:
     move = mono.ScalarTransform4f()
     tables = [
-        mirrors(
+        find_mirrors(
             scene(
                 mono,
                 a={"type": "rectangle", "bsdf": ROUGH, "to_world": move.rotate([1, 0, 0], angle)},

@@ -1,24 +1,28 @@
-"""Lanes that share light subpaths: who joins whom, and where on the film they look."""
+"""The light vertex cache: who shares vertices, where on the film, and which ones are near."""
 
 from __future__ import annotations
 
 from types import ModuleType
 
+import drjit as dr
 import numpy as np
 import pytest
 
-from render.integrators.vertex_cache import Ensemble
+from render.integrators.resampling import LightProxies
+from render.integrators.subpaths import LightVertex
+from render.integrators.vertex_cache import NEIGHBOR_WINDOW, LaneGroups, MortonNeighbors
 
 PATHS = 8
+LANES, GROUPS, NEAR_PATHS, DRAWS = 1 << 13, 4, 16, 8
 
 
 @pytest.mark.parametrize(("lanes", "groups"), [(1024, 16), (1000, 7), (64, 3)])
 def test_every_light_subpath_serves_as_many_camera_subpaths_all_of_its_own_group(
     mono: ModuleType, lanes: int, groups: int
 ) -> None:
-    ensemble = Ensemble(lanes, groups, PATHS)
+    lane_groups = LaneGroups(lanes, groups, PATHS)
     lane = np.arange(lanes)
-    partners = np.array([np.array(ensemble.partner(ensemble.lane, k)) for k in range(PATHS)])
+    partners = np.array([np.array(lane_groups.partner(lane_groups.lane, k)) for k in range(PATHS)])
     np.testing.assert_array_equal(partners[0], lane)
     assert (partners % groups == lane % groups).all()
     assert (np.diff(np.sort(partners, axis=0), axis=0) > 0).all()
@@ -28,8 +32,8 @@ def test_every_light_subpath_serves_as_many_camera_subpaths_all_of_its_own_group
 def test_a_group_smaller_than_the_shared_paths_still_serves_its_members_alike(
     mono: ModuleType,
 ) -> None:
-    ensemble = Ensemble(12, 4, PATHS)
-    partners = np.array([np.array(ensemble.partner(ensemble.lane, k)) for k in range(PATHS)])
+    lane_groups = LaneGroups(12, 4, PATHS)
+    partners = np.array([np.array(lane_groups.partner(lane_groups.lane, k)) for k in range(PATHS)])
     assert (np.bincount(partners.ravel(), minlength=12) == PATHS).all()
 
 
@@ -40,7 +44,7 @@ def test_each_group_has_one_film_position_per_stratum(
     numbers = [
         mono.Float(np.random.default_rng(i).random(lanes).astype(np.float32)) for i in range(3)
     ]
-    place, weight = Ensemble(lanes, groups, PATHS).placed(numbers, 8)
+    place, weight = LaneGroups(lanes, groups, PATHS).film_positions(numbers, 8)
     x, y = (np.array(c, dtype=np.float64) for c in (place.x, place.y))
     assert (np.array(weight) == 1).all()
     along = (np.floor(y * 8) + x) / 8
@@ -57,10 +61,78 @@ def test_film_positions_follow_a_density_and_are_weighted_by_its_inverse(
     rng = np.random.default_rng(5)
     density = rng.random((8, 12)) + 0.1
     numbers = [mono.Float(rng.random(lanes).astype(np.float32)) for _ in range(3)]
-    place, weight = Ensemble(lanes, 4, PATHS, density).placed(numbers, 8)
+    place, weight = LaneGroups(lanes, 4, PATHS, density).film_positions(numbers, 8)
     pixel = np.floor(np.array(place.y) * 8) * 12 + np.floor(np.array(place.x) * 12)
     share = np.bincount(pixel.astype(int), minlength=96) / lanes
     expected = density.ravel() / density.sum()
     # Four groups of 4096 strata: the counts can be off by one stratum at either end.
     np.testing.assert_allclose(share, expected, atol=8 / lanes)
     np.testing.assert_allclose(np.array(weight), 1 / (96 * expected[pixel.astype(int)]), rtol=1e-3)
+
+
+def scattered(mono: ModuleType, points: np.ndarray, power: np.ndarray) -> LightProxies:
+    record = LightVertex.empty()
+    record.vertex.p = mono.Point3f(points.astype(np.float32))
+    record.vertex.wi = dr.zeros(mono.Vector3f, points.shape[1])
+    record.vertex.beta = mono.Spectrum(1.0)
+    return LightProxies.of(record, mono.Float(power.astype(np.float32)))
+
+
+def nearby(mono: ModuleType, points: np.ndarray, power: np.ndarray) -> MortonNeighbors:
+    """Return the vertices ``points`` of two slots a lane, seen from points like them."""
+    at = np.random.default_rng(2).standard_normal((3, LANES))
+    lane_groups = LaneGroups(LANES, GROUPS, NEAR_PATHS)
+    return MortonNeighbors(
+        scattered(mono, points, power), lane_groups, mono.Point3f(at.astype(np.float32))
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_what_is_drawn_nearby_represents_what_is_left_out_elsewhere(
+    mono: ModuleType, scale: float
+) -> None:
+    rng = np.random.default_rng(1)
+    points = scale * rng.standard_normal((3, 2 * LANES))
+    power = np.where(rng.random(2 * LANES) < 0.3, 0.0, 1.0)
+    near = nearby(mono, points, power)
+    group = np.arange(LANES) % GROUPS
+    value = rng.random(2 * LANES)
+    value[power == 0] = 0.0
+    # Of every lane's near vertices: their sum, and what the draws make of it.
+    places = np.array(near.rank)
+    mine = np.array(near.place)
+    exact, lanes = 0.0, np.arange(0, LANES, 64)
+    for lane in lanes:
+        held = np.abs(places - mine[lane]) < NEIGHBOR_WINDOW
+        held &= np.arange(2 * LANES) % LANES % GROUPS == group[lane]
+        exact += value[held].sum()
+    found, members = [], LANES // GROUPS
+    for _ in range(64):
+        number = mono.Float(rng.random(LANES).astype(np.float32))
+        _, place, represented = near.sample(number, DRAWS)
+        index = np.array(near.index(dr.clip(place, 0, 2 * LANES - 1)))
+        weight = np.array(represented)
+        assert (index[weight > 0] % LANES % GROUPS == group[weight > 0]).all()
+        found.append((value[index] * weight)[lanes].sum() * DRAWS * members / NEAR_PATHS)
+    error = np.std(found, ddof=1) / np.sqrt(len(found))
+    assert np.mean(found) == pytest.approx(exact, abs=4 * error)
+    assert error < 0.05 * exact
+
+
+def test_the_nearest_in_order_are_near_in_space(mono: ModuleType) -> None:
+    rng = np.random.default_rng(3)
+    points = rng.standard_normal((3, 2 * LANES))
+    near = nearby(mono, points, np.ones(2 * LANES))
+    at = np.random.default_rng(2).standard_normal((3, LANES))
+    number = mono.Float(rng.random(LANES).astype(np.float32))
+    y, _, represented = near.sample(number, DRAWS)
+    there = np.array(represented) > 0
+    distance = np.linalg.norm(np.array(y.p) - at, axis=0)[there]
+    other = np.linalg.norm(points[:, :LANES] - at, axis=0)
+    assert np.median(distance) < 0.5 * np.median(other)
+
+
+def test_where_no_light_subpath_left_a_vertex_nothing_is_near(mono: ModuleType) -> None:
+    near = nearby(mono, np.zeros((3, 2 * LANES)), np.zeros(2 * LANES))
+    _, _, represented = near.sample(dr.full(mono.Float, 0.5, LANES), DRAWS)
+    assert (np.array(represented) == 0).all()

@@ -12,8 +12,8 @@ from render.sampling.proposals import (
     LIGHT_EVENTS,
     STEP_LARGE,
     STEP_SMALL,
-    Chosen,
-    Proposed,
+    MutatedStream,
+    Mutation,
     Splat,
     perturb,
 )
@@ -56,16 +56,16 @@ def test_steps_up_and_down_are_equally_likely_at_every_size(mono: ModuleType) ->
 
 
 @pytest.fixture
-def proposed(mono: ModuleType) -> tuple[Proposed, Proposed]:
+def proposed(mono: ModuleType) -> tuple[MutatedStream, MutatedStream]:
     rng = np.random.default_rng(7)
     slots = CAMERA + PATHS * LIGHT
     memory = [mono.Float(rng.random(slots * LANES).astype(np.float32)) for _ in range(4)]
     lane = mono.UInt32(np.arange(LANES, dtype=np.uint32))
     seeds = [mono.UInt32(rng.integers(0, 2**32, LANES, dtype=np.uint32)) for _ in range(3)]
-    chosen = Chosen(mono.Bool(rng.random(LANES) < 0.3), *seeds)
+    mutation = Mutation(mono.Bool(rng.random(LANES) < 0.3), *seeds)
     return (
-        Proposed.camera(memory, lane, LANES, chosen, CAMERA),
-        Proposed.light(memory, lane, LANES, chosen, CAMERA, LIGHT, PATHS),
+        MutatedStream.camera(memory, lane, LANES, mutation, CAMERA),
+        MutatedStream.light(memory, lane, LANES, mutation, CAMERA, LIGHT, PATHS),
     )
 
 
@@ -79,7 +79,7 @@ def lanes_of(mono: ModuleType, number: int) -> object:
 
 
 def test_what_is_stored_of_a_camera_path_is_what_the_path_was_made_of(
-    mono: ModuleType, proposed: tuple[Proposed, Proposed]
+    mono: ModuleType, proposed: tuple[MutatedStream, MutatedStream]
 ) -> None:
     for event in range(CAMERA):
         np.testing.assert_array_equal(
@@ -89,7 +89,7 @@ def test_what_is_stored_of_a_camera_path_is_what_the_path_was_made_of(
 
 
 def test_what_is_stored_of_light_paths_is_what_they_were_made_of(
-    mono: ModuleType, proposed: tuple[Proposed, Proposed]
+    mono: ModuleType, proposed: tuple[MutatedStream, MutatedStream]
 ) -> None:
     for path in range(PATHS):
         for event in range(LIGHT):
@@ -100,32 +100,34 @@ def test_what_is_stored_of_light_paths_is_what_they_were_made_of(
 
 
 def test_only_large_steps_change_the_numbers_that_are_not_stored(
-    mono: ModuleType, proposed: tuple[Proposed, Proposed]
+    mono: ModuleType, proposed: tuple[MutatedStream, MutatedStream]
 ) -> None:
     for stream, beyond in ((proposed[0], CAMERA + 2), (proposed[1], LIGHT + 2)):
         drawn = numbers(stream.event(lanes_of(mono, beyond)))
-        chosen = stream.chosen
-        stream.chosen = Chosen(chosen.large, chosen.fresh + 1, chosen.step + 1, chosen.tail)
+        mutation = stream.mutation
+        stream.mutation = Mutation(
+            mutation.large, mutation.fresh + 1, mutation.step + 1, mutation.tail
+        )
         again = numbers(stream.event(lanes_of(mono, beyond)))
-        large = np.array(chosen.large)
+        large = np.array(mutation.large)
         np.testing.assert_array_equal(drawn[:, ~large], again[:, ~large])
         assert (drawn[:, large] != again[:, large]).mean() > 0.99
 
 
 def test_a_small_step_moves_stored_numbers_by_a_small_amount(
-    mono: ModuleType, proposed: tuple[Proposed, Proposed]
+    mono: ModuleType, proposed: tuple[MutatedStream, MutatedStream]
 ) -> None:
     camera = proposed[0]
     drawn = numbers(camera.event(lanes_of(mono, 1)))
     stored = np.array([np.array(array)[LANES : 2 * LANES] for array in camera.memory])
-    small = ~np.array(camera.chosen.large)
+    small = ~np.array(camera.mutation.large)
     step = np.abs(drawn - stored)[:, small]
     assert np.minimum(step, 1 - step).max() < 1.01 * STEP_LARGE
 
 
-def test_a_deposit_is_chosen_lane_by_lane(mono: ModuleType) -> None:
+def test_a_splat_is_selected_lane_by_lane(mono: ModuleType) -> None:
     a = Splat(mono.UInt32([1, 2]), [mono.Float([10, 20])])
     b = Splat(mono.UInt32([3, 4]), [mono.Float([30, 40])])
-    both = a.where(mono.Bool([True, False]), b)
+    both = dr.select(mono.Bool([True, False]), a, b)
     assert np.array(both.bin).tolist() == [1, 4]
     assert np.array(both.values[0]).tolist() == [10, 40]

@@ -1,4 +1,4 @@
-"""Chains over a problem whose integrals are known."""
+"""Chains over a path sampler whose integrals are known."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHARES = [0.2, 0.5, 1.0]
 
 
 class Analytic:
-    """Two deposits over ``bins`` bins and two channels, whose integrals are known.
+    """Two splats over ``bins`` bins and two channels, whose integrals are known.
 
     Uses stored numbers, numbers beyond those, and a number of the second light path.
     """
@@ -79,7 +79,7 @@ def test_chains_find_known_integrals_in_every_bin_and_channel(
     chains = run(p_large=p_large)
     chains.sample(64)
     estimate = chains.estimate()
-    truth = chains.problem.integrals
+    truth = chains.sampler.integrals
     assert (score(estimate, truth) < 4).all()
     np.testing.assert_allclose(estimate.mean(axis=0), truth, rtol=0.1)
 
@@ -90,7 +90,7 @@ def test_the_target_may_prefer_bins_without_changing_the_result(
     chains = MarkovChains(Analytic(mono), ChainSettings(512, 16384, 0.3, 16, 4))
     chains.bootstrap(np.array([[10.0, 0.0], [1.0, 0.1], [0.01, 3.0]]))
     chains.sample(64)
-    assert (score(chains.estimate(), chains.problem.integrals) < 4).all()
+    assert (score(chains.estimate(), chains.sampler.integrals) < 4).all()
 
 
 def test_large_steps_alone_agree_with_plain_monte_carlo(
@@ -100,7 +100,7 @@ def test_large_steps_alone_agree_with_plain_monte_carlo(
     chains.sample(32)
     plain = monte_carlo_replicates(Analytic(mono), lanes=4096, passes=8, replicates=16, seed=3)
     both = np.concatenate([chains.estimate(), plain])
-    assert (score(plain, chains.problem.integrals) < 4).all()
+    assert (score(plain, chains.sampler.integrals) < 4).all()
     spread = np.sqrt((chains.estimate().var(axis=0, ddof=1) + plain.var(axis=0, ddof=1)) / 16)
     difference = both[:16].mean(axis=0) - both[16:].mean(axis=0)
     assert (np.abs(difference) < 4 * spread).all()
@@ -108,33 +108,33 @@ def test_large_steps_alone_agree_with_plain_monte_carlo(
 
 def test_the_pilot_is_an_estimate_of_the_integrals(run: Callable[..., MarkovChains]) -> None:
     chains = run()
-    np.testing.assert_allclose(chains.pilot(), chains.problem.integrals, rtol=0.15)
+    np.testing.assert_allclose(chains.pilot(), chains.sampler.integrals, rtol=0.15)
 
 
-def test_the_scale_comes_with_an_error_bar_that_shrinks_as_large_steps_are_made(
+def test_the_normalization_comes_with_an_error_bar_that_shrinks_as_large_steps_are_made(
     run: Callable[..., MarkovChains],
 ) -> None:
     chains = run()
-    truth = chains.problem.integrals.mean(axis=0).sum()
-    before = chains.scale()
+    truth = chains.sampler.integrals.mean(axis=0).sum()
+    before = chains.normalization()
     chains.sample(48)
-    after = chains.scale()
+    after = chains.normalization()
     assert abs(before[0] - truth) < 4 * before[1]
     assert abs(after[0] - truth) < 4 * after[1]
     assert after[1] < before[1]
 
 
-def test_estimates_of_the_scale_from_elsewhere_count_by_their_worth(
+def test_estimates_of_the_normalization_from_elsewhere_count_by_their_worth(
     run: Callable[..., MarkovChains],
 ) -> None:
     chains = run()
-    before = chains.scale()[0]
-    samples = chains.plain[:, 0].copy()
+    before = chains.normalization()[0]
+    samples = chains.moments[:, 0].copy()
     means = np.full(16, 3 * before)
     for worth, share in ((samples, 1 / 2), (2 * samples, 1 / 2)):
-        expected = (1 - share) * chains.scale()[0] + share * 3 * before
-        chains.inform(means, worth)
-        assert chains.scale()[0] == pytest.approx(expected)
+        expected = (1 - share) * chains.normalization()[0] + share * 3 * before
+        chains.add_estimates(means, worth)
+        assert chains.normalization()[0] == pytest.approx(expected)
 
 
 def test_the_stated_interval_covers_the_truth_about_as_often_as_it_says(
@@ -145,7 +145,7 @@ def test_the_stated_interval_covers_the_truth_about_as_often_as_it_says(
         chains = run(bins=24, seed=seed, replicates=8)
         chains.sample(16)
         # 2.365 is the 97.5 % quantile of Student's t with 7 degrees of freedom.
-        covered.append(score(chains.estimate(), chains.problem.integrals) < 2.365)
+        covered.append(score(chains.estimate(), chains.sampler.integrals) < 2.365)
     assert 0.90 <= np.mean(covered) <= 0.99
 
 
@@ -167,11 +167,11 @@ def test_a_chain_remembers_the_path_that_it_stands_on(
                 return tuple(mono.Float(array[slot]) for array in memory)
             return hashed(chains.tail ^ self.salt, mono.UInt32(index))
 
-    camera, _, light = chains.problem.stored
-    deposits = chains.problem.evaluate(
+    camera, _, light = chains.sampler.stored
+    splats = chains.sampler.evaluate(
         Remembered(0, camera, 1 << 20, 0), Remembered(camera, light, LIGHT_EVENTS, LIGHT_SALT)
     )
-    for current, again in zip(chains.current, deposits, strict=True):
+    for current, again in zip(chains.current, splats, strict=True):
         np.testing.assert_array_equal(np.array(current.bin), np.array(again.bin))
         for a, b in zip(current.values, again.values, strict=True):
             np.testing.assert_allclose(np.array(a), np.array(b), rtol=1e-6)
@@ -188,7 +188,7 @@ def test_a_run_that_is_resumed_from_its_state_ends_bit_equal(
     resumed.restore(kept)
     resumed.sample(8)
     np.testing.assert_array_equal(resumed.estimate(), unbroken.estimate())
-    assert resumed.scale() == unbroken.scale()
+    assert resumed.normalization() == unbroken.normalization()
 
 
 def test_seeds_give_different_runs_and_the_same_seed_the_same_run(

@@ -1,4 +1,4 @@
-"""Hashed primary samples."""
+"""HashedStream primary samples."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import ModuleType
 import drjit as dr
 import numpy as np
 
-from render.sampling.streams import Hashed, hashed, uniform
+from render.sampling.streams import HashedStream, hashed, uniform
 
 
 def test_even_the_largest_bits_stay_below_one(mono: ModuleType) -> None:
@@ -37,7 +37,7 @@ def test_hashed_numbers_are_uniform_and_uncorrelated_over_streams_and_events(
 def test_a_stream_gives_the_same_numbers_for_an_event_however_often_it_is_asked(
     mono: ModuleType,
 ) -> None:
-    stream = Hashed(mono.UInt32([4, 5]))
+    stream = HashedStream(mono.UInt32([4, 5]))
     first = np.array([np.array(x) for x in stream.event(3)])
     stream.event(9)
     again = np.array([np.array(x) for x in stream.event(3)])

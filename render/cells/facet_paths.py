@@ -1,0 +1,171 @@
+"""Camera subpaths of the cell sampler, and their connections: the estimator behind every cell.
+
+Camera subpaths start at a pixel of one facet. They refract through the rough lower face, meet the
+coating (the *facet* vertex) and go on until the second diffuse surface. Volumes end them: light
+subpaths do the scattering. Kept are the facet, the *end* on the second diffuse surface (or in a
+volume that hides the coating) and one of the glossy vertices between.
+
+Each light subpath is represented by one vertex (``render.cells.light_subpaths``). It is connected
+to the kept vertices of the camera subpath, directly and over the mirror in the lower face, with MIS
+weights over all the ways in which the same path could have been found (``render.paths.connect``).
+"""
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from render.cells.light_subpaths import DrawnVertex, DrawnVertices
+from render.cells.lower_face_mirror import LowerFaceMirror
+from render.paths.connect import connect_vertices, mirror_connection
+from render.paths.vertex import Vertex, empty_vertex, has_wide_lobe
+from render.paths.walk import (
+    GuidingDistribution,
+    begin_subpath,
+    sample_scattering,
+    trace_segment,
+)
+from render.sampling.proposals import LIGHT_EVENTS
+from render.sampling.streams import Numbers, Stream
+
+CAMERA_EVENTS = 16
+"""Events that one subpath may take; what the bound costs is measured in tests/validation."""
+
+
+@dataclass
+class FacetSubpath:
+    """The kept vertices of a camera subpath (weight 0 where there is none).
+
+    ``glossy_first`` says that ``glossy`` follows the facet directly, so that a mirror connection
+    could have found it too; ``end_mirrored`` is the density ratio of that for the vertex before
+    ``end``.
+    """
+
+    facet: Vertex
+    glossy: Vertex
+    end: Vertex
+    glossy_first: mi.Bool
+    end_mirrored: mi.Float
+
+
+@dr.syntax
+def trace_facet_subpath(
+    scene: mi.Scene, o: mi.Point3f, d: mi.Vector3f, stream: Stream, first: mi.UInt32,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror,
+) -> FacetSubpath:  # fmt: skip
+    """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``."""
+    # --------------------------- Configure loop state ----------------------------
+    facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()  # what is kept
+    free = stream.event(first)[0]
+    state = begin_subpath(
+        o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free
+    )
+    event = first + 1  # where the stream of numbers is
+    active = dr.full(mi.Bool, True, dr.width(o))  # lanes under way
+    behind = mi.Bool(False)  # whether the facet has been met
+    glossies = mi.Float(0.0)  # glossy vertices so far
+    glossy_first, end_mirrored = mi.Bool(False), mi.Float(0.0)
+    # Of the vertex before: whether it is the first glossy one after the facet, and where it is.
+    follows, before, before_n, before_d_vcm = (
+        mi.Bool(False), dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0)
+    )  # fmt: skip
+    while active:
+        state, v, arrived, escaped = trace_segment(scene, state, active)
+        v.terminal = v.terminal | (v.diffuse & behind)
+        # Up to the facet only one strategy exists: there are no sums to carry.
+        v.d_vcm = dr.select(behind, v.d_vcm, 0.0)
+        v.d_vc = dr.select(behind, v.d_vc, 0.0)
+        absorbed = arrived & v.terminal
+        # ------------------------------ Keep vertices -----------------------------
+        # A volume behind the facet is left to light subpaths; one before it is what is seen.
+        end = dr.select(absorbed & ~(v.volume & behind), v, end)
+        is_facet = arrived & v.diffuse & ~behind
+        facet = dr.select(is_facet, v, facet)
+        # Reservoir of size 1: every glossy vertex is kept with the same probability.
+        is_glossy = arrived & behind & ~v.terminal & ~v.delta & ~v.diffuse
+        glossies += dr.select(is_glossy, 1.0, 0.0)
+        number = stream.event(event + CAMERA_EVENTS)[0]
+        kept = is_glossy & (number * glossies < 1.0)
+        glossy = dr.select(kept, v, glossy)
+        is_first = is_glossy & (glossies == 1.0)
+        glossy_first = dr.select(kept, is_first, glossy_first)
+        if absorbed & follows:
+            end_mirrored = before_d_vcm * mirror.area_density(facet.p, before, before_n, v.p)
+        follows = dr.select(arrived, is_first, follows)
+        before = dr.select(arrived, v.p, before)
+        before_n = dr.select(arrived, v.n, before_n)
+        before_d_vcm = dr.select(arrived, v.d_vcm, before_d_vcm)
+        behind |= is_facet
+        # -------------------------- Scatter, or end the path ----------------------
+        going = arrived & ~absorbed
+        state, alive = sample_scattering(
+            state, v, mi.TransportMode.Radiance, stream.event(event), going, guiding
+        )
+        active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + CAMERA_EVENTS)
+        event += 1
+    glossy.weight = glossies
+    return FacetSubpath(facet, glossy, end, glossy_first, end_mirrored)
+
+
+@dr.syntax
+def radiance_per_node(
+    scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
+    offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror,
+) -> list[mi.Float]:  # fmt: skip
+    """Return, per direction node, what the light vertices of ``lane`` send to the camera.
+
+    ``offset`` keeps the random numbers of several camera subpaths of one lane apart.
+    """
+    last = mi.UInt32(light.paths)
+    dr.make_opaque(last)
+    sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in light.weight]  # radiance per node
+    path = dr.zeros(mi.UInt32, dr.width(lane))  # which light subpath
+    while path < last:
+        drawn = light.read(path, lane)
+        numbers = stream.event((path + 1) * LIGHT_EVENTS - 1 - offset)
+        radiance = _connect(scene, drawn, camera, numbers, drawn.contribution > 0, guiding, mirror)
+        for j in range(len(sums)):
+            weight = dr.gather(mi.Float, light.weight[j], light.index(path, lane))
+            sums[j] += radiance * weight
+        path += 1
+    return sums
+
+
+@dr.syntax
+def _connect(
+    scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror,
+) -> mi.Float:  # fmt: skip
+    """Return the light of the drawn vertex over all connections."""
+    y, a = drawn.vertex, camera.facet
+    wide = active & has_wide_lobe(y)
+    # ------------------------------ With the facet --------------------------------
+    # A mirror connection could have found this glossy vertex from the wide one before it.
+    mirrored = mi.Float(0.0)
+    if active & ~wide & drawn.before_wide:
+        mirrored = y.d_vcm * mirror.area_density(a.p, y.p, y.n, drawn.before)
+    light = dr.mean(connect_vertices(scene, y, a, active, guiding, extra=mirrored))
+    # ------------------------------ With what follows it --------------------------
+    # These carry little light: each vertex tries one of them.
+    to_end = numbers[2] < 0.5
+    mirrored = mi.Float(0.0)
+    if wide & camera.glossy_first & ~to_end:
+        mirrored = camera.glossy.d_vcm * mirror.area_density(
+            a.p, camera.glossy.p, camera.glossy.n, y.p
+        )
+    other = dr.select(to_end, camera.end, camera.glossy)
+    end_mirrored = dr.select(to_end, camera.end_mirrored, 0.0)
+    light += 2.0 * dr.mean(
+        connect_vertices(scene, y, other, active, guiding, extra=mirrored, mirrored=end_mirrored)
+    )
+    # ------------------------------ Over the lower face ---------------------------
+    direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
+    density = mirror.density(a.p, y.p, direction)
+    reflected = mirror_connection(scene, y, a, direction, density, wide, guiding=guiding)
+    return light + dr.mean(reflected)

@@ -1,0 +1,276 @@
+"""Light subpaths of the cell sampler, each reduced to one vertex by resampling.
+
+A light subpath scatters some twenty times, and each connection costs several ray casts, but the few
+vertices close to the diffuser's inner face carry nearly all of the light. So one vertex per subpath
+is drawn in proportion to a *target weight*: the light that it would send to a point of the coating,
+directly and over the lower face, without visibility and with the medium ending at the inner face.
+It stands for all of them with the contribution weight W = sum of target weights over its own:
+resampled importance sampling (Talbot et al. 2005) with a reservoir. The target weight is positive
+wherever a connection can be, so its errors cost time, not truth.
+
+The drawn vertices are written to memory and connected afterwards to as many camera subpaths as look
+at the same place (``render.cells.facet_paths``).
+"""
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
+from __future__ import annotations
+
+from dataclasses import dataclass, is_dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.cells.fiber_light import FiberLight
+from render.cells.lower_face_mirror import LowerFaceMirror
+from render.geometry import fiber_poses
+from render.paths.vertex import Vertex, empty_vertex, extinction, has_wide_lobe, scattering_value
+from render.paths.walk import begin_subpath, sample_scattering, trace_segment
+from render.sampling.proposals import LIGHT_EVENTS
+from render.sampling.streams import Stream
+from render.scene import Scene
+
+RESERVOIR_EVENT = LIGHT_EVENTS // 2
+"""Events that one light subpath may take; the numbers that draw its vertex come after them."""
+OPTICAL_DEPTH_MAX = 6.0
+"""Where optical depths are cut in target weights.
+
+Where the medium is not as thick as it seems, the target weight is at most this far off (e^-6), and
+never 0.
+"""
+PARTIAL_REFLECTANCE = 0.1
+"""What a rough face reflects below the critical angle, for target weights alone."""
+TILT_COSINE = 0.3
+"""Facets are tilted: added to the cosine at the untouched coating."""
+ISOTROPIC_FRACTION = 0.03
+"""Least target weight relative to isotropic scattering."""
+GLOSSY_VALUE_MAX = 4.0
+"""Most that a glossy vertex after one with a wide lobe scatters.
+
+Its lobe's peak belongs to mirror connections.
+"""
+
+
+@dataclass
+class DrawnVertex:
+    """The vertex that stands for a light subpath (a Dr.Jit PyTree).
+
+    ``contribution`` is W, ``before`` the vertex before it and ``(o, d)`` the ray that the subpath
+    began with.
+    """
+
+    vertex: Vertex
+    before: mi.Point3f
+    before_wide: mi.Bool
+    contribution: mi.Float
+    o: mi.Point3f
+    d: mi.Vector3f
+
+
+@dataclass
+class DrawnVertices:
+    """``paths`` drawn vertices per lane.
+
+    Those of one path lie side by side; ``weight[node]`` is the weight of each at a direction node.
+    """
+
+    records: DrawnVertex
+    weight: list[mi.Float]
+    lanes: int
+    paths: int
+
+    def index(self, path: mi.UInt32, lane: mi.UInt32) -> mi.UInt32:
+        """Return where the vertex of ``path`` of ``lane`` is."""
+        return path * self.lanes + lane
+
+    def read(self, path: mi.UInt32, lane: mi.UInt32) -> DrawnVertex:
+        """Return the vertex of ``path`` of ``lane``."""
+        return dr.gather(DrawnVertex, self.records, self.index(path, lane))
+
+
+class CoatingTarget:
+    """Target weights of light vertices at one bend: knows where the diffuser ends."""
+
+    def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
+        """Upload one plane per lit edge, the diffuser's inner face; ``bend`` in radians."""
+        poses = fiber_poses(scene, bend)
+        thickness = scene.diffuser.thickness if scene.diffuser else 0.0
+        foot = poses.position + (scene.fibers.gap + thickness) * poses.inward
+        planes: dict[tuple[float, ...], None] = {}
+        for point, normal in zip(foot, poses.inward, strict=True):
+            planes.setdefault((*np.round(normal, 6), float(np.round(point @ normal, 6))))
+        self.planes = [mi.Float(list(plane)) for plane in planes]
+        self.mirror = mirror
+        # Total internal reflection begins at this squared cosine.
+        self.critical = mi.Float(1.0 - scene.pad.index**-2.0)
+        dr.make_opaque(self.planes, self.critical)
+
+    def weight(
+        self, y: Vertex, after_wide: mi.Bool, point: mi.Point3f, normal: mi.Vector3f,
+        active: mi.Bool,
+    ) -> mi.Float:  # fmt: skip
+        """Return the target weight of ``y`` for a point of the coating; positive where active.
+
+        ``after_wide`` says that the vertex before ``y`` is in a volume or diffuse; ``normal`` is
+        the untouched coating's, into the pad.
+        """
+        total = self._direct(y, after_wide, point, normal, active)
+        total += self._mirrored(y, point, normal, active)
+        return dr.select(active, total, 0.0)
+
+    def _direct(
+        self, y: Vertex, after_wide: mi.Bool, point: mi.Point3f, normal: mi.Vector3f,
+        active: mi.Bool,
+    ) -> mi.Float:  # fmt: skip
+        span = point - y.p
+        squared = dr.maximum(dr.squared_norm(span), 1e-6)
+        w = span * dr.rsqrt(squared)
+        facing = dr.maximum(-dr.dot(normal, w), 0.0) + TILT_COSINE
+        # Other vertices of the camera subpaths may see what the facets do not.
+        sent = self._scattered(y, w, active)
+        by_mirror = after_wide & ~has_wide_lobe(y)
+        sent = dr.select(by_mirror, dr.minimum(sent, GLOSSY_VALUE_MAX), sent)
+        sent = sent + ISOTROPIC_FRACTION * dr.mean(y.beta)
+        return sent * facing / squared * self._transmittance(y, w, dr.sqrt(squared), active)
+
+    def _mirrored(
+        self, y: Vertex, point: mi.Point3f, normal: mi.Vector3f, active: mi.Bool
+    ) -> mi.Float:
+        active = active & has_wide_lobe(y)
+        image, face = self.mirror.image(y.p, point)
+        span = image - y.p
+        squared = dr.maximum(dr.squared_norm(span), 1e-6)
+        w = span * dr.rsqrt(squared)
+        onto = dr.dot(w, face)
+        reflected = w - 2.0 * onto * face
+        facing = dr.maximum(-dr.dot(normal, reflected), 0.0) + TILT_COSINE
+        reflectance = dr.select(dr.square(onto) < self.critical, 1.0, PARTIAL_REFLECTANCE)
+        light = self._scattered(y, w, active) * facing * reflectance / squared
+        return light * self._transmittance(y, w, dr.sqrt(squared), active)
+
+    def _distance_inside(self, p: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
+        """Return the distance (mm) from ``p`` along ``direction`` to the diffuser's inner face."""
+        longest = mi.Float(0.0)
+        for plane in self.planes:
+            x, y, z, level = (dr.gather(mi.Float, plane, mi.UInt32(i)) for i in range(4))
+            normal = mi.Vector3f(x, y, z)
+            depth = level - dr.dot(normal, p)
+            cosine = dr.maximum(dr.dot(normal, direction), 1e-3)
+            longest = dr.maximum(longest, depth / cosine)
+        return longest
+
+    def _transmittance(
+        self, y: Vertex, w: mi.Vector3f, distance: mi.Float, active: mi.Bool
+    ) -> mi.Float:
+        sigma = dr.mean(extinction(y.medium, active & y.volume)[1])
+        length = dr.minimum(self._distance_inside(y.p, w), distance)
+        return dr.exp(-dr.minimum(sigma * length, OPTICAL_DEPTH_MAX))
+
+    def _scattered(self, y: Vertex, w: mi.Vector3f, active: mi.Bool) -> mi.Float:
+        return dr.mean(y.beta * scattering_value(y, w, mi.TransportMode.Importance, active))
+
+
+def trace_light_subpaths(
+    scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
+    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
+) -> DrawnVertices:  # fmt: skip
+    """Return drawn vertices for the ``point`` of the coating that each lane looks at."""
+    records = _trace(scene, target, point, normal, light, fiber, stream, paths)
+    dr.eval(records)
+    lanes = dr.width(fiber)
+    lane = dr.arange(mi.UInt32, paths * lanes) % lanes
+    of_node = light.weights(dr.gather(mi.UInt32, fiber, lane), records.o, records.d)
+    weight = [value * records.contribution / paths for value in of_node]
+    dr.eval(weight)
+    return DrawnVertices(records, weight, lanes, paths)
+
+
+@dr.syntax
+def _trace(
+    scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
+    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
+) -> DrawnVertex:  # fmt: skip
+    """Trace and draw; one loop runs all light subpaths of a lane one after the other.
+
+    That keeps SIMD lanes busy: sums of many path lengths differ less than single ones.
+    """
+    lanes = dr.width(fiber)
+    lane = dr.arange(mi.UInt32, lanes)
+    last = mi.UInt32(paths)
+    dr.make_opaque(last)
+    # --------------------------- Configure loop state ----------------------------
+    path, event = mi.UInt32(0), mi.UInt32(0)  # which path, and where its stream of numbers is
+    o, d = dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1)  # the ray that the path began with
+    state = begin_subpath(
+        o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), mi.Float(0.5)
+    )
+    before, before_wide = dr.zeros(mi.Point3f), mi.Bool(False)  # the last vertex, and its lobe
+    drawn = DrawnVertex(  # the reservoir
+        empty_vertex(), dr.zeros(mi.Point3f), mi.Bool(False), mi.Float(0),
+        dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1),
+    )  # fmt: skip
+    drawn_weight, total = mi.Float(0.0), mi.Float(0.0)  # its target weight, and the sum of all
+    records = _allocated(drawn, lanes * paths)
+    fresh = dr.full(mi.Bool, True, lanes)  # lanes that begin a path
+    active = mi.Bool(fresh)
+    while active:
+        if fresh:
+            pick_node, u, v_angle, free = stream.event(path * LIGHT_EVENTS)
+            x, y, _, _ = stream.event(path * LIGHT_EVENTS + 1)
+            # The paths of a lane divide the direction nodes among themselves.
+            stratum = (mi.Float(path) + pick_node) / mi.Float(last)
+            o, d = light.sample(fiber, stratum, (u, v_angle), mi.Point2f(x, y))
+            # Light comes from outside the scene's surfaces: connecting to the fiber end itself, or
+            # hitting it by chance, are no strategies here, hence both sums start at 0.
+            state = begin_subpath(
+                o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free
+            )
+            event = path * LIGHT_EVENTS + 2
+            before_wide = mi.Bool(False)
+            total = mi.Float(0.0)
+        state, v, arrived, escaped = trace_segment(scene, state, active)
+        v.terminal = v.terminal | v.diffuse
+        # Camera subpaths never sample a volume vertex: no strategy competes for it.
+        v.d_vcm = dr.select(v.volume, 0.0, v.d_vcm)
+        v.d_vc = dr.select(v.volume, 0.0, v.d_vc)
+        # --------------------- Draw the vertex, or keep another one ---------------
+        weight = target.weight(v, before_wide, point, normal, arrived & ~v.delta)
+        total += weight
+        replaces = (weight > 0) & (stream.event(event + RESERVOIR_EVENT)[0] * total < weight)
+        drawn.vertex = dr.select(replaces, v, drawn.vertex)
+        drawn_weight = dr.select(replaces, weight, drawn_weight)
+        drawn.before = dr.select(replaces, before, drawn.before)
+        drawn.before_wide = dr.select(replaces, before_wide, drawn.before_wide)
+        before = dr.select(arrived, v.p, before)
+        before_wide = dr.select(arrived, arrived & has_wide_lobe(v), before_wide)
+        # --------------------------- Scatter, or end the path ---------------------
+        state, alive = sample_scattering(
+            state, v, mi.TransportMode.Importance, stream.event(event), arrived
+        )
+        event += 1
+        cut = event >= path * LIGHT_EVENTS + RESERVOIR_EVENT
+        fresh = active & (escaped | (arrived & ~alive) | cut)
+        drawn.o = o
+        drawn.d = d
+        drawn.contribution = dr.select(total > 0, total / drawn_weight, 0.0)
+        # Dr.Jit's own local memory (1.5) does not compile masks on LLVM. Records must be written
+        # under a mask argument, outside of a traced ``if``.
+        dr.scatter(records, drawn, path * lanes + lane, fresh)
+        path += dr.select(fresh, 1, 0)
+        active = active & (path < last)
+    return records
+
+
+def _allocated(record: Any, size: int) -> Any:
+    """Return uninitialized arrays of ``size``, shaped like the dataclass tree ``record``.
+
+    ``dr.empty`` of a dataclass keeps the array types of the variant that was set first.
+    """
+    kind: Any = type(record)
+    if is_dataclass(record):
+        return kind(**{name: _allocated(value, size) for name, value in vars(record).items()})
+    return dr.empty(kind, size)

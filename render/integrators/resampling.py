@@ -1,0 +1,289 @@
+"""Choosing one of many light vertices for a camera vertex, by resampling in two steps.
+
+Resampled importance sampling (Talbot et al. 2005): of candidates with weights ``w`` one is drawn in
+proportion to ``w`` and stands for all of them with the contribution weight W = sum of w over its
+own. A *proxy weight* draws one of a handful, a *target weight* one of what the proxy weights drew,
+as ReSTIR does from many lights (Bitterli et al. 2020, "Spatiotemporal reservoir resampling").
+
+The proxy weight is what fits into a few dozen operations: power, distance, how both ends roughly
+scatter, and the distance below which other strategies take over. No ray is cast, and no BSDF is
+asked. The target weight is the contribution of a connection as if only the medium up to the first
+surface were in the way: one ray cast, where a connection follows the light through null boundaries
+and a mirror connection casts two rays. Both are positive wherever the contribution can be, so their
+errors cost time, not truth.
+"""
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
+from render.integrators.subpaths import CameraVertex, LightVertex
+from render.paths.connect import connection_contribution
+from render.paths.vertex import Vertex, extinction, has_wide_lobe, leave, scattering_value
+
+LOBE_MIN = 0.05
+"""Least that a vertex seems to scatter in proxy weights, relative to all directions alike."""
+LOBE_NORM = 4.0
+"""1 / average of the lobe of a volume over all directions, 1 / 5 + LOBE_MIN."""
+GLOSSY_WIDTH = 0.1
+"""Width of the lobes of glossy vertices in proxy weights, as 1 - cosine."""
+OPTICAL_DEPTH_MAX = 4.0
+"""Where optical depths are cut: the weights are never 0."""
+MIRRORED_LOBE_MIN = 0.02
+"""Added to what either end of a mirror connection scatters (1/sr).
+
+Its direction varies about the mirror image's.
+"""
+
+# -- reservoirs --------------------------------------------------------------------------------
+
+
+@dataclass
+class ProxyReservoir:
+    """One of several light vertices, drawn by proxy weights (a Dr.Jit PyTree).
+
+    ``index`` is its place in the cache, ``weight`` its proxy weight and ``total`` the sum of all.
+    ``number`` is the rest of the uniform number that it is drawn with: a comparison uses up no more
+    of it than it decides.
+    """
+
+    index: mi.UInt32
+    weight: mi.Float
+    total: mi.Float
+    number: mi.Float
+
+    @staticmethod
+    def empty(number: mi.Float) -> ProxyReservoir:
+        """Return one that holds nothing yet."""
+        return ProxyReservoir(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0), mi.Float(number))
+
+    def update(
+        self, index: mi.UInt32, weight: mi.Float, represented: mi.Float | float = 1.0
+    ) -> ProxyReservoir:
+        """Return this, or the vertex at ``index`` with probability by its ``weight``.
+
+        That vertex stands for ``represented`` ones by itself.
+        """
+        total = self.total + weight * represented
+        probability = dr.select(weight > 0, weight * represented / total, 0.0)
+        replaces = self.number < probability
+        rest = dr.select(replaces, self.number, self.number - probability)
+        return ProxyReservoir(
+            dr.select(replaces, index, self.index),
+            dr.select(replaces, weight, self.weight),
+            total,
+            rest / dr.select(replaces, probability, 1.0 - probability),
+        )
+
+    def contribution_weight(self) -> mi.Float:
+        """Return W, how many vertices the drawn one stands for; 0 where there is none."""
+        return dr.select(self.weight > 0, self.total / self.weight, 0.0)
+
+
+@dataclass
+class Reservoir:
+    """The light vertex drawn for one camera vertex by target weights (a Dr.Jit PyTree).
+
+    ``index`` is its place in the cache, ``weight`` its target weight and ``total`` the sum of all.
+    By itself it stands for ``represented`` vertices. Mirror connections have a ``mirror`` too,
+    which was selected with ``probability``.
+    """
+
+    index: mi.UInt32
+    represented: mi.Float
+    weight: mi.Float
+    total: mi.Float
+    mirror: mi.UInt32
+    probability: mi.Float
+
+    @staticmethod
+    def empty() -> Reservoir:
+        """Return one that holds nothing yet."""
+        represented, weight, total, probability = (mi.Float(0.0) for _ in range(4))
+        return Reservoir(mi.UInt32(0), represented, weight, total, mi.UInt32(0), probability)
+
+    def update(
+        self, index: mi.UInt32, represented: mi.Float, weight: mi.Float, number: mi.Float,
+        mirror: mi.UInt32 | int = 0, probability: mi.Float | float = 0.0,
+    ) -> Reservoir:  # fmt: skip
+        """Return this, or the vertex at ``index`` with probability by its ``weight``."""
+        total = self.total + weight
+        replaces = (weight > 0) & (number * total < weight)
+        return Reservoir(
+            dr.select(replaces, index, self.index),
+            dr.select(replaces, represented, self.represented),
+            dr.select(replaces, weight, self.weight),
+            total,
+            dr.select(replaces, mirror, self.mirror),
+            dr.select(replaces, probability, self.probability),
+        )
+
+    def contribution_weight(self) -> mi.Float:
+        """Return W, how many vertices the drawn one stands for; 0 where there is none."""
+        return dr.select(self.weight > 0, self.represented * self.total / self.weight, 0.0)
+
+
+# -- proxy weights -----------------------------------------------------------------------------
+
+
+@dataclass
+class LightProxies:
+    """What proxy weights know of light vertices: evaluated arrays ``(slot, lane)``."""
+
+    p: mi.Point3f
+    wi: mi.Vector3f
+    power: mi.Float
+    volume: mi.Bool
+    wide: mi.Bool
+    edges: mi.UInt32
+    d_vcm: mi.Float
+    d_vc: mi.Float
+    d_vc_passing: mi.Float
+
+    @staticmethod
+    def of(light: LightVertex, represented: mi.Float) -> LightProxies:
+        """Return it; the power of a vertex is that of all that it stands for."""
+        v = light.vertex
+        sigma = dr.mean(extinction(v.medium, v.volume & (represented > 0))[1])
+        # Sums of balance heuristics per density per solid angle, for isotropic scattering.
+        per = dr.select(v.volume, sigma / (4.0 * dr.pi), 0.0)
+        proxies = LightProxies(
+            v.p, v.wi, dr.mean(v.beta) * represented, v.volume, has_wide_lobe(v), light.edges,
+            per * v.d_vcm, per * v.d_vc / (4.0 * dr.pi), per * v.d_vc_passing[0] / (4.0 * dr.pi),
+        )  # fmt: skip
+        dr.eval(proxies)
+        return proxies
+
+
+@dataclass
+class CameraProxy:
+    """A kept camera vertex as proxy weights know it (a Dr.Jit PyTree).
+
+    ``ahead`` goes on straight from it, ``mirrored`` is the reflected direction.
+    """
+
+    p: mi.Point3f
+    valid: mi.Bool
+    edges: mi.UInt32
+    passes: mi.UInt32
+    terminal: mi.Bool
+    volume: mi.Bool
+    diffuse: mi.Bool
+    n: mi.Vector3f
+    ahead: mi.Vector3f
+    mirrored: mi.Vector3f
+    sigma: mi.Float
+    d_vcm: mi.Float
+    d_vc: mi.Float
+
+    @staticmethod
+    def of(camera: CameraVertex) -> CameraProxy:
+        """Prepare the vertex ``camera``."""
+        z = camera.vertex
+        n = mi.Vector3f(z.frame.n)
+        n = dr.select(dr.dot(n, z.wi) < 0, -n, n)
+        sigma = dr.mean(extinction(z.medium, z.volume)[1])
+        per = dr.select(z.volume, sigma / (4.0 * dr.pi), 0.0)
+        return CameraProxy(
+            z.p, z.weight > 0, camera.edges, camera.passes, z.terminal, z.volume, z.diffuse, n,
+            -z.wi, 2.0 * dr.dot(n, z.wi) * n - z.wi, sigma, per * z.d_vcm,
+            per * z.d_vc / (4.0 * dr.pi),
+        )  # fmt: skip
+
+    def scattered(self, w: mi.Vector3f) -> mi.Float:
+        """Return roughly what is scattered between ``w``, away from the vertex, and the camera."""
+        ahead, mirrored = dr.dot(w, self.ahead), dr.dot(w, self.mirrored)
+        volume = forward_lobe(ahead)
+        diffuse = dr.maximum(dr.dot(w, self.n), 0.0)
+        glossy = dr.square(GLOSSY_WIDTH / (GLOSSY_WIDTH + 1.0 - dr.maximum(ahead, mirrored)))
+        return LOBE_MIN + dr.select(self.volume, volume, dr.select(self.diffuse, diffuse, glossy))
+
+
+def forward_lobe(cosine: mi.Float) -> mi.Float:
+    """Return the shape of a forward lobe, 1 straight ahead, like that of milky media."""
+    return dr.square(dr.square(0.5 * (1.0 + cosine)))
+
+
+def proxy_weight(y: LightProxies, z: CameraProxy) -> mi.Float:
+    """Return roughly what ``y`` sends to the camera vertex ``z``; at least a little."""
+    span = y.p - z.p
+    squared = dr.squared_norm(span)
+    distance = dr.sqrt(squared)
+    inside = y.volume & z.volume
+    depth = dr.select(inside, dr.minimum(z.sigma * distance, OPTICAL_DEPTH_MAX), 0.0)
+    w = span / dr.maximum(distance, 1e-20)
+    transmittance = dr.exp(-depth)
+    from_y = dr.select(y.volume, LOBE_MIN + forward_lobe(dr.dot(w, y.wi)), 1.0)
+    from_z = z.scattered(w)
+    # Where other strategies find the same light more easily, balance takes 1 / distance^2 away:
+    # the lobes are those of a volume, relative to all directions alike.
+    to_y, to_z = LOBE_NORM * from_z, LOBE_NORM * from_y
+    # A camera subpath that goes on to ``y`` may pass it, if it may pass another one.
+    behind = dr.select(z.passes > 1, y.d_vc_passing, dr.select(z.passes == 1, y.d_vc, 0.0))
+    others = dr.select(z.terminal, 0.0, to_y * (y.d_vcm + behind * to_z))
+    others += to_z * (z.d_vcm + z.d_vc * to_y)
+    sent = y.power * transmittance * from_y * from_z
+    return sent / dr.clip(squared + transmittance * others, 1e-12, 1e20)
+
+
+# -- target weights ----------------------------------------------------------------------------
+
+
+def transmittance_towards(scene: mi.Scene, y: Vertex, a: Vertex, active: mi.Bool) -> mi.Float:
+    """Return the transmittance from ``y`` to the first surface towards ``a``, at least e^-4."""
+    origin, medium = leave(y, a.p - y.p)
+    span = a.p - origin
+    distance = dr.norm(span)
+    sigma = dr.mean(extinction(medium, active)[1])
+    inside = active & (sigma > 0)
+    ray = mi.Ray3f(mi.Ray3f(origin, span / dr.maximum(distance, 1e-20)), distance)
+    hit = scene.ray_intersect_preliminary(ray, coherent=False, active=inside)
+    depth = sigma * dr.select(hit.is_valid(), hit.t, distance)
+    return dr.exp(-dr.minimum(dr.select(inside, depth, 0.0), OPTICAL_DEPTH_MAX))
+
+
+def target_weight(scene: mi.Scene, y: Vertex, z: Vertex, active: mi.Bool) -> mi.Float:
+    """Return the MIS-weighted light that camera vertex ``z`` gets from ``y``, not hidden."""
+    active = active & (z.weight > 0)
+    transmittance = mi.Spectrum(transmittance_towards(scene, y, z, active))
+    light = connection_contribution(y, z, transmittance, active, glossy=GLOSSY_WEIGHT)
+    return dr.mean(light) * z.weight
+
+
+def mirrored_target_weight(
+    scene: mi.Scene, mirrors: MirrorSet, y: Vertex, a: Vertex, k: mi.UInt32, probability: mi.Float,
+    active: mi.Bool,
+) -> mi.Float:  # fmt: skip
+    """Return the light that ``a`` gets from ``y`` over mirror ``k``, of a selection probability.
+
+    By a perfect mirror of the same reflectance, through the medium at ``y``.
+    """
+    active = active & (a.weight > 0) & (probability > 0)
+    normal, image, selection_weight = mirrors.image(k, a.p, y.p)
+    w = image - y.p
+    squared = dr.squared_norm(w)
+    w *= dr.rsqrt(dr.maximum(squared, 1e-20))
+    back = 2.0 * dr.dot(w, normal) * normal - w
+    sent = scattering_value(y, w, mi.TransportMode.Importance, active) + MIRRORED_LOBE_MIN
+    received = scattering_value(a, back, mi.TransportMode.Radiance, active) + MIRRORED_LOBE_MIN
+    light = dr.mean(y.beta * sent * received) * selection_weight * squared
+    light = light / _distance_squared(squared, a)
+    end = replace(a)
+    end.p = image
+    transmittance = transmittance_towards(scene, y, end, active)
+    return dr.select(active, light * transmittance / probability, 0.0)
+
+
+def _distance_squared(squared: mi.Float, z: Vertex) -> mi.Float:
+    # Connections inside a volume are not brighter than those half a mean free path apart.
+    sigma = dr.mean(extinction(z.medium, z.volume)[1])
+    near = dr.select(sigma > 0, 0.5 / sigma, 0.0)
+    return dr.maximum(squared + dr.square(near), 1e-12)

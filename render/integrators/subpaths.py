@@ -1,0 +1,373 @@
+"""Bidirectional paths between the emitters of any scene and the pixels of a film: both subpaths.
+
+All strategies (s light vertices, t camera vertices) are combined by the balance heuristic with
+recursive sums (Georgiev 2012, "Implementing vertex connection and merging"): emitters that a camera
+subpath meets (s = 0), direct light (s = 1), connections of light and camera vertices (s, t >= 2),
+mirror connections over flat glossy faces (``render.integrators.mirror_connections``), and light
+vertices connected to the camera (t = 1). No path is ever stored: of each subpath a few vertices are
+kept, drawn by reservoirs.
+
+Long scattering belongs to light subpaths. Camera subpaths pass two vertices in volumes, so that two
+vertices that happen to be close make a connection bright only if the camera's own last ones were
+close as well. They are absorbed at the third one, and behind a diffuse surface at the first. A
+specular face, at which nothing can be connected, lets them pass two again: of light that is
+scattered once between two such faces only camera subpaths know.
+
+Strategies need not count alike in the balance heuristic: noisy ones whose light others find as well
+count less (``render.integrators.mirror_connections.GLOSSY_WEIGHT``,
+``render.integrators.film_sampler.PROJECTION_WEIGHT``).
+"""
+
+# Mitsuba's stubs are those of one variant; this runs in all of them.
+# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
+# mypy: disallow-untyped-calls=False, warn-return-any=False
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import drjit as dr
+import mitsuba as mi
+
+from render.errors import RenderError
+from render.integrators.emitters import Emission
+from render.integrators.mirror_connections import MirrorSet, SubpathTail, shared_d_vcm
+from render.paths.connect import arrival_density, optical_depth
+from render.paths.vertex import (
+    VOLUME_PASSES,
+    PassableVertex,
+    Vertex,
+    area_factor,
+    d_vc_for,
+    empty_vertex,
+    evaluate_scattering,
+    has_wide_lobe,
+    passes_behind,
+    scattering_value,
+)
+from render.paths.walk import PassableState, begin_subpath, sample_scattering, trace_segment
+from render.sampling.streams import Stream
+
+EVENT_BLOCK = 2048
+"""Further events of the same vertex are so far apart: direct light and reservoirs draw there."""
+EVENTS_MAX = 2000
+"""Events that one subpath may take, null boundaries included."""
+LATER_WEIGHT = 0.5
+"""Selection weight of the start of mirror connections at a wide vertex behind another one."""
+SEEN_GLOSSY_WEIGHT = 0.3
+"""Selection weight of the glossy vertex that the lens sees, relative to one behind it."""
+
+
+@dataclass(frozen=True)
+class PathLimits:
+    """``max_depth`` edges per path (-1: no limit); Russian roulette from ``rr_depth`` on."""
+
+    max_depth: int = -1
+    rr_depth: int = 5
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            RenderError: names the parameter that is out of range.
+        """
+        if self.max_depth < 1 and self.max_depth != -1:
+            raise RenderError(
+                f"max_depth = {self.max_depth}, allowed: at least 1 edge, or -1 for no limit",
+                field="max_depth",
+                value=self.max_depth,
+            )
+        if self.rr_depth < 1:
+            raise RenderError(
+                f"rr_depth = {self.rr_depth}, allowed: at least 1",
+                field="rr_depth",
+                value=self.rr_depth,
+            )
+
+    def edges(self) -> mi.UInt32:
+        """Return the greatest number of edges as an opaque integer."""
+        value = mi.UInt32(self.max_depth if self.max_depth >= 0 else 1 << 30)
+        dr.make_opaque(value)
+        return value
+
+    def roulette(self) -> mi.UInt32:
+        """Return the first edge with Russian roulette as an opaque integer."""
+        value = mi.UInt32(self.rr_depth)
+        dr.make_opaque(value)
+        return value
+
+
+def roulette_weight(
+    beta: mi.Spectrum, edges: mi.UInt32, first: mi.UInt32, number: mi.Float
+) -> mi.Float:
+    """Return the weight of Russian roulette from edge ``first`` on: 0 where the path ends."""
+    survival = dr.clip(dr.max(beta), 0.05, 0.99)
+    survival = dr.select(edges >= first, survival, 1.0)
+    return dr.select(number < survival, dr.rcp(survival), 0.0)
+
+
+# -- camera subpaths ---------------------------------------------------------------------------
+
+
+@dataclass
+class CameraVertex:
+    """A camera vertex for connections, behind ``edges`` edges (a Dr.Jit PyTree).
+
+    ``previous`` is the point before it; ``glossy_after_wide`` says that it is glossy and the one
+    before it has a wide lobe, ``passes`` how many volume vertices the camera subpath may still pass
+    behind it.
+    """
+
+    vertex: Vertex
+    edges: mi.UInt32
+    previous: mi.Point3f
+    glossy_after_wide: mi.Bool
+    passes: mi.UInt32
+
+    @staticmethod
+    def empty() -> CameraVertex:
+        """Return one of weight 0."""
+        none = mi.Bool(False)
+        return CameraVertex(empty_vertex(), mi.UInt32(0), dr.zeros(mi.Point3f), none, mi.UInt32(0))
+
+
+@dataclass
+class CameraSubpath:
+    """What a camera subpath found by itself, and the vertices that it keeps for connections.
+
+    ``main`` is the first vertex with a wide lobe, ``later`` one of the others, ``glossy`` one of
+    the glossy ones, ``mirror_end`` the wide one that mirror connections start from.
+    """
+
+    radiance: mi.Spectrum
+    main: CameraVertex
+    later: CameraVertex
+    glossy: CameraVertex
+    mirror_end: CameraVertex
+
+
+@dr.syntax
+def trace_camera_subpath(
+    scene: mi.Scene, emission: Emission, ray: mi.Ray3f, medium: mi.MediumPtr, density: mi.Float,
+    beta: mi.Spectrum, stream: Stream, limits: PathLimits, mirrors: MirrorSet | None,
+    projection_weight: float,
+) -> CameraSubpath:  # fmt: skip
+    """Trace camera subpaths along ``ray``, which was drawn with ``density`` per solid angle.
+
+    Light vertices that are connected to the camera count ``projection_weight`` times as much as
+    other connections.
+    """
+    # ----------------------------- Configure loop state ------------------------------
+    main, later, glossy, mirror_end = (CameraVertex.empty() for _ in range(4))  # what is kept
+    tail = SubpathTail.empty()  # the last vertices
+    laters, glossies = mi.Float(0.0), mi.Float(0.0)  # sums of selection weights so far
+    mirror_ends, of_mirror_end, of_glossy = mi.Float(0.0), mi.Float(1.0), mi.Float(1.0)
+    radiance = mi.Spectrum(0.0)  # emitters met, and direct light
+    edges_max, roulette = limits.edges(), limits.roulette()
+    free = stream.event(mi.UInt32(1))[0]
+    # Georgiev 2012, eqs. 31 and 32: the sum starts from the strategy that connects to the camera.
+    state = begin_subpath(
+        ray.o, ray.d, medium, beta, projection_weight * dr.rcp(density), mi.Float(0.0), free
+    )
+    passes = mi.UInt32(VOLUME_PASSES)  # volume vertices that may still be passed
+    event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
+    active = dr.full(mi.Bool, True, dr.width(ray.o))  # lanes under way
+    while active:
+        state, v, arrived, escaped = trace_segment(scene, state, active)
+        # ---------------------------- Emitters that are met ---------------------------
+        # Light subpaths of one vertex are not connected to the camera: nothing competes with the
+        # first hit.
+        d_vcm = dr.select(edges == 1, 0.0, v.d_vcm)
+        radiance += emission.met(v, d_vcm, arrived)
+        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, first=edges == 1)
+        v.terminal = v.terminal & (passes == 0)
+        passes = dr.select(arrived, passes_behind(v, passes), passes)
+        tail = dr.select(arrived, tail.then(v), tail)
+        v.d_vcm = d_vcm
+        # -------------------------------- Direct light --------------------------------
+        non_delta = arrived & ~v.delta
+        numbers = stream.event(event + EVENT_BLOCK)
+        allowed = non_delta & (edges < edges_max)
+        square = mi.Point2f(numbers[1], numbers[2])
+        radiance += emission.direct(scene, v, numbers[0], square, allowed)
+        # ------------ Reservoirs of size 1: a later wide vertex, a glossy one ---------
+        here = CameraVertex(v, edges, tail.previous, tail.glossy_after_wide, passes)
+        wide = non_delta & has_wide_lobe(v)
+        is_main = wide & (main.vertex.weight == 0)
+        main = dr.select(is_main, here, main)
+        is_later, is_glossy = wide & ~is_main, non_delta & ~wide
+        laters += dr.select(is_later, 1.0, 0.0)
+        glossy_weight = dr.select(edges == 1, SEEN_GLOSSY_WEIGHT, 1.0)
+        glossies += dr.select(is_glossy, glossy_weight, 0.0)
+        later = dr.select(is_later & (numbers[3] * laters < 1.0), here, later)
+        replaces = is_glossy & (numbers[3] * glossies < glossy_weight)
+        glossy = dr.select(replaces, here, glossy)
+        of_glossy = dr.select(replaces, glossy_weight, of_glossy)
+        # ----------------- ... and one where mirror connections start -----------------
+        further_numbers = stream.event(event + 2 * EVENT_BLOCK)
+        mirror_weight = dr.select(is_main, 1.0, LATER_WEIGHT)
+        mirror_ends += dr.select(wide, mirror_weight, 0.0)
+        replaces = wide & (further_numbers[1] * mirror_ends < mirror_weight)
+        mirror_end = dr.select(replaces, here, mirror_end)
+        of_mirror_end = dr.select(replaces, mirror_weight, of_mirror_end)
+        # -------------------------- Scatter, or end the path --------------------------
+        going = arrived & ~v.terminal & (edges < edges_max)
+        state, alive = sample_scattering(
+            state, v, mi.TransportMode.Radiance, stream.event(event), going
+        )
+        # Only a specular face leaves no light subpath that could have been connected here.
+        passes = dr.select(going & (state.d_vcm == 0), VOLUME_PASSES, passes)
+        weight = roulette_weight(state.beta, edges, roulette, further_numbers[0])
+        state.beta = dr.select(alive, state.beta * weight, state.beta)
+        alive = alive & (weight > 0)
+        active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS_MAX)
+        edges += dr.select(arrived, 1, 0)
+        event += 1
+    later.vertex.weight, glossy.vertex.weight = laters, glossies / of_glossy
+    mirror_end.vertex.weight = mirror_ends / of_mirror_end
+    return CameraSubpath(radiance, main, later, glossy, mirror_end)
+
+
+# -- light subpaths ----------------------------------------------------------------------------
+
+
+@dataclass
+class LightVertex:
+    """A light vertex behind ``edges`` edges, which ends ``tail`` (a Dr.Jit PyTree)."""
+
+    vertex: PassableVertex
+    edges: mi.UInt32
+    tail: SubpathTail
+
+    @staticmethod
+    def empty() -> LightVertex:
+        """Return one of weight 0."""
+        none = PassableVertex(**vars(empty_vertex()), d_vc_passing=mi.Vector2f(0.0))
+        return LightVertex(none, mi.UInt32(0), SubpathTail.empty())
+
+
+@dataclass
+class LightVertices:
+    """Vertices of one light subpath per lane.
+
+    ``kept`` are for connections, each standing for ``represented`` vertices (0 where there is
+    none); ``projected`` is for the connection to the camera, with contribution weight
+    ``projected_weight``.
+    """
+
+    kept: list[LightVertex]
+    represented: list[mi.Float]
+    projected: LightVertex
+    projected_weight: mi.Float
+
+
+@dr.syntax
+def trace_light_subpath(
+    scene: mi.Scene, sensor: mi.Sensor, emission: Emission, stream: Stream, limits: PathLimits,
+    mirrors: MirrorSet | None, count: int,
+) -> LightVertices:  # fmt: skip
+    """Trace one light subpath per lane; keep up to 6 (``count``) of its vertices.
+
+    They are drawn by the light that reaches them, with replacement. Long scattering happens here;
+    vertices are connected afterwards (``render.integrators.connections``), by lanes that all do the
+    same.
+    """
+    # ----------------------------- Configure loop state ------------------------------
+    edges_max, roulette = limits.edges(), limits.roulette()
+    pick, x, y, free = stream.event(mi.UInt32(0))
+    u, w, _, _ = stream.event(mi.UInt32(1))
+    start = emission.start(pick, mi.Point2f(x, y), u, w)
+    state = begin_subpath(start.o, start.d, start.medium, start.beta, start.d_vcm, start.d_vc, free)
+    state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(start.d_vc))
+    event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
+    tail = SubpathTail.empty()  # the last vertices
+    # Reservoirs, the last one for the camera, and the target weight of what each holds.
+    kept = [LightVertex.empty() for _ in range(count + 1)]
+    targets = [mi.Float(0.0) for _ in range(count + 1)]
+    total, projected_total = mi.Float(0.0), mi.Float(0.0)  # sums of target weights so far
+    active = dr.max(start.beta) > 0  # lanes under way
+    while active:
+        state, found, arrived, escaped = trace_segment(scene, state, active)
+        v = cast(PassableVertex, found)
+        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, first=edges == 1)
+        tail = dr.select(arrived, tail.then(v), tail)
+        v.d_vcm = d_vcm
+        # --------------- Reservoirs by the light that reaches the vertex --------------
+        non_delta = arrived & ~v.delta
+        here = LightVertex(v, edges, tail)
+        first_numbers = stream.event(event + EVENT_BLOCK)
+        target = dr.select(non_delta, dr.mean(v.beta), 0.0)
+        total += target
+        last_numbers = stream.event(event + 2 * EVENT_BLOCK)
+        numbers = (*first_numbers[1:], *last_numbers[1:])
+        for m in range(count):
+            replaces = (target > 0) & (numbers[m] * total < target)
+            targets[m] = dr.select(replaces, target, targets[m])
+            kept[m] = dr.select(replaces, here, kept[m])
+        # ------------------ ... and by what it sends to the camera --------------------
+        target = _camera_target(sensor, v, non_delta & (edges < edges_max))
+        projected_total += target
+        replaces = (target > 0) & (first_numbers[0] * projected_total < target)
+        targets[count] = dr.select(replaces, target, targets[count])
+        kept[count] = dr.select(replaces, here, kept[count])
+        # -------------------------- Scatter, or end the path --------------------------
+        going = arrived & (edges < edges_max)
+        state, alive = sample_scattering(
+            state, v, mi.TransportMode.Importance, stream.event(event), going
+        )
+        # Relative to the start, whose units are the emitter's.
+        relative = state.beta / dr.maximum(dr.max(start.beta), 1e-30)
+        weight = roulette_weight(relative, edges, roulette, last_numbers[0])
+        state.beta = dr.select(alive, state.beta * weight, state.beta)
+        alive = alive & (weight > 0)
+        active &= ~escaped & (~arrived | alive) & (event < EVENTS_MAX)
+        edges += dr.select(arrived, 1, 0)
+        event += 1
+    represented = [dr.select(t > 0, total / (count * t), 0.0) for t in targets[:count]]
+    projected_weight = dr.select(targets[count] > 0, projected_total / targets[count], 0.0)
+    return LightVertices(kept[:count], represented, kept[count], projected_weight)
+
+
+def _camera_target(sensor: mi.Sensor, v: Vertex, active: mi.Bool) -> mi.Float:
+    """Return what ``v`` sends to the lens in a vacuum, nothing in the way."""
+    it = dr.zeros(mi.Interaction3f)
+    it.p = v.p
+    ds, importance = sensor.sample_direction(it, mi.Point2f(0.5), active)
+    active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
+    sent = v.beta * scattering_value(v, ds.d, mi.TransportMode.Importance, active) * importance
+    return dr.select(active, dr.mean(sent), 0.0)
+
+
+def connect_to_camera(
+    scene: mi.Scene, sensor: mi.Sensor, v: Vertex, projection_weight: float, active: mi.Bool
+) -> tuple[mi.Point2f, mi.Spectrum]:
+    """Return the film position of light vertex ``v`` and its MIS-weighted value there (t = 1).
+
+    This strategy counts ``projection_weight`` times as much as others.
+    """
+    it = dr.zeros(mi.Interaction3f)
+    it.p = v.p
+    ds, importance = sensor.sample_direction(it, mi.Point2f(0.5), active)
+    active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
+    value, _, reverse = evaluate_scattering(v, ds.d, mi.TransportMode.Importance, active)
+    value = v.beta * value * importance
+    active = active & (dr.max(value) > 0)
+    eye = empty_vertex()
+    eye.p, eye.volume = ds.p, mi.Bool(True)
+    depth, clear = optical_depth(scene, v, eye, active)
+    transmittance = dr.exp(-depth)
+    arrival = arrival_density(v, transmittance, active)
+    density = dr.mean(importance) * area_factor(v, ds.d) * arrival / projection_weight
+    reverse = dr.select(v.terminal, 0.0, reverse)
+    # Georgiev 2012, eqs. 46 and 37.
+    mis = 1.0 / (1.0 + density * (v.d_vcm + v.d_vc * reverse))
+    return ds.uv, dr.select(active & clear, value * transmittance * mis, 0.0)
+
+
+def for_camera_passes(y: PassableVertex, passes: mi.UInt32) -> Vertex:
+    """Return ``y`` with its sums for camera subpaths that may still pass so many volumes."""
+    chosen = replace(y)
+    chosen.terminal = y.terminal & (passes == 0)
+    chosen.d_vc = d_vc_for(y, passes_behind(y, passes))
+    return chosen

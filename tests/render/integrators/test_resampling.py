@@ -1,0 +1,141 @@
+"""Reservoirs draw as often as weights say and stand for all; proxy weights are positive."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from render.integrators.resampling import (
+    CameraProxy,
+    LightProxies,
+    ProxyReservoir,
+    Reservoir,
+    proxy_weight,
+)
+from render.integrators.subpaths import CameraVertex, LightVertex
+
+DRAWS = 1 << 16
+COUNT = 1 << 12
+
+
+def assert_drawn_by(weights: np.ndarray, index: np.ndarray) -> None:
+    fraction = np.bincount(index, minlength=len(weights)) / DRAWS
+    expected = weights / weights.sum()
+    error = np.sqrt(expected * (1 - expected) / DRAWS)
+    assert (np.abs(fraction - expected) <= 4 * error).all()
+
+
+def test_a_vertex_is_drawn_as_often_as_its_target_weight_says_and_stands_for_all(
+    mono: ModuleType,
+) -> None:
+    rng = np.random.default_rng(4)
+    weights = np.array([0.0, 3.0, 1.0, 0.0, 4.0])
+    drawn = Reservoir.empty()
+    for index, weight in enumerate(weights):
+        number = mono.Float(rng.random(DRAWS).astype(np.float32))
+        drawn = drawn.update(
+            mono.UInt32(index), mono.Float(2.0), dr.full(mono.Float, weight, DRAWS), number
+        )
+    assert_drawn_by(weights, np.array(drawn.index))
+    np.testing.assert_allclose(np.array(drawn.total), weights.sum())
+    np.testing.assert_allclose(np.array(drawn.weight), weights[np.array(drawn.index)])
+    # Each of them stands for two by itself.
+    np.testing.assert_allclose(
+        np.array(drawn.contribution_weight() * drawn.weight), 2 * weights.sum(), rtol=1e-5
+    )
+
+
+def test_one_number_draws_among_many_proxy_weights_as_often_as_they_say(mono: ModuleType) -> None:
+    rng = np.random.default_rng(6)
+    weights, represented = rng.random(16) ** 4, rng.random(16) + 0.5
+    weights[[0, 7]] = 0.0
+    drawn = ProxyReservoir.empty(mono.Float(rng.random(DRAWS).astype(np.float32)))
+    for index, (weight, count) in enumerate(zip(weights, represented, strict=True)):
+        drawn = drawn.update(
+            mono.UInt32(index), dr.full(mono.Float, weight, DRAWS), mono.Float(count)
+        )
+    index = np.array(drawn.index)
+    assert_drawn_by(weights * represented, index)
+    number = np.array(drawn.number)
+    assert ((number >= 0) & (number <= 1)).all()
+    assert np.abs(number.mean() - 0.5) < 4 / np.sqrt(12 * DRAWS)
+    # Those drawn, times what they stand for, make up the whole.
+    np.testing.assert_allclose(
+        np.array(drawn.contribution_weight()) * weights[index],
+        (weights * represented).sum(),
+        rtol=1e-5,
+    )
+
+
+def test_without_candidates_nothing_is_drawn(mono: ModuleType) -> None:
+    drawn = ProxyReservoir.empty(mono.Float(0.3)).update(mono.UInt32(5), mono.Float(0.0))
+    assert drawn.contribution_weight()[0] == 0
+    assert np.isfinite(np.array(drawn.number)).all()
+
+
+def points(mono: ModuleType, seed: int, scale: float) -> Any:
+    rng = np.random.default_rng(seed)
+    return mono.Point3f((scale * rng.standard_normal((3, COUNT))).astype(np.float32))
+
+
+def directions(mono: ModuleType, seed: int) -> Any:
+    rng = np.random.default_rng(seed)
+    w = rng.standard_normal((3, COUNT))
+    return mono.Vector3f((w / np.linalg.norm(w, axis=0)).astype(np.float32))
+
+
+def light(mono: ModuleType, p: Any, **fields: Any) -> LightProxies:
+    record = LightVertex.empty()
+    record.vertex.p, record.vertex.wi = p, directions(mono, 3)
+    record.vertex.beta = mono.Spectrum(2.0)
+    for name, value in fields.items():
+        setattr(record.vertex, name, value)
+    return LightProxies.of(record, mono.Float(1.0))
+
+
+def camera(mono: ModuleType, p: Any, **fields: Any) -> CameraProxy:
+    kept = CameraVertex.empty()
+    kept.vertex.p, kept.vertex.wi, kept.vertex.weight = p, directions(mono, 4), mono.Float(1.0)
+    for name, value in fields.items():
+        setattr(kept.vertex, name, value)
+    return CameraProxy.of(kept)
+
+
+@pytest.mark.parametrize("kind", ["volume", "diffuse", "glossy"])
+@pytest.mark.parametrize("scale", [0.0, 1e-3, 1.0, 1e4])
+def test_a_proxy_weight_is_positive_and_finite_wherever_the_vertices_are(
+    mono: ModuleType, kind: str, scale: float
+) -> None:
+    fields = {} if kind == "glossy" else {kind: mono.Bool(True)}
+    largest = mono.Float(1e30)
+    sums = {"d_vcm": largest, "d_vc": largest} if kind == "volume" else {}
+    y = light(mono, points(mono, 1, scale), **fields, **sums)
+    found = np.array(proxy_weight(y, camera(mono, points(mono, 2, scale), **fields, **sums)))
+    assert np.isfinite(found).all()
+    assert (found > 0).all()
+
+
+def test_power_and_the_square_of_the_distance_count_between_surfaces(mono: ModuleType) -> None:
+    a, y = points(mono, 1, 1.0), points(mono, 2, 1.0)
+    diffuse = {"diffuse": mono.Bool(True)}
+    near = np.array(proxy_weight(light(mono, y, **diffuse), camera(mono, a, **diffuse)))
+    far = np.array(
+        proxy_weight(light(mono, a + 3.0 * (y - a), **diffuse), camera(mono, a, **diffuse))
+    )
+    np.testing.assert_allclose(near, 9.0 * far, rtol=1e-3)
+    bright = light(mono, y, **diffuse, beta=mono.Spectrum(6.0))
+    np.testing.assert_allclose(
+        np.array(proxy_weight(bright, camera(mono, a, **diffuse))), 3.0 * near, rtol=1e-5
+    )
+
+
+def test_nothing_is_seen_of_a_light_subpath_that_left_no_vertex(mono: ModuleType) -> None:
+    record = LightVertex.empty()
+    record.vertex.beta = dr.full(mono.Spectrum, 2.0, COUNT)
+    y = LightProxies.of(record, mono.Float(0.0))
+    found = np.array(proxy_weight(y, camera(mono, points(mono, 2, 1.0))))
+    assert (found == 0).all()
