@@ -12,9 +12,6 @@ Area lights, BSDFs that are smooth or delta but not both, homogeneous media of o
 all colors whose boundaries have a BSDF, a pinhole. Lengths in scene units, float32, mono or rgb.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,operator,return-value,misc"
-
 from __future__ import annotations
 
 from dataclasses import dataclass

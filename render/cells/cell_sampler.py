@@ -6,10 +6,6 @@ paths. The same light paths serve all direction nodes of the fiber (``render.cel
 and all facets of the site, so errors of facets of one site are correlated; those of sites are not.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -10,10 +10,6 @@ to the kept vertices of the camera subpath, directly and over the mirror in the 
 weights over all the ways in which the same path could have been found (``render.paths.connect``).
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -8,10 +8,6 @@ emission, and weighted per node by radiance over mixture density in ray space (p
 solid angle). A line that misses a node's disk weighs zero for that node.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 import drjit as dr

@@ -7,10 +7,6 @@ point of the diffuser's inner face, or of its mirror image below the pad. The mi
 enters the MIS weights like any other, so a poor aim on a strongly bent pad costs time, not truth.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -12,10 +12,6 @@ The drawn vertices are written to memory and connected afterwards to as many cam
 at the same place (``render.cells.facet_paths``).
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass, is_dataclass
@@ -141,7 +137,7 @@ class CoatingTarget:
         self, y: Vertex, point: mi.Point3f, normal: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
         active = active & has_wide_lobe(y)
-        image, face = self.mirror.image(y.p, point)
+        image, face = self.mirror.image(point, y.p)
         span = image - y.p
         squared = dr.maximum(dr.squared_norm(span), 1e-6)
         w = span * dr.rsqrt(squared)

@@ -10,10 +10,6 @@ On a bent pad the mirror is the plane that touches the face between both points:
 of where directions are drawn only, never of the estimate.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 import drjit as dr

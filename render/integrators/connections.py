@@ -10,10 +10,6 @@ vertex one of these is drawn by its target weight and stands for all
 "Probabilistic connections for bidirectional path tracing").
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 import drjit as dr

@@ -4,10 +4,6 @@ Area, point and ``fiber`` emitters are known with their densities, as MIS needs 
 kind is refused by name. One emitter is chosen uniformly per sample.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

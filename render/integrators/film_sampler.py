@@ -1,9 +1,5 @@
 """A picture as a path sampler: the film position is two primary dimensions."""
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from copy import copy

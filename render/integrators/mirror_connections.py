@@ -11,10 +11,6 @@ wherever such a triple lies on the path, with ``y`` on the light and ``a`` on th
 Then the recursive sums need one factor, ``shared_d_vcm``, at vertices that end a triple.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

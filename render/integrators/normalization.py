@@ -7,10 +7,6 @@ Monte Carlo made for this one number: film positions where a pilot found the tar
 shared by many camera subpaths (``render.integrators.vertex_cache``).
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 import drjit as dr

@@ -4,9 +4,6 @@ Triangles of glossy meshes, rectangles and disks are gathered into planes by nor
 The largest planes are kept; a curved mesh spreads over many small ones and gives none.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -13,10 +13,6 @@ and a mirror connection casts two rays. Both are positive wherever the contribut
 errors cost time, not truth.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

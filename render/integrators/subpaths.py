@@ -18,10 +18,6 @@ count less (``render.integrators.mirror_connections.GLOSSY_WEIGHT``,
 ``render.integrators.film_sampler.PROJECTION_WEIGHT``).
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

@@ -10,10 +10,6 @@ matter. So those near the camera vertex's own place in Morton order are drawn se
 scales are drawn alike often, whatever the size of the scene.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import is_dataclass

@@ -41,7 +41,7 @@ def falloff(theta: Any, sigma_v: Any) -> Any:
 
 def angle(local: Any) -> Any:
     """Return the angle of a local direction to +z, without the loss that acos has near 0."""
-    return dr.atan2(dr.hypot(local.x, local.y), local.z)  # type: ignore[no-untyped-call]
+    return dr.atan2(dr.hypot(local.x, local.y), local.z)
 
 
 def sample_direction(u: Any, v: Any, sigma_v: Any, norm: Any) -> Any:

@@ -4,10 +4,6 @@ Only the choice of vertices is random here; nothing is scattered on the way betw
 numbers are those of Georgiev 2012, "Implementing vertex connection and merging".
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -5,10 +5,6 @@ own (Lafortune and Willems 1996). A surface vertex evaluates its BSDF times the 
 outgoing direction; a volume vertex its phase function. Densities are per solid angle.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

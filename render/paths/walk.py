@@ -8,10 +8,6 @@ sampling and the density is the mean over channels (Wilkie et al. 2014, spectral
 Equation numbers are those of Georgiev 2012, "Implementing vertex connection and merging".
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -4,10 +4,6 @@ Kelemen's weights at ``p_large`` 1 would still mix chains in; here every sample 
 The state of a run is its sums, so it resumes bit-equal from any pass.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 import drjit as dr

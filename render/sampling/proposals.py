@@ -14,10 +14,6 @@ normalization constant ``b`` is the mean of ``F``. With ``p_large = 1`` this is 
 Monte Carlo.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

@@ -4,10 +4,6 @@ All random numbers are counter-based and sums are made in a fixed order, so a ru
 interrupted and resumed from its state ends bit-equal to an unbroken one.
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass

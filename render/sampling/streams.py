@@ -5,10 +5,6 @@ order, so nothing has to be stored for plain Monte Carlo and only the first even
 to be stored for Metropolis (``render.sampling.proposals``).
 """
 
-# Mitsuba's stubs are those of one variant; this runs in all of them.
-# mypy: disable-error-code="arg-type,assignment,call-overload,misc,operator,return-value"
-# mypy: disallow-untyped-calls=False, warn-return-any=False
-
 from __future__ import annotations
 
 from dataclasses import dataclass
