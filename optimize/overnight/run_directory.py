@@ -29,6 +29,7 @@ class RunInUseError(RunError):
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _CLOSED = {errno.EROFS, errno.EACCES, errno.EPERM}
+_NO_ROOM = ("SQLITE_FULL", "SQLITE_IOERR")
 
 
 @contextmanager
@@ -58,7 +59,10 @@ def writing(run: Path) -> Iterator[None]:
             raise _gone(run) from error
         raise
     except sqlite3.DatabaseError as error:
-        raise (_of_sqlite(run, error) if (run / RECORD).exists() else _gone(run)) from error
+        # A record that the disk had no room for was never there; one that was, was taken away.
+        full = getattr(error, "sqlite_errorname", "").startswith(_NO_ROOM) and run.is_dir()
+        known = full or (run / RECORD).exists()
+        raise (_of_sqlite(run, error) if known else _gone(run)) from error
 
 
 def _gone(run: Path) -> RunError:
@@ -72,7 +76,7 @@ def _gone(run: Path) -> RunError:
 
 def _of_sqlite(run: Path, error: sqlite3.DatabaseError) -> RunError:
     name, message = getattr(error, "sqlite_errorname", ""), " ".join(str(error).split())
-    if name.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
+    if name.startswith(_NO_ROOM):
         advice = "free some space, then give the same command again; it goes on from what is done"
         return RunError(f"{run} cannot be written ({message}): {advice}", field="out")
     if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):

@@ -224,6 +224,8 @@ class Store:
         buffer = BytesIO()
         np.savez(buffer, key=np.array(job.key), estimate=result.estimate)
         content = buffer.getvalue()
+        # Not made anew: a run directory that was taken away while a night works in it is told.
+        os.stat(self.run / RENDERS)
         write_bytes(self.run / RENDERS / f"{job.key}.npz", content)
         self._log(job, kind, result, content, worker)
         self.state(job).unlink(missing_ok=True)

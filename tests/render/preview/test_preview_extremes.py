@@ -37,7 +37,7 @@ ALONG: dict[tuple[str, str], dict[str, Any]] = {
 # Ends at which no sensor is possible, whatever else changes.
 IMPOSSIBLE = {
     ("pad.width", "low"), ("pad.length", "low"),
-    *((f"sites.center_{axis}", end) for axis in "xy" for end in ("low", "high")),
+    *((f"sites.centre_{axis}", end) for axis in "xy" for end in ("low", "high")),
 }  # fmt: skip
 # Too little light comes through, or hits so thin an edge, to say anything.
 OPAQUE = {
