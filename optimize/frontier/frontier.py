@@ -33,7 +33,7 @@ class Frontier:
         rows: levels with their errors and times; noise: what a perfect level would show.
         reference: the long render.
         seconds_alone: of a short render of one design by itself, compiling included.
-        nominal, coverage: what the model's intervals promise to hold, and what they held.
+        nominal, coverage: the coverage that the model's intervals state, and the measured one.
     """
 
     scene: Scene

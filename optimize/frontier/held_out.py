@@ -268,7 +268,7 @@ class HeldOutReference:
 
         They are meant for the reference without its noise. Its own interval of the same coverage,
         by Student's t over its replicates, is added in quadrature: two normal errors would then be
-        held exactly as often as promised.
+        held exactly as often as stated.
         """
         bends = np.array(self.designs.scene.bending.angles)
         predicted = checker.run(self.designs.phi, self.designs.power, bends)

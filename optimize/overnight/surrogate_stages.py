@@ -114,7 +114,7 @@ def render_table(context: RunContext, cost: RenderCost | None) -> None:
         if context.within(f"table passes from {first}", late, render) is None:
             break
         if cost is not None and clock.worked == clock.total:
-            # From here on what was seen counts, not what the trial promised.
+            # From here on what was seen counts, not what the trial predicted.
             cost = _corrected(cost, jobs, context.store.spent() - began)
         seeds += chosen
     context.decide(

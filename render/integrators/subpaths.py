@@ -157,7 +157,7 @@ def trace_camera_subpath(
     # ----------------------------- Configure loop state ------------------------------
     main, later, glossy, mirror_end = (CameraVertex.empty() for _ in range(4))  # what is kept
     tail = SubpathTail.empty()  # the last vertices
-    laters, glossies = mi.Float(0.0), mi.Float(0.0)  # sums of selection weights so far
+    later_weights, glossy_weights = mi.Float(0.0), mi.Float(0.0)  # sums of selection weights so far
     mirror_ends, of_mirror_end, of_glossy = mi.Float(0.0), mi.Float(1.0), mi.Float(1.0)
     radiance = mi.Spectrum(0.0)  # emitters met, and direct light
     edges_max, roulette = limits.edges(), limits.roulette()
@@ -193,11 +193,11 @@ def trace_camera_subpath(
         is_main = wide & (main.vertex.weight == 0)
         main = dr.select(is_main, here, main)
         is_later, is_glossy = wide & ~is_main, non_delta & ~wide
-        laters += dr.select(is_later, 1.0, 0.0)
+        later_weights += dr.select(is_later, 1.0, 0.0)
         glossy_weight = dr.select(edges == 1, SEEN_GLOSSY_WEIGHT, 1.0)
-        glossies += dr.select(is_glossy, glossy_weight, 0.0)
-        later = dr.select(is_later & (numbers[3] * laters < 1.0), here, later)
-        replaces = is_glossy & (numbers[3] * glossies < glossy_weight)
+        glossy_weights += dr.select(is_glossy, glossy_weight, 0.0)
+        later = dr.select(is_later & (numbers[3] * later_weights < 1.0), here, later)
+        replaces = is_glossy & (numbers[3] * glossy_weights < glossy_weight)
         glossy = dr.select(replaces, here, glossy)
         of_glossy = dr.select(replaces, glossy_weight, of_glossy)
         # ----------------- ... and one where mirror connections start -----------------
@@ -220,7 +220,7 @@ def trace_camera_subpath(
         active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS_MAX)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    later.vertex.weight, glossy.vertex.weight = laters, glossies / of_glossy
+    later.vertex.weight, glossy.vertex.weight = later_weights, glossy_weights / of_glossy
     mirror_end.vertex.weight = mirror_ends / of_mirror_end
     return CameraSubpath(radiance, main, later, glossy, mirror_end)
 
