@@ -5,7 +5,7 @@
 Reads beside the thesis ("Simulation-guided Design for Vision-based Tactile Sensing on a Soft Robot
 Gripper"); equations are numbered as there. It needs numpy and the public API. It finds what
 `tactilux explore` and `tactilux verify` find of finger20: a baseline of 242 and a design of 280
-counts, in about four minutes on two cores.
+counts, in three minutes on two cores.
 
 Arrays: transport ``T`` has the axes (fiber f, direction node j, bend b, site p, facet i), radiance
 in 1/(mm^2 sr) per unit power of one fiber; ``power`` (fiber, color); counts (bend, site, facet,
