@@ -30,5 +30,3 @@ rig.command("recall")(recall.run)
 rig.command("recovery")(recovery.run)
 app.add_typer(rig)
 app.command("check")(check.run)
-
-__all__ = ["app", "main"]

@@ -16,24 +16,3 @@ from optimize.design.design_file import (
 )
 from optimize.design.limits import SearchLimits, dimmed_baseline, limits_of, unlimited
 from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
-
-__all__ = [
-    "PARTS",
-    "Array",
-    "Colors",
-    "Design",
-    "RatedDesign",
-    "Rating",
-    "ScoreSettings",
-    "ScoredDesign",
-    "SearchLimits",
-    "baseline_design",
-    "color_name",
-    "dimmed_baseline",
-    "limits_of",
-    "load_design",
-    "load_design_file",
-    "open_rated",
-    "save_design",
-    "unlimited",
-]

@@ -6,10 +6,3 @@ from optimize.exploration.exploration import (
     explore,
     rate,
 )
-
-__all__ = [
-    "Exploration",
-    "Stage",
-    "explore",
-    "rate",
-]

@@ -2,5 +2,3 @@
 
 from optimize.frontier.frontier import Frontier, measure_frontier
 from optimize.frontier.plan import check_folder
-
-__all__ = ["Frontier", "check_folder", "measure_frontier"]

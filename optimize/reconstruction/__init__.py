@@ -5,5 +5,3 @@ from optimize.reconstruction.normal_reconstruction import (
     ErrorComparison,
     compare_reconstruction,
 )
-
-__all__ = ["CameraNoise", "ErrorComparison", "compare_reconstruction"]

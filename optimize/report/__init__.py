@@ -27,27 +27,3 @@ from optimize.report.page import (
     stage_pictures,
     wiring_sheet,
 )
-
-__all__ = [
-    "INK",
-    "STAGES",
-    "bend_titles",
-    "clipping_warning",
-    "convergence",
-    "data_uri",
-    "drawing",
-    "encode_srgb",
-    "facet_strip",
-    "metric_strip",
-    "monochrome_warning",
-    "picture_png",
-    "png_bytes",
-    "render_page",
-    "render_report",
-    "scheme",
-    "score_row",
-    "stage_pictures",
-    "warnings",
-    "wiring_sheet",
-    "write_exploration",
-]

@@ -8,15 +8,3 @@ from optimize.robust.robustness_study import (
     study_robustness,
 )
 from optimize.robust.sensitivity import check_slopes, score_slopes, sensitivities
-
-__all__ = [
-    "RobustnessStudy",
-    "check_slopes",
-    "declared_tolerances",
-    "material_slopes",
-    "print_sensitivities",
-    "print_study",
-    "score_slopes",
-    "sensitivities",
-    "study_robustness",
-]

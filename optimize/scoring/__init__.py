@@ -23,31 +23,3 @@ from optimize.scoring.surrogate_model import (
     search_table,
 )
 from optimize.scoring.table_scorer import TableScorer, improves
-
-__all__ = [
-    "TIE_DRAWS",
-    "Differentiator",
-    "IntervalCheck",
-    "JackknifeEstimate",
-    "RankAgreement",
-    "RenderedScore",
-    "TableScorer",
-    "check_interval",
-    "check_visible",
-    "find_model",
-    "improves",
-    "jackknife",
-    "jackknife_se",
-    "normal_factor",
-    "open_model",
-    "paired_difference",
-    "predict_design",
-    "rank_agreement",
-    "rendered_score",
-    "score_by_counts",
-    "score_draws",
-    "score_interval",
-    "search_table",
-    "student_factor",
-    "tied",
-]

@@ -19,19 +19,3 @@ from optimize.search.local_refinement import (
     refine_directions,
     refine_locally,
 )
-
-__all__ = [
-    "AlternatingResult",
-    "DirectionResult",
-    "NominalScore",
-    "Objective",
-    "SearchStep",
-    "WeightedSum",
-    "alternating_search",
-    "multi_start",
-    "optimize_directions",
-    "population",
-    "refine_directions",
-    "refine_locally",
-    "tied_groups",
-]

@@ -4,9 +4,7 @@ from optimize.verification.design_proposals import Proposal
 from optimize.verification.design_renders import (
     DesignRenders,
     FinalistEvaluation,
-    RenderDesigns,
     distinct_directions,
-    evaluate_finalists,
     reference_renders,
 )
 from optimize.verification.design_verification import Verification, affordable_samples, verify
@@ -27,29 +25,3 @@ from optimize.verification.verification_loop import (
     RenderedRound,
     VerificationLoop,
 )
-
-__all__ = [
-    "CONVERGED",
-    "GENERATIONS",
-    "Candidate",
-    "DesignRenders",
-    "FinalistEvaluation",
-    "LoopConfig",
-    "LoopRound",
-    "Optimization",
-    "OptimizationMethod",
-    "OptimizeConfig",
-    "Proposal",
-    "RenderDesigns",
-    "RenderedRound",
-    "Verification",
-    "VerificationLoop",
-    "affordable_samples",
-    "distinct_directions",
-    "evaluate_finalists",
-    "optimization_to_json",
-    "optimize",
-    "reference_renders",
-    "verify",
-    "write_optimization",
-]

@@ -4,13 +4,3 @@ from render.preview.diffuser.cache import cache_folder, fiber_end_of, slab_of
 from render.preview.diffuser.response import SlabResponse, compute_response
 from render.preview.lights import point_lights
 from render.preview.preview import Preview
-
-__all__ = [
-    "Preview",
-    "SlabResponse",
-    "cache_folder",
-    "compute_response",
-    "fiber_end_of",
-    "point_lights",
-    "slab_of",
-]

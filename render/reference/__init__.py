@@ -11,23 +11,3 @@ from render.reference.transport import (
     transport_estimate,
     transport_jobs,
 )
-
-__all__ = [
-    "VARIANT",
-    "JobRunner",
-    "RenderCost",
-    "RenderJob",
-    "RenderResult",
-    "Sampler",
-    "TransportEstimate",
-    "ensure_llvm",
-    "measure_render_cost",
-    "mitsuba",
-    "pad_cells",
-    "render_image",
-    "render_transport",
-    "run_job",
-    "stored_plan",
-    "transport_estimate",
-    "transport_jobs",
-]

@@ -15,23 +15,3 @@ from render.scene.schema import (
 )
 from render.scene.serialization import scene_content, scene_of
 from render.scene.tolerances import Spread, Tolerances
-
-__all__ = [
-    "COLORS",
-    "EDGES",
-    "Constraints",
-    "Count",
-    "Edge",
-    "FixedFiber",
-    "FreeRanges",
-    "Quantity",
-    "Scene",
-    "Spread",
-    "Tolerances",
-    "load_scene",
-    "scene_content",
-    "scene_of",
-    "scene_text",
-    "shipped_scenes",
-    "sources",
-]

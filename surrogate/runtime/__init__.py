@@ -3,5 +3,3 @@
 from surrogate.runtime.checker import Checker, family_hash
 from surrogate.runtime.metadata import ModelMetadata
 from surrogate.runtime.model_file import MODEL_FILE, sha256
-
-__all__ = ["MODEL_FILE", "Checker", "ModelMetadata", "family_hash", "sha256"]

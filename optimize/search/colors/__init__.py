@@ -4,12 +4,3 @@ from optimize.search.colors.colorings import ColorResult, canonical, renamed_lik
 from optimize.search.colors.exact import exact_colors
 from optimize.search.colors.grouped import grouped_colors
 from optimize.search.colors.quick import quick_colors
-
-__all__ = [
-    "ColorResult",
-    "canonical",
-    "exact_colors",
-    "grouped_colors",
-    "quick_colors",
-    "renamed_like",
-]
