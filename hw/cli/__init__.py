@@ -13,7 +13,7 @@ from optimize.cli import app, main
 
 rig = typer.Typer(
     name="hw",
-    help="Drive LEDs and camera of a rig, calibrate the scene to it, or play with an emulated one.",
+    help="Drive LEDs and camera, calibrate, or play without a rig.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

@@ -35,7 +35,7 @@ def run(
     samples: Samples = 1000,
     as_json: Json = False,
 ) -> None:
-    """Fit the scene's material, powers and gains to photographs of single fibers."""
+    """Fit material, powers and gains to photographs of single fibers."""
     import numpy as np
 
     from hw.calibration.calibration import calibrate_sets

@@ -44,7 +44,7 @@ def run(
     *,
     wiring: Wiring,
 ) -> None:
-    """Photograph the dark, every fiber alone, and all together into a folder."""
+    """Photograph the dark, every fiber alone, and all together."""
     from hw.camera.opencv_camera import LockedSettings
     from optimize.design import load_design
     from render.scene import load_scene

@@ -54,7 +54,7 @@ def run(
     wiring: Wiring,
     as_json: Json = False,
 ) -> None:
-    """Say whether the rig looks as designed: exit code 0 if so, 1 with a fault."""
+    """Say whether the rig looks as designed (exit code 1: a fault)."""
     import numpy as np
 
     from hw.camera.photo_set import PhotoSet

@@ -41,7 +41,7 @@ def run(
     ] = True,
     as_json: Json = False,
 ) -> None:
-    """Run set, sweep, check and calibrate on an emulated rig with secret true values."""
+    """Run set, sweep, check and calibrate on an emulated rig."""
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
     from hw.emulator.demonstration import (

@@ -30,7 +30,7 @@ def run(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure how many single-fiber faults the check finds on random rigs."""
+    """Measure how many faults the check finds on random rigs."""
     import numpy as np
 
     from hw.check.prediction import predict

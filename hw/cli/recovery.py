@@ -27,7 +27,7 @@ def run(
     samples: Samples = 1000,
     as_json: Json = False,
 ) -> None:
-    """Measure how well calibration recovers random rigs from rendered photographs."""
+    """Measure how well calibration recovers random rigs."""
     from hw.calibration.line_model import line_model
     from hw.emulator.session import BENDS
     from hw.studies.recovery import recover

@@ -75,8 +75,6 @@ def run(
             bar.note("  drawing pictures and the report")
             result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
         if as_json:
-            for warning in warnings(found.stages):
-                note(f"Note: {warning}")
             print_json(stream, result)
         else:
             _print_table(stream, found)

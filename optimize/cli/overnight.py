@@ -40,7 +40,7 @@ def run(
         bool, Option("--json-lines", help="Print progress as JSON, one object per line.")
     ] = False,
 ) -> None:
-    """Verify designs by rendering for hours; survives interruptions."""
+    """Search and verify by hours of rendering; resumable."""
     for first, second, both in (
         ("--hours", "--samples", hours is not None and samples is not None),
         ("--workers", "--dask", workers is not None and dask is not None),

@@ -13,7 +13,7 @@ from optimize.ui.console import reserved_stdout
 def run(
     directory: Annotated[Path, Argument(metavar="run", help="The directory of a finished night.")],
 ) -> None:
-    """Write the report of a finished night anew, from its files alone."""
+    """Write the report of a finished night again, from its files."""
     from optimize.overnight.report import write_report
     from optimize.overnight.result import OvernightResult
     from optimize.ui.output import OutputError

@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Argument, BadParameter, Option
 
 from optimize.cli.options import Json
-from optimize.ui.console import duration, print_json, print_table, reserved_stdout
+from optimize.ui.console import counted, duration, print_json, print_table, reserved_stdout
 
 if TYPE_CHECKING:
     from optimize.overnight.scaling import Scaling
@@ -58,7 +58,7 @@ def run(
             )
         stream.write(
             f"Renders: {found.evaluations} in {duration(found.render_seconds)} of rendering\n"
-            f"Worked: {duration(found.seconds)} in {found.attempts} attempts\n"
+            f"Worked: {duration(found.seconds)} in {counted(found.attempts, 'attempt')}\n"
         )
         if found.eta_seconds is not None:
             stream.write(f"Left: {duration(found.eta_seconds)}\n")

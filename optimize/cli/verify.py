@@ -8,7 +8,14 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Option
 
 from optimize.cli.options import DesignArgument, Json, ModelFolder, SceneOfDesign
-from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import (
+    ProgressBar,
+    counted,
+    note,
+    print_json,
+    print_table,
+    reserved_stdout,
+)
 from render.errors import RenderError
 
 if TYPE_CHECKING:
@@ -54,7 +61,8 @@ def run(
         checkpoint = path.parent / f"{path.stem}-renders"
         count = samples or _count(candidate, minutes, seeds, checkpoint)
         note(
-            f"Rendering the baseline and {path} with {seeds} seeds, {count} samples per cell; "
+            f"Rendering the baseline and {path} with {counted(seeds, 'seed')}, "
+            f"{counted(count, 'sample')} per cell; "
             f"interrupted, the same command goes on from {checkpoint}"
         )
         with ProgressBar("Rendering the") as bar:
@@ -119,9 +127,9 @@ def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -
     stream.write(
         f"{found.conclusion}\n"
         f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "
-        f"{checker.coverage:.0%} interval of -+{checker.score_half_width:.2f} {held}.\n"
-        f"{len(found.seeds)} seeds, {found.difference.replicates} replicates, {found.samples} "
-        f"samples per cell, {found.render_seconds:.0f} s of rendering.\n"
+        f"{checker.coverage:.0%} interval of ±{checker.score_half_width:.2f} {held}.\n"
+        f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
+        f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"
     )
 
 

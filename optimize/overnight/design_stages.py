@@ -39,6 +39,7 @@ from optimize.search import (
     tied_groups,
 )
 from optimize.search.colors import grouped_colors, renamed_like
+from optimize.ui.console import counted
 from optimize.verification import (
     CONVERGED,
     GENERATIONS,
@@ -190,7 +191,7 @@ def run_loop(
     )
     loop.candidates = _known(context)
     rounds: list[RenderedRound] = []
-    reason = f"the {config.rounds} rounds ran out"
+    reason = f"{counted(config.rounds, 'round')} did not settle it"
     took = 0.0
     for number in range(1, config.rounds + 1):
         began = context.store.spent()

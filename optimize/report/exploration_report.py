@@ -33,6 +33,7 @@ from optimize.report.page import (
     stage_pictures,
     wiring_sheet,
 )
+from optimize.ui.console import counted
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_text
@@ -45,16 +46,17 @@ PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
 def write_exploration(
     exploration: Exploration, target: Path, model: Path, elapsed: Callable[[], float]
 ) -> dict[str, object]:
-    """Write everything into ``target``, which it replaces, and return the result for programs.
+    """Write everything into ``target`` and return the result for programs.
 
     Arguments:
         exploration: what was found.
-        target: the directory; an earlier result in it is replaced.
+        target: the directory; an earlier result in it is replaced, or kept under a number where
+            it found another design.
         model: folder of the surrogate, named in the report.
         elapsed: seconds since the command began.
     """
     scene, first, last = exploration.scene, exploration.stages[0], exploration.stages[-1]
-    with fresh_directory(target) as folder:
+    with fresh_directory(target, keep=DESIGN) as folder:
         save_design(folder / BASELINE, first.design, scene, first.rating)
         save_design(folder / DESIGN, last.design, scene, last.rating)
         pictures = dict(explore_pictures(exploration))
@@ -73,6 +75,7 @@ def write_exploration(
         )
         write_text(folder / REPORT, html)
         result = exploration.to_json(target / DESIGN, target / REPORT, elapsed())
+        result["warnings"] = warnings(exploration.stages)
         write_manifest(folder, result)
     return result
 
@@ -101,10 +104,10 @@ def _search_note(exploration: Exploration) -> str:
         if search.converged
         else "until the rounds ran out, so a longer search may find more"
     )
-    rounds = search.history[-1].round
+    rounds = counted(search.history[-1].round, "round")
     return (
-        f"{search.evaluated:,} designs in {search.seconds:.1f} s: {rounds} "
-        f"round{'s' if rounds > 1 else ''} of colors and directions, {end}."
+        f"{counted(search.evaluated, 'design')} in {search.seconds:.1f} s: {rounds} of colors and "
+        f"directions, {end}."
     )
 
 

@@ -174,6 +174,15 @@ class ProgressBar:
         )
 
 
+def counted(count: int, one: str, many: str = "") -> str:
+    """Return a number with its noun, ``1 seed`` or ``2 seeds``.
+
+    >>> counted(1, "seed"), counted(1200, "match", "matches")
+    ('1 seed', '1,200 matches')
+    """
+    return f"{count:,} {one if count == 1 else many or one + 's'}"
+
+
 def duration(seconds: float) -> str:
     """Return ``h:mm:ss``, or ``m:ss`` below an hour."""
     minutes, rest = divmod(round(seconds), 60)

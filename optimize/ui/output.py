@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import tempfile
@@ -9,10 +10,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from optimize.ui.console import note
 from render.errors import TactiluxError
 from render.files import read_json, replace_folder, write_bytes, write_json
 
 MANIFEST = "result.json"
+DESIGN_KEYS = ("scene_hash", "angles_deg", "power")
+"""What makes two design files one design; the rest is who rated it, and how."""
 
 
 class OutputError(TactiluxError):
@@ -51,11 +55,16 @@ def check_target(target: Path) -> None:
 
 
 @contextmanager
-def fresh_directory(target: Path) -> Iterator[Path]:
+def fresh_directory(target: Path, keep: str = "") -> Iterator[Path]:
     """Give a temporary directory beside ``target`` that takes its place when the block succeeds.
 
     An earlier result is replaced by renames. What others put into it (a verification's checkpoint)
     is not listed in its manifest and moves over; after an error the earlier result still stands.
+
+    Arguments:
+        target: where the result will lie.
+        keep: name of a design file. Where the earlier result holds another design in it, that
+            result is kept with everything in it, beside ``target`` under the first free number.
     """
     check_target(target)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -63,7 +72,7 @@ def fresh_directory(target: Path) -> Iterator[Path]:
     try:
         yield work
         work.chmod(0o755)
-        _swap(work, target)
+        _swap(work, target, keep)
     except BaseException:
         shutil.rmtree(work, ignore_errors=True)
         raise
@@ -91,10 +100,27 @@ def write_result(path: Path, content: bytes) -> None:
         ) from None
 
 
-def _swap(work: Path, target: Path) -> None:
+def _differ(earlier: Path, later: Path) -> bool:
+    """Return whether two design files hold different designs, or designs of different scenes."""
+    first, second = read_json(earlier), read_json(later)
+    return bool(first) and any(first.get(key) != second.get(key) for key in DESIGN_KEYS)
+
+
+def _free_name(target: Path) -> Path:
+    numbered = (target.with_name(f"{target.name}-{number}") for number in itertools.count(1))
+    return next(path for path in numbered if not path.exists())
+
+
+def _swap(work: Path, target: Path, keep: str) -> None:
     own = _files(target)
+    another = bool(keep) and _differ(target / keep, work / keep)
     old = replace_folder(work, target)
     if old is None:
+        return
+    if another:
+        aside = _free_name(target)
+        os.rename(old, aside)
+        note(f"The earlier result, another design, is kept in {aside}")
         return
     for item in old.iterdir():
         if item.name not in own and not (target / item.name).exists():

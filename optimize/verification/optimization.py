@@ -184,7 +184,7 @@ def write_optimization(
     scene: Scene, outcome: Optimization, target: Path, result: dict[str, object]
 ) -> None:
     """Write designs and record into ``target``, which they replace together."""
-    with fresh_directory(target) as folder:
+    with fresh_directory(target, keep=DESIGN) as folder:
         for name, design in zip(
             outcome.finalists.names, outcome.finalists.renders.designs, strict=True
         ):

@@ -24,6 +24,7 @@ from optimize.scoring import (
     TableScorer,
     rank_agreement,
 )
+from optimize.ui.console import counted
 from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
@@ -156,7 +157,7 @@ def verification_loop(
     """
     loop = VerificationLoop(table, baseline, render, refitter, edges, config, limits)
     rounds: list[LoopRound] = []
-    reason = f"the {config.rounds} rounds ran out"
+    reason = f"{counted(config.rounds, 'round')} did not settle it"
     for number in range(1, config.rounds + 1):
         proposals = loop.proposals(number)
         if not proposals:

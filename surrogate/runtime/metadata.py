@@ -41,7 +41,7 @@ class ModelMetadata:
         exposure: counts per 1/(mm^2 sr); lam: weight of M_phi in eq. (4.6).
         conventions: the metric's conventions.
         conformal: ``coverage``, ``counts`` (times counts_spread) and ``score`` (counts): the
-            intervals prediction -+ these hold the noise-free reference that often;
+            intervals prediction ± these hold the noise-free reference that often;
             ``score_spread`` is one standard deviation of the score; ``checked`` gives the
             coverage found on cells that had no part in them.
         held_out: errors per level, on held-out designs.

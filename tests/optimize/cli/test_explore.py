@@ -60,6 +60,7 @@ def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored
         "design",
         "report",
         "seconds",
+        "warnings",
     ]
     for name in ("baseline", "optimized"):
         figures = result[name]

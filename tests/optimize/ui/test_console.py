@@ -69,3 +69,8 @@ def test_a_stage_is_announced_named_in_the_log_and_timed_by_itself(
         "Fitting networks ...",
         "Fitting networks: 25 %, 3:00 left",
     ]
+
+
+def test_one_of_a_kind_is_said_in_the_singular() -> None:
+    assert console.counted(1, "attempt") == "1 attempt"
+    assert console.counted(2, "attempt") == "2 attempts"

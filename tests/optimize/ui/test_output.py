@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,35 @@ def test_a_file_that_the_later_result_no_longer_has_goes_away(tmp_path: Path) ->
         write_manifest(folder, {})
     write_result(tmp_path / "a", "second")
     assert names(tmp_path / "a") == {"report.html", "result.json"}
+
+
+def write_design(target: Path, angle: float, score: float) -> None:
+    with fresh_directory(target, keep="design.json") as folder:
+        design = {"scene_hash": "ab", "angles_deg": [angle], "power": [[1.0, 0.0, 0.0]]}
+        (folder / "design.json").write_text(json.dumps({**design, "score": score}))
+        write_manifest(folder, {})
+
+
+def test_a_result_with_another_design_is_kept_beside_the_new_one_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for angle in (10.0, 20.0, 30.0):
+        write_design(tmp_path / "a", angle, 1.0)
+        (tmp_path / "a" / "checkpoint").write_text(f"renders of {angle:g}")
+    assert names(tmp_path) == {"a", "a-1", "a-2"}
+    assert json.loads((tmp_path / "a" / "design.json").read_text())["angles_deg"] == [30.0]
+    assert json.loads((tmp_path / "a-1" / "design.json").read_text())["angles_deg"] == [10.0]
+    assert (tmp_path / "a-2" / "checkpoint").read_text() == "renders of 20"
+    said = capsys.readouterr().err.splitlines()
+    kept = [f"The earlier result, another design, is kept in {tmp_path / f'a-{n}'}" for n in (1, 2)]
+    assert said == kept
+
+
+def test_the_same_design_rated_anew_replaces_the_earlier_result(tmp_path: Path) -> None:
+    write_design(tmp_path / "a", 10.0, 1.0)
+    write_design(tmp_path / "a", 10.0, 2.0)
+    assert names(tmp_path) == {"a"}
+    assert json.loads((tmp_path / "a" / "design.json").read_text())["score"] == 2.0
 
 
 def test_a_directory_with_other_files_is_left_alone(tmp_path: Path) -> None:
