@@ -105,7 +105,7 @@ def _count(candidate: RatedDesign, minutes: float | None, seeds: int, folder: Pa
 
 def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:
     from optimize.design import PARTS
-    from optimize.scoring import check_interval
+    from optimize.scoring import prediction_checked
 
     def row(name: str, score: JackknifeEstimate, measured: RenderedScore | None) -> tuple[str, ...]:
         low, high = score.interval()
@@ -122,12 +122,11 @@ def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -
             row("Difference", found.difference, None),
         ],
     )
-    error = found.surrogate_score - found.design.score.value
-    held = check_interval(error, checker.score_half_width, found.design.score.se, checker.coverage)
+    error, se = found.surrogate_score - found.design.score.value, found.design.score.se
+    checked = prediction_checked(error, checker.score_half_width, se, checker.coverage)
     stream.write(
         f"{found.conclusion}\n"
-        f"The surrogate said {found.surrogate_score:.2f}, off by {error:+.2f}: its "
-        f"{checker.coverage:.0%} interval of ±{checker.score_half_width:.2f} {held}.\n"
+        f"The surrogate said {found.surrogate_score:.2f}, {checked}.\n"
         f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
         f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"
     )

@@ -4,6 +4,7 @@ from optimize.scoring.confidence import (
     IntervalCheck,
     check_interval,
     normal_factor,
+    prediction_checked,
     student_factor,
 )
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife, jackknife_se

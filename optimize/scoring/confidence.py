@@ -55,3 +55,16 @@ def check_interval(
     if abs(error) > math.hypot(half_width, noise):
         return "does not hold"
     return "cannot be tested" if noise > half_width else "holds"
+
+
+def prediction_checked(error: float, half_width: float, se: float, coverage: float = 0.9) -> str:
+    """Return what `check_interval` finds, with every number that it rests on, for a sentence.
+
+    Example:
+        >>> prediction_checked(10.29, 0.82, 9.5)
+        'off by +10.29 (renders ±9.50): its 90% interval of ±0.82 cannot be tested'
+    """
+    return (
+        f"off by {error:+.2f} (renders ±{se:.2f}): its {coverage:.0%} interval of "
+        f"±{half_width:.2f} {check_interval(error, half_width, se, coverage)}"
+    )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design import PARTS, Array, ScoreSettings
+from optimize.design import PARTS, Array, Rating, ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
 from render.errors import RenderError
 from render.metric import clipped_fraction
@@ -14,15 +14,31 @@ from render.metric import clipped_fraction
 
 @dataclass(frozen=True, eq=False)
 class RenderedScore:
-    """One design at level 2: jackknife estimates by part of the score, and clipped facets."""
+    """One design at level 2, freed of the bias of the noise.
+
+    The jackknife is linear in the statistic, so the estimates of the parts add up as the parts do:
+    score = mean - spread over sites - spread over bends, to rounding.
+
+    Arguments:
+        parts: jackknife estimates with standard errors, by part of the score (`PARTS`).
+        clipped: fraction of facets that saturate.
+        settings: exposure, lambda and conventions of the score.
+    """
 
     parts: dict[str, JackknifeEstimate]
     clipped: float
+    settings: ScoreSettings
 
     @property
     def score(self) -> JackknifeEstimate:
         """S of eq. (4.7)."""
         return self.parts["score"]
+
+    @property
+    def rating(self) -> Rating:
+        """What goes into a design file: the parts, and the 95 % interval of the score."""
+        values = {name: estimate.value for name, estimate in self.parts.items()}
+        return self.settings.rating("reference", values, self.score.interval())
 
 
 def rendered_score(settings: ScoreSettings, replicates: Array, power: Array) -> RenderedScore:
@@ -35,7 +51,7 @@ def rendered_score(settings: ScoreSettings, replicates: Array, power: Array) -> 
 
         parts[name] = jackknife(part, replicates)
     counts = settings.counts(replicates.mean(axis=0), power)
-    return RenderedScore(parts, float(clipped_fraction(counts, settings.conventions)))
+    return RenderedScore(parts, float(clipped_fraction(counts, settings.conventions)), settings)
 
 
 def paired_difference(

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from optimize.design import (
-    PARTS,
     Design,
-    Rating,
     ScoreSettings,
     dimmed_baseline,
     limits_of,
@@ -191,7 +189,7 @@ def write_optimization(
             file = {"baseline": BASELINE, "thesis": THESIS, "runner-up": "runner-up.json"}
             if name == outcome.winner:
                 file[name] = DESIGN
-            save_design(folder / file[name], design, scene, _rating(outcome, name))
+            save_design(folder / file[name], design, scene, outcome.finalists.score(name).rating)
         write_manifest(folder, result)
 
 
@@ -238,12 +236,6 @@ def optimization_to_json(scene: Scene, outcome: Optimization, target: Path) -> d
     if outcome.loop is not None and outcome.thesis is not None:
         result["difference"] = _estimate(finalists.difference("thesis", "winner"))
     return result
-
-
-def _rating(outcome: Optimization, name: str) -> Rating:
-    rendered = outcome.finalists.score(name)
-    values = {part: rendered.parts[part].value for part in PARTS}
-    return outcome.finalists.settings.rating("reference", values, rendered.score.interval())
 
 
 def _estimate(estimate: JackknifeEstimate) -> dict[str, object]:

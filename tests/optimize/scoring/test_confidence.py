@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from optimize.scoring import check_interval
+from optimize.scoring import check_interval, prediction_checked
 
 
 def test_the_error_bar_of_the_renders_is_allowed_for_at_the_same_coverage() -> None:
@@ -22,3 +22,9 @@ def test_renders_less_certain_than_the_interval_cannot_test_it(error: float) -> 
 
 def test_even_noisy_renders_refute_what_is_far_away() -> None:
     assert check_interval(100.0, 3.0, 30.0) == "does not hold"
+
+
+def test_the_sentence_holds_the_error_bar_of_the_renders_that_decides() -> None:
+    said = prediction_checked(10.29, 0.82, 9.5)
+    assert said == "off by +10.29 (renders ±9.50): its 90% interval of ±0.82 cannot be tested"
+    assert prediction_checked(-3.0, 0.82, 0.1).endswith("does not hold")
