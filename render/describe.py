@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from render.geometry import MIN_ROUGHNESS
+from render.geometry import MIN_ROUGHNESS, FiberHolder
 from render.scene import EDGES, Constraints, FreeRanges, Quantity, Scene, Tolerances
 
 
@@ -101,10 +101,17 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         cells=cells,
         background_cells=cells // scene.indenter.faces,
         left_out=tuple(OmittedPart(what, why) for what, why in _left_out(scene)),
-        limits=tuple(scene.constraints.sentences()) if scene.constraints else (),
+        limits=tuple(limit_sentences(scene)),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
         free=tuple(scene.free.sentences()) if scene.free else (),
     )
+
+
+def limit_sentences(scene: Scene) -> Iterator[str]:
+    """Yield what every search of designs for ``scene`` keeps to."""
+    yield FiberHolder.of(scene).sentence
+    if scene.constraints is not None:
+        yield from scene.constraints.sentences()
 
 
 def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:

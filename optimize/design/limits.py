@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optimize.design.design import Array, Colors, Design, baseline_design
 from render.errors import DesignError
+from render.geometry import FiberHolder
 from render.scene import COLORS, Scene
 
+TURNS = 16
+"""Steps in which fibers that would meet are turned upright."""
 FORBIDDEN = 1e9
 """Cost of a color that a fiber must not have; above any sum of the others."""
 
@@ -27,6 +30,7 @@ class SearchLimits:
         low, high: ``(F, interval)`` rad, allowed directions; unused intervals repeat the last.
         step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
         continuous_power: whether fibers may have less than ``led_power``.
+        holder: in which neighboring fibers must not meet; None where nothing holds them.
     """
 
     allowed: NDArray[np.bool_]
@@ -36,6 +40,7 @@ class SearchLimits:
     high: Array
     step: float
     continuous_power: bool
+    holder: FiberHolder | None = None
 
     @property
     def colors_limited(self) -> bool:
@@ -87,8 +92,41 @@ class SearchLimits:
             field="constraints",
         )
 
+    def fits_holder(self, phi: Array) -> bool:
+        """Return whether no fibers of ``phi`` ``(F,)`` rad meet in the holder."""
+        return self.holder is None or bool((self.holder.slack(phi) >= 0.0).all())
+
     def nearest_directions(self, phi: Array) -> Array:
-        """Return the allowed directions nearest to ``phi`` ``(..., F)`` rad."""
+        """Return allowed directions near ``phi`` ``(..., F)`` rad: the nearest of each fiber.
+
+        Fibers that would meet in the holder are turned together towards the normal of their edge,
+        in `TURNS` steps at most, until they do not.
+        """
+        nearest = self._nearest_alone(phi)
+        if self.holder is None:
+            return nearest
+        upright = self._nearest_alone(np.full(phi.shape[-1], math.pi / 2))
+        rows = nearest.reshape(-1, phi.shape[-1])
+        turned, turns = rows, np.zeros(rows.shape)
+        while (meeting := self.holder.slack(turned) < 0.0).any():
+            touched = np.zeros(rows.shape, dtype=bool)
+            touched[:, :-1] |= meeting
+            touched[:, 1:] |= meeting
+            touched &= turns < TURNS
+            if not touched.any():
+                raise DesignError(
+                    "no directions fulfill the constraints: fibers meet in the holder ("
+                    + "; ".join(self.holder.problems(turned[meeting.any(axis=1)][0]))
+                    + "); fix or forbid fewer directions, or make the holder thinner",
+                    field="constraints",
+                )
+            turns += touched
+            between = self._nearest_alone(upright + (1.0 - turns / TURNS) * (rows - upright))
+            turned = np.where(turns > 0, between, rows)
+        return np.asarray(turned.reshape(phi.shape))
+
+    def _nearest_alone(self, phi: Array) -> Array:
+        """Return the nearest allowed direction of each fiber, whatever its neighbors do."""
         if not self.directions_limited:
             return phi
         ends = np.clip(phi[..., None], self.low, self.high)
@@ -136,7 +174,7 @@ def limits_of(scene: Scene) -> SearchLimits:
     fibers, given = scene.fibers.count, scene.constraints
     free = unlimited(fibers)
     if given is None:
-        return free
+        return replace(free, holder=FiberHolder.of(scene))
     allowed = free.allowed.copy()
     for entry in given.fixed:
         if entry.color is not None:
@@ -152,8 +190,10 @@ def limits_of(scene: Scene) -> SearchLimits:
         high=padded[..., 1],
         step=given.angle_step or 0.0,
         continuous_power=given.continuous_power,
+        holder=FiberHolder.of(scene),
     )
     limits.nearest_colors(np.zeros((fibers, 3)))
+    limits.nearest_directions(np.full(fibers, math.pi / 2))
     return limits
 
 

@@ -17,6 +17,7 @@ from optimize.report import (
     bend_titles,
     clipping_warning,
     data_uri,
+    holder_warning,
     monochrome_warning,
     render_page,
     stage_pictures,
@@ -107,6 +108,7 @@ def warnings(result: OvernightResult) -> list[str]:
                 "The interval of the gain reaches 0: more hours would make it narrower, and the "
                 "same command with more of them goes on from here."
             )
+        doubts += holder_warning(result.scene, last.design)
         doubts += monochrome_warning(last.design)
     others = [
         entry

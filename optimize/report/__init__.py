@@ -22,6 +22,7 @@ from optimize.report.page import (
     bend_titles,
     clipping_warning,
     data_uri,
+    holder_warning,
     monochrome_warning,
     render_page,
     stage_pictures,

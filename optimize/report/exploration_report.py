@@ -28,6 +28,7 @@ from optimize.report.page import (
     bend_titles,
     clipping_warning,
     data_uri,
+    holder_warning,
     monochrome_warning,
     render_page,
     stage_pictures,
@@ -250,6 +251,7 @@ def warnings(stages: Sequence[Stage]) -> list[str]:
             "The intervals of baseline and optimized design overlap: at this level the gain is "
             "not certain, and only a verification can tell."
         )
+    texts += holder_warning(last.scene, last.design)
     texts += monochrome_warning(last.design)
     if last.domain_excess > 0:
         texts.append(

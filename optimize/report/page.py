@@ -11,7 +11,7 @@ import numpy as np
 
 from optimize.design import Design
 from optimize.report.illustrations import INK
-from render.geometry import fiber_edges, flat_fiber_poses
+from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses
 from render.scene import Scene
 
 CLIPPED = 0.01
@@ -76,6 +76,14 @@ def monochrome_warning(design: Design) -> list[str]:
     return [
         "The optimum is monochrome: the weight of the color term does not reward color "
         "differences in this scene, so surface azimuth will be hard to read."
+    ]
+
+
+def holder_warning(scene: Scene, design: Design) -> list[str]:
+    """Return a warning for fibers that would meet in their holder; usually nothing."""
+    return [
+        f"This design cannot be built: {problem}."
+        for problem in FiberHolder.of(scene).problems(design.phi)
     ]
 
 

@@ -86,6 +86,8 @@ def alternating_search(
     limits = scorer.limits
     if limits.colors_limited or limits.directions_limited:
         start = limits.nearest_design(start)
+    elif not limits.fits_holder(start.phi):
+        start = Design(limits.nearest_directions(start.phi), start.power)
     search = _Rounds(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
     for number in range(1, max_rounds + 1):

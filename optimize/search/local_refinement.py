@@ -160,6 +160,9 @@ def _ascend(
 ) -> tuple[ScoredDesign, int]:
     """Return the best design that L-BFGS-B meets from ``start``, and how many it tries.
 
+    Where it ends on fibers that would meet in their holder, SLSQP (Kraft 1988) climbs from the
+    best design so far, with the distances of neighbors as constraints.
+
     ``gradient`` returns a score and its derivatives by all directions, then by the powers ``on``
     ``(F, 3)``, which move too.
     """
@@ -176,18 +179,23 @@ def _ascend(
         design = Design(np.clip(x[:fibers], low, high), power)
         score, slopes = gradient(design)
         evaluated += 1
-        if score > best.score:
+        if score > best.score and scorer.limits.fits_holder(design.phi):
             best = ScoredDesign(design, score)
         return -score, -slopes
 
-    minimize(
-        loss,
-        np.concatenate([start.design.phi, start.design.power[on]]),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[*zip(low, high, strict=True), *((0.0, limit) for limit in full)],
-        options=options,
-    )
+    bounds = [*zip(low, high, strict=True), *((0.0, limit) for limit in full)]
+    begin = np.concatenate([start.design.phi, start.design.power[on]])
+    end = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+    if (holder := scorer.limits.holder) and not scorer.limits.fits_holder(end[:fibers]):
+        minimize(
+            loss,
+            np.concatenate([best.design.phi, best.design.power[on]]),
+            jac=True,
+            method="SLSQP",
+            bounds=bounds,
+            constraints={"type": "ineq", "fun": lambda x: holder.slack(x[:fibers])},
+            options={"maxiter": options["maxiter"], "ftol": 1e-7 * max(abs(best.score), 1e-12)},
+        )
     return best, evaluated
 
 

@@ -1,6 +1,7 @@
 """Where everything is: pad, fibers, facets and camera at any bend."""
 
 from render.geometry.bending import bend_frames, bend_points, curvature, unbend_points
+from render.geometry.holder import FiberHolder
 from render.geometry.indenter import SHADOW_LENGTH, BoltHead, Imprint, bolt, pyramids
 from render.geometry.layout import (
     facet_normals,

@@ -1,6 +1,6 @@
 """What a sensor is: the scene file, its quantities, constraints and tolerances."""
 
-from render.scene.constraints import Constraints, FixedFiber
+from render.scene.constraints import HOLDER_THICKNESS, Constraints, FixedFiber
 from render.scene.free_ranges import FreeRanges
 from render.scene.quantities import Count, Quantity
 from render.scene.schema import (

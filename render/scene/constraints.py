@@ -18,7 +18,10 @@ Step = Annotated[float, Quantity("deg", 0.1, 90.0)]
 PowerLimit = Annotated[float, Quantity("", 0.01, 1.0)]
 Index = Annotated[int, Count(0, 191)]
 LedCount = Annotated[int, Count(0, 192)]
+Thickness = Annotated[float, Quantity("mm", 0.1, 50.0)]
 STEP_TOLERANCE = 1e-9
+HOLDER_THICKNESS = 3.0
+"""mm, where a scene says nothing: four fiber diameters keep a direction to about 2 deg."""
 
 
 class FixedFiber(Part):
@@ -52,7 +55,8 @@ class Constraints(Part):
 
     ``max_*`` limit the number of fibers per color, ``power_*`` the power of an LED (1 is full),
     ``angle_step`` is the smallest step of directions from 0, ``continuous_power`` lets every fiber
-    have a power of its own up to the limit.
+    have a power of its own up to the limit. ``holder_thickness`` is that of the wall around the pad
+    that holds the fibers, which must not meet in it.
     """
 
     max_red: LedCount | None = None
@@ -63,6 +67,7 @@ class Constraints(Part):
     power_blue: PowerLimit = 1.0
     angle_step: Step | None = None
     continuous_power: bool = False
+    holder_thickness: Thickness = HOLDER_THICKNESS
     fixed: Annotated[tuple[FixedFiber, ...], Field(strict=False)] = ()
     forbidden: Annotated[tuple[ForbiddenDirections, ...], Field(strict=False)] = ()
 

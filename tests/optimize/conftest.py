@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from optimize.design import Array, Design, Rating, ScoreSettings, baseline_design
+from optimize.design import Array, Design, Rating, ScoreSettings, baseline_design, limits_of
 from optimize.exploration import Stage
 from optimize.overnight.report import write_report
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
@@ -105,7 +105,9 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
     designs = [
         base,
         Design.of_colors(base.phi, mixed),
-        Design.of_colors(rng.uniform(0.5, 2.6, scene.fibers.count), mixed),
+        Design.of_colors(
+            limits_of(scene).nearest_directions(rng.uniform(0.5, 2.6, scene.fibers.count)), mixed
+        ),
     ]
     texts = [
         ("baseline", "Baseline", ""),
@@ -149,8 +151,8 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
     straight = np.full(20, np.pi / 2)
     # What tactilux explore finds on the shipped surrogate, to a degree.
     colors = [0, 0, 0, 0, 2, 0, 0, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0, 0]
-    degrees = [69, 79, 102, 120, 101, 66, 154, 105, 76, 90]
-    degrees += [101, 110, 106, 106, 81, 76, 105, 88, 68, 61]
+    degrees = [69, 78, 100, 120, 100, 65, 141, 117, 76, 89]
+    degrees += [102, 111, 106, 109, 84, 80, 104, 87, 68, 62]
     turned = np.radians(degrees)
     designs = {
         "baseline": baseline_design(finger20),

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from optimize.scoring import TableScorer
 from optimize.search import alternating_search, optimize_directions, refine_locally
 from optimize.search.colors import exact_colors, grouped_colors, quick_colors
 from render.errors import DesignError
-from render.scene import Constraints, FixedFiber, Scene
+from render.scene import Constraints, FixedFiber, Scene, load_scene, scene_text
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -153,3 +154,66 @@ def test_local_refinement_climbs_from_any_start(make_table: MakeTable) -> None:
     assert found.score == scorer.score(found.design.phi, found.design.power)
     again = refine_locally(scorer, found.design)
     assert again.score == pytest.approx(found.score, rel=1e-6)
+
+
+def held(more: str, tmp_path: Path, thickness: float = 8.0) -> Scene:
+    """Return a sensor of eight fibers in a thick holder, so that many directions meet."""
+    text = scene_text("finger20")
+    for edge, old, new in (("left", 8, 3), ("tip", 4, 2), ("right", 8, 3)):
+        text = text.replace(f"{edge} = {old}", f"{edge} = {new}")
+    path = tmp_path / "held.toml"
+    holder = f'{{ value = {thickness}, unit = "mm", source = "drawing" }}'
+    path.write_text(f"{text}\n[constraints]\nholder_thickness = {holder}\n{more}")
+    return load_scene(path)
+
+
+@pytest.mark.parametrize("step", ["", 'angle_step = { value = 15.0, unit = "deg", source = "x" }'])
+def test_fibers_that_would_meet_are_turned_until_they_do_not(step: str, tmp_path: Path) -> None:
+    limits = limits_of(held(step, tmp_path))
+    assert limits.holder is not None
+    asked = np.random.default_rng(2).uniform(0.0, np.pi, (200, 8))
+    given = limits.nearest_directions(asked)
+    assert (limits.holder.slack(given) >= 0).all()
+    assert limits.nearest_directions(given).tolist() == given.tolist()
+    if step:
+        assert given / np.radians(15.0) == pytest.approx((given / np.radians(15.0)).round())
+    else:
+        free = (limits.holder.slack(asked) >= 0).all(axis=1)
+        assert 0 < free.sum() < 200
+        assert given[free].tolist() == asked[free].tolist()
+
+
+def test_fixed_fibers_that_meet_contradict_each_other(tmp_path: Path) -> None:
+    fixed = "".join(
+        f"[[constraints.fixed]]\nfiber = {fiber}\n"
+        f'angle = {{ value = {angle}, unit = "deg", source = "mounted" }}\n'
+        for fiber, angle in ((0, 150.0), (1, 30.0))
+    )
+    with pytest.raises(DesignError, match="fibers 0 and 1 at 150 and 30 deg"):
+        limits_of(held(fixed, tmp_path))
+
+
+def test_a_search_finds_the_best_design_whose_fibers_do_not_meet(
+    make_table: MakeTable, tmp_path: Path
+) -> None:
+    limits = limits_of(held("", tmp_path, thickness=20.0))
+    assert limits.holder is not None
+    table = make_table(8)
+    start = Design.of_colors(np.full(8, np.pi / 2), np.arange(8) % 3)
+    free = alternating_search(TableScorer(table), start, edges=None)
+    found = alternating_search(TableScorer(table, limits=limits), start, edges=None)
+    assert limits.holder.slack(free.design.phi).min() < 0  # or there is nothing to test
+    assert limits.holder.slack(found.design.phi).min() >= 0
+    assert start_score(table, start) < found.score < free.score
+    # Of the same colors, no allowed neighbor of it is better.
+    rng = np.random.default_rng(0)
+    scorer = TableScorer(table, limits=limits)
+    near = limits.nearest_directions(
+        np.clip(found.design.phi + rng.normal(0.0, 0.02, (200, 8)), 0.0, np.pi)
+    )
+    best = max(scorer.score(phi, found.design.power) for phi in near)
+    assert best <= found.score + 1e-3 * abs(found.score)
+
+
+def start_score(table: TransportTable, start: Design) -> float:
+    return TableScorer(table).score(start.phi, start.power)

@@ -100,3 +100,11 @@ def test_a_monochrome_optimum_is_flagged(sample_stages: StageMaker) -> None:
     one = type(design).of_colors(design.phi, [0] * 20)
     stages[-1] = replace(stages[-1], design=one)
     assert any("monochrome" in text for text in warnings(stages))
+
+
+def test_fibers_that_would_meet_in_their_holder_raise_a_warning(sample_stages: StageMaker) -> None:
+    stages = sample_stages(30, 40, 50)
+    phi = stages[-1].design.phi.copy()
+    phi[3], phi[4] = 2.6, 0.5
+    stages[-1] = replace(stages[-1], design=replace(stages[-1].design, phi=phi))
+    assert any("cannot be built: fibers 3 and 4" in text for text in warnings(stages))
