@@ -21,7 +21,7 @@ from surrogate.model.preview_grid import MATERIALS, draw_material_grid, interpol
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.exposure import exposure_and_lambda
-from surrogate.training.fit import Fit, FitConfig, fit_residual
+from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
 from surrogate.training.render_plan import ReferenceData, render_reference
 
 
@@ -114,17 +114,17 @@ def train(
     reference.save(run)
 
     fitting = time.monotonic()
-    fit = fit_residual(
-        scene,
-        grid,
-        reference.cells(scene),
+    task = FitTask(
+        scene=scene,
+        grid=grid,
+        cells=reference.cells(scene),
         exposure=exposure,
         lam=lam,
         bends=scene_bends(reference.tables[0], scene.bending.angles),
         seed=seed,
         config=config.fit,
-        progress=progress,
     )
+    fit = fit_residual(task, progress)
     fit_seconds = time.monotonic() - fitting
 
     report(Progress(0, 1, stage="export"))

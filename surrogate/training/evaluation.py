@@ -129,25 +129,44 @@ class HeldOutEvaluation:
         known = self.reliable & self.held_out[..., None, None]
         cell = np.abs(transport[known] / self.reference[known] - 1.0)
         truth, guess = self.counts(self.reference), self.counts(transport)
-        facet = np.linalg.norm(guess - truth, axis=-1) / np.linalg.norm(truth, axis=-1)
-        off, light = ((guess - truth) ** 2).sum(), (truth**2).sum()
-        noise = (self.counts_noise() ** 2).sum()
-        truth_scores, guess_scores = self.scores(truth), self.scores(guess)
-        score = np.abs(guess_scores - truth_scores)
         return LevelErrors(
             level=level,
             cell_median=float(np.quantile(cell, 0.5)),
             cell_p95=float(np.quantile(cell, 0.95)),
-            facet_median=float(np.quantile(facet, 0.5)),
-            facet_p95=float(np.quantile(facet, 0.95)),
-            facet_rms=float(np.sqrt(off / light)),
-            facet_rms_true=float(
-                np.sqrt(max(off - noise, 0.0) / max(light - noise, 1e-12 * light))
+            **color_errors(
+                guess, self.scores(guess), truth, self.counts_noise(), self.scores(truth)
             ),
-            score_median=float(np.quantile(score, 0.5)),
-            score_p95=float(np.quantile(score, 0.95)),
-            kendall_tau=kendall_tau(guess_scores, truth_scores),
         )
+
+
+def color_errors(
+    counts: Array, scores: Array, truth: Array, noise: Array, true_scores: Array
+) -> dict[str, float]:
+    """Return the errors of facet colors and scores, by their names in :class:`LevelErrors`.
+
+    Arguments:
+        counts: ``(design, bend, site, facet, 3)`` predicted.
+        scores: ``(design,)`` S of the prediction.
+        truth: counts of the reference.
+        noise: their standard error.
+        true_scores: S of the reference.
+    """
+    lit = np.linalg.norm(truth, axis=-1) > 0
+    facet = np.linalg.norm(counts - truth, axis=-1)[lit] / np.linalg.norm(truth, axis=-1)[lit]
+    off, light = ((counts - truth) ** 2).sum(), (truth**2).sum()
+    random = (noise**2).sum()
+    score = np.abs(scores - true_scores)
+    return {
+        "facet_median": float(np.quantile(facet, 0.5)),
+        "facet_p95": float(np.quantile(facet, 0.95)),
+        "facet_rms": float(np.sqrt(off / light)),
+        "facet_rms_true": float(
+            np.sqrt(max(off - random, 0.0) / max(light - random, 1e-12 * light))
+        ),
+        "score_median": float(np.quantile(score, 0.5)),
+        "score_p95": float(np.quantile(score, 0.95)),
+        "kendall_tau": kendall_tau(scores, true_scores),
+    }
 
 
 def kendall_tau(a: Array, b: Array) -> float:

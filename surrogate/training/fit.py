@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -89,44 +90,85 @@ class Fit:
     noise: float
 
 
-def fit_residual(
-    scene: Scene,
-    grid: PreviewGrid,
-    cells: TrainingCells,
-    *,
-    exposure: float,
-    lam: float,
-    bends: np.ndarray,
-    seed: int,
-    config: FitConfig,
-    progress: OnProgress | None,
-) -> Fit:
-    """Return the residual of ``cells`` on the preview ``grid``; deterministic for a seed.
+@dataclass(frozen=True)
+class FitTask:
+    """What is fitted: the residual of ``cells`` on the preview ``grid``.
 
-    ``bends`` are the indices of the bends that designs are evaluated at.
+    Arguments:
+        scene, grid, cells: the sensor, its preview and its training cells.
+        exposure, lam: of the scene.
+        bends: indices of the bends that designs are evaluated at.
+        seed: of folds, networks and held-out designs; the same seed gives the same fit.
+        config: how it is fitted.
     """
+
+    scene: Scene
+    grid: PreviewGrid
+    cells: TrainingCells
+    exposure: float
+    lam: float
+    bends: np.ndarray
+    seed: int
+    config: FitConfig
+
+    @cached_property
+    def rows(self) -> RegressionData:
+        """The regression rows of the cells."""
+        return build_rows(self.scene, self.grid, self.cells)
+
+    @cached_property
+    def fold(self) -> np.ndarray:
+        """``(direction, fiber, bend)`` fold of every cell."""
+        return folds(self.cells.group, self.config.members, self.seed)
+
+    @cached_property
+    def overall(self) -> HeldOutEvaluation:
+        """Held-out designs over all cells."""
+        everywhere = np.ones(self.fold.shape, dtype=bool)
+        return self.evaluation(self.designs(everywhere[..., 0], 0), everywhere, self.bends)
+
+    def evaluation(
+        self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray
+    ) -> HeldOutEvaluation:
+        """Return the evaluation of ``designs`` on cells ``held_out`` at some bends."""
+        cells = self.cells
+        return HeldOutEvaluation(
+            reference=cells.transport,
+            error=cells.error,
+            reliable=cells.reliable,
+            designs=designs,
+            exposure=self.exposure,
+            lam=self.lam,
+            held_out=held_out,
+            bends=bends,
+        )
+
+    def designs(self, allowed: np.ndarray, stream: int) -> RandomDesigns:
+        """Return random designs over the directions ``allowed`` ``(direction, fiber)``."""
+        rng = np.random.default_rng([self.seed, stream])
+        return random_designs(self.config.designs, allowed, self.cells.block, rng)
+
+    def residuals(self, model: nn.Module) -> Array:
+        """Return what every member adds to the log preview, ``(member, ...)``."""
+        with torch.no_grad():
+            return self.rows.residuals(model(self.rows.x))
+
+    def predicted(self, model: nn.Module) -> Array:
+        """Return the transport that members predict out of fold."""
+        residual = out_of_fold(self.residuals(model), self.fold)
+        return np.asarray(np.exp(self.rows.log_preview) * np.exp(residual))
+
+
+def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
+    """Return the residual of ``task`` and all that is known about its errors."""
     with _one_thread():
-        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
-        return _fit(task, config, progress)
+        return _fit(task, progress)
 
 
-def fit_ensembles(
-    scene: Scene,
-    grid: PreviewGrid,
-    cells: TrainingCells,
-    *,
-    exposure: float,
-    lam: float,
-    bends: np.ndarray,
-    seed: int,
-    config: FitConfig,
-    progress: OnProgress | None,
-) -> dict[str, nn.Module]:
+def fit_ensembles(task: FitTask, progress: OnProgress | None) -> dict[str, nn.Module]:
     """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without evaluation."""
     with _one_thread():
-        task = _Task(scene, cells, build_rows(scene, grid, cells), exposure, lam, bends, seed)
-        fold = folds(cells.group, config.members, seed)
-        both = _ensembles(task, config, task.overall(config, fold), fold, progress)
+        both = _ensembles(task, progress)
         return {"ridge": both.ridge, "network": both.network}
 
 
@@ -141,83 +183,29 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-@dataclass(frozen=True)
-class _Task:
-    scene: Scene
-    cells: TrainingCells
-    rows: RegressionData
-    exposure: float
-    lam: float
-    bends: np.ndarray
-    seed: int
-
-    def evaluation(
-        self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray
-    ) -> HeldOutEvaluation:
-        cells = self.cells
-        return HeldOutEvaluation(
-            reference=cells.transport,
-            error=cells.error,
-            reliable=cells.reliable,
-            designs=designs,
-            exposure=self.exposure,
-            lam=self.lam,
-            held_out=held_out,
-            bends=bends,
-        )
-
-    def designs(self, count: int, allowed: np.ndarray, stream: int) -> RandomDesigns:
-        return random_designs(
-            count, allowed, self.cells.block, np.random.default_rng([self.seed, stream])
-        )
-
-    def residuals(self, model: nn.Module) -> Array:
-        with torch.no_grad():
-            return self.rows.residuals(model(self.rows.x))
-
-    def predicted(self, model: nn.Module, fold: np.ndarray) -> Array:
-        """Return the transport that members predict out of fold."""
-        return np.asarray(
-            np.exp(self.rows.log_preview) * np.exp(out_of_fold(self.residuals(model), fold))
-        )
-
-    def overall(self, config: FitConfig, fold: np.ndarray) -> HeldOutEvaluation:
-        """Return designs over all cells."""
-        everywhere = np.ones(fold.shape, dtype=bool)
-        designs = self.designs(config.designs, everywhere[..., 0], 0)
-        return self.evaluation(designs, everywhere, self.bends)
-
-
-def _fit(task: _Task, config: FitConfig, progress: OnProgress | None) -> Fit:
-    cells, rows = task.cells, task.rows
-    fold = folds(cells.group, config.members, task.seed)
-    evaluation = task.overall(config, fold)
-    both = _ensembles(task, config, evaluation, fold, progress)
-    penalty, ridge, network = both.penalty, both.ridge, both.network
+def _fit(task: FitTask, progress: OnProgress | None) -> Fit:
+    cells, rows, evaluation = task.cells, task.rows, task.overall
+    both = _ensembles(task, progress)
     preview = np.exp(rows.log_preview)
-
-    def out_of_fold_errors(name: str, model: nn.Module) -> LevelErrors:
-        return evaluation.errors(name, task.predicted(model, fold))
-
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
     levels = (
         evaluation.errors("noise of the reference", _noisy(task)),
         evaluation.errors("preview", preview),
         evaluation.errors("preview, one factor", preview * factor),
-        out_of_fold_errors("ridge", ridge),
-        out_of_fold_errors("network", network),
+        evaluation.errors("ridge", task.predicted(both.ridge)),
+        evaluation.errors("network", task.predicted(both.network)),
     )
     better = levels[-1].facet_rms < levels[-2].facet_rms
-    kind, model = ("network", network) if better else ("ridge", ridge)
+    kind, model = ("network", both.network) if better else ("ridge", both.ridge)
 
     def refit(out: np.ndarray, count: int, name: str) -> nn.Module:
         if better:
-            shorter = config.network.shorter(2)
+            shorter = task.config.network.shorter(2)
             return _train(task, out, count, f"split by {name}", shorter, progress)
-        return fit_ridge(rows, out, count, penalty)
+        return fit_ridge(rows, out, count, both.penalty)
 
     members = task.residuals(model)
-    residual, deviation = out_of_fold(members, fold), members - members.mean(axis=0)
+    residual, deviation = out_of_fold(members, task.fold), members - members.mean(axis=0)
     b0, b1 = _spread(task, residual, deviation)
     cell_spread, transport = np.exp(b0 + b1 * rows.brightness), preview * np.exp(residual)
 
@@ -230,9 +218,9 @@ def _fit(task: _Task, config: FitConfig, progress: OnProgress | None) -> Fit:
         kind=kind,
         spread=(b0, b1),
         quantiles=conformal(compared(evaluation)),
-        coverage=_coverage(task, config, compared),
+        coverage=_coverage(task, compared),
         levels=levels,
-        splits=_splits(task, config, refit),
+        splits=_splits(task, refit),
         unreliable=int((~cells.reliable).sum()),
         cells=int(cells.reliable.size),
         noise=float(rows.noise.median()),
@@ -248,18 +236,13 @@ class _Ensembles:
     network: nn.Module
 
 
-def _ensembles(
-    task: _Task,
-    config: FitConfig,
-    evaluation: HeldOutEvaluation,
-    fold: np.ndarray,
-    progress: OnProgress | None,
-) -> _Ensembles:
+def _ensembles(task: FitTask, progress: OnProgress | None) -> _Ensembles:
+    config, fold, overall = task.config, task.fold, task.overall
     clock = Clock(1, progress, "ridge")
     clock.skip(0)
     ridges = [(p, fit_ridge(task.rows, fold, config.members, p)) for p in config.penalties]
     penalty, ridge = min(
-        ridges, key=lambda item: evaluation.errors("ridge", task.predicted(item[1], fold)).facet_rms
+        ridges, key=lambda item: overall.errors("ridge", task.predicted(item[1])).facet_rms
     )
     clock.tick()
     network = _train(task, fold, config.members, "networks", config.network, progress)
@@ -267,7 +250,7 @@ def _ensembles(
 
 
 def _train(
-    task: _Task,
+    task: FitTask,
     where: np.ndarray,
     members: int,
     name: str,
@@ -293,7 +276,7 @@ def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
 
 
 def _splits(
-    task: _Task, config: FitConfig, refit: Callable[[np.ndarray, int, str], nn.Module]
+    task: FitTask, refit: Callable[[np.ndarray, int, str], nn.Module]
 ) -> tuple[LevelErrors, ...]:
     """Return the errors when whole fiber positions, inner directions, bends or materials are out.
 
@@ -313,20 +296,20 @@ def _splits(
             continue
         residual = out_of_fold(task.residuals(refit(out, count, name)), out)
         bends = np.flatnonzero(held_out.any(axis=(0, 1))) if name == "bend" else task.bends
-        designs = task.designs(config.designs, np.asarray(held_out.any(axis=2)), 1)
+        designs = task.designs(np.asarray(held_out.any(axis=2)), 1)
         transport = np.exp(task.rows.log_preview + residual)
         errors.append(task.evaluation(designs, held_out, bends).errors(f"unseen {name}", transport))
     return tuple(errors)
 
 
-def _noisy(task: _Task) -> Array:
+def _noisy(task: FitTask) -> Array:
     """Return the reference with its noise once more: what a perfect model's errors look like."""
     cells = task.cells
     random = np.random.default_rng([task.seed, 3]).standard_normal(cells.error.shape)
     return np.asarray(cells.transport + cells.error * random)
 
 
-def _spread(task: _Task, residual: Array, deviation: Array) -> tuple[float, float]:
+def _spread(task: FitTask, residual: Array, deviation: Array) -> tuple[float, float]:
     """Calibrate the cells' spread."""
     rows = task.rows
     predicted = np.exp(rows.log_preview + residual)
@@ -339,7 +322,7 @@ def _spread(task: _Task, residual: Array, deviation: Array) -> tuple[float, floa
 
 
 def _coverage(
-    task: _Task, config: FitConfig, compared: Callable[[HeldOutEvaluation], Comparison]
+    task: FitTask, compared: Callable[[HeldOutEvaluation], Comparison]
 ) -> Coverage | None:
     """Return the coverage of designs whose cells had no part in the conformal factors.
 
@@ -353,8 +336,7 @@ def _coverage(
     halves: tuple[np.ndarray, ...] = (white, ~white)
     everywhere = np.ones(cells.group.shape, dtype=bool)
     first, second = (
-        compared(task.evaluation(task.designs(config.designs, half, 2), everywhere, task.bends))
-        for half in halves
+        compared(task.evaluation(task.designs(half, 2), everywhere, task.bends)) for half in halves
     )
     coverages = coverage(second, conformal(first)), coverage(first, conformal(second))
     return Coverage(

@@ -19,7 +19,7 @@ from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
 from surrogate.runtime import Checker, family_hash
 from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.dataset import cells_of_materials
-from surrogate.training.fit import FitConfig, fit_residual
+from surrogate.training.fit import FitConfig, FitTask, fit_residual
 from surrogate.training.mlp import NetworkConfig
 
 RAYS = 20_000
@@ -165,11 +165,11 @@ def test_the_residual_follows_the_material_and_is_examined_on_unseen_ones(sensor
         )  # fmt: skip
     cells = cells_of_materials(sensor, tables, materials)
     network = NetworkConfig(width=8, steps=300, batch=256)
-    fit = fit_residual(
-        sensor, grid, cells, exposure=1e5, lam=10.0, bends=np.array([0]), seed=0,
-        config=FitConfig(members=3, network=network, penalties=(1e-4,), designs=60),
-        progress=lambda *_: None,
-    )  # fmt: skip
+    config = FitConfig(members=3, network=network, penalties=(1e-4,), designs=60)
+    task = FitTask(
+        sensor, grid, cells, exposure=1e5, lam=10.0, bends=np.array([0]), seed=0, config=config
+    )
+    fit = fit_residual(task, lambda *_: None)
     levels = {row.level: row.facet_rms_true for row in (*fit.levels, *fit.splits)}
     assert levels[fit.kind] < 0.1 * levels["preview"]
     assert levels["unseen material"] < 0.5 * levels["preview"]
