@@ -22,7 +22,7 @@ from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.exposure import exposure_and_lambda
 from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
-from surrogate.training.render_plan import ReferenceData, render_reference
+from surrogate.training.render_plan import ReferenceData, check_reference, render_reference
 
 
 @dataclass(frozen=True)
@@ -144,12 +144,7 @@ def train(
 
 def _check(scene: Scene, table: TransportTable) -> None:
     """Refuse a table that the model cannot be made of, before anything is drawn."""
-    if table.scene_hash != scene.hash or table.level != "reference":
-        raise TableError(
-            f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
-            f"allowed: level 'reference' of scene {scene.hash}: render it for {scene.name}",
-            field="table",
-        )
+    check_reference(scene, table)
     if MaterialRange.of(scene) is not None:
         raise TableError(
             f"scene {scene.name} leaves its material free, and a table knows one material: "

@@ -40,10 +40,10 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Measure what every level costs and how wrong it is."""
-    from optimize.frontier import check_folder, measure_frontier
+    from optimize.frontier import PLAN, measure_frontier
     from optimize.frontier.plot import frontier_png
     from optimize.scoring import open_model
-    from optimize.ui.output import write_result
+    from optimize.ui.output import check_target, write_result
     from render.reference import ensure_llvm
     from render.scene import load_scene
     from render.transport import load_table
@@ -51,7 +51,7 @@ def run(
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         folder = out or Path("runs") / f"{scene.name}-frontier"
-        check_folder(folder)
+        check_target(folder, PLAN)
         checker = open_model(scene, model)
         trained = Path("models") / f"{scene.name}-training" / "reference.npz"
         given = table or (trained if trained.is_file() else None)
@@ -91,25 +91,25 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
             (
                 row.level,
                 f"{row.seconds_per_design:.2g}",
-                f"{row.facet_error_median:.1%}",
-                f"{row.facet_error_p95:.1%}",
-                f"{row.facet_error_true:.1%}",
-                f"{row.score_error:.2f}",
+                f"{row.facet_median:.1%}",
+                f"{row.facet_p95:.1%}",
+                f"{row.facet_rms_true:.1%}",
+                f"{row.score_median:.2f}",
                 f"{row.kendall_tau:.2f} ({low:.2f} to {high:.2f})",
             )
         )
     print_table(
         stream,
-        f"{found.scene.name}: {found.plan.designs} random held-out designs",
+        f"{found.reference.designs.scene.name}: {found.plan.designs} random held-out designs",
         ("level", "s per design", "color error", "95 %", "rms, no noise", "S off by", "tau"),
         rows,
         width=110,
     )
     reference = found.reference
     stream.write(
-        f"Reference: bidirectional, MIS, {reference.samples} samples per cell, "
+        f"Reference: bidirectional, MIS, {found.plan.samples} samples per cell, "
         f"{reference.seconds:.0f} s; "
-        f"its scores are known to {found.to_json()['reference']['score_se_median']:.2f} counts.\n"  # type: ignore[index]
+        f"its scores are known to {reference.score_se:.2f} counts.\n"
         f"The model's {found.nominal:.0%} intervals held {found.coverage.counts:.1%} of facet "
         f"colors and {found.coverage.score:.1%} of scores.\n"
         f"One design alone takes {found.seconds_alone:.0f} s at {found.plan.short[-1]} samples.\n"

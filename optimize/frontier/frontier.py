@@ -5,22 +5,50 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from optimize.frontier.held_out import (
-    REFERENCE_SEED,
-    SHORT_SEED,
-    FrontierRow,
-    HeldOutReference,
-    held_out_designs,
-)
-from optimize.frontier.plan import FrontierPlan, make_frontier_plan
-from optimize.frontier.rendered_levels import path_tracer_rows, short_rows
-from render.errors import TableError
+from optimize.design import ScoreSettings
+from optimize.frontier.held_out import FrontierRow, HeldOutDesigns, HeldOutReference
 from render.progress import OnProgress, Progress, in_stage
+from render.reference import RenderCost, measure_render_cost, stored_plan
+from render.reference.path_tracer import PathTracer
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 from surrogate.training.conformal import Coverage
+
+PLAN = "plan.json"
+SHORT_DIVISORS = (32, 8)
+"""How many times fewer samples the short rendered rows get than the reference."""
+TRACER_SAMPLES = (4, 16)
+"""Samples per pixel of the path tracer's rows."""
+TABLE_DIVISOR = 2
+"""How many times fewer samples a transport table gets, where none is given."""
+PATH_TRACER_FRACTION, FIT_SECONDS = 0.15, 120.0
+"""Part of the minutes for the path tracer, and what the fits take."""
+REFERENCE_SEED = 101
+"""Of the long render; training counts from 1."""
+
+
+@dataclass(frozen=True)
+class FrontierPlan:
+    """What is rendered; kept in the run directory, so that a resumed run renders the same.
+
+    Arguments:
+        scene_hash, seed, designs: whose designs, which, and how many.
+        minutes: that the rest was chosen for; 0 when ``samples`` were given.
+        samples: per fiber and facet, of the reference.
+        short: the same, of the short rows.
+        spp: per pixel, of the path tracer's rows.
+    """
+
+    scene_hash: str
+    seed: int
+    designs: int
+    minutes: float
+    samples: int
+    short: list[int]
+    spp: list[int]
 
 
 @dataclass(frozen=True)
@@ -28,7 +56,6 @@ class Frontier:
     """The rows from quick to slow, and the reference that they are compared with.
 
     Arguments:
-        scene: the sensor.
         plan: what was rendered.
         rows: levels with their errors and times; noise: what a perfect level would show.
         reference: the long render.
@@ -36,7 +63,6 @@ class Frontier:
         nominal, coverage: the coverage that the model's intervals state, and the measured one.
     """
 
-    scene: Scene
     plan: FrontierPlan
     rows: tuple[FrontierRow, ...]
     noise: FrontierRow
@@ -48,12 +74,15 @@ class Frontier:
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""
         return {
-            "scene": self.scene.name,
-            "scene_hash": self.scene.hash,
+            "scene": self.reference.designs.scene.name,
+            "scene_hash": self.plan.scene_hash,
             "rows": [asdict(row) for row in self.rows],
             "intervals": {"nominal": self.nominal, **asdict(self.coverage)},
             "reference": self.reference.to_json()
             | {
+                "seed": REFERENCE_SEED,
+                "samples": self.plan.samples,
+                "designs": self.plan.designs,
                 "noise": asdict(self.noise),
                 "short_render_of_one_design_seconds": self.seconds_alone,
                 "short_render_samples": self.plan.short[-1],
@@ -75,49 +104,35 @@ def measure_frontier(
 ) -> Frontier:
     """Render, fit, time and compare; everything that took long is kept in ``folder``.
 
-    Arguments:
-        scene: the sensor.
-        checker: its shipped model; exposure and lambda are its.
-        folder: of the run.
-        count: held-out designs.
-        seed: of the designs.
-        minutes: of work in all, unless ``samples`` says how much.
-        samples: of the reference, per fiber and facet.
-        table: reference table for the fits; rendered here where there is none.
-        report: told how far the work is.
+    Exposure and lambda are those of ``checker``. ``count`` designs are drawn with ``seed``;
+    ``minutes`` of work in all, or ``samples`` per fiber and facet of the reference, say how much is
+    rendered. The fits go on ``table``, which is rendered here where there is none.
 
     Raises:
         TableError: a table of another scene or level.
         RenderError, CompilerError, GraphicsError: from the renderers.
     """
-    from optimize.frontier.levels import fitted_rows, model_rows, preview_row, table_row
+    from optimize.frontier import levels
     from surrogate.model.preview_grid import draw_grid
     from surrogate.train import TrainConfig
-    from surrogate.training.render_plan import data_hash, render_reference
+    from surrogate.training.render_plan import check_reference, data_hash, render_reference
 
     config = TrainConfig()
-    if table is not None and (table.scene_hash != scene.hash or table.level != "reference"):
-        raise TableError(
-            f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
-            f"allowed: level 'reference' of scene {scene.hash}; leave --table out to render one",
-            field="table",
-        )
-    designs, renders = held_out_designs(scene, count, seed), folder / "renders"
+    if table is not None:
+        check_reference(scene, table)
+    designs, renders = HeldOutDesigns.of(scene, count, seed), folder / "renders"
     report(Progress(0, 1, stage="plan"))
-    plan = make_frontier_plan(
-        designs, folder, seed=seed, minutes=minutes, samples=samples, renders_table=table is None
-    )
-    estimate = designs.render(
-        "Reference", samples=plan.samples, seed=REFERENCE_SEED, checkpoint=renders, report=report
-    )
-    reference = HeldOutReference.of(estimate, designs, checker.exposure, checker.lam)
+    plan = make_frontier_plan(designs, folder, seed, minutes, samples, renders_table=table is None)
+    rendered = designs.render("Reference", plan.samples, REFERENCE_SEED, renders, report)
+    settings = ScoreSettings(checker.exposure, checker.lam)
+    reference = HeldOutReference.of(designs, rendered, settings)
     if table is None:
         made = render_reference(
             scene,
             folder / "table",
             seed=seed,
             minutes=plan.minutes,
-            samples=plan.table_samples,
+            samples=max(1, plan.samples // TABLE_DIVISOR),
             phi_count=config.phi_nodes,
             bend_count=len(scene.bending.angles),
             materials=None,
@@ -129,21 +144,21 @@ def measure_frontier(
         same = about.training_data_hash == data_hash(table)
         table_seconds = float(about.renderer.get("seconds", 0.0)) if same else 0.0
     report(Progress(0, 1, stage="preview"))
-    rows = [preview_row(reference)]
+    rows = [levels.preview_row(reference)]
     began = time.perf_counter()
     grid = draw_grid(scene, *config.preview_nodes)
     drawing = time.perf_counter() - began
-    rows += fitted_rows(reference, grid, table, seed, config.fit, folder, report)
+    rows += levels.fitted_rows(reference, grid, table, seed, config.fit, folder, report)
     report(Progress(0, 1, stage="shipped model"))
-    rows += model_rows(reference, checker, drawing)
-    rows.append(table_row(reference, table, table_seconds))
-    rows += short_rows(reference, plan.short, renders, report)
-    alone = replace(designs, nodes=designs.phi[:1].T).render(
-        "One design", samples=plan.short[-1], seed=SHORT_SEED, checkpoint=renders, report=report
+    rows += levels.model_rows(reference, checker, drawing)
+    rows.append(levels.table_row(reference, table, table_seconds))
+    rows += levels.short_rows(reference, plan.short, renders, report)
+    short, short_seed = plan.short[-1], levels.SHORT_SEED
+    alone = replace(designs, phi=designs.phi[:1], power=designs.power[:1]).render(
+        "One design", short, short_seed, renders, report
     )
-    rows += path_tracer_rows(reference, plan.spp, folder / "volpath", report)
+    rows += levels.path_tracer_rows(reference, plan.spp, folder / "volpath", report)
     return Frontier(
-        scene=scene,
         plan=plan,
         rows=tuple(rows),
         noise=reference.noise_row(seed),
@@ -152,3 +167,53 @@ def measure_frontier(
         nominal=checker.coverage,
         coverage=reference.coverage(checker),
     )
+
+
+def make_frontier_plan(
+    designs: HeldOutDesigns,
+    folder: Path,
+    seed: int,
+    minutes: float,
+    samples: int | None,
+    *,
+    renders_table: bool,
+) -> FrontierPlan:
+    """Return the plan in ``folder`` when it answers the same request, or a new one.
+
+    ``samples`` of the reference, per fiber and facet, are chosen to fill ``minutes`` of work in all
+    unless they are given; ``renders_table`` says whether a transport table is part of it.
+    """
+    scene = designs.scene
+    wanted: dict[str, Any] = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
+
+    def make() -> FrontierPlan:
+        chosen, spp, spent = samples, list(TRACER_SAMPLES), 0.0
+        if chosen is None:
+            spent, seconds = minutes, 60.0 * minutes - FIT_SECONDS
+            # The longer short render is made once more with small steps, and for one design.
+            divisors = [1, *SHORT_DIVISORS, SHORT_DIVISORS[-1], SHORT_DIVISORS[-1]]
+            divisors += [TABLE_DIVISOR] if renders_table else []
+            renders = [1.0 / divisor for divisor in divisors] * len(designs.bends)
+            chosen = measure_render_cost(scene, designs.nodes[0]).samples_within(
+                (1.0 - PATH_TRACER_FRACTION) * seconds, renders, SHORT_DIVISORS[0]
+            )
+            of_a_design = PATH_TRACER_FRACTION * seconds / len(designs)
+            first = _tracer_cost(designs).samples_within(of_a_design, [1.0, 4.0])
+            spp = [first, 4 * first]
+        short = [max(1, chosen // factor) for factor in SHORT_DIVISORS]
+        return FrontierPlan(minutes=spent, samples=chosen, short=short, spp=spp, **wanted)
+
+    given = {"minutes": minutes} if samples is None else {"samples": samples}
+    return stored_plan(folder / PLAN, FrontierPlan, wanted | given, make)
+
+
+def _tracer_cost(designs: HeldOutDesigns) -> RenderCost:
+    """Return what a design costs the path tracer, by samples per pixel."""
+    tracer, spent = PathTracer(designs.scene), []
+    for spp in (1, 1, 9):
+        began = time.monotonic()
+        tracer.radiance(designs.phi[0], designs.power[0], spp, seed=0)
+        spent.append(time.monotonic() - began)
+    # The first one compiles, as the first of the rows does.
+    slope = RenderCost.fitted((1, 9), spent[1:]).per_sample
+    return RenderCost(max(spent[0] - slope, 0.0), slope)

@@ -1,4 +1,4 @@
-"""The rows that render nothing: preview, fits on it, the shipped model and a transport table."""
+"""The levels of the ladder: preview, fits on it, the shipped model, a transport table, renders."""
 
 from __future__ import annotations
 
@@ -12,27 +12,31 @@ import numpy as np
 import torch
 from pydantic import TypeAdapter
 
+from optimize.design import Array
 from optimize.frontier.held_out import FrontierRow, HeldOutReference
-from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import write_bytes
-from render.metric import image_counts
+from render.metric import clip_counts, image_counts
 from render.preview import Preview
-from render.progress import OnProgress
+from render.progress import OnProgress, Progress
+from render.reference import Sampler
+from render.reference.path_tracer import PathTracer
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime import Checker
 from surrogate.training.dataset import cells_from_table
 from surrogate.training.evaluation import scene_bends
-from surrogate.training.fit import FitConfig, fit_ensembles
+from surrogate.training.fit import FitConfig, FitTask, fit_ensembles
 from surrogate.training.render_plan import data_hash
 
 BATCH = 64
 """Designs per call where many are predicted at once."""
 ROUNDS = 3
 """How often every call is timed."""
-
+SHORT_SEED, TRACER_SEED = 201, 301
+"""Seeds of the short renders and of the path tracer."""
+NAMES: dict[Sampler, str] = {"monte-carlo": "bidirectional, MIS", "pssmlt": "PSSMLT"}
 
 Counts = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, 3)`` to counts
@@ -40,23 +44,11 @@ Counts = Callable[[Array, Array], Array]
 
 
 def timed_row(
-    reference: HeldOutReference,
-    level: str,
-    counts: Counts,
-    *,
-    setup: float,
-    batch: int = 1,
-    note: str = "",
+    reference: HeldOutReference, level: str, counts: Counts, setup: float, batch: int = 1
 ) -> FrontierRow:
     """Return errors of ``counts``, and the median seconds that a design takes after a warm-up.
 
-    Arguments:
-        reference: what the counts are compared with.
-        level: name of the row.
-        counts: what the camera will count.
-        setup: seconds spent before the first design.
-        batch: designs per call when it is timed.
-        note: for the reader.
+    ``batch`` designs go into a call that is timed; ``setup`` seconds went before the first one.
     """
     phi, power = reference.designs.phi, reference.designs.power
     each = np.arange(batch if batch > 1 else len(phi)).reshape(-1, batch) % len(phi)
@@ -68,8 +60,7 @@ def timed_row(
         counts(*call)
         seconds.append((time.perf_counter() - began) / batch)
     values = np.asarray(counts(phi, power))
-    median = float(np.median(seconds))
-    return reference.row(level, values, seconds=median, setup=setup, note=note)
+    return reference.row(level, values, float(np.median(seconds)), setup=setup)
 
 
 def preview_row(reference: HeldOutReference) -> FrontierRow:
@@ -78,38 +69,35 @@ def preview_row(reference: HeldOutReference) -> FrontierRow:
     with Preview(scene) as preview:
 
         def counts(phi: Array, power: Array) -> Array:
-            transport, _ = preview.transport(phi.T, np.array(scene.bending.angles))
-            return np.asarray(image_counts(transport.swapaxes(0, 1), power, reference.exposure))
+            light = preview.transport(phi.T, reference.designs.bends)[0].swapaxes(0, 1)
+            return np.asarray(image_counts(light, power, reference.settings.exposure))
 
         counts(np.full((1, scene.fibers.count), 1.0), np.ones((1, scene.fibers.count, 3)))
-        setup = time.perf_counter() - began
-        return timed_row(reference, "preview", counts, setup=setup)
+        return timed_row(reference, "preview", counts, time.perf_counter() - began)
 
 
 def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> list[FrontierRow]:
     """Return the shipped model, one design a call and in batches."""
-    bends = np.array(reference.designs.scene.bending.angles)
 
     def counts(phi: Array, power: Array) -> Array:
-        return checker.run(phi, power, bends)["counts"].astype(np.float64)
+        return checker.run(phi, power, reference.designs.bends)["counts"].astype(np.float64)
 
-    alone = timed_row(reference, "checker.onnx", counts, setup=setup, note="one design a call")
+    alone = timed_row(reference, "checker.onnx", counts, setup)
     name = f"checker.onnx, batches of {BATCH}"
-    return [alone, timed_row(reference, name, counts, setup=setup, batch=BATCH)]
+    return [alone, timed_row(reference, name, counts, setup, BATCH)]
 
 
 def table_row(reference: HeldOutReference, table: TransportTable, setup: float) -> FrontierRow:
     """Return a reference table, interpolated to the designs' directions."""
-    bends = np.array(reference.designs.scene.bending.angles)
-    cells = np.einsum("ab,fjbsk->fjask", interpolation_weights(table.bends, bends), table.T)
+    between = interpolation_weights(table.bends, reference.designs.bends)
+    cells = np.einsum("ab,fjbsk->fjask", between, table.T)
 
     def counts(phi: Array, power: Array) -> Array:
         weights = interpolation_weights(table.phi, phi)
         light = np.einsum("dfj,fjask->dfask", weights, cells, optimize=True)
-        return np.asarray(image_counts(light, power, reference.exposure))
+        return np.asarray(image_counts(light, power, reference.settings.exposure))
 
-    note = f"rendered at {len(table.phi)} directions, interpolated; once per scene"
-    return timed_row(reference, "transport table", counts, setup=setup, note=note)
+    return timed_row(reference, "transport table", counts, setup)
 
 
 def fitted_rows(
@@ -121,42 +109,89 @@ def fitted_rows(
     folder: Path,
     report: OnProgress,
 ) -> list[FrontierRow]:
-    """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does.
+    """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does."""
+    scene, exposure, lam = (
+        reference.designs.scene,
+        reference.settings.exposure,
+        reference.settings.lam,
+    )
 
-    They take long, so ``folder`` keeps the rows for the same data.
-    """
-    digest = hashlib.sha256(f"{data_hash(table)} {seed} {config} {reference.lam}".encode())
-    for values in (grid.log_transport, reference.counts, reference.scores):
-        digest.update(values.tobytes())
-    path = folder / f"fits-{digest.hexdigest()[:16]}.json"
-    kept = TypeAdapter(list[FrontierRow])
+    def fitted() -> list[FrontierRow]:
+        began, rows = time.perf_counter(), []
+        cells, angles = cells_from_table(scene, table), scene.bending.angles
+        task = FitTask(scene, grid, cells, exposure, lam, scene_bends(table, angles), seed, config)
+        models = fit_ensembles(task, report)
+        seconds, bends = time.perf_counter() - began, torch.tensor([angles], dtype=torch.float32)
+        for kind, model in models.items():
+            graph = CheckerModule(
+                scene, grid, model, exposure=exposure, lam=lam, spread=(-3.0, 0.0)
+            )
+
+            def counts(phi: Array, power: Array, graph: CheckerModule = graph) -> Array:
+                lights = (torch.as_tensor(values, dtype=torch.float32) for values in (phi, power))
+                with torch.no_grad():
+                    output = graph(*lights, bends.expand(len(phi), -1))
+                return np.asarray(output.counts.double().numpy())
+
+            rows.append(timed_row(reference, f"preview + {kind}", counts, seconds))
+        return rows
+
+    key = f"{data_hash(table)} {seed} {config} {_hash(grid.log_transport)}"
+    return _kept(folder, reference, key, fitted)
+
+
+def short_rows(
+    reference: HeldOutReference, samples: list[int], checkpoint: Path, report: OnProgress
+) -> list[FrontierRow]:
+    """Return one row of the reference per number of samples, the last also by PSSMLT."""
+    rows, designs = [], reference.designs
+    kinds: list[tuple[int, Sampler]] = [(count, "monte-carlo") for count in samples]
+    for number, (count, sampler) in enumerate([*kinds, (samples[-1], "pssmlt")]):
+        name = f"{NAMES[sampler]}, {count} samples"
+        seed = SHORT_SEED + number
+        renders = designs.render(name, count, seed, checkpoint, report, sampler)
+        short = HeldOutReference.of(designs, renders, reference.settings)
+        seconds = short.seconds / len(designs)
+        rows.append(reference.row(name, short.counts, seconds, scores=short.scores))
+    return rows
+
+
+def path_tracer_rows(
+    reference: HeldOutReference, spp: list[int], folder: Path, report: OnProgress
+) -> list[FrontierRow]:
+    """Return one row of Mitsuba's ``volpath`` for each number of samples."""
+    designs, exposure, rows = reference.designs, reference.settings.exposure, []
+    tracer = PathTracer(designs.scene)
+    for number, count in enumerate(spp):
+        name = f"volpath, {count} samples a pixel"
+
+        def traced(name: str = name, count: int = count, number: int = number) -> list[FrontierRow]:
+            radiance, seconds = [], []
+            for index, (phi, power) in enumerate(zip(designs.phi, designs.power, strict=True)):
+                report(Progress(index, len(designs), stage=name))
+                began = time.perf_counter()
+                seed = TRACER_SEED + 1000 * (number + 2 * index)
+                radiance.append(tracer.radiance(phi, power, count, seed))
+                seconds.append(time.perf_counter() - began)
+            counts = np.asarray(clip_counts(exposure * np.stack(radiance)))
+            return [reference.row(name, counts, float(np.median(seconds)))]
+
+        rows += _kept(folder, reference, name, traced)
+    return rows
+
+
+def _kept(
+    folder: Path, reference: HeldOutReference, key: str, make: Callable[[], list[FrontierRow]]
+) -> list[FrontierRow]:
+    """Return the rows that ``folder`` keeps for this reference and ``key``, or make them."""
+    digest = hashlib.sha256(f"{key} {reference.settings} {_hash(reference.counts)}".encode())
+    path, kept = folder / f"rows-{digest.hexdigest()[:16]}.json", TypeAdapter(list[FrontierRow])
     with suppress(OSError, ValueError):  # none yet, or damaged: then they are made
         return kept.validate_json(path.read_bytes())
-    began, scene = time.perf_counter(), reference.designs.scene
-    exposure, lam = reference.exposure, reference.lam
-    models = fit_ensembles(
-        scene,
-        grid,
-        cells_from_table(scene, table),
-        exposure=exposure,
-        lam=lam,
-        bends=scene_bends(table, scene.bending.angles),
-        seed=seed,
-        config=config,
-        progress=report,
-    )
-    seconds, rows = time.perf_counter() - began, []
-    bends = torch.tensor([scene.bending.angles], dtype=torch.float32)
-    for kind, model in models.items():
-        graph = CheckerModule(scene, grid, model, exposure=exposure, lam=lam, spread=(-3.0, 0.0))
-
-        def counts(phi: Array, power: Array, graph: CheckerModule = graph) -> Array:
-            lights = (torch.as_tensor(values, dtype=torch.float32) for values in (phi, power))
-            with torch.no_grad():
-                output = graph(*lights, bends.expand(len(phi), -1))
-            return np.asarray(output.counts.double().numpy())
-
-        note = "in torch, on the preview's table"
-        rows.append(timed_row(reference, f"preview + {kind}", counts, setup=seconds, note=note))
+    rows = make()
     write_bytes(path, kept.dump_json(rows))
     return rows
+
+
+def _hash(values: Array) -> str:
+    return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()

@@ -50,10 +50,7 @@ def _finalist(
     name, design = evaluation.names[index], evaluation.renders.designs[index]
     replicates = evaluation.renders.replicates[:, index]
     settings, score = evaluation.settings, evaluation.scores[index].score
-    count = len(replicates)
-    counts = settings.counts(replicates.mean(axis=0), design.power)
-    # The error bar is the one before clipping: a clipped channel would seem to be known exactly.
-    light = settings.exposure * np.einsum("rfbsk,fc->rbskc", replicates, design.power)
+    counts, counts_se = evaluation.renders.counts(settings, index)
     predicted = predict_design(checker, design, context.bends)
     gain = None if name == "baseline" else evaluation.difference("baseline", name)
     return Finalist(
@@ -67,7 +64,7 @@ def _finalist(
         predicted=float(predicted["score"]),
         predicted_reach=checker.score_half_width,
         counts=counts,
-        counts_se=light.std(axis=0, ddof=1) / np.sqrt(count),
+        counts_se=counts_se,
         predicted_counts=predicted["counts"],
         metric=settings.metric(replicates.mean(axis=0), design.power),
         metric_se=jackknife_se(lambda mean: settings.metric(mean, design.power), replicates),

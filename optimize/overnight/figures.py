@@ -17,6 +17,8 @@ from render.preview import Preview
 
 WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
 SOFT = "#8a8f98"
+TIMED = ("seconds_per_design", "facet_error_median", "facet_error_p95")
+"""What of the trade between speed and accuracy is drawn."""
 ROLES = {
     "baseline": ("baseline", "#1c1f24"),
     "incumbent": ("best so far, again", "#a78bfa"),
@@ -135,17 +137,20 @@ def speed_accuracy(result: OvernightResult) -> Figure:
     """Draw the error of facet colors of every level over its seconds per design."""
     with drawing(WIDTH, HEIGHT) as figure:
         axes = figure.subplots()
-        draw_levels(axes, timed_levels(result))
-        axes.set_xlabel("seconds per design (all bends)")
-        axes.set_ylabel("error of facet colors, %\nmedian (dot) to 95th percentile")
+        rows = [(str(row["level"]), *_drawn(row)) for row in timed_levels(result)]
+        draw_levels(axes, rows)
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
+def _drawn(row: dict[str, float | str | None]) -> tuple[float, float, float]:
+    seconds, median, p95 = (float(row[key] or 0.0) for key in TIMED)
+    return seconds, median, p95
+
+
 def timed_levels(result: OvernightResult) -> list[dict[str, float | str | None]]:
     """Return the rows of the trade that can be drawn, from quick to slow."""
-    needed = ("seconds_per_design", "facet_error_median", "facet_error_p95")
-    rows = [dict(row) for row in result.trade if all(row.get(key) for key in needed)]
+    rows = [dict(row) for row in result.trade if all(row.get(key) for key in TIMED)]
     return sorted(rows, key=lambda row: float(row["seconds_per_design"] or 0.0))
 
 

@@ -23,8 +23,12 @@ class OutputError(TactiluxError):
     """A place that results cannot, or must not, be written to."""
 
 
-def check_target(target: Path) -> None:
+def check_target(target: Path, mark: str = MANIFEST) -> None:
     """Refuse a directory that holds anything but an earlier result, before any work is done.
+
+    Arguments:
+        target: where the result will be.
+        mark: the file by which an earlier result is known.
 
     Raises:
         OutputError: ``target`` is a file, or a directory that this program did not write.
@@ -45,9 +49,9 @@ def check_target(target: Path) -> None:
             field="out",
             value=str(target),
         )
-    if any(target.iterdir()) and not (target / MANIFEST).is_file():
+    if any(target.iterdir()) and not (target / mark).is_file():
         raise OutputError(
-            f"{target} holds files but no earlier result ({MANIFEST}), so it is left alone: "
+            f"{target} holds files but no earlier result ({mark}), so it is left alone: "
             "choose another place with --out",
             field="out",
             value=str(target),

@@ -51,6 +51,16 @@ class DesignRenders:
         """Return the score of the design ``index`` with its error bars."""
         return rendered_score(settings, self.replicates[:, index], self.designs[index].power)
 
+    def counts(self, settings: ScoreSettings, index: int) -> tuple[Array, Array]:
+        """Return facet colors ``(bend, site, facet, 3)`` in counts, and their standard error.
+
+        The error is the one before clipping: a clipped channel would seem to be known exactly.
+        """
+        replicates, power = self.replicates[:, index], self.designs[index].power
+        light = settings.exposure * np.einsum("rfbsk,fc->rbskc", replicates, power)
+        counts = settings.counts(replicates.mean(axis=0), power)
+        return counts, light.std(axis=0, ddof=1) / np.sqrt(len(light))
+
     def difference(self, settings: ScoreSettings, first: int, second: int) -> JackknifeEstimate:
         """Return S of the second design minus S of the first, paired."""
         low, high = self.designs[first], self.designs[second]

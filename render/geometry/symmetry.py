@@ -15,9 +15,26 @@ from render.scene import Scene
 
 def is_mirror_symmetric(scene: Scene, phi: Array) -> bool:
     """Return whether sensor and directions ``phi`` ``(fiber, node)`` rad are mirror-symmetric."""
-    if scene.fibers.left != scene.fibers.right or scene.sites.centre_x != 0.0:
-        return False
-    return bool(np.allclose(phi, _mirrored_phi(scene, phi), atol=1e-12))
+    return _has_twins(scene) and bool(np.allclose(phi, _mirrored_phi(scene, phi), atol=1e-12))
+
+
+def with_mirror_images(scene: Scene, phi: Array) -> tuple[Array, np.ndarray]:
+    """Return ``phi`` ``(fiber, node)`` rad joined by its mirror images, and where ``phi`` stands.
+
+    The first array, ``(fiber, 2 node)``, is mirror-symmetric; the second is the index in it of
+    every entry of ``phi``. A sensor without twins gets ``phi`` itself.
+    """
+    count = phi.shape[1]
+    if not _has_twins(scene):
+        return phi, np.broadcast_to(np.arange(count), phi.shape)
+    both = np.concatenate([phi, _mirrored_phi(scene, phi)], axis=1)
+    # Sorted, sides have equal lists, and at the tip the order turns round as the angles do.
+    order = np.argsort(both, axis=1)
+    return np.take_along_axis(both, order, axis=1), np.argsort(order, axis=1)[:, :count]
+
+
+def _has_twins(scene: Scene) -> bool:
+    return scene.fibers.left == scene.fibers.right and scene.sites.centre_x == 0.0
 
 
 def _mirrored_phi(scene: Scene, phi: Array) -> Array:

@@ -61,13 +61,11 @@ def random_colors(count: int, fibers: int, rng: np.random.Generator) -> Array:
 
 
 @dataclass(frozen=True)
-class LevelErrors:
-    """Errors of one level of the ladder against the reference.
+class ColorErrors:
+    """Errors of predicted facet colors c and scores S against the reference.
 
     Arguments:
-        level: what predicted.
-        cell_median, cell_p95: ``|T / T_reference - 1|`` of single cells.
-        facet_median, facet_p95: ``|c - c_reference| / |c_reference|`` of facet colors.
+        facet_median, facet_p95: ``|c - c_reference| / |c_reference|``.
         facet_rms: root of ``sum |c - c_reference|^2 / sum |c_reference|^2``.
         facet_rms_true: the same without the reference's own noise, whose known variance is taken
             off both sums; 0 when the noise explains everything.
@@ -75,9 +73,6 @@ class LevelErrors:
         kendall_tau: rank agreement of the scores.
     """
 
-    level: str
-    cell_median: float
-    cell_p95: float
     facet_median: float
     facet_p95: float
     facet_rms: float
@@ -85,6 +80,49 @@ class LevelErrors:
     score_median: float
     score_p95: float
     kendall_tau: float
+
+    @classmethod
+    def of(
+        cls, counts: Array, scores: Array, truth: Array, noise: Array, true_scores: Array
+    ) -> ColorErrors:
+        """Return the errors of ``counts`` and ``scores``.
+
+        Arguments:
+            counts: ``(design, bend, site, facet, 3)`` predicted.
+            scores: ``(design,)`` S of the prediction.
+            truth: counts of the reference.
+            noise: their standard error.
+            true_scores: S of the reference.
+        """
+        lit = np.linalg.norm(truth, axis=-1) > 0
+        facet = np.linalg.norm(counts - truth, axis=-1)[lit] / np.linalg.norm(truth, axis=-1)[lit]
+        off, light = ((counts - truth) ** 2).sum(), (truth**2).sum()
+        random = (noise**2).sum()
+        score = np.abs(scores - true_scores)
+        true = max(off - random, 0.0) / max(light - random, 1e-12 * light)
+        return ColorErrors(
+            facet_median=float(np.quantile(facet, 0.5)),
+            facet_p95=float(np.quantile(facet, 0.95)),
+            facet_rms=float(np.sqrt(off / light)),
+            facet_rms_true=float(np.sqrt(true)),
+            score_median=float(np.quantile(score, 0.5)),
+            score_p95=float(np.quantile(score, 0.95)),
+            kendall_tau=kendall_tau(scores, true_scores),
+        )
+
+
+@dataclass(frozen=True)
+class LevelErrors(ColorErrors):
+    """Errors of one level of the ladder against the reference.
+
+    Arguments:
+        level: what predicted.
+        cell_median, cell_p95: ``|T / T_reference - 1|`` of single cells.
+    """
+
+    level: str
+    cell_median: float
+    cell_p95: float
 
 
 @dataclass(frozen=True)
@@ -129,44 +167,15 @@ class HeldOutEvaluation:
         known = self.reliable & self.held_out[..., None, None]
         cell = np.abs(transport[known] / self.reference[known] - 1.0)
         truth, guess = self.counts(self.reference), self.counts(transport)
+        colors = ColorErrors.of(
+            guess, self.scores(guess), truth, self.counts_noise(), self.scores(truth)
+        )
         return LevelErrors(
+            **vars(colors),
             level=level,
             cell_median=float(np.quantile(cell, 0.5)),
             cell_p95=float(np.quantile(cell, 0.95)),
-            **color_errors(
-                guess, self.scores(guess), truth, self.counts_noise(), self.scores(truth)
-            ),
         )
-
-
-def color_errors(
-    counts: Array, scores: Array, truth: Array, noise: Array, true_scores: Array
-) -> dict[str, float]:
-    """Return the errors of facet colors and scores, by their names in :class:`LevelErrors`.
-
-    Arguments:
-        counts: ``(design, bend, site, facet, 3)`` predicted.
-        scores: ``(design,)`` S of the prediction.
-        truth: counts of the reference.
-        noise: their standard error.
-        true_scores: S of the reference.
-    """
-    lit = np.linalg.norm(truth, axis=-1) > 0
-    facet = np.linalg.norm(counts - truth, axis=-1)[lit] / np.linalg.norm(truth, axis=-1)[lit]
-    off, light = ((counts - truth) ** 2).sum(), (truth**2).sum()
-    random = (noise**2).sum()
-    score = np.abs(scores - true_scores)
-    return {
-        "facet_median": float(np.quantile(facet, 0.5)),
-        "facet_p95": float(np.quantile(facet, 0.95)),
-        "facet_rms": float(np.sqrt(off / light)),
-        "facet_rms_true": float(
-            np.sqrt(max(off - random, 0.0) / max(light - random, 1e-12 * light))
-        ),
-        "score_median": float(np.quantile(score, 0.5)),
-        "score_p95": float(np.quantile(score, 0.95)),
-        "kendall_tau": kendall_tau(scores, true_scores),
-    }
 
 
 def kendall_tau(a: Array, b: Array) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
+from render.errors import TableError
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import (
     JobRunner,
@@ -221,6 +222,20 @@ def render_reference(
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)
     return ReferenceData(tuple(tables), settings | {"seconds": seconds}, materials)
+
+
+def check_reference(scene: Scene, table: TransportTable) -> None:
+    """Refuse a table that is no reference of ``scene``.
+
+    Raises:
+        TableError: it is of another scene or level.
+    """
+    if table.scene_hash != scene.hash or table.level != "reference":
+        raise TableError(
+            f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
+            f"allowed: level 'reference' of scene {scene.hash}: leave --table out to render one",
+            field="table",
+        )
 
 
 def data_hash(table: TransportTable) -> str:

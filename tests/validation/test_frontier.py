@@ -101,9 +101,9 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
     assert [row["level"] for row in result["rows"]] == LEVELS
     for row in result["rows"]:
         assert row["seconds_per_design"] > 0
-        assert row["facet_error_median"] <= row["facet_error_p95"]
+        assert row["facet_median"] <= row["facet_p95"]
         assert -1 <= row["kendall_tau"] <= 1
-        assert row["score_error"] >= 0
+        assert row["score_median"] >= 0
     assert result["intervals"]["nominal"] == 0.9
     assert 0 <= result["intervals"]["counts"] <= 1
     assert result["reference"]["samples"] == 32
@@ -119,7 +119,7 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
     again = json.loads((kept / "frontier.json").read_text())
     assert again["reference"]["scores"] == result["reference"]["scores"]
     for before, after in zip(result["rows"], again["rows"], strict=True):
-        assert after["facet_error_median"] == pytest.approx(before["facet_error_median"], rel=1e-4)
+        assert after["facet_median"] == pytest.approx(before["facet_median"], rel=1e-4)
 
 
 def test_bad_input_is_one_sentence(frontier: Run, sensor: Path) -> None:
@@ -128,7 +128,7 @@ def test_bad_input_is_one_sentence(frontier: Run, sensor: Path) -> None:
     (foreign / "notes.txt").write_text("mine")
     (sensor / "damaged.npz").write_bytes(b"PK\x03\x04")
     for words, text in (
-        (("--out", "foreign"), "holds files but no frontier"),
+        (("--out", "foreign"), "holds files but no earlier result"),
         (("--table", "damaged.npz"), "is not a readable .npz file"),
         (("--table", "missing.npz"), "does not exist"),
         (("--model", "nowhere"), "there is no model"),

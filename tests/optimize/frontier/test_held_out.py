@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.frontier.held_out import HeldOutReference, held_out_designs, scores_of
+from optimize.design import ScoreSettings
+from optimize.frontier.held_out import HeldOutDesigns, HeldOutReference
 from render.geometry import is_mirror_symmetric
+from render.metric import design_score, site_metric
 from render.scene import Scene, load_scene
 from surrogate.runtime import Checker
 
@@ -22,14 +24,14 @@ def variant(scene: Scene, **counts: int) -> Scene:
 
 
 def test_the_same_seed_gives_the_same_designs_and_another_one_others(finger20: Scene) -> None:
-    first, again, other = (held_out_designs(finger20, 5, seed) for seed in (1, 1, 2))
+    first, again, other = (HeldOutDesigns.of(finger20, 5, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.phi, again.phi)
     np.testing.assert_array_equal(first.power, again.power)
     assert (first.phi != other.phi).all()
 
 
 def test_every_fiber_of_a_design_has_one_color(finger20: Scene) -> None:
-    designs = held_out_designs(finger20, 30, 0)
+    designs = HeldOutDesigns.of(finger20, 30, 0)
     assert len(designs) == 30
     assert ((designs.phi >= 0) & (designs.phi <= np.pi)).all()
     assert (designs.power.sum(axis=-1) == 1).all()
@@ -39,17 +41,19 @@ def test_every_fiber_of_a_design_has_one_color(finger20: Scene) -> None:
 @pytest.mark.parametrize("tip", [0, 3, 4])
 def test_shared_nodes_hold_every_design_and_its_mirror_image(finger20: Scene, tip: int) -> None:
     scene = variant(finger20, tip=tip)
-    designs = held_out_designs(scene, 7, 0)
-    assert designs.nodes.shape == (scene.fibers.count, 14)
-    assert is_mirror_symmetric(scene, designs.nodes)
-    np.testing.assert_array_equal(designs.of_nodes(designs.nodes), designs.phi)
+    designs = HeldOutDesigns.of(scene, 7, 0)
+    nodes, index = designs.nodes
+    assert nodes.shape == (scene.fibers.count, 14)
+    assert is_mirror_symmetric(scene, nodes)
+    np.testing.assert_array_equal(nodes[np.arange(len(nodes)), index], designs.phi)
 
 
 def test_a_sensor_without_mirror_images_gets_its_designs_alone(finger20: Scene) -> None:
     scene = variant(finger20, left=7)
-    designs = held_out_designs(scene, 4, 0)
-    assert designs.nodes.shape == (scene.fibers.count, 4)
-    np.testing.assert_array_equal(designs.of_nodes(designs.nodes), designs.phi)
+    designs = HeldOutDesigns.of(scene, 4, 0)
+    nodes, index = designs.nodes
+    assert nodes.shape == (scene.fibers.count, 4)
+    np.testing.assert_array_equal(nodes[np.arange(len(nodes)), index], designs.phi)
 
 
 @pytest.fixture
@@ -64,34 +68,35 @@ def noisy_reference(counts: np.ndarray, noise: float, seed: int = 1) -> HeldOutR
     rng = np.random.default_rng(seed)
     error = noise * counts
     noisy = counts + error * rng.standard_normal(counts.shape)
-    scores = scores_of(counts, LAM)
-    designs = held_out_designs(load_scene("finger20"), DESIGNS, 0)
+    scores = np.asarray(design_score(site_metric(counts, LAM)).score)
+    designs = HeldOutDesigns.of(load_scene("finger20"), DESIGNS, 0)
+    settings = ScoreSettings(1.0, LAM)
     return HeldOutReference(
-        designs, noisy, error, scores, np.full(DESIGNS, 0.5), 1.0, LAM, 100, 8, 60.0
+        designs, settings, noisy, error, scores, np.full(DESIGNS, 0.5), replicates=8, seconds=60.0
     )
 
 
 def test_a_perfect_level_has_no_errors_against_an_exact_reference(truth: np.ndarray) -> None:
     row = noisy_reference(truth, 0.0).row("perfect", truth, seconds=0.5, setup=2.0)
-    assert row.facet_error_median == row.facet_error_p95 == row.facet_error_true == 0.0
-    assert row.score_error == 0.0
+    assert row.facet_median == row.facet_p95 == row.facet_rms_true == 0.0
+    assert row.score_median == 0.0
     assert row.kendall_tau == 1.0
-    assert (row.seconds_per_design, row.setup_seconds, row.designs) == (0.5, 2.0, DESIGNS)
+    assert (row.seconds_per_design, row.setup_seconds) == (0.5, 2.0)
 
 
 def test_noise_of_the_reference_is_taken_out_of_the_true_error(truth: np.ndarray) -> None:
     noisy = noisy_reference(truth, 0.05)
     perfect = noisy.row("perfect", truth, seconds=1.0)
-    assert perfect.facet_error_median > 0.02
-    assert perfect.facet_error_true < 0.015
+    assert perfect.facet_median > 0.02
+    assert perfect.facet_rms_true < 0.015
     off = noisy.row("3 % too bright", 1.03 * truth, seconds=1.0)
-    assert off.facet_error_true == pytest.approx(0.03, abs=0.008)
+    assert off.facet_rms_true == pytest.approx(0.03, abs=0.008)
 
 
 def test_the_noise_row_is_what_a_perfect_level_shows(truth: np.ndarray) -> None:
     noisy = noisy_reference(truth, 0.05)
     perfect, floor = noisy.row("perfect", truth, seconds=1.0), noisy.noise_row(0)
-    assert floor.facet_error_median == pytest.approx(perfect.facet_error_median, rel=0.05)
+    assert floor.facet_median == pytest.approx(perfect.facet_median, rel=0.05)
 
 
 def test_a_level_that_ranks_backwards_has_a_tau_of_minus_one(truth: np.ndarray) -> None:
@@ -120,7 +125,7 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
 ) -> None:
     # A world in which the model's errors are normal and its factors are right.
     checker = Checker.load(MODEL, finger20.hash)
-    designs = held_out_designs(finger20, 60, 0)
+    designs = HeldOutDesigns.of(finger20, 60, 0)
     found = checker.run(designs.phi, designs.power, np.array(finger20.bending.angles))
     rng = np.random.default_rng(0)
     truth = found["counts"] + checker.counts_factor / 1.645 * found[
@@ -129,13 +134,11 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
     scores = found["score"] + checker.score_half_width / 1.645 * rng.standard_normal(60)
     reference = HeldOutReference(
         designs=designs,
+        settings=ScoreSettings(checker.exposure, checker.lam),
         counts=truth + noise * rng.standard_normal(truth.shape),
         counts_se=np.full(truth.shape, noise),
         scores=scores + noise * rng.standard_normal(60),
         scores_se=np.full(60, noise),
-        exposure=checker.exposure,
-        lam=checker.lam,
-        samples=1,
         replicates=10_000,
         seconds=1.0,
     )
