@@ -1,0 +1,217 @@
+"""Transport cells of a flat scene by analog photons (``tests.oracles.analog_tracer``).
+
+The coating is Lambertian: where the irradiance is ``E``, it sends the radiance ``albedo E / pi`` in
+all directions into the silicone. So the cells follow from the power that arrives in small bins of
+the coating and from where the rays of a facet's pixels end, which are traced backwards through the
+lower face: ``T = albedo / (pi n^2) mean over rays of weight E(bin)``, in which ``n^2`` is for the
+larger solid angle of the light in the air. Light that reaches the camera without the coating is
+left out.
+
+Positions come from the scene's numbers alone; only which pixels show a facet is asked of
+``render.geometry``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from render.geometry import camera_origin, facet_masks, pixel_directions
+from render.scene import Scene
+from tests.oracles.analog_tracer import Floats, Lamp, Pad, trace_photons, trace_views
+
+PITCH = 0.1
+"""Of the grid of bins on the flat coating, mm, at most."""
+SUBDIVISIONS = 4
+OVERSAMPLING = 16
+
+
+class AnalogCells(NamedTuple):
+    """Transport per target in 1/(mm^2 sr) per unit power, with its standard error.
+
+    ``T`` and ``se`` are ``(target,)``, targets ``(site, facet)`` flattened or sites of the
+    untouched pad; NaN where no pixel shows the target. ``replicates (batch, target)``.
+    """
+
+    T: Floats
+    se: Floats
+    replicates: Floats
+
+
+def analog_pad(scene: Scene, *, indented: bool) -> Pad:
+    """Return the flat pad of ``scene``, pressed by the pyramids at all sites or untouched."""
+    pad, layer, probe = scene.pad, scene.diffuser, scene.indenter
+    margin = layer.thickness if layer else 0.0
+    half_width, half_length = pad.width / 2, pad.length / 2
+    columns, rows = int(np.ceil(pad.width / PITCH)), int(np.ceil(pad.length / PITCH))
+    apex = np.zeros((0, 3))
+    if indented:
+        depth = probe.radius * np.cos(np.pi / probe.faces) * np.tan(probe.slope)
+        apex = np.array([[x, y, pad.thickness - depth] for x, y in site_centers(scene)])
+    azimuth = 2 * np.pi * np.arange(probe.faces) / probe.faces
+    normal = np.stack(
+        [
+            np.sin(probe.slope) * np.sin(azimuth),
+            np.sin(probe.slope) * np.cos(azimuth),
+            np.full(probe.faces, -np.cos(probe.slope)),
+        ],
+        axis=-1,
+    )
+    return Pad(
+        low=np.array([-half_width - margin, -half_length, 0.0]),
+        high=np.array([half_width + margin, half_length + margin, pad.thickness]),
+        half_width=half_width,
+        half_length=half_length,
+        index=pad.index,
+        alpha=pad.roughness,
+        sigma_s=layer.sigma_s if layer else 0.0,
+        sigma_a=layer.sigma_a if layer else 0.0,
+        g=layer.g if layer else 0.0,
+        albedo=scene.coating.albedo,
+        apex=apex,
+        normal=normal,
+        radius=probe.radius,
+        subdivisions=SUBDIVISIONS,
+        # One pitch divides both sides nearly; the last bins are cut by the pad's border.
+        pitch=max(pad.width / columns, pad.length / rows),
+        columns=columns,
+        rows=rows,
+    )
+
+
+def site_centers(scene: Scene) -> Floats:
+    """Return ``(site, 2)`` mm, row by row from the base, each from -x to +x."""
+    sites = scene.sites
+    x = sites.centre_x + sites.spacing * (np.arange(sites.columns) - 0.5 * (sites.columns - 1))
+    y = sites.centre_y + sites.spacing * (np.arange(sites.rows) - 0.5 * (sites.rows - 1))
+    return np.array([[a, b] for b in y for a in x])
+
+
+def analog_lamp(scene: Scene, fiber: int, phi: float) -> Lamp:
+    """Return fiber ``fiber`` pointing in direction ``phi`` (rad)."""
+    fibers = scene.fibers
+    beyond = fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
+    x, y = scene.pad.width / 2, scene.pad.length / 2
+    if fiber < fibers.left:
+        at = -y + 2 * y * (fiber + 0.5) / fibers.left
+        center, along, inward = (-x - beyond, at), (0.0, 1.0), (1.0, 0.0)
+    elif fiber < fibers.left + fibers.tip:
+        at = -x + 2 * x * (fiber - fibers.left + 0.5) / fibers.tip
+        center, along, inward = (at, y + beyond), (1.0, 0.0), (0.0, -1.0)
+    else:
+        at = y - 2 * y * (fiber - fibers.left - fibers.tip + 0.5) / fibers.right
+        center, along, inward = (x + beyond, at), (0.0, 1.0), (-1.0, 0.0)
+    level = np.cos(phi) * np.array(along) + np.sin(phi) * np.array(inward)
+    beam = np.array([*(np.cos(fibers.tilt) * level), np.sin(fibers.tilt)])
+    across = np.cross(beam, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    frame = np.ascontiguousarray(np.stack([across, np.cross(across, beam), beam], axis=-1))
+    return Lamp(np.array([*center, fibers.height]), frame, fibers.diameter / 2, fibers.sigma_v)
+
+
+def bin_areas(pad: Pad) -> Floats:
+    """Return the area of every tally bin ``(bin,)`` in mm^2."""
+    sites, faces, m = len(pad.apex), len(pad.normal), pad.subdivisions
+    slope_cos = -pad.normal[0, 2]
+    facet = pad.radius**2 * np.sin(np.pi / faces) * np.cos(np.pi / faces) / slope_cos
+    i, j = np.meshgrid(np.arange(m), np.arange(m), indexing="ij")
+    # Halves lie on the edge opposite to the apex; what lies beyond it is never hit.
+    part = np.where(i + j < m - 1, 2.0, np.where(i + j == m - 1, 1.0, 0.0)) / m**2
+    on_facets = np.tile(facet * part.ravel(), sites * faces)
+    step = pad.pitch / OVERSAMPLING
+    x = (np.arange(pad.columns * OVERSAMPLING) + 0.5) * step - pad.half_width
+    y = (np.arange(pad.rows * OVERSAMPLING) + 0.5) * step - pad.half_length
+    flat = (y < pad.half_length)[:, None] & (x < pad.half_width)[None, :]
+    for center in pad.apex:
+        near_x = np.nonzero(np.abs(x - center[0]) <= pad.radius)[0]
+        near_y = np.nonzero(np.abs(y - center[1]) <= pad.radius)[0]
+        dx, dy = np.meshgrid(x[near_x] - center[0], y[near_y] - center[1])
+        # The base polygon: within all facets' edges.
+        inside = np.ones(dx.shape, dtype=bool)
+        for normal in pad.normal:
+            outward = normal[:2] / np.hypot(*normal[:2])
+            inside &= outward[0] * dx + outward[1] * dy < pad.radius * np.cos(np.pi / faces)
+        flat[np.ix_(near_y, near_x)] &= ~inside
+    cut = flat.reshape(pad.rows, OVERSAMPLING, pad.columns, OVERSAMPLING)
+    return np.concatenate([on_facets, pad.pitch**2 * cut.mean(axis=(1, 3)).ravel()])
+
+
+@dataclass(frozen=True)
+class AnalogScene:
+    """One pad and what its camera sees of it.
+
+    Arguments:
+        scene: the sensor, at bend 0.
+        indented: pressed by the pyramids at all sites, or untouched.
+        views: rays per target that are traced back from the camera.
+        seed: of all random numbers.
+    """
+
+    scene: Scene
+    indented: bool = True
+    views: int = 20_000
+    seed: int = 1
+
+    @cached_property
+    def pad(self) -> Pad:
+        """The pad that photons move in."""
+        return analog_pad(self.scene, indented=self.indented)
+
+    @cached_property
+    def area(self) -> Floats:
+        """Areas of the tally bins ``(bin,)``, mm^2."""
+        return bin_areas(self.pad)
+
+    @cached_property
+    def view(self) -> Floats:
+        """Mean weight with which a ray of a target sees each bin, ``(target, bin)``."""
+        scene, rng = self.scene, np.random.Generator(np.random.PCG64(self.seed))
+        masks = facet_masks(scene, 0.0)
+        faces = scene.indenter.faces
+        owners = [
+            masks.of(site, facet)
+            for site in range(scene.sites.count)
+            for facet in (range(faces) if self.indented else [faces])
+        ]
+        weights = np.zeros((len(owners), len(self.area)))
+        for target, pixels in enumerate(owners):
+            if not len(pixels):
+                weights[target] = np.nan
+                continue
+            pixel = rng.choice(pixels, self.views)
+            rays = pixel_directions(
+                scene,
+                masks.columns,
+                masks.rows,
+                pixel % masks.columns + rng.random(self.views),
+                pixel // masks.columns + rng.random(self.views),
+            )
+            target_of = np.full(self.views, target)
+            trace_views(
+                self.pad, camera_origin(scene), rays, target_of, self.seed + target, weights
+            )
+        return weights / self.views
+
+    def irradiance(self, fiber: int, phi: float, photons: int, batches: int) -> Floats:
+        """Return the power per area ``(batch, bin)`` in 1/mm^2 that a fiber of power 1 brings."""
+        lamp, bins = analog_lamp(self.scene, fiber, phi), len(self.area)
+        first = (self.seed * 1009 + fiber) * 4099
+        arriving = [
+            trace_photons(self.pad, lamp, photons // batches, first + batch, bins)[0]
+            for batch in range(batches)
+        ]
+        return np.array(arriving) / np.where(self.area > 0, self.area, np.inf)
+
+    def cells(self, fiber: int, phi: float, photons: int, batches: int = 16) -> AnalogCells:
+        """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""
+        pad = self.scene.pad
+        brightness = self.scene.coating.albedo / (np.pi * pad.index**2)
+        replicates = brightness * self.irradiance(fiber, phi, photons, batches) @ self.view.T
+        return AnalogCells(
+            replicates.mean(axis=0),
+            replicates.std(axis=0, ddof=1) / np.sqrt(batches),
+            replicates,
+        )

@@ -1,0 +1,94 @@
+"""Cells by analog photons: positions against the product's, brightness against quadrature."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from render.geometry import (
+    camera_origin,
+    facet_masks,
+    facets,
+    fiber_poses,
+    flat_sites,
+    pixel_directions,
+)
+from render.scene import Scene, load_scene
+from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
+from tests.oracles.test_analog_tracer import irradiance
+
+
+def without_faces(albedo: float) -> Scene:
+    """Return ``finger20`` with no rim, index 1 and few sites, so that its light is simple."""
+    scene = load_scene("finger20")
+    return scene.model_copy(
+        update={
+            "diffuser": None,
+            "pad": scene.pad.model_copy(update={"index": 1.0}),
+            "coating": scene.coating.model_copy(update={"albedo": albedo}),
+            "sites": scene.sites.model_copy(update={"columns": 2, "rows": 1, "spacing": 6.0}),
+        }
+    )
+
+
+def test_lamps_and_pyramids_are_where_the_geometry_has_them() -> None:
+    scene = load_scene("finger20")
+    poses, phi = fiber_poses(scene, 0.0), np.linspace(0.1, 3.0, scene.fibers.count)
+    beams = poses.directions(phi, scene.fibers.tilt)
+    for fiber in range(scene.fibers.count):
+        lamp = analog_lamp(scene, fiber, phi[fiber])
+        np.testing.assert_allclose(lamp.center, poses.position[fiber], atol=1e-12)
+        np.testing.assert_allclose(lamp.frame[:, 2], beams[fiber], atol=1e-12)
+        np.testing.assert_allclose(lamp.frame.T @ lamp.frame, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(site_centers(scene), flat_sites(scene)[:, :2], atol=1e-12)
+    pad, place = analog_pad(scene, indented=True), facets(scene, 0.0)
+    np.testing.assert_allclose(pad.apex, place.corners[:, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(pad.normal, place.normal[0], atol=1e-12)
+
+
+def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> None:
+    scene, fiber, phi = without_faces(1e-4), 2, 1.3
+    analog = AnalogScene(scene, views=5000)
+    cells = analog.cells(fiber, phi, 4_000_000)
+    lamp, masks, place = analog_lamp(scene, fiber, phi), facet_masks(scene, 0.0), facets(scene, 0.0)
+    truth = []
+    for site in range(scene.sites.count):
+        for facet in range(scene.indenter.faces):
+            pixels = masks.of(site, facet)
+            rays = pixel_directions(
+                scene, masks.columns, masks.rows,
+                pixels % masks.columns + 0.5, pixels // masks.columns + 0.5,
+            )  # fmt: skip
+            corner, normal = place.corners[site, facet, 0], place.normal[site, facet]
+            to_plane = (corner - camera_origin(scene)) @ normal
+            points = camera_origin(scene) + rays * (to_plane / (rays @ normal))[:, None]
+            truth.append(1e-4 / np.pi * irradiance(points, normal, lamp).mean())
+    # Facets that look at the lamp are in no other pyramid's shadow here.
+    lit = np.array(truth) > 0.3 * max(truth)
+    assert lit.sum() > 5
+    z = (cells.T - truth)[lit] / cells.se[lit]
+    assert np.abs(z).max() < 4.5
+    sums, expected = cells.replicates[:, lit].sum(axis=1), np.array(truth)[lit].sum()
+    assert stats.sem(sums) < 0.02 * expected
+    assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
+
+
+def test_a_site_that_no_pixel_shows_is_nan() -> None:
+    scene = without_faces(0.5)
+    camera = scene.camera.model_copy(update={"y": 500.0})
+    cells = AnalogScene(scene.model_copy(update={"camera": camera}), indented=False).cells(0, 1, 16)
+    assert np.isnan(cells.T).all()
+
+
+def test_the_untouched_pad_has_a_cell_per_site_in_the_light_of_its_photons() -> None:
+    scene, fiber, phi = without_faces(1e-4), 2, 1.3
+    cells = AnalogScene(scene, indented=False, views=5000).cells(fiber, phi, 1_000_000)
+    step = (np.arange(40) + 0.5) / 20 - 1
+    x, y = (0.7 * scene.indenter.radius * a for a in np.meshgrid(step, step))
+    spot = np.hypot(x, y) < 0.7 * scene.indenter.radius
+    lamp = analog_lamp(scene, fiber, phi)
+    for site, center in enumerate(flat_sites(scene)):
+        points = center + np.stack([x[spot], y[spot], np.zeros(spot.sum())], axis=-1)
+        expected = 1e-4 / np.pi * irradiance(points, np.array([0.0, 0.0, -1.0]), lamp).mean()
+        assert cells.T[site] == pytest.approx(expected, abs=4.5 * cells.se[site] + 0.01 * expected)
