@@ -120,7 +120,7 @@ def _round_text(done: LoopRound) -> str:
     for entry, gain, measured in rows:
         over = "" if gain is None else f", gain {gain.value:+.2f} ± {gain.se:.2f}"
         lines.append(
-            f"    {entry.role:<10} predicted {entry.predicted:.2f}, rendered "
+            f"    {entry.role:<10} predicted {entry.score:.2f}, rendered "
             f"{measured.score.value:.2f} ± {measured.score.se:.2f} "
             f"(noise takes {measured.score.value - measured.score.plain:.2f}){over}"
         )

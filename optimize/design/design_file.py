@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from optimize.design.design import Design
-from optimize.design.rating import Level, RatedDesign, Rating, ScoreSettings
+from optimize.design.rating import PARTS, Level, RatedDesign, Rating, ScoreSettings
 from optimize.ui.provenance import package_versions
 from render.errors import DesignError
 from render.files import write_text
@@ -87,12 +87,8 @@ class DesignFile(BaseModel):
         assert self.lam is not None  # all or none, see below
         conventions = MetricConfig(**asdict(self.conventions))
         score = self.score.model_dump()
-        return Rating(
-            level=self.level,
-            score=score.pop("value"),
-            settings=ScoreSettings(self.exposure, self.lam, conventions),
-            **score,
-        )
+        settings = ScoreSettings(self.exposure, self.lam, conventions)
+        return settings.rating(self.level, score | {"score": score["value"]}, score["interval"])
 
     @model_validator(mode="after")
     def _parts_agree(self) -> DesignFile:
@@ -223,9 +219,7 @@ def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
         "score": {
             "value": rating.score,
             "interval": rating.interval,
-            "mean": rating.mean,
-            "spread_sites": rating.spread_sites,
-            "spread_bends": rating.spread_bends,
+            **{part: getattr(rating, part) for part in PARTS[1:]},
         },
         "lam": rating.settings.lam,
         "exposure": rating.settings.exposure,

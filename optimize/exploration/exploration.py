@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from optimize.design import (
+    PARTS,
     Array,
     Design,
     RatedDesign,
@@ -140,16 +141,10 @@ def rate(
 ) -> Stage:
     """Return the stage of ``design`` with everything that checker.onnx says about it."""
     output = predict_design(checker, design, np.array(scene.bending.angles))
-    parts = design_score(output["metric"])
     score, half = float(output["score"]), checker.score_half_width
-    rating = Rating(
-        level="surrogate",
-        score=score,
-        interval=(score - half, score + half),
-        mean=float(parts.mean),
-        spread_sites=float(parts.spread_sites),
-        spread_bends=float(parts.spread_bends),
-        settings=ScoreSettings(checker.exposure, checker.lam),
+    parts = {name: float(part) for name, part in vars(design_score(output["metric"])).items()}
+    rating = ScoreSettings(checker.exposure, checker.lam).rating(
+        "surrogate", parts | {"score": score}, (score - half, score + half)
     )
     return Stage(
         scene=scene,
@@ -166,11 +161,5 @@ def rate(
 
 
 def _figures(rating: Rating) -> dict[str, object]:
-    return {
-        "score": rating.score,
-        "interval": list(rating.interval),
-        "level": rating.level,
-        "mean": rating.mean,
-        "spread_sites": rating.spread_sites,
-        "spread_bends": rating.spread_bends,
-    }
+    figures = {name: getattr(rating, name) for name in PARTS}
+    return {**figures, "interval": list(rating.interval), "level": rating.level}

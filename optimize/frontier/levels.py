@@ -25,7 +25,7 @@ from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime import Checker
-from surrogate.training.dataset import cells_from_table
+from surrogate.training.dataset import training_cells
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.fit import FitConfig, FitTask, fit_ensembles
 from surrogate.training.render_plan import data_hash
@@ -118,7 +118,7 @@ def fitted_rows(
 
     def fitted() -> list[FrontierRow]:
         began, rows = time.perf_counter(), []
-        cells, angles = cells_from_table(scene, table), scene.bending.angles
+        cells, angles = training_cells(scene, [table]), scene.bending.angles
         task = FitTask(scene, grid, cells, exposure, lam, scene_bends(table, angles), seed, config)
         models = fit_ensembles(task, report)
         seconds, bends = time.perf_counter() - began, torch.tensor([angles], dtype=torch.float32)

@@ -131,7 +131,7 @@ def _steps(
     for done in loop_outcome.rounds:
         before += done.seconds
         for entry, rendered in zip(done.proposals, done.scores, strict=True):
-            add("rounds", done.number, entry.role, before, rendered.score, entry.predicted)
+            add("rounds", done.number, entry.role, before, rendered.score, entry.score)
     for number, evaluation in checks:
         renders, scores = evaluation.renders, evaluation.scores
         for name, design, rendered in zip(evaluation.names, renders.designs, scores, strict=True):

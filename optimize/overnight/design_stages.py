@@ -280,7 +280,7 @@ def _log_round(context: RunContext, done: RenderedRound) -> None:
     for entry, measured in zip(done.proposals, done.scores, strict=True):
         score = measured.score
         context.log.note(
-            f"  {entry.role}: predicted {entry.predicted:.2f}, rendered {score.value:.2f} "
+            f"  {entry.role}: predicted {entry.score:.2f}, rendered {score.value:.2f} "
             f"± {score.se:.2f}"
         )
     context.decide(f"round {done.number} said", lambda: True)
@@ -313,14 +313,14 @@ def _proposal_json(entry: Proposal) -> dict[str, Any]:
     return {
         "role": entry.role,
         "design": design_json(entry.design),
-        "predicted": entry.predicted,
+        "predicted": entry.score,
         "spread": entry.spread,
     }
 
 
 def _proposal_of(content: dict[str, Any]) -> Proposal:
     return Proposal(
-        content["role"], design_of(content["design"]), content["predicted"], content["spread"]
+        design_of(content["design"]), content["predicted"], content["role"], content["spread"]
     )
 
 

@@ -17,8 +17,8 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from optimize.design import (
     Array,
-    Design,
     Rating,
+    ScoredDesign,
     ScoreSettings,
     load_design,
     load_design_file,
@@ -67,17 +67,15 @@ class FinalistFigures:
 
 
 @dataclass(frozen=True, eq=False)
-class Finalist(FinalistFigures):
+class Finalist(FinalistFigures, ScoredDesign):
     """A design that was verified by renders of its own, beside the surrogate's opinion of it.
 
     Arguments:
-        design: directions and LED powers.
         counts, counts_se: rendered colors ``(bend, site, facet, 3)`` in camera counts.
         predicted_counts: the surrogate's, same axes.
         metric, metric_se: rendered M of eq. (4.6), ``(bend, site)``.
     """
 
-    design: Design
     counts: Array
     counts_se: Array
     predicted_counts: Array

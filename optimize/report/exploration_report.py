@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import save_design
+from optimize.design import PARTS, save_design
 from optimize.exploration import Exploration, Stage
 from optimize.report.illustrations import (
     convergence,
@@ -209,11 +209,8 @@ def score_row(stage: Stage) -> dict[str, str]:
     low, high = rating.interval
     return {
         "title": stage.title,
-        "score": f"{rating.score:.1f}",
         "interval": f"{low:.1f} to {high:.1f}",
-        "mean": f"{rating.mean:.1f}",
-        "spread_sites": f"{rating.spread_sites:.1f}",
-        "spread_bends": f"{rating.spread_bends:.1f}",
+        **{part: f"{getattr(rating, part):.1f}" for part in PARTS},
         "clipped": f"{stage.clipped:.1%}" if stage.clipped else "none",
         "level": rating.level,
     }

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design import Array, Colors, SearchLimits, unlimited
+from optimize.design import PARTS, Array, Colors, SearchLimits, unlimited
 from render.errors import TableError
 from render.metric import (
     THESIS,
@@ -122,10 +122,7 @@ class TableScorer:
         metric = site_metric(counts, self.table.lam, self.config)
         parts = design_score(metric, self.config)
         return ScoreDetails(
-            score=float(parts.score),
-            mean=float(parts.mean),
-            spread_sites=float(parts.spread_sites),
-            spread_bends=float(parts.spread_bends),
+            **{name: float(getattr(parts, name)) for name in PARTS},
             metric=metric,
             clipped=float(clipped_fraction(counts, self.config)),
         )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design import Array, Colors, Design
+from optimize.design import Array, Colors, Design, ScoredDesign
 from optimize.scoring import TIE_DRAWS, TableScorer, score_draws
 from optimize.search import alternating_search, refine_locally
 from optimize.search.colors import canonical, quick_colors, renamed_like
@@ -27,19 +27,15 @@ MIRROR_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
-    """A design that is to be rendered, and what the surrogate expects of it.
+class Proposal(ScoredDesign):
+    """A design that is to be rendered, with its score S on the surrogate.
 
     Arguments:
         role: ``baseline``, ``best``, ``uncertain``, ``random`` or ``incumbent``.
-        design: the design.
-        predicted: its score S on the surrogate, in counts.
-        spread: one standard deviation of that prediction.
+        spread: one standard deviation of the score.
     """
 
     role: str
-    design: Design
-    predicted: float
     spread: float
 
 
@@ -115,7 +111,7 @@ def proposal_of(scorer: TableScorer, role: str, design: Design) -> Proposal:
     if scorer.table.se.any():
         drawn = score_draws(scorer, design.phi, design.power[None], TIE_DRAWS)
         spread = float(drawn.std(ddof=1))
-    return Proposal(role, design, score, spread)
+    return Proposal(design, score, role, spread)
 
 
 def random_design(scorer: TableScorer, seed: int) -> Design:

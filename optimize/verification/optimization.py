@@ -28,7 +28,7 @@ from optimize.verification.verification_loop import (
     LoopConfig,
     LoopResult,
     LoopRound,
-    verification_loop,
+    VerificationLoop,
 )
 from render.geometry import fiber_edges
 from render.scene import Scene
@@ -166,16 +166,17 @@ def _run_loop(
 
     preview = checker.metadata.preview
     grid = draw_grid(scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
-    return verification_loop(
+    amount = LoopConfig(config.samples, config.rounds, config.seed)
+    loop = VerificationLoop(
         search_table(checker),
         baseline,
         render,
         Refitter(scene, grid),
-        limits=limits_of(scene),
-        edges=fiber_edges(scene),
-        config=LoopConfig(config.samples, config.rounds, config.seed),
-        report=report,
+        fiber_edges(scene),
+        amount,
+        limits_of(scene),
     )
+    return loop.run(report)
 
 
 def write_optimization(
@@ -259,7 +260,7 @@ def _round(loop_round: LoopRound) -> dict[str, object]:
             {
                 "role": entry.role,
                 **_described(entry.design),
-                "predicted": entry.predicted,
+                "predicted": entry.score,
                 "spread": entry.spread,
                 "score": _estimate(rendered.score),
                 "gain": None if gain is None else _estimate(gain),

@@ -24,7 +24,6 @@ from optimize.scoring import (
     TableScorer,
     rank_agreement,
 )
-from optimize.ui.console import counted
 from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
@@ -123,56 +122,12 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class LoopResult:
-    """The outcome: candidates, best first, rounds, the refitted table and why it stopped."""
+    """The outcome: candidates, best first, rounds, seconds of rendering and why it stopped."""
 
     candidates: tuple[Candidate, ...]
     rounds: tuple[LoopRound, ...]
-    table: TransportTable
     seconds: float
     reason: str
-
-
-def verification_loop(
-    table: TransportTable,
-    baseline: Design,
-    render: RenderDesigns,
-    refitter: SurrogateRefit,
-    *,
-    edges: Sequence[str],
-    config: LoopConfig,
-    limits: SearchLimits | None = None,
-    report: Callable[[LoopRound], None] | None = None,
-) -> LoopResult:
-    """Return the designs that renders found best.
-
-    Arguments:
-        table: the surrogate's, with background.
-        baseline: the design to beat; it is rendered in every round.
-        render: renders designs together.
-        refitter: of the surrogate.
-        edges: the side of each fiber.
-        config: how much is rendered.
-        limits: of what is proposed.
-        report: called after every round.
-    """
-    loop = VerificationLoop(table, baseline, render, refitter, edges, config, limits)
-    rounds: list[LoopRound] = []
-    reason = f"{counted(config.rounds, 'round')} did not settle it"
-    for number in range(1, config.rounds + 1):
-        proposals = loop.proposals(number)
-        if not proposals:
-            reason = CONVERGED
-            break
-        rounds.append(loop.round(number, proposals))
-        if report is not None:
-            report(rounds[-1])
-    return LoopResult(
-        tuple(loop.ranking()),
-        tuple(rounds),
-        loop.table,
-        sum(entry.seconds for entry in rounds),
-        reason,
-    )
 
 
 class VerificationLoop:
@@ -180,6 +135,16 @@ class VerificationLoop:
 
     ``round`` is ``render`` and then ``refit``; a round that is only read from a record needs no
     refit of its own, because a refit takes all renders so far.
+
+    Arguments of the constructor:
+        table: the surrogate's, with background.
+        baseline: the design to beat; it is rendered in every round.
+        render: renders designs together.
+        refitter: of the surrogate.
+        edges: the side of each fiber.
+        config: how much is rendered.
+        limits: of what is proposed.
+        start: searches begin there while the surrogate rates it above the best candidate.
     """
 
     def __init__(
@@ -190,13 +155,10 @@ class VerificationLoop:
         refitter: SurrogateRefit,
         edges: Sequence[str],
         config: LoopConfig,
-        limits: SearchLimits | None,
+        limits: SearchLimits | None = None,
         start: Design | None = None,
     ) -> None:
-        """Begin without candidates, see ``verification_loop``.
-
-        Searches begin at ``start`` while the surrogate rates it above the best candidate.
-        """
+        """Begin without candidates."""
         self.original = self.table = table
         self.baseline, self.renderer, self.refitter = baseline, render, refitter
         self.edges, self.config, self.limits = edges, config, limits
@@ -205,6 +167,21 @@ class VerificationLoop:
         self.candidates: list[Candidate] = []
         self.runs: list[NewRenders] = []
         self.agreement: RankAgreement | None = None
+
+    def run(self, report: Callable[[LoopRound], None] | None = None) -> LoopResult:
+        """Return the designs that renders found best; ``report`` is called after every round."""
+        rounds: list[LoopRound] = []
+        reason = f"the {self.config.rounds} rounds ran out"
+        for number in range(1, self.config.rounds + 1):
+            proposals = self.proposals(number)
+            if not proposals:
+                reason = CONVERGED
+                break
+            rounds.append(self.round(number, proposals))
+            if report is not None:
+                report(rounds[-1])
+        seconds = sum(entry.seconds for entry in rounds)
+        return LoopResult(tuple(self.ranking()), tuple(rounds), seconds, reason)
 
     def ranking(self) -> list[Candidate]:
         """Return the candidates, best rendered gain first."""
@@ -227,7 +204,7 @@ class VerificationLoop:
             tau = self.agreement.tau
             first = ranking[0].design
             leader = scorer.score(first.phi, first.power)
-            highest = max((p.predicted for p in proposed if p.role == "best"), default=leader)
+            highest = max((p.score for p in proposed if p.role == "best"), default=leader)
             converged = highest - leader < MIN_RELATIVE_GAIN * abs(leader)
             if not proposed or (converged and tau is not None and tau >= MIN_TAU):
                 return []
@@ -251,7 +228,7 @@ class VerificationLoop:
         def interval(i: int, j: int) -> tuple[float, float]:
             return renders.difference(self.settings, i, j).interval()
 
-        predicted = np.array([entry.predicted for entry in proposals])
+        predicted = np.array([entry.score for entry in proposals])
         self.agreement = rank_agreement(predicted, interval)
         self.runs.append(self._observed(renders))
         return RenderedRound(

@@ -118,6 +118,11 @@ class InterpolationError:
     p95: float
     worst: float
 
+    @classmethod
+    def of(cls, error: Array) -> InterpolationError:
+        """Return the summary of relative errors."""
+        return cls(float(np.median(error)), float(np.quantile(error, 0.95)), float(error.max()))
+
 
 def interpolation_error(scene: Scene, grid: PreviewGrid) -> InterpolationError:
     """Draw the preview halfway (in Chebyshev angle) between the nodes and compare."""
@@ -129,9 +134,7 @@ def interpolation_error(scene: Scene, grid: PreviewGrid) -> InterpolationError:
     exact = np.concatenate([transport, background[..., None]], axis=-1)
     floor = np.exp(grid.log_transport.min())
     error = np.abs(np.exp(grid.evaluate(phi, bends)) / np.maximum(exact, floor) - 1.0)
-    return InterpolationError(
-        float(np.median(error)), float(np.quantile(error, 0.95)), float(error.max())
-    )
+    return InterpolationError.of(error)
 
 
 def draw_material_grid(
@@ -176,9 +179,7 @@ def draw_material_grid(
         slopes=coefficients[1:],
         free=free,
     )
-    return grid, InterpolationError(
-        float(np.median(error)), float(np.quantile(error, 0.95)), float(error.max())
-    )
+    return grid, InterpolationError.of(error)
 
 
 def _between(nodes: Array) -> Array:

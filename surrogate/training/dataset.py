@@ -69,12 +69,45 @@ class TrainingCells:
         return (self.transport > 0) & (self.error < UNRELIABLE * self.transport)
 
 
-def cells_from_table(scene: Scene, table: TransportTable) -> TrainingCells:
-    """Return the training cells of a reference table with background.
+def training_cells(
+    scene: Scene, tables: Sequence[TransportTable], materials: Array | None = None
+) -> TrainingCells:
+    """Return the training cells of reference tables with background, one per material.
+
+    ``materials`` is ``(material, quantity)``, where the scene leaves it free. The same cell of two
+    materials is in one group: held out, it is unseen in all of them.
 
     Raises:
-        TableError: when the table lacks bends or background or does not fit the scene.
+        TableError: a table lacks bends or background or does not fit the scene, or tables have
+            different bends.
     """
+    parts, bends = [_cells_of(scene, table) for table in tables], tables[0].bends
+    if any(not np.array_equal(table.bends, bends) for table in tables):
+        raise TableError(
+            "the reference tables of the materials have different bends: render them together",
+            field="bends",
+        )
+    transport, error = (np.concatenate(values) for values in zip(*parts, strict=True))
+    block = np.repeat(np.arange(len(tables)), [len(table.phi) for table in tables])
+    phi = np.concatenate([table.phi for table in tables])
+    phi = np.repeat(phi[:, None], scene.fibers.count, axis=1)
+    keys = _group_keys(scene, phi, bends)
+    return TrainingCells(
+        phi=phi,
+        bends=bends,
+        transport=transport,
+        error=error,
+        group=_numbered(keys),
+        fiber_group=_numbered(keys[..., :2]),
+        direction_group=_numbered(keys[..., 2:3]),
+        bend_group=_numbered(keys[..., 3:]),
+        block=block,
+        material=None if materials is None else materials[block],
+    )
+
+
+def _cells_of(scene: Scene, table: TransportTable) -> tuple[Array, Array]:
+    """Return transport and error ``(direction, fiber, bend, site, normal)`` of a table."""
     expected = (scene.fibers.count, scene.sites.count, scene.indenter.faces)
     shape = (table.T.shape[0], *table.T.shape[3:])
     if shape != expected:
@@ -97,59 +130,7 @@ def cells_from_table(scene: Scene, table: TransportTable) -> TrainingCells:
         )
     transport = np.concatenate([table.T, table.background[..., None]], axis=-1)
     error = np.concatenate([table.se, table.background_se[..., None]], axis=-1)
-    phi = np.repeat(table.phi[:, None], scene.fibers.count, axis=1)
-    blocks = np.zeros(len(phi), dtype=int)
-    return _grouped(
-        scene, phi, table.bends, transport.swapaxes(0, 1), error.swapaxes(0, 1), blocks, None
-    )
-
-
-def cells_of_materials(
-    scene: Scene, tables: Sequence[TransportTable], materials: Array
-) -> TrainingCells:
-    """Return the training cells of one reference table per material ``(material, quantity)``.
-
-    The same cell of two materials is in one group: held out, it is unseen in all of them.
-
-    Raises:
-        TableError: as :func:`cells_from_table`, or when the tables' bends differ.
-    """
-    parts = [cells_from_table(scene, table) for table in tables]
-    if any(not np.array_equal(part.bends, parts[0].bends) for part in parts):
-        raise TableError(
-            "the reference tables of the materials have different bends: render them together",
-            field="bends",
-        )
-    blocks = np.repeat(np.arange(len(parts)), [len(part.phi) for part in parts])
-    phi, transport, error = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("phi", "transport", "error")
-    )
-    return _grouped(scene, phi, parts[0].bends, transport, error, blocks, materials[blocks])
-
-
-def _grouped(
-    scene: Scene,
-    phi: Array,
-    bends: Array,
-    transport: Array,
-    error: Array,
-    block: np.ndarray,
-    material: Array | None,
-) -> TrainingCells:
-    keys = _group_keys(scene, phi, bends)
-    return TrainingCells(
-        phi=phi,
-        bends=bends,
-        transport=transport,
-        error=error,
-        group=_numbered(keys),
-        fiber_group=_numbered(keys[..., :2]),
-        direction_group=_numbered(keys[..., 2:3]),
-        bend_group=_numbered(keys[..., 3:]),
-        block=block,
-        material=material,
-    )
+    return transport.swapaxes(0, 1), error.swapaxes(0, 1)
 
 
 def _group_keys(scene: Scene, phi: Array, bends: Array) -> Array:

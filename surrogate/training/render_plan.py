@@ -27,7 +27,7 @@ from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import bend_range
-from surrogate.training.dataset import TrainingCells, cells_from_table, cells_of_materials
+from surrogate.training.dataset import TrainingCells, training_cells
 
 MIN_SAMPLES = 8
 """Samples per cell, however little time there is."""
@@ -159,9 +159,7 @@ class ReferenceData:
 
     def cells(self, scene: Scene) -> TrainingCells:
         """Return the training cells."""
-        if self.materials is None:
-            return cells_from_table(scene, self.tables[0])
-        return cells_of_materials(scene, self.tables, self.materials)
+        return training_cells(scene, self.tables, self.materials)
 
     @property
     def hash(self) -> str:

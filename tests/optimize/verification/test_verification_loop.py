@@ -9,7 +9,7 @@ import pytest
 
 from optimize.design import baseline_design
 from optimize.scoring import TableScorer
-from optimize.verification.verification_loop import LoopConfig, verification_loop
+from optimize.verification.verification_loop import LoopConfig, VerificationLoop
 from render.geometry import fiber_edges
 from render.scene import Scene
 from render.transport import TransportTable
@@ -46,14 +46,9 @@ def test_the_loop_finds_what_the_surrogate_alone_does_not(
     small: Scene, grid: PreviewGrid, table: TransportTable
 ) -> None:
     baseline, edges = baseline_design(small), fiber_edges(small)
-    found = verification_loop(
-        table,
-        baseline,
-        pretended(table, 0.01),
-        Refitter(small, grid),
-        edges=edges,
-        config=LoopConfig(samples=5, rounds=3),
-    )
+    refitter, amount = Refitter(small, grid), LoopConfig(samples=5, rounds=3)
+    loop = VerificationLoop(table, baseline, pretended(table, 0.01), refitter, edges, amount)
+    found = loop.run()
     truth = replace(table, T=table.T * biased(table.phi, BASE)[:, None, None, None])
     scorer, alone = TableScorer(truth), found.rounds[0].proposals[1]
     assert alone.role == "best"
@@ -71,14 +66,9 @@ def test_the_loop_finds_what_the_surrogate_alone_does_not(
 def test_a_right_surrogate_needs_no_second_round(
     small: Scene, grid: PreviewGrid, table: TransportTable
 ) -> None:
-    found = verification_loop(
-        table,
-        baseline_design(small),
-        pretended(table, 0.003, strength=0.0),
-        Refitter(small, grid),
-        edges=fiber_edges(small),
-        config=LoopConfig(samples=5, rounds=4),
-    )
+    refitter, amount = Refitter(small, grid), LoopConfig(samples=5, rounds=4)
+    baseline, render = baseline_design(small), pretended(table, 0.003, strength=0.0)
+    found = VerificationLoop(table, baseline, render, refitter, fiber_edges(small), amount).run()
     assert len(found.rounds) == 1
     assert found.rounds[0].agreement.tau == 1.0
     assert "nothing better" in found.reason

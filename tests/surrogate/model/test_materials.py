@@ -18,7 +18,7 @@ from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
 from surrogate.runtime import Checker, family_hash
 from surrogate.train import TrainConfig, Trained, train
-from surrogate.training.dataset import cells_of_materials
+from surrogate.training.dataset import training_cells
 from surrogate.training.fit import FitConfig, FitTask, fit_residual
 from surrogate.training.mlp import NetworkConfig
 
@@ -163,7 +163,7 @@ def test_the_residual_follows_the_material_and_is_examined_on_unseen_ones(sensor
                 background=noisy[..., -1], background_se=noise * light[..., -1],
             )
         )  # fmt: skip
-    cells = cells_of_materials(sensor, tables, materials)
+    cells = training_cells(sensor, tables, materials)
     network = NetworkConfig(width=8, steps=300, batch=256)
     config = FitConfig(members=3, network=network, penalties=(1e-4,), designs=60)
     task = FitTask(

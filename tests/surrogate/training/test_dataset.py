@@ -15,15 +15,15 @@ from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.dataset import (
     build_rows,
-    cells_from_table,
     folds,
     interior_folds,
     smooth_noise,
+    training_cells,
 )
 
 
 def test_mirror_twins_share_a_group(scene: Scene, reference: TransportTable) -> None:
-    group = cells_from_table(scene, reference).group
+    group = training_cells(scene, [reference]).group
     twins = group[:, mirrored_fibers(scene)]
     sides = np.array([0, 1, 2, 5, 6, 7])
     tips = np.array([3, 4])
@@ -52,25 +52,25 @@ def test_a_table_of_another_size_is_refused(
 ) -> None:
     other = make_scene(fibers={"left": 2, "right": 2})
     with pytest.raises(TableError, match=r"\(8, 6, 6\), allowed: \(6, 6, 6\)"):
-        cells_from_table(other, reference)
+        training_cells(other, [reference])
 
 
 def test_a_table_without_background_is_refused(scene: Scene, reference: TransportTable) -> None:
     with pytest.raises(TableError, match="no background"):
-        cells_from_table(scene, replace(reference, background=None))
+        training_cells(scene, [replace(reference, background=None)])
 
 
 def test_a_table_that_does_not_name_its_bends_is_refused(
     scene: Scene, reference: TransportTable
 ) -> None:
     with pytest.raises(TableError, match="0 bends for 5"):
-        cells_from_table(scene, replace(reference, bends=np.zeros(0)))
+        training_cells(scene, [replace(reference, bends=np.zeros(0))])
 
 
 def test_the_ratio_is_reference_over_preview(
     scene: Scene, grid: PreviewGrid, reference: TransportTable
 ) -> None:
-    cells = cells_from_table(scene, reference)
+    cells = training_cells(scene, [reference])
     rows = build_rows(scene, grid, cells)
     ratio = rows.ratio.numpy().reshape(cells.transport.shape)
     preview = np.exp(grid.log_transport).swapaxes(0, 1)

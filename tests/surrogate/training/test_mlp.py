@@ -16,8 +16,8 @@ from surrogate.training.dataset import (
     RegressionData,
     TrainingCells,
     build_rows,
-    cells_from_table,
     folds,
+    training_cells,
 )
 from surrogate.training.fit import out_of_fold
 from surrogate.training.mlp import NetworkConfig, deviance, fit_networks
@@ -28,7 +28,7 @@ SHORT = NetworkConfig(width=8, steps=300, batch=256)
 
 @pytest.fixture(scope="module")
 def cells(scene: Scene, reference: TransportTable) -> TrainingCells:
-    return cells_from_table(scene, reference)
+    return training_cells(scene, [reference])
 
 
 @pytest.fixture(scope="module")
