@@ -1,6 +1,6 @@
 """The whole program, for ``python -m hw.cli``."""
 
-from hw.cli import main
+from hw.start import main
 
 if __name__ == "__main__":
     main()

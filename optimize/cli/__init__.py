@@ -6,8 +6,10 @@ is imported in its body, so that ``--help`` and mistyped options are answered at
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -26,8 +28,10 @@ from optimize.cli import (
     train,
     verify,
 )
+from optimize.ui.process import EXIT_CODES, interruption
 from render.errors import TactiluxError
 
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 PACKAGES = {
     "explore": ("cma", "glcontext", "jinja2", "matplotlib", "moderngl", "numba", "scipy"),
     "train": ("dask", "distributed", "drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch",
@@ -40,7 +44,7 @@ app = typer.Typer(
     name="tactilux",
     help="Choose and verify the lights of a vision-based tactile sensor.",
     no_args_is_help=True,
-    add_completion=False,
+    epilog=EXIT_CODES,
     # Plain help and plain tracebacks: rich would double the time that --help takes.
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -79,20 +83,54 @@ def _options(
 
 
 def main() -> None:
-    """Run the program; what a user can mend is one sentence on stderr and exit code 2."""
+    """Run the program; what a user can mend is one sentence on stderr, see `EXIT_CODES`."""
     try:
         app()
-    except TactiluxError as error:
-        print(f"tactilux: {error}", file=sys.stderr)
-        sys.exit(2)
-    except ModuleNotFoundError as error:
+    except SystemExit as end:
+        broken = end.__context__
+        if isinstance(broken, BrokenPipeError):  # of a board or a scheduler; Typer says nothing
+            _refuse(_sentence(broken))
+        if end.code == 130 and not isinstance(broken, KeyboardInterrupt):
+            _interrupted(end)
+        raise
+    except Exception as error:
+        if interruption(error) is not None:
+            _interrupted(error)
+        sentence = _sentence(error)
+        if sentence is None:
+            raise
+        _refuse(sentence)
+
+
+def _interrupted(error: BaseException) -> NoReturn:
+    print("tactilux: interrupted", file=sys.stderr)
+    sys.exit(interruption(error) or 130)
+
+
+def _refuse(sentence: str | None) -> NoReturn:
+    print(f"tactilux: {sentence}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _sentence(error: Exception) -> str | None:
+    """Return what a user reads instead of a traceback; None for a mistake of the program."""
+    if isinstance(error, TactiluxError):
+        return str(error)
+    if isinstance(error, ModuleNotFoundError):
         package = (error.name or "").partition(".")[0]
         extra = next((name for name, packages in PACKAGES.items() if package in packages), None)
         if extra is None:
-            raise
-        print(
-            f"tactilux: this command needs {package}, which is not installed: in the folder of "
-            f'tactilux\'s sources run: pip install ".[{extra}]"',
-            file=sys.stderr,
+            return None
+        return (
+            f"this command needs {package}, which is not installed: in the folder of tactilux's "
+            f'sources run: pip install ".[{extra}]"'
         )
-        sys.exit(2)
+    if isinstance(error, OSError):
+        step = "choose another place, or mend that and give the same command again"
+        if error.errno in NO_ROOM:
+            step = "make room and give the same command again"
+        place = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        return f"{place}{error.strerror or error}; {step}"
+    if isinstance(error, MemoryError):
+        return "there is not enough memory: close other programs, or ask for less"
+    return None

@@ -11,6 +11,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING
 
+from optimize.ui.streams import result_stream
 from render.progress import Progress
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def reserved_stdout() -> Iterator[IO[str]]:
         os.dup2(2, 1)
         with (
             contextlib.redirect_stdout(sys.stderr),
-            os.fdopen(os.dup(kept), "w", encoding="utf-8") as stream,
+            result_stream(os.dup(kept)) as stream,
         ):
             yield stream
     finally:

@@ -11,16 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from optimize.ui.console import note
-from render.errors import TactiluxError
+from optimize.ui.streams import OutputError
 from render.files import read_json, replace_folder, write_bytes, write_json
 
 MANIFEST = "result.json"
 DESIGN_KEYS = ("scene_hash", "angles_deg", "power")
 """What makes two design files one design; the rest is who rated it, and how."""
-
-
-class OutputError(TactiluxError):
-    """A place that results cannot, or must not, be written to."""
 
 
 def check_target(target: Path, mark: str = MANIFEST) -> None:

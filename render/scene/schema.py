@@ -287,7 +287,7 @@ def scene_text(name_or_path: str | Path) -> str:
         return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")
     path = Path(name_or_path)
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
     except FileNotFoundError:
         raise SceneError(
             f"there is no scene {text_name!r}: give the path of a TOML file or one of "
