@@ -7,6 +7,5 @@ Rooms, each of which imports only from those before it:
 - ``calibration``: from photographs of single fibers to the scene's material;
 - ``check``: does the untouched pad look as designed? (knows nothing of ``calibration``);
 - ``emulator``: a rig without hardware, drawn or rendered with what ``calibration`` has for it;
-- ``studies``: how well faults are found and rigs recovered, over many emulated rigs;
 - ``cli``: the commands.
 """

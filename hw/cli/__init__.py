@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import typer
 
-from hw.cli import calibrate, capture, check, demo, lights, linearity, recall, recovery
+from hw.cli import calibrate, capture, check, demo, lights, linearity
 from optimize.cli import app, main
 
 rig = typer.Typer(
@@ -26,7 +26,5 @@ rig.command("capture")(capture.run)
 rig.command("calibrate")(calibrate.run)
 rig.command("linearity")(linearity.run)
 rig.command("demo")(demo.run)
-rig.command("recall")(recall.run)
-rig.command("recovery")(recovery.run)
 app.add_typer(rig)
 app.command("check")(check.run)

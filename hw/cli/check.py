@@ -193,7 +193,7 @@ def _write(
 
 
 def _reach(record: RigRecord | None, sweep: bool) -> str:
-    """Return what this way of checking can find; `tactilux hw recall` measures it."""
+    """Return what this way of checking can find, as measured on random rigs."""
     from hw.check.rig_tolerances import STARTS
 
     if record is None and sweep:

@@ -115,9 +115,6 @@ def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, obje
             for fiber in diagnosis.faults
         ]
         stream.write(f"Check, {name}: {'; '.join(said) or 'the rig looks as designed'}\n")
-    stream.write(
-        "A fiber turned by 10 deg is the hardest fault: `tactilux hw recall` measures it.\n"
-    )
     if "truth" not in result:
         return
     print_calibration(stream, result)

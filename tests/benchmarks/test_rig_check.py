@@ -11,10 +11,10 @@ from hw.check.prediction import predict
 from hw.check.rig_tolerances import STARTS, rig_tolerances
 from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
-from hw.studies.recall import MIN_RECALL, measure_recall
 from render.geometry import flat_sites
 from render.scene import load_scene
 from surrogate.runtime import Checker
+from tests.hw.random_rigs import MIN_RECALL, measure_recall
 
 MODEL = Path(__file__).parents[2] / "models" / "finger20"
 BOUND = 0.050

@@ -7,9 +7,9 @@ import pytest
 
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import STARTS, RigTolerances, rig_tolerances
-from hw.studies.recall import RandomRig, RigSpread
 from render.geometry import flat_sites
 from render.scene import load_scene
+from tests.hw.random_rigs import RandomRig, RigSpread
 
 SITES = flat_sites(load_scene("finger20"))[:, :2]
 

@@ -1,1 +1,0 @@
-"""How well faults are found and calibration recovers rigs, over many random rigs."""

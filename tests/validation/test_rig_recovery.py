@@ -1,0 +1,112 @@
+"""How well calibration recovers random rigs from rendered photographs: hours of renders.
+
+Renders of the 32 materials that correct the fit are kept in the user's cache and serve all rigs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import pytest
+
+from hw.calibration.line_model import LineModel, line_model
+from hw.calibration.material import NAMES, PER_UNIT, Material
+from hw.calibration.refine import refine
+from hw.calibration.rig_fit import Calibration, fit_rig, measure
+from hw.emulator.rig import random_parameters, rendered_images
+from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
+from optimize.design import baseline_design
+from optimize.scoring import open_model
+from render.preview import cache_folder
+from render.scene import load_scene
+from tests.long import LONG
+
+BOUND = 0.10
+"""Relative error that a value may have where its interval does not hold the truth."""
+BOUNDED = NAMES[:3]
+RIG_SAMPLES, MATERIALS, SAMPLES = 8000, 32, 1000
+"""Light paths per fiber and cell of photographs, materials that correct the fit, paths of each."""
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """One value of one rig; units are those of `hw.calibration.material.UNITS`."""
+
+    name: str
+    true: float
+    found: float
+    interval: tuple[float, float]
+
+    @property
+    def error(self) -> float:
+        """Relative error."""
+        return self.found / self.true - 1
+
+    @property
+    def inside(self) -> bool:
+        """Whether the 95 % interval holds the truth."""
+        return self.interval[0] <= self.true <= self.interval[1]
+
+    @property
+    def good(self) -> bool:
+        """Whether the value is within `BOUND`, or inside its interval."""
+        return self.inside or abs(self.error) <= BOUND
+
+
+def compared(found: Calibration, truth: Material) -> list[Recovered]:
+    """Return what was found beside the truth."""
+    rows = zip(
+        NAMES, PER_UNIT.tolist(), truth.array(), found.material.array(), found.intervals,
+        strict=True,
+    )  # fmt: skip
+    return [
+        Recovered(name, factor * float(true), factor * float(value), (factor * low, factor * high))
+        for name, factor, true, value, (low, high) in rows
+    ]
+
+
+@cache
+def drawn_model() -> LineModel:
+    """Return the model of the default sensor's reference lines."""
+    scene = load_scene("finger20")
+    return line_model(scene, open_model(scene, None), baseline_design(scene).phi, BENDS)
+
+
+@pytest.mark.skipif(not LONG, reason="part of make validation-long")
+@pytest.mark.parametrize("seed", [5, 6, 7, 8, 9, 0, 1])
+def test_every_bounded_value_is_near_the_truth_or_its_interval_holds_it(seed: int) -> None:
+    scene, model = load_scene("finger20"), drawn_model()
+    design, truth = baseline_design(scene), random_parameters(scene, seed)
+    fibers = range(scene.fibers.count)
+    images = rendered_images(
+        scene, truth, design.phi, BENDS, [fibers[own] for own in CALIBRATION_FIBERS],
+        samples=RIG_SAMPLES,
+    )  # fmt: skip
+    truth = replace(truth, gain=single_exposure(truth, images))
+    with switched_on(scene, design, truth, images) as rig:
+        sets = rig.calibration_sets()
+    measurements = measure(scene, sets, BENDS, truth.imperfections.noise)
+    first = fit_rig(scene, model, measurements)
+    found, told = refine(
+        scene, model, first, measurements, design.phi, BENDS, materials=MATERIALS,
+        samples=SAMPLES, folder=cache_folder(),
+    )  # fmt: skip
+    # Raises where `tactilux hw calibrate` would refuse.
+    found.require_known()
+    rows = compared(found, truth.material)
+    print(f"\nrig {seed}")
+    for one, before in zip(rows, compared(first, truth.material), strict=True):
+        low, high = one.interval
+        print(
+            f"  {one.name:<20} true {one.true:8.4g}  found {one.found:8.4g} "
+            f"({100 * one.error:+6.1f} %, {low:.4g} to {high:.4g}: "
+            f"{'inside' if one.inside else 'outside'})  surrogate alone "
+            f"{100 * before.error:+6.1f} %"
+        )
+    print(
+        f"  photographs against the last render: {100 * told.rms:.1f} % rms, explained "
+        f"{100 * told.noise:.1f} %, before calibration {100 * told.before:.1f} %; "
+        f"{told.renders} renders, {told.seconds:.0f} s"
+    )
+    assert {one.name for one in rows if not one.good}.isdisjoint(BOUNDED)
