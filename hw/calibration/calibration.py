@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from hw.calibration.calibrated_scene import calibrated_toml
-from hw.calibration.calibration_report import render_report, value_rows
+from hw.calibration.calibration_report import render_report
 from hw.calibration.line_model import line_model
-from hw.calibration.material import NAMES, PER_UNIT, UNITS
+from hw.calibration.material import NAMES, PER_UNIT, TITLES, UNITS, Material
 from hw.calibration.refine import Confirmation, refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
+from hw.calibration.setup import Setup
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from optimize.design import baseline_design, load_design
-from optimize.scoring import open_model
+from optimize.scoring import normal_factor, open_model
 from optimize.ui.console import ProgressBar, note
 from optimize.ui.output import fresh_directory, write_manifest
 from render.arrays import Array
@@ -39,7 +42,7 @@ def calibrate_sets(
     noise: float,
     materials: int,
     samples: int,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
     Arguments:
@@ -57,15 +60,14 @@ def calibrate_sets(
     """
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
+    setup = Setup(scene, lighting.phi, bends)
     additivity = require_linearity(linearity_sets, noise)
     checker = open_model(scene, model)
     with ProgressBar("Drawing materials") as bar:
-        lines = line_model(scene, checker, lighting.phi, bends, bar)
-    measurements = measure(scene, sets, bends, noise)
+        lines = line_model(setup, checker, bar)
+    measurements = measure(setup, sets, noise)
     note(f"Fitting {len(measurements)} photographs of {scene.name}")
-    found = fit_rig(scene, lines, measurements)
-    today = date.today().isoformat()
-    confirmation = None
+    found, confirmation = fit_rig(scene, lines, measurements), None
     if samples:
         note(
             f"Correcting the fit by renders: of {materials} materials, kept for all rigs of this "
@@ -74,63 +76,43 @@ def calibrate_sets(
         with ProgressBar("Rendering") as bar:
             try:
                 found, confirmation = refine(
-                    scene,
-                    lines,
-                    found,
-                    measurements,
-                    lighting.phi,
-                    bends,
-                    materials=materials,
-                    samples=samples,
-                    folder=cache_folder(),
-                    progress=bar,
-                )
+                    setup, lines, found, measurements, materials=materials, samples=samples,
+                    folder=cache_folder(), progress=bar,
+                )  # fmt: skip
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None
     found.require_known()
+    today = date.today().isoformat()
     with fresh_directory(target) as work:
-        text = calibrated_toml(scene_name, scene, found, today)
-        write_text(work / "scene.toml", text)
-        after = load_scene(work / "scene.toml")
-        report = render_report(scene, found, measurements, bends, additivity, confirmation, today)
-        write_text(work / "report.html", report)
-        result = _result(scene, after, found, additivity, confirmation, target, today)
+        write_text(work / "scene.toml", calibrated_toml(scene_name, scene, found, today))
+        result = {
+            "scene": str(target / "scene.toml"),
+            "report": str(target / "report.html"),
+            "scene_hash": {"before": scene.hash, "after": load_scene(work / "scene.toml").hash},
+            "date": today,
+            **told(scene, found, additivity, confirmation),
+        }
+        write_text(work / "report.html", render_report(setup, result, found, measurements))
         write_json(work / "calibration.json", result, indent=2)
-        write_manifest(work, {"scene": str(result["scene"])})
+        write_manifest(work, {"scene": result["scene"]})
     return result
 
 
-def _result(
-    scene: Scene,
-    after: Scene,
-    found: Calibration,
-    additivity: Linearity,
-    confirmation: Confirmation | None,
-    target: Path,
-    today: str,
-) -> dict[str, object]:
-    """Return what ``calibration.json`` holds."""
-    values = zip(NAMES, UNITS, PER_UNIT, found.material.array(), found.intervals, strict=True)
-    material = {
-        name: {
-            "value": float(value * factor),
-            "interval": [float(end * factor) for end in interval],
-            "unit": unit,
-        }
-        for name, unit, factor, value, interval in values
-    }
+def told(
+    scene: Scene, found: Calibration, additivity: Linearity, confirmation: Confirmation | None
+) -> dict[str, Any]:
+    """Return what was found, as ``calibration.json`` holds it and the report shows it."""
+    power_error = np.full(len(found.power), np.nan)
+    power_error[np.isfinite(found.power)] = normal_factor() * found.errors.power
+    corrected_by = "surrogate" if confirmation is None else "reference"
     return {
-        "scene": str(target / "scene.toml"),
-        "report": str(target / "report.html"),
-        "scene_hash": {"before": scene.hash, "after": after.hash},
-        "date": today,
-        "level": "preview corrected by the surrogate"
-        if confirmation is None
-        else "preview corrected by the reference",
-        "material": material,
-        "table": value_rows(scene, found),
-        "power": [float(p) if math.isfinite(p) else None for p in found.power],
-        "gain": [float(g) if math.isfinite(g) else None for g in found.gain],
+        "level": f"preview corrected by the {corrected_by}",
+        "material": fitted_values(scene, found),
+        "power": _numbers(found.power),
+        "power_error": _numbers(found.power * power_error),
+        "gain": _numbers(found.gain),
+        "tilt": _numbers(np.degrees(found.tilt)),
+        "vignetting": found.vignetting,
         "not_separable": [
             "g and sigma_s",
             "the powers' mean and the gains",
@@ -141,3 +123,23 @@ def _result(
         "linearity": asdict(additivity),
         "confirmation": None if confirmation is None else asdict(confirmation),
     }
+
+
+def fitted_values(scene: Scene, found: Calibration) -> dict[str, dict[str, Any]]:
+    """Return value, 95 % interval, the scene's own before, and standard errors by their source.
+
+    By name, all in `UNITS`.
+    """
+    ends, parts = np.transpose(found.intervals), found.errors.parts
+    columns = [found.material.array(), *ends, Material.of(scene).array(), *parts.values()]
+    rows = zip(NAMES, TITLES, UNITS, (PER_UNIT * np.stack(columns)).T.tolist(), strict=True)
+    return {
+        name: {"title": title, "value": value, "interval": [low, high], "unit": unit,
+               "before": before, "errors": dict(zip(parts, errors, strict=True))}
+        for name, title, unit, (value, low, high, before, *errors) in rows
+    }  # fmt: skip
+
+
+def _numbers(values: Array) -> list[float | None]:
+    """Return numbers for JSON, None where they are not finite."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.glow import Glow
-from tactilux import Preview, Scene
+from tactilux import Preview
 
 FEW = 4
 """Directions up to which the random walk serves these alone, with less noise."""
@@ -22,14 +23,7 @@ the bent one, 5 to 7 mm from the edge."""
 
 
 def fiber_images(
-    scene: Scene,
-    phi: Array,
-    bends: Array,
-    *,
-    columns: int,
-    rows: int,
-    rays: int,
-    seed: int,
+    setup: Setup, *, columns: int, rows: int, rays: int, seed: int
 ) -> NDArray[np.float32]:
     """Return radiance per unit power, ``(bend, fiber, row, column)``, as the camera records it.
 
@@ -37,27 +31,21 @@ def fiber_images(
     share its random numbers with what is fitted to it.
 
     Arguments:
-        scene: with a diffuser; its material is what it declares.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
+        setup: with a diffuser, made of what its scene declares.
         columns: of the images.
         rows: of the images.
         rays: light paths of the slab response.
         seed: of these paths.
     """
+    scene, phi = setup.scene, setup.phi
     response = compute_response(
-        slab_of(scene),
-        fiber_end_of(scene),
-        rays=rays,
-        seed=seed,
-        phi=few_nodes(phi),
-        quantiles=OFFSET_QUANTILES,
-        heights=WALKED,
-    ).spread_upwards(HEIGHTS)
+        slab_of(scene), fiber_end_of(scene), rays=rays, seed=seed, phi=few_nodes(phi),
+        quantiles=OFFSET_QUANTILES, heights=WALKED,
+    ).spread_upwards(HEIGHTS)  # fmt: skip
     fibers = scene.fibers.count
-    images = np.empty((len(bends), fibers, rows, columns), dtype=np.float32)
+    images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)
     with Preview(scene, lights=Glow(scene, response)) as preview:
-        for index, bend in enumerate(bends):
+        for index, bend in enumerate(setup.bends):
             for first in range(0, fibers, 3):
                 # Three fibers per picture, one in each channel.
                 own = range(first, min(first + 3, fibers))

@@ -15,12 +15,12 @@ import numpy as np
 from hw.calibration.log_ratio import quadratic_terms
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.model_error import ErrorModes, field_modes
-from hw.calibration.reference_lines import reference_lines
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.geometry import flat_sites
 from render.preview import cache_folder
 from render.progress import OnProgress
-from tactilux import Checker, Preview, Scene
+from tactilux import Checker, Preview
 
 DISCREPANCY = 0.015
 """Relative error of the corrected preview where the surrogate says nothing about it."""
@@ -41,32 +41,23 @@ class SurrogateCorrection:
     corners: Array
     rms: Array
 
-    def log_ratio(self, bend: int, fiber: int, position: Array) -> Array:
-        """Return log ratios ``(...)`` at flat positions ``(..., 2)`` mm of one bend and fiber."""
+    def log_ratio(self, position: Array) -> Array:
+        """Return log ratios ``(bend, fiber, n)`` at flat positions ``(fiber or 1, n, 2)`` mm."""
         inside = np.clip(np.nan_to_num(position), *self.corners)
-        return np.asarray(quadratic_terms(inside) @ self.coefficients[bend, fiber])
+        return np.asarray((quadratic_terms(inside) @ self.coefficients[..., None])[..., 0])
 
 
-def surrogate_correction(
-    scene: Scene, checker: Checker, phi: Array, bends: Array
-) -> SurrogateCorrection:
-    """Return the correction for directions ``phi`` ``(fiber,)`` and ``bends`` ``(bend,)``, rad.
-
-    Arguments:
-        scene: the surrogate's own, with the material that it was trained for.
-        checker: its model.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
-    """
+def surrogate_correction(setup: Setup, checker: Checker) -> SurrogateCorrection:
+    """Return the correction for a ``setup`` made of the material that ``checker`` knows."""
     # All fibers at all directions: the diagonal is what is wanted.
-    nodes = np.unique(phi)
-    table = checker.transport_table(nodes, bends)
+    phi, nodes = setup.phi, np.unique(setup.phi)
+    table = checker.transport_table(nodes, setup.bends)
     assert table.background is not None
     known = table.background[np.arange(len(phi)), np.searchsorted(nodes, phi)]
-    with Preview(scene) as preview:
-        drawn = preview.transport(phi[:, None], bends)[1][:, 0]
+    with Preview(setup.scene) as preview:
+        drawn = preview.transport(phi[:, None], setup.bends)[1][:, 0]
     ratio = np.log(known / drawn).swapaxes(0, 1)
-    sites = flat_sites(scene)[:, :2]
+    sites = flat_sites(setup.scene)[:, :2]
     terms = quadratic_terms(sites)
     coefficients = ratio @ np.linalg.pinv(terms).T
     residual = ratio - coefficients @ terms.T
@@ -93,32 +84,18 @@ class LineModel:
         return self.table.log_light(material) + self.log_correction
 
 
-def line_model(
-    scene: Scene,
-    checker: Checker,
-    phi: Array,
-    bends: Array,
-    progress: OnProgress | None = None,
-) -> LineModel:
+def line_model(setup: Setup, checker: Checker, progress: OnProgress | None = None) -> LineModel:
     """Return the model of the reference lines.
 
     The table is drawn when it is first needed, which takes minutes, and kept in the user's cache.
 
     Arguments:
-        scene: the surrogate's own.
+        setup: made of the surrogate's own material.
         checker: the surrogate.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
         progress: told of every material that is drawn.
     """
-    table = material_table(scene, phi, bends, folder=cache_folder(), progress=progress)
-    correction = surrogate_correction(scene, checker, phi, bends)
-    position = reference_lines(scene).position
-    log_correction = np.stack(
-        [
-            [correction.log_ratio(bend, fiber, position[fiber]) for fiber in range(len(phi))]
-            for bend in range(len(bends))
-        ]
-    )
+    table = material_table(setup, folder=cache_folder(), progress=progress)
+    correction = surrogate_correction(setup, checker)
     error = np.hypot(np.hypot(DISCREPANCY, correction.rms), table.scatter())
-    return LineModel(table, log_correction, field_modes(error, len(phi)))
+    log_correction = correction.log_ratio(setup.lines.position)
+    return LineModel(table, log_correction, field_modes(error, len(setup.phi)))

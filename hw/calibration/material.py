@@ -6,10 +6,8 @@ Over the range, log light is a polynomial of the second degree in unit coordinat
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from render.arrays import Array
 from tactilux import Scene
 
 NAMES = ("reduced_scattering", "absorption", "sigma_v", "roughness")
+TITLES = ("reduced scattering", "absorption", "beam width sigma_v", "roughness alpha")
 UNITS = ("1/mm", "1/mm", "deg", "")
 PER_UNIT = np.array([1.0, 1.0, 180 / np.pi, 1.0])
 """What values are multiplied with to be told in `UNITS`."""
@@ -59,12 +58,8 @@ class Material:
                 "choose a scene with one",
                 field="diffuser",
             )
-        return cls(
-            layer.sigma_s * (1 - layer.g),
-            layer.sigma_a,
-            scene.fibers.sigma_v,
-            scene.pad.roughness,
-        )
+        scattering = layer.sigma_s * (1 - layer.g)
+        return cls(scattering, layer.sigma_a, scene.fibers.sigma_v, scene.pad.roughness)
 
     @classmethod
     def from_array(cls, values: Array) -> Material:
@@ -73,72 +68,55 @@ class Material:
 
     def array(self) -> Array:
         """Return ``(4,)`` numbers in the order of `NAMES`."""
-        return np.array([self.reduced_scattering, self.absorption, self.sigma_v, self.roughness])
+        return np.array(astuple(self))
 
     def put_into(self, scene: Scene) -> Scene:
         """Return ``scene`` with this material; its g is kept."""
-        assert scene.diffuser is not None
-        layer = scene.diffuser.model_copy(
-            update={
-                "sigma_s": self.reduced_scattering / (1 - scene.diffuser.g),
-                "sigma_a": self.absorption,
-            }
-        )
+        layer = scene.diffuser
+        assert layer is not None
+        sigma_s = self.reduced_scattering / (1 - layer.g)
         return scene.model_copy(
             update={
-                "diffuser": layer,
+                "diffuser": layer.model_copy(
+                    update={"sigma_s": sigma_s, "sigma_a": self.absorption}
+                ),
                 "fibers": scene.fibers.model_copy(update={"sigma_v": self.sigma_v}),
                 "pad": scene.pad.model_copy(update={"roughness": self.roughness}),
             }
         )
 
 
-def design_key(version: int, scene: Scene, phi: Array, bends: Array, *details: object) -> str:
-    """Return a hash of what all rigs of a design share, at any material, and of ``details``."""
-    neutral = Material.from_array(np.sqrt(LOW * HIGH) + 0.01).put_into(scene)
-    content = [version, neutral.hash, np.round(phi, 9).tolist(), np.round(bends, 9).tolist(),
-               *details]  # fmt: skip
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
-
-
 def sobol_materials(count: int) -> Array:
     """Return ``count`` materials ``(material, 4)`` that fill the range, scattering by its log."""
     from scipy.stats import qmc
 
-    unit = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(1)).random_base2(
-        int(np.ceil(np.log2(count)))
-    )[:count]
-    low, high = LOW.copy(), HIGH.copy()
-    low[0], high[0] = np.log(low[0]), np.log(high[0])
-    materials = low + unit * (high - low)
+    sampler = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(1))
+    unit = sampler.random_base2(int(np.ceil(np.log2(count))))[:count]
+    materials = np.asarray(qmc.scale(unit, *_logged(np.stack([LOW, HIGH]))))
     materials[:, 0] = np.exp(materials[:, 0])
-    return np.asarray(materials)
+    return materials
 
 
 def terms(materials: Array) -> Array:
-    """Return the polynomial's terms ``(material, term)`` of ``(material, 4)``."""
-    unit = _to_unit(materials)
-    return np.asarray(np.prod(unit[:, None, :] ** EXPONENTS[None], axis=-1))
+    """Return the polynomial's terms ``(..., term)`` of materials ``(..., 4)``."""
+    return np.asarray(np.prod(_to_unit(materials)[..., None, :] ** EXPONENTS, axis=-1))
 
 
 def terms_slope(material: Array) -> Array:
     """Return the terms' derivatives ``(4, term)`` by the values of one material ``(4,)``."""
-    unit = _to_unit(material[None])[0]
     scale = 2 / (HIGH - LOW)
     scale[0] = 2 / np.log(HIGH[0] / LOW[0]) / material[0]
-    rows = []
-    for index in range(4):
-        lower = EXPONENTS.copy()
-        lower[:, index] = np.maximum(lower[:, index] - 1, 0)
-        rows.append(scale[index] * EXPONENTS[:, index] * np.prod(unit**lower, axis=1))
-    return np.stack(rows)
+    # (4, term, 4)
+    lower = np.maximum(EXPONENTS - np.eye(4, dtype=int)[:, None], 0)
+    return np.asarray(scale[:, None] * EXPONENTS.T * np.prod(_to_unit(material) ** lower, axis=-1))
 
 
 def _to_unit(materials: Array) -> Array:
-    scaled = [np.log(materials[:, 0]), *materials.T[1:]]
-    ends = np.stack([LOW, HIGH])
-    ends[:, 0] = np.log(ends[:, 0])
-    return np.stack(
-        [2 * (x - low) / (high - low) - 1 for x, low, high in zip(scaled, *ends, strict=True)],
-        axis=-1,
-    )
+    """Return unit coordinates ``(..., 4)``."""
+    low, high = _logged(np.stack([LOW, HIGH]))
+    return np.asarray(2 * (_logged(materials) - low) / (high - low) - 1)
+
+
+def _logged(materials: Array) -> Array:
+    """Return materials ``(..., 4)`` with the logarithm of their scattering."""
+    return np.concatenate([np.log(materials[..., :1]), materials[..., 1:]], axis=-1)

@@ -13,10 +13,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import block_diag, lapack
 
 from hw.calibration.log_ratio import LogRatios
 from hw.calibration.material import EXPONENTS, terms
@@ -39,22 +40,6 @@ MIN_EIGENVALUE = 1e-3
 """Relative variance of fields below which they are left out."""
 
 
-class _Fields:
-    """Smooth fields over the reference lines, each with an amplitude of standard deviation 1."""
-
-    def __init__(self) -> None:
-        place = frame_positions()
-        variance, direction = np.linalg.eigh(kernel(place, place))
-        kept = variance > MIN_EIGENVALUE * variance.max()
-        self._known, self._weights = place, direction[:, kept] / np.sqrt(variance[kept])
-        self.at_lines = self.at(place)
-        self.count = int(kept.sum())
-
-    def at(self, place: Array) -> Array:
-        """Return the fields ``(n, field)`` at places ``(n, 2)`` mm."""
-        return np.asarray(kernel(place, self._known) @ self._weights)
-
-
 class BendCorrection:
     """What renders say at one bend.
 
@@ -68,7 +53,8 @@ class BendCorrection:
 
     def __init__(self, data: Sequence[Sequence[LogRatios]], materials: Array) -> None:
         """Choose sizes by marginal likelihood (eq. 2.30) and solve for the amplitudes."""
-        self._fields, self._basis = _Fields(), terms(materials)
+        self._basis, self._at_lines = terms(materials), _fields(frame_positions())
+        self._count = self._at_lines.shape[1]
         self._gather(data)
         sizes = max(
             itertools.product(SHARED_AMPLITUDES, FIBER_AMPLITUDES, DEGREE_FACTORS),
@@ -80,7 +66,7 @@ class BendCorrection:
         self._solve(*sizes)
 
     def _gather(self, data: Sequence[Sequence[LogRatios]]) -> None:
-        self._sums = [self._normal([one[fiber] for one in data]) for fiber in range(len(data[0]))]
+        self._sums = [self._normal(of_fiber) for of_fiber in zip(*data, strict=True)]
 
     def _without_spikes(self, row: Array, data: Sequence[LogRatios]) -> list[LogRatios]:
         """Return one render's data without what lies far from the fit.
@@ -91,33 +77,31 @@ class BendCorrection:
         kept = []
         for ratios, (_, alone, passed) in zip(data, self._fibers, strict=True):
             amplitudes = (alone + passed @ self._shared).reshape(len(row), -1)
-            residual = ratios.log_ratio - self._fields.at(ratios.place) @ (row @ amplitudes)
+            residual = ratios.log_ratio - _fields(ratios.place) @ (row @ amplitudes)
             if len(residual):
                 residual -= np.average(residual, weights=1 / ratios.variance)
-            near = np.abs(residual) < OUTLIER * np.sqrt(ratios.variance)
-            kept.append(ratios.at(near))
+            kept.append(ratios.at(np.abs(residual) < OUTLIER * np.sqrt(ratios.variance)))
         return kept
 
     def _normal(self, data: Sequence[LogRatios]) -> tuple[Array, Array]:
         """Return the normal equations of one fiber: matrix and right side of its amplitudes."""
-        size = len(EXPONENTS) * self._fields.count
+        size = len(EXPONENTS) * self._count
         matrix, right = np.zeros((size, size)), np.zeros(size)
         for ratios, row in zip(data, self._basis, strict=True):
             if len(ratios.log_ratio) < 2:
                 continue
-            fields, weight = self._fields.at(ratios.place), 1 / ratios.variance
+            fields, weight = _fields(ratios.place), 1 / ratios.variance
             # A free constant takes the weighted mean away.
             total = weight.sum()
             fields = fields - weight @ fields / total
             values = ratios.log_ratio - weight @ ratios.log_ratio / total
-            gram = fields.T @ (weight[:, None] * fields)
-            matrix += np.kron(np.outer(row, row), gram)
+            matrix += np.kron(np.outer(row, row), fields.T @ (weight[:, None] * fields))
             right += np.kron(row, fields.T @ (weight * values))
         return matrix, right
 
     def _solve(self, shared: float, own: float, degree_factor: float) -> float:
         """Find the amplitudes for these sizes; return their log likelihood, but a constant."""
-        steps = np.repeat(degree_factor ** DEGREES.astype(np.float64), self._fields.count)
+        steps = np.repeat(degree_factor ** DEGREES.astype(np.float64), self._count)
         # Inverse variances of the amplitudes.
         prior, own_prior = 1 / (shared * steps) ** 2, 1 / (own * steps) ** 2
         size = len(prior)
@@ -140,19 +124,35 @@ class BendCorrection:
         """Return what the table's coefficients lack, ``(fiber, term, point)``."""
         amplitudes = np.stack([alone + passed @ self._shared for _, alone, passed in self._fibers])
         by_term = amplitudes.reshape(len(amplitudes), len(EXPONENTS), -1)
-        return np.asarray(by_term @ self._fields.at_lines.T)
+        return np.asarray(by_term @ self._at_lines.T)
 
     def modes(self, material: Array) -> Array:
         """Return the modes ``(mode, fiber, point)`` of what is still open at ``(4,)`` material."""
-        row, count = terms(material[None])[0], self._fields.count
-        pick = np.kron(row[None], np.eye(count))
+        fibers, count = len(self._fibers), self._count
+        pick = np.kron(terms(material)[None], np.eye(count))
         all_passed = np.concatenate([pick @ passed for _, _, passed in self._fibers])
-        whole = all_passed @ self._covariance @ all_passed.T
-        for fiber, (covariance, _, _) in enumerate(self._fibers):
-            own = slice(fiber * count, (fiber + 1) * count)
-            whole[own, own] += pick @ covariance @ pick.T
-        modes = modes_of(0.5 * (whole + whole.T)).reshape(-1, len(self._fibers), count)
-        return np.asarray(modes @ self._fields.at_lines.T)
+        own = [pick @ covariance @ pick.T for covariance, _, _ in self._fibers]
+        whole = all_passed @ self._covariance @ all_passed.T + block_diag(*own)
+        modes = modes_of(0.5 * (whole + whole.T)).reshape(-1, fibers, count)
+        return np.asarray(modes @ self._at_lines.T)
+
+
+def _fields(place: Array) -> Array:
+    """Return smooth fields ``(n, field)`` at places ``(n, 2)`` mm in a fiber's frame.
+
+    Each is to have an amplitude of standard deviation 1.
+    """
+    lines, weights = _field_weights()
+    return np.asarray(kernel(place, lines) @ weights)
+
+
+@cache
+def _field_weights() -> tuple[Array, Array]:
+    """Return the points of the lines, and weights ``(point, field)`` of their kernels."""
+    lines = frame_positions()
+    variance, direction = np.linalg.eigh(kernel(lines, lines))
+    kept = variance > MIN_EIGENVALUE * variance.max()
+    return lines, direction[:, kept] / np.sqrt(variance[kept])
 
 
 def _inverse(matrix: Array) -> tuple[Array, float]:
@@ -187,12 +187,9 @@ class MaterialCorrection:
         """Return log errors that the corrected table may still have at ``(4,)`` material."""
         shape, modes = self.table.coefficients.shape[2:], []
         for lit, bend in zip(self.lit, self.bends, strict=True):
-            whole = np.zeros((0, *shape))
-            if bend is not None:
-                of_lit = bend.modes(material)
-                whole = np.zeros((len(of_lit), *shape))
-                whole[:, lit] = of_lit
-            modes.append(whole)
+            of_lit = np.zeros((0, 0, shape[1])) if bend is None else bend.modes(material)
+            modes.append(np.zeros((len(of_lit), *shape)))
+            modes[-1][:, lit] = of_lit
         return tuple(modes)
 
 
@@ -215,19 +212,16 @@ def material_correction(
     drawn = [np.where(read, table.log_light(material), np.nan) for material in materials]
     lit = [np.nonzero(points.any(axis=1))[0].tolist() for points in read]
     coefficients = table.coefficients.copy()
-    bends: list[BendCorrection | None] = []
+    bends: list[BendCorrection | None] = [None] * len(lit)
     for bend, fibers in enumerate(lit):
-        if not fibers:
-            bends.append(None)
-            continue
         data = [
             [
-                render.log_ratios(bend, fiber, lines.position[fiber], log_light[bend, fiber])
+                light.log_ratios(bend, fiber, lines.position[fiber], log_light[bend, fiber])
                 for fiber in fibers
             ]
-            for render, log_light in zip(renders, drawn, strict=True)
+            for (_, light), log_light in zip(renders, drawn, strict=True)
         ]
-        correction = BendCorrection(data, materials)
-        coefficients[:, bend, fibers] += correction.coefficients().swapaxes(0, 1)
-        bends.append(correction)
+        if fibers:
+            correction = bends[bend] = BendCorrection(data, materials)
+            coefficients[:, bend, fibers] += correction.coefficients().swapaxes(0, 1)
     return MaterialCorrection(replace(table, coefficients=coefficients), lit, bends)

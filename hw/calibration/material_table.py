@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from hw.calibration.fiber_images import fiber_images
-from hw.calibration.material import Material, design_key, sobol_materials, terms
-from hw.calibration.reference_lines import line_pixels, sample_image
+from hw.calibration.material import sobol_materials, terms
+from hw.calibration.reference_lines import sample_image
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import Clock, OnProgress
-from tactilux import Scene
 
 VERSION = 4
 MATERIALS, RAYS = 32, 100_000
@@ -43,7 +43,7 @@ class MaterialTable:
 
     def log_light(self, material: Array) -> Array:
         """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
-        return np.asarray(np.tensordot(terms(material[None])[0], self.coefficients, axes=1))
+        return np.asarray(np.tensordot(terms(material), self.coefficients, axes=1))
 
     def scatter(self) -> Array:
         """Return the rms error ``(bend,)`` of the shape of log light at a material left out."""
@@ -52,32 +52,24 @@ class MaterialTable:
 
 
 def material_table(
-    scene: Scene,
-    phi: Array,
-    bends: Array,
-    *,
-    folder: Path,
-    progress: OnProgress | None = None,
+    setup: Setup, *, folder: Path, progress: OnProgress | None = None
 ) -> MaterialTable:
     """Return the table; interrupted work goes on where it stood.
 
     Arguments:
-        scene: whose own material does not matter.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
+        setup: whose own material does not matter.
         folder: where the light of each material is kept.
         progress: told of every material that is drawn.
     """
     materials = sobol_materials(MATERIALS)
-    parts = folder / f"materials-{design_key(VERSION, scene, phi, bends, MATERIALS, RAYS)}"
-    pixels = line_pixels(scene, bends, ROWS, COLUMNS)
+    parts = folder / f"materials-{setup.key(VERSION, MATERIALS, RAYS)}"
+    pixels = setup.line_pixels(ROWS, COLUMNS)
     drawn, clock = [], Clock(MATERIALS, progress)
     for number, material in enumerate(materials):
         path = parts / f"{number:03d}.npz"
         kept = read_or_drop(path, "log_light")
         if kept is None:
-            own = Material.from_array(material).put_into(scene)
-            light = line_light(own, phi, bends, pixels=pixels, rays=RAYS, seed=1000 + number)
+            light = line_light(setup.of(material), pixels=pixels, rays=RAYS, seed=1000 + number)
             with np.errstate(divide="ignore"):
                 kept = {"log_light": np.where(light > 0, np.log(light), np.nan)}
             write_npz(path, kept)
@@ -86,20 +78,16 @@ def material_table(
     return fitted_table(materials, np.stack(drawn))
 
 
-def line_light(
-    scene: Scene, phi: Array, bends: Array, *, pixels: Array, rays: int, seed: int
-) -> Array:
+def line_light(setup: Setup, *, pixels: Array, rays: int, seed: int) -> Array:
     """Return radiance per unit power at the reference lines, ``(bend, fiber, point)``.
 
     Drawn by the preview for the scene's own material; NaN where the camera sees nothing.
     """
-    images = fiber_images(scene, phi, bends, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
-    return np.stack(
-        [
-            [sample_image(image, place) for image, place in zip(*both, strict=True)]
-            for both in zip(images, pixels, strict=True)
-        ]
+    images = fiber_images(setup, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
+    flat = zip(
+        images.reshape(-1, ROWS, COLUMNS), pixels.reshape(-1, *pixels.shape[2:]), strict=True
     )
+    return np.stack([sample_image(*pair) for pair in flat]).reshape(pixels.shape[:-1])
 
 
 def fitted_table(materials: Array, log_light: Array) -> MaterialTable:
@@ -117,9 +105,6 @@ def fitted_table(materials: Array, log_light: Array) -> MaterialTable:
     # The residual of a material left out is the plain one over 1 - leverage.
     leverage = np.einsum("mt,tm->m", basis, inverse)
     left_out = (values - basis @ coefficients) / (1 - leverage)[:, None]
-    shape = log_light.shape[1:]
     hidden: Array = np.where(seen, 0.0, np.nan)
-    return MaterialTable(
-        np.asarray(coefficients, dtype=np.float64).reshape(-1, *shape) + hidden,
-        np.asarray(left_out, dtype=np.float64).reshape(-1, *shape) + hidden,
-    )
+    tables = (whole.reshape(-1, *seen.shape) + hidden for whole in (coefficients, left_out))
+    return MaterialTable(*tables)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.reference_lines import line_pixels, sample_image
+from hw.calibration.reference_lines import sample_image
+from hw.calibration.setup import Setup
 from hw.camera.projection import intrinsics, pad_positions, rotation
 from render.arrays import Array
-from tactilux import Scene
 
 BOX_PIXELS = 5
 """Side (pixels) of the square that is averaged around every point."""
@@ -51,6 +51,10 @@ class Measurement:
     radius2: Array
     tilt_slope: Array
 
+    def untilted(self, tilt: Array) -> Array:
+        """Return counts ``(point, 3)`` as without the camera's ``tilt`` ``(3,)`` rad."""
+        return np.asarray(self.counts + np.einsum("tpc,t->pc", self.tilt_slope, tilt))
+
 
 def _well_inside(positions: Array, margin: int) -> NDArray[np.bool_]:
     """Return the pixels ``(row, column)`` around which ``margin`` pixels show the pad."""
@@ -75,46 +79,34 @@ class LineReader:
     """Reads reference lines off photographs; positions are found once per bend.
 
     Arguments:
-        scene: the sensor.
-        bends: ``(bend,)`` rad.
+        setup: the sensor and its bends.
         noise: standard deviation of one pixel in counts.
     """
 
-    def __init__(self, scene: Scene, bends: Array, noise: float) -> None:
+    def __init__(self, setup: Setup, noise: float) -> None:
         """Find the image positions of all points."""
-        self._scene, self._noise = scene, noise
-        rows, columns = scene.camera.rows, scene.camera.columns
-        pixels = line_pixels(scene, bends, rows, columns)
+        self._scene, self._noise = setup.scene, noise
+        rows, columns = setup.scene.camera.rows, setup.scene.camera.columns
+        self._pixels = setup.line_pixels(rows, columns)
         self._clear = []
-        for index, bend in enumerate(bends):
-            shown = pad_positions(scene, float(bend), rows, columns)
+        for pixels, bend in zip(self._pixels, setup.bends, strict=True):
+            shown = pad_positions(setup.scene, float(bend), rows, columns)
             whole = _well_inside(shown, CLEARANCE_PIXELS)
             self._clear.append(_well_inside(shown, OUTLINE_PIXELS))
-            place = np.nan_to_num(pixels[index]).astype(int)
-            seen = whole[
-                np.clip(place[..., 1], 0, rows - 1), np.clip(place[..., 0], 0, columns - 1)
-            ]
-            pixels[index] = np.where(seen[..., None], pixels[index], np.nan)
-        self._pixels = pixels
+            column, row = np.moveaxis(np.nan_to_num(pixels).astype(int), -1, 0)
+            pixels[~whole[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]] = np.nan
 
     def read(self, photo: Array, fiber: int, bend: int) -> Measurement:
         """Return the lines of ``fiber`` in ``photo`` ``(row, column, 3)`` at a bend's index."""
         import cv2
 
-        smooth: Array = np.asarray(
-            cv2.blur(photo, (BOX_PIXELS, BOX_PIXELS), borderType=cv2.BORDER_REPLICATE),
-            dtype=np.float64,
-        )
-        pixels = self._pixels[bend, fiber]
-        counts = sample_image(smooth, pixels)
+        box = (BOX_PIXELS, BOX_PIXELS)
+        smooth = np.asarray(cv2.blur(photo, box, borderType=cv2.BORDER_REPLICATE))
         wide = _averaged(photo, self._clear[bend])
-        slopes = np.stack(
-            [
-                (sample_image(wide, self._turned(pixels, axis)) - sample_image(wide, pixels))
-                / TILT_STEP
-                for axis in range(3)
-            ]
-        )
+        pixels = self._pixels[bend, fiber]
+        counts, here = sample_image(smooth, pixels), sample_image(wide, pixels)
+        turned = (sample_image(wide, self._turned(pixels, axis)) for axis in range(3))
+        slopes = np.stack([(there - here) / TILT_STEP for there in turned])
         rows, columns = photo.shape[:2]
         middle = np.array([columns / 2, rows / 2])
         radius2 = ((pixels - middle) ** 2).sum(axis=1) / (middle**2).sum()
@@ -124,16 +116,13 @@ class LineReader:
             fits = (counts[:, channels] > MIN_COUNTS) & (counts[:, channels] < MAX_COUNTS)
         used = np.isfinite(slopes).all(axis=(0, 2)) & np.all(fits, axis=1)
         slopes = np.where(used[None, :, None], slopes, 0.0)
-        return Measurement(
-            fiber, bend, counts, used, channels, self._noise / BOX_PIXELS, radius2, slopes
-        )
+        noise = self._noise / BOX_PIXELS
+        return Measurement(fiber, bend, counts, used, channels, noise, radius2, slopes)
 
     def _turned(self, pixels: Array, axis: int) -> Array:
         """Return where ``pixels`` ``(n, 2)`` lie after the camera has turned by `TILT_STEP`."""
-        columns, rows = self._scene.camera.columns, self._scene.camera.rows
-        matrix = intrinsics(self._scene, columns, rows)
-        tilt = tuple(TILT_STEP if a == axis else 0.0 for a in range(3))
-        turn = rotation(tilt)
+        matrix = intrinsics(self._scene, self._scene.camera.columns, self._scene.camera.rows)
+        turn = rotation(TILT_STEP * np.eye(3)[axis])
         homogeneous = np.concatenate([pixels - 0.5, np.ones((len(pixels), 1))], axis=1)
         moved = homogeneous @ (matrix @ np.linalg.inv(turn) @ np.linalg.inv(matrix)).T
         return np.asarray(moved[:, :2] / moved[:, 2:] + 0.5)

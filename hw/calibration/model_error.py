@@ -50,11 +50,6 @@ def modes_of(covariance: Array) -> Array:
     return np.asarray((np.sqrt(variance[:count]) * direction[:, ::-1][:, :count]).T)
 
 
-def joined(modes: ErrorModes, others: ErrorModes) -> ErrorModes:
-    """Return the modes of two independent errors."""
-    return tuple(np.concatenate(pair) for pair in zip(modes, others, strict=True))
-
-
 def field_modes(size: Array, fibers: int) -> ErrorModes:
     """Return the modes of fields of relative ``size`` ``(bend,)``, half common to all fibers.
 

@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.calibration.log_ratio import LogRatios, log_ratios
+from hw.calibration.reference_lines import frame_positions
+from hw.calibration.setup import Setup
 from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.progress import Clock, OnProgress
@@ -58,13 +61,26 @@ class PadLight:
 
         place = np.moveaxis(self._place(position), -1, 0)
         seen = np.isfinite(place).all(axis=0)
-        safe = np.where(seen, place, 0.0)
-        found = [
-            map_coordinates(field[bend, fiber], safe, order=order, mode="nearest")
-            for field, order in ((self.radiance, 1), (self.error, 0))
-        ]
-        radiance, error = (np.where(seen, values, np.nan) for values in found)
-        return radiance, error
+        radiance, error = (
+            map_coordinates(field, np.where(seen, place, 0.0), order=order, mode="nearest")
+            for field, order in ((self.radiance[bend, fiber], 1), (self.error[bend, fiber], 0))
+        )
+        return np.where(seen, radiance, np.nan), np.where(seen, error, np.nan)
+
+    def log_ratios(self, bend: int, fiber: int, position: Array, log_light: Array) -> LogRatios:
+        """Return what it says about a model of one fiber's light at its lines.
+
+        One sample comes from each part, half a cell wide: errors of parts are nearly independent,
+        though they share light subpaths.
+
+        Arguments:
+            bend: its index.
+            fiber: its number.
+            position: ``(point, 2)`` mm on the flat pad.
+            log_light: ``(point,)`` of the model, NaN where nothing is wanted.
+        """
+        parts = self.square_of(position, self.blocks // 2)
+        return log_ratios(frame_positions(), parts, *self.at(bend, fiber, position), log_light)
 
     @property
     def block(self) -> float:
@@ -76,19 +92,11 @@ class PadLight:
         y, x = (self.block * (np.arange(n) - (n - 1) / 2) for n in self.radiance.shape[2:])
         return np.stack(np.meshgrid(x, y), axis=-1)
 
-    def cell_of(self, position: Array) -> Array:
-        """Return the number of the cell ``(...)`` that flat positions ``(..., 2)`` mm lie in."""
-        return self._number(position, self.blocks)
+    def square_of(self, position: Array, side: int) -> Array:
+        """Return the number of the square, ``side`` blocks wide, of positions ``(..., 2)`` mm.
 
-    def part_of(self, position: Array) -> Array:
-        """Return the number of the part, half a cell wide, that flat positions ``(..., 2)`` lie in.
-
-        Their errors are nearly independent, though they share light subpaths.
+        Cells are `blocks` wide, and numbered row by row from the base.
         """
-        return self._number(position, max(1, self.blocks // 2))
-
-    def _number(self, position: Array, side: int) -> Array:
-        """Return the number of the square, ``side`` blocks wide, that positions lie in."""
         place = np.nan_to_num(self._place(position)).round() // side
         return np.asarray(place[..., 0] * (self.radiance.shape[3] // side) + place[..., 1])
 
@@ -99,27 +107,23 @@ class PadLight:
 
 
 def render_pad_light(
-    scene: Scene,
-    phi: Array,
-    bends: Array,
+    setup: Setup,
     lit: Sequence[Sequence[int]],
     *,
     samples: int,
     seed: int,
-    around: Array | None = None,
+    around: Array,
     progress: OnProgress | None = None,
 ) -> PadLight:
     """Render the untouched pad under the fibers that are ``lit``.
 
     Arguments:
-        scene: with the material that is rendered.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
+        setup: made of the material that is rendered.
         lit: numbers of the fibers that are rendered, for each bend.
         samples: light paths per rendered fiber and cell, on average.
         seed: of the paths.
         around: ``(fiber, point, 2)`` flat positions (mm; NaN for none) that matter: cells of a
-            fiber that neither hold one nor touch such a cell are left out. All matter by default.
+            fiber that neither hold one nor touch such a cell are left out.
         progress: called every few seconds.
 
     Raises:
@@ -130,68 +134,56 @@ def render_pad_light(
     from render.sampling.monte_carlo import MonteCarlo
 
     mitsuba(VARIANT)
-    cut = _cut(scene)
+    cut, fibers = _cut(setup.scene), setup.scene.fibers.count
     cells = cut.sites
     rows, columns = cells.rows * BLOCKS, cells.columns * BLOCKS
-    shape = (len(bends), scene.fibers.count, rows, columns)
-    radiance, error = np.full(shape, np.nan), np.full(shape, np.nan)
     wanted = _wanted(cut, around)
-    pairs = [wanted & np.isin(np.arange(scene.fibers.count), on) for on in lit]
+    pairs = [wanted & np.isin(np.arange(fibers), on) for on in lit]
     passes = [_passes(samples * int(pair.sum())) for pair in pairs]
     clock = Clock(sum(number * lanes for number, lanes in passes), progress)
-    for index, bend in enumerate(bends):
-        if not pairs[index].any():
+    found = np.full((REPLICATES, len(pairs), fibers, rows, columns), np.nan)
+    for index, (bend, pair, (number, lanes)) in enumerate(
+        zip(setup.bends, pairs, passes, strict=True)
+    ):
+        if not pair.any():
             continue
         targets = _blocks(cut, float(bend))
-        number, lanes = passes[index]
-        pad_cells = CellSampler(cut, phi[:, None], float(bend), False, targets, pairs[index])
-        run = MonteCarlo(pad_cells, lanes, REPLICATES, seed * len(bends) + index)
+        pad_cells = CellSampler(cut, setup.phi[:, None], float(bend), False, targets, pair)
+        run = MonteCarlo(pad_cells, lanes, REPLICATES, seed * len(pairs) + index)
         for _ in range(number):
             run.sample(1)
             clock.tick(lanes)
-        # (replicate, fiber, cell row, cell column, row, column), where something was rendered.
-        found = run.estimate().reshape(
-            REPLICATES, scene.fibers.count, cells.rows, cells.columns, BLOCKS, BLOCKS
-        )
-        seen = np.diff(targets.offset).reshape(cells.rows, cells.columns, BLOCKS, BLOCKS) > 0
-        lit_here = pairs[index].T.reshape(-1, cells.rows, cells.columns, 1, 1)
-        found = np.where(lit_here & seen, found, np.nan)
-        found = found.transpose(0, 1, 2, 4, 3, 5).reshape(REPLICATES, -1, rows, columns)
-        radiance[index] = found.mean(axis=0)
-        error[index] = found.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
-    return PadLight(cells.spacing, BLOCKS, radiance, error)
+        # From (replicate, fiber, cell row, cell column, row, column), where something was rendered.
+        shape = (-1, cells.rows, cells.columns, BLOCKS, BLOCKS)
+        seen = (np.diff(targets.offset) > 0).reshape(shape)
+        light = run.estimate().reshape(REPLICATES, *shape)
+        light = np.where(pair.T.reshape(*shape[:3], 1, 1) & seen, light, np.nan)
+        found[:, index] = light.swapaxes(3, 4).reshape(REPLICATES, fibers, rows, columns)
+    error = found.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
+    return PadLight(cells.spacing, BLOCKS, found.mean(axis=0), error)
 
 
 def _cut(scene: Scene) -> Scene:
     """Return the scene whose sites are the middles of the cells."""
     pad = scene.pad
     side = max(CELL, pad.width / MAX_COLUMNS, pad.length / MAX_ROWS)
-    cells = scene.sites.model_copy(
-        update={
-            "columns": int(np.ceil(pad.width / side - 1e-9)),
-            "rows": int(np.ceil(pad.length / side - 1e-9)),
-            "spacing": side,
-            "centre_x": 0.0,
-            "centre_y": 0.0,
-        }
-    )
+    columns, rows = (int(np.ceil(length / side - 1e-9)) for length in (pad.width, pad.length))
+    middle = {"spacing": side, "centre_x": 0.0, "centre_y": 0.0}
+    cells = scene.sites.model_copy(update={"columns": columns, "rows": rows, **middle})
     return scene.model_copy(update={"sites": cells})
 
 
-def _wanted(cut: Scene, around: Array | None) -> NDArray[np.bool_]:
+def _wanted(cut: Scene, around: Array) -> NDArray[np.bool_]:
     """Return which cells of which fibers matter, ``(cell, fiber)``."""
     from scipy.ndimage import binary_dilation
 
     cells, fibers = cut.sites, cut.fibers.count
-    wanted = np.ones((fibers, cells.rows, cells.columns), dtype=np.bool_)
-    if around is not None:
-        place = around / cells.spacing + np.array([cells.columns, cells.rows]) / 2
-        for fiber, points in enumerate(place):
-            column, row = np.floor(points[np.isfinite(points).all(axis=1)]).astype(np.int64).T
-            holds = np.zeros(wanted.shape[1:], dtype=np.bool_)
-            holds[np.clip(row, 0, cells.rows - 1), np.clip(column, 0, cells.columns - 1)] = True
-            wanted[fiber] = binary_dilation(holds, np.ones((3, 3)))
-    return wanted.reshape(fibers, -1).T
+    holds = np.zeros((fibers, cells.rows, cells.columns), dtype=np.bool_)
+    place = np.floor(around / cells.spacing + np.array([cells.columns, cells.rows]) / 2)
+    fiber, point = np.nonzero(np.isfinite(place).all(axis=-1))
+    column, row = place[fiber, point].astype(np.int64).T
+    holds[fiber, np.clip(row, 0, cells.rows - 1), np.clip(column, 0, cells.columns - 1)] = True
+    return np.asarray(binary_dilation(holds, np.ones((1, 3, 3)))).reshape(fibers, -1).T
 
 
 def _blocks(cut: Scene, bend: float) -> Targets:

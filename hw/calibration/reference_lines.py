@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera.projection import pixels_of
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
 from tactilux import Scene
@@ -90,13 +89,6 @@ def _edge_distance(scene: Scene) -> float:
     return scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
 
 
-def line_pixels(scene: Scene, bends: Array, rows: int, columns: int) -> Array:
-    """Return where the lines are in an image, ``(bend, fiber, point, 2)``, NaN where unseen."""
-    points = reference_lines(scene).on_pad
-    pixels = [pixels_of(scene, float(bend), points.reshape(-1, 2), rows, columns) for bend in bends]
-    return np.stack(pixels).reshape(len(bends), *points.shape)
-
-
 def sample_image(image: Array, pixels: Array) -> Array:
     """Return ``image`` ``(row, column[, channel])`` at ``pixels`` ``(n, 2)``, NaN where they are.
 
@@ -105,14 +97,9 @@ def sample_image(image: Array, pixels: Array) -> Array:
     from scipy.ndimage import map_coordinates
 
     seen = np.isfinite(pixels[:, 0])
-    place = np.where(seen[:, None], pixels, 0.0).T[::-1] - 0.5
-    layers = image[..., None] if image.ndim == 2 else image
-    values = np.stack(
-        [
-            map_coordinates(layers[..., k].astype(np.float64), place, order=1, mode="nearest")
-            for k in range(layers.shape[-1])
-        ],
-        axis=-1,
-    )
-    values = np.where(seen[:, None], values, np.nan)
-    return np.asarray(values[:, 0] if image.ndim == 2 else values)
+    place = np.where(seen, pixels.T[::-1] - 0.5, 0.0)
+    layers = np.atleast_3d(image).astype(np.float64)
+    values = [
+        map_coordinates(layer, place, order=1, mode="nearest") for layer in layers.T.swapaxes(1, 2)
+    ]
+    return np.where(seen[:, None], np.stack(values, axis=-1), np.nan).reshape(-1, *image.shape[2:])

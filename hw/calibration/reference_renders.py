@@ -7,54 +7,32 @@ they are kept in the user's cache, one file each, and interrupted work goes on w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from hw.calibration.log_ratio import LogRatios, log_ratios
-from hw.calibration.material import Material, design_key, sobol_materials
+from hw.calibration.material import sobol_materials
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import frame_positions, reference_lines
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import OnProgress, Progress
-from tactilux import Scene
 
 VERSION = 1
 FIRST_SEED = 5000
 
 
-@dataclass(frozen=True, eq=False)
-class MaterialRender:
-    """One material, rendered.
-
-    Arguments:
-        material: ``(4,)``.
-        light: of the fibers that matter at each bend.
-    """
+class MaterialRender(NamedTuple):
+    """One material ``(4,)``, and its light at each bend under the fibers that matter there."""
 
     material: Array
     light: PadLight
 
-    def log_ratios(self, bend: int, fiber: int, position: Array, log_light: Array) -> LogRatios:
-        """Return what it says about one fiber at its lines.
-
-        Arguments:
-            bend: its index.
-            fiber: its number.
-            position: ``(point, 2)`` mm on the flat pad.
-            log_light: ``(point,)`` of the table, NaN where nothing is wanted.
-        """
-        radiance, error = self.light.at(bend, fiber, position)
-        parts = self.light.part_of(position)
-        return log_ratios(frame_positions(), parts, radiance, error, log_light)
-
 
 def reference_renders(
-    scene: Scene,
-    phi: Array,
-    bends: Array,
+    setup: Setup,
     lit: Sequence[Sequence[int]],
     *,
     materials: int,
@@ -66,9 +44,7 @@ def reference_renders(
     """Return renders of ``materials`` that fill the range (Sobol), kept or made now.
 
     Arguments:
-        scene: whose own material does not matter.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
+        setup: whose own material does not matter.
         lit: numbers of the fibers that are rendered, for each bend.
         materials: how many.
         samples: light paths per fiber and cell of the pad, for each.
@@ -76,8 +52,7 @@ def reference_renders(
         progress: called every few seconds.
         render: what renders.
     """
-    key = design_key(VERSION, scene, phi, bends, [[int(f) for f in own] for own in lit], samples)
-    around = reference_lines(scene).on_pad
+    key = setup.key(VERSION, [[int(fiber) for fiber in own] for own in lit], samples)
     paths = [folder / f"renders-{key}" / f"{number:03d}.npz" for number in range(materials)]
     renders = []
     for number, material in enumerate(sobol_materials(materials)):
@@ -85,15 +60,13 @@ def reference_renders(
         if kept is None:
             missing = sum(not path.exists() for path in paths[number + 1 :])
             light = render(
-                Material.from_array(material).put_into(scene), phi, bends, lit, samples=samples,
-                seed=FIRST_SEED + number, around=around,
+                setup.of(material), lit, samples=samples, seed=FIRST_SEED + number,
+                around=setup.lines.on_pad,
                 progress=_of_all(progress, number + 1, materials, missing) if progress else None,
             )  # fmt: skip
-            write_npz(paths[number], {name: np.asarray(v) for name, v in vars(light).items()})
-        else:
-            light = PadLight(
-                float(kept["cell"]), int(kept["blocks"]), kept["radiance"], kept["error"]
-            )
+            kept = {name: np.asarray(value) for name, value in vars(light).items()}
+            write_npz(paths[number], kept)
+        light = PadLight(float(kept["cell"]), int(kept["blocks"]), kept["radiance"], kept["error"])
         renders.append(MaterialRender(material, light))
     return renders
 

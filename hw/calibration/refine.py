@@ -19,14 +19,14 @@ from hw.calibration.line_model import LineModel
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_correction import material_correction
 from hw.calibration.measurement import Measurement
-from hw.calibration.model_error import field_modes, joined
+from hw.calibration.model_error import field_modes
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import ReferenceLines, reference_lines
+from hw.calibration.reference_lines import ReferenceLines
 from hw.calibration.reference_renders import MaterialRender, reference_renders
 from hw.calibration.rig_fit import Calibration, fit_rig
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.progress import OnProgress, in_stage
-from tactilux import Scene
 
 UNCORRECTED_ERROR = 0.03
 """Relative error of the shape of light that even the best correction leaves: so much do corrected
@@ -63,12 +63,10 @@ class Confirmation:
 
 
 def refine(
-    scene: Scene,
+    setup: Setup,
     model: LineModel,
     found: Calibration,
     measurements: list[Measurement],
-    phi: Array,
-    bends: Array,
     *,
     materials: int,
     samples: int,
@@ -79,47 +77,45 @@ def refine(
     """Return the calibration as renders correct it, and what confirms it.
 
     Arguments:
-        scene: before calibration.
+        setup: before calibration.
         model: that ``found`` was fitted with.
         found: the fit through the surrogate.
         measurements: the photographs.
-        phi: ``(fiber,)`` rad.
-        bends: ``(bend,)`` rad.
         materials: how many are rendered for all rigs of this design.
         samples: light paths per photographed fiber and cell of the pad, for each render.
         folder: where renders for all rigs are kept.
         progress: called every few seconds with what is rendered and how far it is.
         render: what renders.
     """
-    lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(bends))]
-    lines, began = reference_lines(scene), time.monotonic()
+    lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(setup.bends))]
+    began = time.monotonic()
     renders = reference_renders(
-        scene, phi, bends, lit,
+        setup, lit,
         materials=materials, samples=samples, folder=folder, progress=progress, render=render,
     )  # fmt: skip
-    found = _refit(scene, model, measurements, renders, found)
+    found = _refit(setup, model, measurements, renders, found)
     moved = np.inf
     for number in range(1, MAX_RENDERS + 1):
+        material = found.material.array()
         light = render(
-            found.material.put_into(scene), phi, bends, lit, samples=samples, seed=10 + number,
-            around=lines.on_pad,
-            progress=in_stage(progress, f"what was found, {number}"),
+            setup.of(material), lit, samples=samples, seed=10 + number,
+            around=setup.lines.on_pad, progress=in_stage(progress, f"what was found, {number}"),
         )  # fmt: skip
         if moved <= CONVERGED or number == MAX_RENDERS:
             break
-        renders = [*renders, MaterialRender(found.material.array(), light)]
-        again = _refit(scene, model, measurements, renders, found)
-        step = (again.material.array() - found.material.array()) / again.errors.material
-        moved, found = float(np.abs(step).max()), again
-    rms, noise = shape_difference(light, found, measurements, lines)
-    known = np.clip(Material.of(scene).array(), LOW, HIGH)
-    before, _ = shape_difference(light, found, measurements, lines, model.log_light(known))
+        renders = [*renders, MaterialRender(material, light)]
+        found = _refit(setup, model, measurements, renders, found)
+        moved = float(np.abs((found.material.array() - material) / found.errors.material).max())
+    rms, noise = shape_difference(light, found, measurements, setup.lines)
+    known = np.clip(Material.of(setup.scene).array(), LOW, HIGH)
+    log_light = model.log_light(known)
+    before, _ = shape_difference(light, found, measurements, setup.lines, log_light)
     seconds = time.monotonic() - began
     return found, Confirmation(rms, noise, before, samples, seconds, materials + number)
 
 
 def _refit(
-    scene: Scene,
+    setup: Setup,
     model: LineModel,
     measurements: list[Measurement],
     renders: list[MaterialRender],
@@ -129,14 +125,15 @@ def _refit(
     read = np.zeros(model.table.coefficients.shape[1:], dtype=np.bool_)
     for one in measurements:
         read[one.bend, one.fiber] = one.used
-    correction = material_correction(model.table, renders, read, reference_lines(scene))
-    uncorrected = field_modes(np.full(len(read), UNCORRECTED_ERROR), scene.fibers.count)
+    correction = material_correction(model.table, renders, read, setup.lines)
+    uncorrected = field_modes(np.full(len(read), UNCORRECTED_ERROR), len(setup.phi))
     # The table is corrected as it was drawn, without the surrogate.
     no_surrogate = np.zeros_like(model.log_correction)
     for _ in range(FITS):
-        modes = joined(correction.modes(found.material.array()), uncorrected)
+        open_modes = correction.modes(found.material.array())
+        modes = tuple(map(np.concatenate, zip(open_modes, uncorrected, strict=True)))
         corrected = LineModel(correction.table, no_surrogate, modes)
-        found = fit_rig(scene, corrected, measurements, found.material)
+        found = fit_rig(setup.scene, corrected, measurements, found.material)
     return found
 
 
@@ -159,29 +156,26 @@ def shape_difference(
         lines: of the scene.
         log_light: ``(bend, fiber, point)`` of a model that is compared instead of ``light``.
     """
-    differences, errors, weights = [], [], []
+    cells = []
     for one in measurements:
-        radiance, error = light.at(one.bend, one.fiber, lines.position[one.fiber])
+        position, lit = lines.position[one.fiber], one.channels
+        radiance, error = light.at(one.bend, one.fiber, position)
         shade = 1 - found.vignetting * one.radius2
-        seen = one.counts + np.einsum("tpc,t->pc", one.tilt_slope, found.tilt)
-        lit = one.channels
+        seen = one.untilted(found.tilt)[:, lit]
         with np.errstate(invalid="ignore", divide="ignore"):
             modeled = np.log(radiance) if log_light is None else log_light[one.bend, one.fiber]
-            measured = np.log((seen[:, lit] / found.gain[lit]).mean(axis=1) / shade)
-            relative = np.hypot(error / radiance, one.noise / seen[:, lit].mean(axis=1))
-        usable = one.used & np.isfinite(measured + modeled + relative)
-        if not usable.any():
-            continue
-        cell = light.cell_of(lines.position[one.fiber][usable])
-        _, index, size = np.unique(cell, return_inverse=True, return_counts=True)
-        difference = np.bincount(index, (measured - modeled)[usable]) / size
-        noise = np.bincount(index, relative[usable]) / size
-        weight = size / (noise**2 + ERROR_FLOOR**2)
-        differences.append(difference - np.average(difference, weights=weight))
-        errors.append(noise)
-        weights.append(weight)
-    weight = np.concatenate(weights)
-    return (
-        float(np.sqrt(np.average(np.concatenate(differences) ** 2, weights=weight))),
-        float(np.sqrt(np.average(np.concatenate(errors) ** 2, weights=weight))),
-    )
+            difference = np.log((seen / found.gain[lit]).mean(axis=1) / shade) - modeled
+            relative = np.hypot(error / radiance, one.noise / seen.mean(axis=1))
+        usable = one.used & np.isfinite(difference + relative)
+        if usable.any():
+            cell = light.square_of(position[usable], light.blocks)
+            _, index, size = np.unique(cell, return_inverse=True, return_counts=True)
+            difference, noise = (
+                np.bincount(index, values[usable]) / size for values in (difference, relative)
+            )
+            weight = size / (noise**2 + ERROR_FLOOR**2)
+            difference -= np.average(difference, weights=weight)
+            cells.append(np.stack([difference, noise, weight]))
+    difference, noise, weight = np.concatenate(cells, axis=1)
+    rms, expected = (np.average(values**2, weights=weight) for values in (difference, noise))
+    return float(np.sqrt(rms)), float(np.sqrt(expected))

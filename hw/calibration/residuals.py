@@ -18,6 +18,7 @@ The roughness is held near what is known of it by one more residual, the last.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,6 @@ import numpy as np
 from hw.calibration.line_model import LineModel
 from hw.calibration.material import HIGH, LOW, NAMES, Material, terms, terms_slope
 from hw.calibration.measurement import Measurement
-from hw.calibration.model_error import ErrorModes
 from hw.errors import CalibrationError
 from render.arrays import Array
 
@@ -68,47 +68,35 @@ class CalibrationResiduals:
                 field="measurements",
                 value=len(self.fibers),
             )
-        used = [photo.used for photo in measurements]
-        # First row of each photograph, and the end of the last.
-        self._first = np.cumsum([0, *(points.sum() for points in used)])
-        pairs = list(zip(measurements, used, strict=True))
-        self._coefficients = self._gathered(model.table.coefficients)
-        self._log_correction = self._gathered(model.log_correction[None])[0]
+
+        def gathered(of: Callable[[Measurement], Array]) -> Array:
+            """Return what ``of`` returns for every point of a photograph, at those in use."""
+            return np.concatenate([of(photo)[photo.used] for photo in measurements])
+
+        def whole(photo: Measurement, *values: object) -> Array:
+            return np.tile(np.array(values), (len(photo.used), 1))
+
+        bend, fiber = gathered(lambda photo: whole(photo, photo.bend, photo.fiber)).T
+        point = gathered(lambda photo: np.arange(len(photo.used)))
+        self._coefficients = model.table.coefficients[:, bend, fiber, point]
+        self._log_correction = model.log_correction[bend, fiber, point]
+        modes = [np.where(bend == b, of[:, fiber, point], 0.0) for b, of in enumerate(model.modes)]
+        # Those that no photograph shows are left out.
+        self._log_modes = np.concatenate([own[own.any(axis=1)] for own in modes])
         # Index of each row's fiber.
-        self._fiber = np.concatenate(
-            [np.full(points.sum(), self.fibers.index(photo.fiber)) for photo, points in pairs]
+        self._fiber = np.searchsorted(self.fibers, fiber)
+        self._radius2 = gathered(lambda photo: photo.radius2)
+        self._counts = gathered(lambda photo: photo.counts[:, self.channels])
+        slope = gathered(lambda photo: photo.tilt_slope[..., self.channels].swapaxes(0, 1))
+        self._slope = slope.swapaxes(0, 1)
+        self._carries = gathered(
+            lambda photo: whole(photo, *np.isin(self.channels, photo.channels))
         )
-        self._radius2 = np.concatenate([photo.radius2[points] for photo, points in pairs])
-        self._counts = np.concatenate(
-            [photo.counts[points][:, self.channels] for photo, points in pairs]
-        )
-        self._slope = np.concatenate(
-            [photo.tilt_slope[:, points][:, :, self.channels] for photo, points in pairs], axis=1
-        )
-        carries = [np.isin(self.channels, photo.channels) for photo in measurements]
-        self._carries = np.repeat(carries, np.diff(self._first), axis=0)
-        self._noise = np.repeat([photo.noise for photo in measurements], np.diff(self._first))
-        self._log_modes = self._gathered_modes(model.modes)
+        self._noise = gathered(lambda photo: whole(photo, photo.noise))
         self.power_columns = slice(FIXED, FIXED + len(self.fibers) - 1)
         self.size = self.power_columns.stop + len(self.channels)
         self.gain_columns = slice(self.power_columns.stop, self.size)
         self.rows, self.used = self._counts.size, int(self._carries.sum())
-
-    def _gathered(self, values: Array) -> Array:
-        """Return ``(n, bend, fiber, point)`` at the rows, ``(n, row)``."""
-        return np.concatenate(
-            [values[:, photo.bend, photo.fiber, photo.used] for photo in self._measurements], axis=1
-        )
-
-    def _gathered_modes(self, modes: ErrorModes) -> Array:
-        """Return ``(mode, row)`` of all bends; those that no photograph shows are left out."""
-        first = np.cumsum([0, *(len(bend_modes) for bend_modes in modes)])
-        gathered = np.zeros((first[-1], self._first[-1]))
-        rows = zip(self._measurements, self._first, self._first[1:], strict=False)
-        for photo, begin, end in rows:
-            of_bend = slice(first[photo.bend], first[photo.bend + 1])
-            gathered[of_bend, begin:end] = modes[photo.bend][:, photo.fiber, photo.used]
-        return gathered[gathered.any(axis=1)]
 
     def start(self, material: Material) -> Array:
         """Return parameters from ``material`` and the overall brightness of each photograph.
@@ -117,8 +105,7 @@ class CalibrationResiduals:
         """
         x = np.zeros(self.size)
         x[MATERIAL] = material.array()
-        log_light = terms(x[None, MATERIAL])[0] @ self._coefficients + self._log_correction
-        ratio = np.log(np.maximum(self._counts, 1e-3)) - log_light[:, None]
+        ratio = np.log(np.maximum(self._counts, 1e-3)) - self._log_light(x)[:, None]
         ratio = np.where(self._carries, ratio, np.nan)
         gain = np.nanmedian(ratio, axis=0)
         excess = np.nanmean(ratio - gain, axis=1)
@@ -135,12 +122,12 @@ class CalibrationResiduals:
         brighter.
         """
         counts = self._predicted(x)
-        error = np.hypot(self._noise[:, None], MIN_RELATIVE_ERROR * counts)
+        error = np.hypot(self._noise, MIN_RELATIVE_ERROR * counts)
         self._weight = np.where(self._carries, 1 / error, 0.0)
-        # (mode, residual)
         weighted = self._log_modes[:, :, None] * (counts * self._weight)
-        self._modes = weighted.reshape(len(weighted), -1)
-        self._inverse = np.linalg.inv(self._modes @ self._modes.T + np.eye(len(weighted)))
+        self.modes = weighted.reshape(len(weighted), -1)
+        """The model's error modes as data residuals, ``(mode, residual)``."""
+        self._inverse = np.linalg.inv(self.modes @ self.modes.T + np.eye(len(weighted)))
 
     def bounds(self) -> tuple[Array, Array]:
         """Return lowest and highest parameters."""
@@ -162,10 +149,14 @@ class CalibrationResiduals:
         power = np.exp(np.concatenate([[0.0], x[self.power_columns]]))
         return power / power.mean(), np.exp(x[self.gain_columns])
 
+    def _log_light(self, x: Array) -> Array:
+        """Return the model's log light ``(row,)``."""
+        return np.asarray(terms(x[MATERIAL]) @ self._coefficients + self._log_correction)
+
     def _predicted(self, x: Array) -> Array:
         """Return predicted counts ``(row, channel)``."""
         power, gain = self.unpack(x)
-        light = np.exp(terms(x[None, MATERIAL])[0] @ self._coefficients + self._log_correction)
+        light = np.exp(self._log_light(x))
         shaded = light * power[self._fiber] * (1 - x[VIGNETTING] * self._radius2)
         return np.asarray(shaded[:, None] * gain)
 
@@ -181,8 +172,8 @@ class CalibrationResiduals:
 
     def projected(self, residuals: Array) -> Array:
         """Return what the modes leave of residuals ``(residual, ...)``, then their amplitudes."""
-        amplitude = self._inverse @ (self._modes @ residuals)
-        return np.concatenate([residuals - self._modes.T @ amplitude, amplitude])
+        amplitude = self._inverse @ (self.modes @ residuals)
+        return np.concatenate([residuals - self.modes.T @ amplitude, amplitude])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives ``(residual, parameter)`` of ``residuals``."""
@@ -196,18 +187,11 @@ class CalibrationResiduals:
         for fiber in range(1, len(self.fibers)):
             change = (self._fiber == fiber) - power[fiber] / len(self.fibers)
             columns.append(-weighted * change[:, None])
-        for channel in range(len(self.channels)):
-            only = np.zeros_like(weighted)
-            only[:, channel] = -weighted[:, channel]
-            columns.append(only)
+        columns += [-weighted * only for only in np.eye(len(self.channels))]
         projected = self.projected(np.stack([column.ravel() for column in columns], axis=1))
         known = np.zeros((1, self.size))
         known[0, ROUGHNESS] = 1 / self._roughness_error
         return np.concatenate([projected, known])
-
-    def mode_residuals(self) -> Array:
-        """Return the model's error modes as data residuals ``(residual, mode)``."""
-        return np.asarray(self._modes.T)
 
     def predictions(self, x: Array) -> list[Array]:
         """Return counts ``(point, 3)`` at all points of every photograph."""
@@ -269,7 +253,7 @@ def standard_errors(problem: CalibrationResiduals, x: Array) -> StandardErrors:
     excess = max(1.0, float(residuals @ residuals) / (problem.used - len(x)))
     # Held more tightly than it is known: what is not known of it is carried to everything else.
     known = ROUGHNESS_KNOWN / ROUGHNESS_HELD * moves[:, -1:]
-    moved = moves[:, :-1] @ problem.projected(problem.mode_residuals())
+    moved = moves[:, :-1] @ problem.projected(problem.modes.T)
     parts = {
         "photographs": excess * np.asarray(moves[:, : problem.rows] @ moves[:, : problem.rows].T),
         "model": MODEL_ERROR_FACTOR**2 * moved @ moved.T,

@@ -22,6 +22,7 @@ from hw.calibration.residuals import (
     StandardErrors,
     standard_errors,
 )
+from hw.calibration.setup import Setup
 from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
@@ -107,9 +108,9 @@ def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
     )
 
 
-def measure(scene: Scene, sets: list[PhotoSet], bends: Array, noise: float) -> list[Measurement]:
-    """Return the reference lines of all photographs; ``sets`` are in the order of ``bends``."""
-    reader = LineReader(scene, bends, noise)
+def measure(setup: Setup, sets: list[PhotoSet], noise: float) -> list[Measurement]:
+    """Return the reference lines of all photographs; ``sets`` are in the order of the bends."""
+    reader = LineReader(setup, noise)
     return [
         reader.read(photo, fiber, bend)
         for bend, photos in enumerate(sets)

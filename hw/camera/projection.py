@@ -33,7 +33,7 @@ def intrinsics(scene: Scene, columns: int, rows: int) -> Array:
     )
 
 
-def rotation(tilt: Sequence[float]) -> Array:
+def rotation(tilt: Sequence[float] | Array) -> Array:
     """Return the matrix that turns by ``tilt`` (rad) about x, then y, then the viewing axis.
 
     Every turn leads the first of the other two axes towards the second, in the order x, y, z.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import IO, Annotated
+from typing import IO, Annotated, Any
 
 from typer import Option
 
@@ -70,21 +70,20 @@ def run(
             print_calibration(stream, result)
 
 
-def print_calibration(stream: IO[str], result: dict[str, object]) -> None:
+def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
     """Write the fitted values and where everything is."""
-    rows = result["table"]
-    assert isinstance(rows, list)
-    for row in rows:
+    for row in result["material"].values():
+        value = f"{row['value']:.4g} {row['unit']}".rstrip()
+        interval = "{:.4g} to {:.4g}".format(*row["interval"])
         stream.write(
-            f"{row['title']:<20} {row['value']:>14}   95 % {row['interval']:<20} "
-            f"(before: {row['before']})\n"
+            f"{row['title']:<20} {value:>14}   95 % {interval:<20} (before: {row['before']:.4g})\n"
         )
     stream.write(
         "g and sigma_s cannot be separated by photographs: sigma_s (1 - g) is calibrated, g kept.\n"
         "The roughness is held near the scene's: photographs hardly tell it.\n"
     )
     confirmation = result["confirmation"]
-    if isinstance(confirmation, dict):
+    if confirmation:
         stream.write(
             f"Confirmed: along the reference lines, renders of the calibrated scene differ from "
             f"the photographs by {100 * confirmation['rms']:.1f} % rms (noise explains "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -44,6 +44,7 @@ def run(
     """Run set, sweep, check and calibrate on an emulated rig."""
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
+    from hw.calibration.setup import Setup
     from hw.emulator.demonstration import (
         check_faults,
         compare_with_truth,
@@ -71,10 +72,9 @@ def run(
             images = render_rig(scene, truth, design, rig_samples)
         else:
             note("Making a rig with secrets: material, powers, directions, camera")
-            correction = surrogate_correction(scene, checker, design.phi, BENDS[:1])
-            images = true_images(
-                scene, truth, design.phi, BENDS[:1], correction=correction, rays=rays
-            )
+            setup = Setup(scene, design.phi, BENDS[:1])
+            correction = surrogate_correction(setup, checker)
+            images = true_images(setup, truth, correction=correction, rays=rays)
         truth = replace(truth, gain=single_exposure(truth, images))
         with switched_on(scene, design, truth, images) as rig:
             set_and_sweep(rig)
@@ -83,7 +83,7 @@ def run(
             if calibrate:
                 note("Photographing every fiber in white, half of them flat and half bent")
                 sets, additive = rig.calibration_sets(), rig.additive_set()
-        result: dict[str, object] = {}
+        result: dict[str, Any] = {}
         if calibrate:
             result = calibrate_sets(
                 scene_name,
@@ -106,7 +106,7 @@ def run(
             _write(stream, checks, result)
 
 
-def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, object]) -> None:
+def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, Any]) -> None:
     from hw.check.diagnosis import WORDS
 
     for name, diagnosis in checks.items():
@@ -118,9 +118,7 @@ def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, obje
     if "truth" not in result:
         return
     print_calibration(stream, result)
-    rows = result["truth"]
-    assert isinstance(rows, list)
-    for row in rows:
+    for row in result["truth"]:
         stream.write(
             f"  the rig's true {row['name']} is {row['true']:.4g}: off by "
             f"{100 * row['error']:+.1f} %, "

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.material import NAMES, PER_UNIT
+from hw.calibration.setup import Setup
 from hw.camera.self_test import self_test
 from hw.check.commission import commission
 from hw.check.diagnosis import Diagnosis
@@ -45,14 +47,9 @@ def render_rig(
     fibers = range(scene.fibers.count)
     with ProgressBar("Rendering the rig") as bar:
         return rendered_images(
-            scene,
-            truth,
-            design.phi,
-            BENDS,
-            [fibers, fibers[CALIBRATION_FIBERS[1]]],
-            samples=rig_samples,
-            progress=bar,
-        )
+            Setup(scene, design.phi, BENDS), truth, [fibers, fibers[CALIBRATION_FIBERS[1]]],
+            samples=rig_samples, progress=bar,
+        )  # fmt: skip
 
 
 def set_and_sweep(rig: EmulatedRig) -> None:
@@ -110,22 +107,11 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
     ]
 
 
-def compare_with_truth(result: dict[str, object], truth: TrueParameters) -> list[dict[str, object]]:
+def compare_with_truth(result: dict[str, Any], truth: TrueParameters) -> list[dict[str, Any]]:
     """Return the truth beside what was found."""
-    material = result["material"]
-    assert isinstance(material, dict)
-    rows: list[dict[str, object]] = []
-    for name, true in zip(NAMES, PER_UNIT * truth.material.array(), strict=True):
-        value = float(true)
-        found = material[name]
-        low, high = found["interval"]
-        rows.append(
-            {
-                "name": name,
-                "true": value,
-                "found": found["value"],
-                "error": found["value"] / value - 1,
-                "inside": bool(low <= value <= high),
-            }
-        )
+    rows = []
+    for name, true in zip(NAMES, (PER_UNIT * truth.material.array()).tolist(), strict=True):
+        found, (low, high) = result["material"][name]["value"], result["material"][name]["interval"]
+        rows.append({"name": name, "true": true, "found": found, "error": found / true - 1,
+                     "inside": low <= true <= high})  # fmt: skip
     return rows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from hw.calibration.line_model import SurrogateCorrection
 from hw.calibration.log_ratio import log_ratios
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import in_frame, reference_lines, sample_image
+from hw.calibration.reference_lines import in_frame, sample_image
+from hw.calibration.setup import Setup
 from hw.camera.projection import pad_positions, pixels_of
 from hw.emulator.emulated_camera import CameraImperfections
 from hw.emulator.smooth_ratio import SmoothRatio
@@ -24,6 +25,8 @@ from tactilux import Scene
 
 COLUMNS, ROWS = 120, 200
 RAYS = 360_000
+FIRST_SEED = 900_000
+"""Nothing that a fit is built from has such seeds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,11 @@ class TrueParameters:
     gain: float
     imperfections: CameraImperfections
     seed: int
+
+    def built(self, setup: Setup) -> Setup:
+        """Return what was truly built of ``setup``: its material and directions."""
+        own = setup.of(self.material.array())
+        return replace(own, phi=np.clip(setup.phi + self.turn, 0.0, np.pi))
 
 
 def random_parameters(scene: Scene, seed: int) -> TrueParameters:
@@ -72,10 +80,8 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
 
 
 def true_images(
-    scene: Scene,
+    setup: Setup,
     truth: TrueParameters,
-    phi: Array,
-    bends: Array,
     *,
     correction: SurrogateCorrection | None = None,
     rays: int = RAYS,
@@ -85,30 +91,24 @@ def true_images(
     The random walk has a seed of the rig's own, so that nothing a fit was built from is in it.
 
     Arguments:
-        scene: what is known about the rig.
+        setup: what is known about the rig, as designed.
         truth: what is not.
-        phi: ``(fiber,)`` rad, as designed.
-        bends: ``(bend,)`` rad.
         correction: from preview to surrogate, applied where given.
         rays: light paths of the random walk.
     """
-    own = truth.material.put_into(scene)
-    turned = np.clip(phi + truth.turn, 0.0, np.pi)
-    seed = 900_000 + truth.seed
-    images = fiber_images(own, turned, bends, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
+    own, seed = truth.built(setup), FIRST_SEED + truth.seed
+    images = fiber_images(own, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
     if correction is not None:
-        for index, bend in enumerate(bends):
-            position = pad_positions(scene, float(bend), ROWS, COLUMNS)
-            for fiber in range(len(phi)):
-                images[index, fiber] *= np.exp(correction.log_ratio(index, fiber, position))
+        for index, bend in enumerate(setup.bends):
+            position = pad_positions(setup.scene, float(bend), ROWS, COLUMNS).reshape(1, -1, 2)
+            ratio = np.exp(correction.log_ratio(position)[index])
+            images[index] *= ratio.reshape(-1, ROWS, COLUMNS)
     return images
 
 
 def rendered_images(
-    scene: Scene,
+    setup: Setup,
     truth: TrueParameters,
-    phi: Array,
-    bends: Array,
     lit: Sequence[Sequence[int]],
     *,
     samples: int,
@@ -123,26 +123,21 @@ def rendered_images(
     a constant.
 
     Arguments:
-        scene: what is known about the rig.
+        setup: what is known about the rig, as designed.
         truth: what is not.
-        phi: ``(fiber,)`` rad, as designed.
-        bends: ``(bend,)`` rad.
         lit: fibers that will be photographed at each bend; the others stay dark.
         samples: light paths per fiber and cell of the pad.
         progress: called every few seconds.
     """
-    own = truth.material.put_into(scene)
-    turned = np.clip(phi + truth.turn, 0.0, np.pi)
-    seed = 900_000 + truth.seed
     light = render_pad_light(
-        own, turned, bends, lit, samples=samples, seed=seed, progress=progress,
-        around=reference_lines(scene).on_pad,
+        truth.built(setup), lit, samples=samples, seed=FIRST_SEED + truth.seed,
+        around=setup.lines.on_pad, progress=progress,
     )  # fmt: skip
-    images = true_images(scene, truth, phi, bends)
-    for bend, angle in enumerate(bends):
-        images[bend, np.setdiff1d(np.arange(len(phi)), lit[bend])] = 0.0
+    images = true_images(setup, truth)
+    for bend, angle in enumerate(setup.bends):
+        images[bend, np.setdiff1d(np.arange(len(setup.phi)), lit[bend])] = 0.0
         if len(lit[bend]):
-            _bring_to_reference(scene, images[bend], light, lit[bend], bend, float(angle))
+            _bring_to_reference(setup.scene, images[bend], light, lit[bend], bend, float(angle))
     return images
 
 
@@ -158,7 +153,7 @@ def _bring_to_reference(
     blocks = light.positions()
     flat = blocks.reshape(-1, 2)
     pixels = pixels_of(scene, angle, flat, ROWS, COLUMNS)
-    part = light.part_of(flat)
+    part = light.square_of(flat, light.blocks // 2)
     places = {fiber: in_frame(scene, fiber, flat) for fiber in fibers}
     with np.errstate(divide="ignore", invalid="ignore"):
         smooth = SmoothRatio(

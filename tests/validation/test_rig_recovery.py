@@ -14,6 +14,7 @@ from hw.calibration.line_model import LineModel, line_model
 from hw.calibration.material import NAMES, PER_UNIT, Material
 from hw.calibration.refine import refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure
+from hw.calibration.setup import Setup
 from hw.emulator.rig import random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from optimize.design import baseline_design
@@ -70,7 +71,7 @@ def compared(found: Calibration, truth: Material) -> list[Recovered]:
 def drawn_model() -> LineModel:
     """Return the model of the default sensor's reference lines."""
     scene = load_scene("finger20")
-    return line_model(scene, open_model(scene, None), baseline_design(scene).phi, BENDS)
+    return line_model(Setup(scene, baseline_design(scene).phi, BENDS), open_model(scene, None))
 
 
 @pytest.mark.skipif(not LONG, reason="part of make validation-long")
@@ -78,19 +79,17 @@ def drawn_model() -> LineModel:
 def test_every_bounded_value_is_near_the_truth_or_its_interval_holds_it(seed: int) -> None:
     scene, model = load_scene("finger20"), drawn_model()
     design, truth = baseline_design(scene), random_parameters(scene, seed)
-    fibers = range(scene.fibers.count)
-    images = rendered_images(
-        scene, truth, design.phi, BENDS, [fibers[own] for own in CALIBRATION_FIBERS],
-        samples=RIG_SAMPLES,
-    )  # fmt: skip
+    setup, fibers = Setup(scene, design.phi, BENDS), range(scene.fibers.count)
+    lit = [fibers[own] for own in CALIBRATION_FIBERS]
+    images = rendered_images(setup, truth, lit, samples=RIG_SAMPLES)
     truth = replace(truth, gain=single_exposure(truth, images))
     with switched_on(scene, design, truth, images) as rig:
         sets = rig.calibration_sets()
-    measurements = measure(scene, sets, BENDS, truth.imperfections.noise)
+    measurements = measure(setup, sets, truth.imperfections.noise)
     first = fit_rig(scene, model, measurements)
     found, told = refine(
-        scene, model, first, measurements, design.phi, BENDS, materials=MATERIALS,
-        samples=SAMPLES, folder=cache_folder(),
+        setup, model, first, measurements, materials=MATERIALS, samples=SAMPLES,
+        folder=cache_folder(),
     )  # fmt: skip
     # Raises where `tactilux hw calibrate` would refuse.
     found.require_known()

@@ -7,7 +7,7 @@ import pytest
 
 from hw.calibration.fiber_images import FEW, few_nodes
 from hw.calibration.material_table import line_light
-from hw.calibration.reference_lines import line_pixels
+from hw.calibration.setup import Setup
 from render.errors import RenderError
 from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.diffuser.basis import moments
@@ -69,11 +69,11 @@ def test_more_points_of_light_change_nothing(monkeypatch: pytest.MonkeyPatch) ->
     scene, bends = load_scene("finger20"), np.array([0.0, np.pi / 2])
     few = scene.fibers.model_copy(update={"left": 1, "tip": 1, "right": 1})
     scene = scene.model_copy(update={"fibers": few})
-    pixels = line_pixels(scene, bends, 200, 120)
+    setup = Setup(scene, np.full(3, np.pi / 2), bends)
+    pixels = setup.line_pixels(200, 120)
 
     def drawn() -> np.ndarray:
-        phi = np.full(3, np.pi / 2)
-        return np.log(line_light(scene, phi, bends, pixels=pixels, rays=30_000, seed=3))
+        return np.log(line_light(setup, pixels=pixels, rays=30_000, seed=3))
 
     usual = drawn()
     monkeypatch.setattr("hw.calibration.fiber_images.HEIGHTS", 32)

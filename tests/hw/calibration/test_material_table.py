@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.calibration.material import HIGH, LOW, Material, design_key, sobol_materials
+from hw.calibration.material import HIGH, LOW, Material, sobol_materials
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.reference_lines import sample_image
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy_log_light
@@ -40,9 +41,11 @@ def test_materials_fill_their_range() -> None:
 
 def test_the_key_does_not_depend_on_the_scenes_own_material(scene: Scene) -> None:
     other = Material(0.7, 0.03, 0.2, 0.2).put_into(scene)
-    assert design_key(4, scene, PHI, BENDS) == design_key(4, other, PHI, BENDS)
-    assert design_key(4, scene, PHI, BENDS) != design_key(4, scene, PHI + 0.1, BENDS)
-    assert design_key(4, scene, PHI, BENDS) != design_key(4, scene, PHI, BENDS[:1])
+    key = Setup(scene, PHI, BENDS).key(4)
+    assert Setup(other, PHI, BENDS).key(4) == key
+    assert Setup(scene, PHI + 0.1, BENDS).key(4) != key
+    assert Setup(scene, PHI, BENDS[:1]).key(4) != key
+    assert Setup(scene, PHI, BENDS).key(5) != key
 
 
 def test_drawing_goes_on_where_it_stood_and_draws_damaged_parts_again(
@@ -50,23 +53,23 @@ def test_drawing_goes_on_where_it_stood_and_draws_damaged_parts_again(
 ) -> None:
     drawn: list[int] = []
 
-    def line_light(own: Scene, *_: object, seed: int, **__: object) -> Array:
+    def line_light(own: Setup, *, seed: int, **_: object) -> Array:
         if len(drawn) == 20:
             raise KeyboardInterrupt
         drawn.append(seed)
-        return np.exp(toy_log_light(scene, Material.of(own).array()))
+        return np.exp(toy_log_light(scene, Material.of(own.scene).array()))
 
     monkeypatch.setattr("hw.calibration.material_table.line_light", line_light)
     with pytest.raises(KeyboardInterrupt):
-        material_table(scene, PHI, BENDS, folder=tmp_path)
+        material_table(Setup(scene, PHI, BENDS), folder=tmp_path)
     first, drawn[:] = list(drawn), []
     (kept,) = (path for path in tmp_path.iterdir())
     (kept / "003.npz").write_bytes(b"half a file")
-    whole = material_table(scene, PHI, BENDS, folder=tmp_path)
+    whole = material_table(Setup(scene, PHI, BENDS), folder=tmp_path)
     assert sorted(first + drawn[1:]) == list(range(1000, 1032))
     assert drawn[0] == 1003
     drawn.clear()
-    again = material_table(scene, PHI, BENDS, folder=tmp_path)
+    again = material_table(Setup(scene, PHI, BENDS), folder=tmp_path)
     assert not drawn
     np.testing.assert_array_equal(again.coefficients, whole.coefficients)
 

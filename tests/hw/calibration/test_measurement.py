@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hw.calibration.measurement import LineReader, Measurement
+from hw.calibration.setup import Setup
 from hw.emulator.emulated_camera import NOISE_40_DB, CameraImperfections, seen_by
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy_images
@@ -25,7 +26,7 @@ def images(scene: Scene) -> Images:
 
 @pytest.fixture(scope="module")
 def reader(scene: Scene) -> LineReader:
-    return LineReader(scene, BENDS, NOISE_40_DB)
+    return LineReader(Setup(scene, np.full(20, np.pi / 2), BENDS), NOISE_40_DB)
 
 
 def lines(

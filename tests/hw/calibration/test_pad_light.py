@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.pad_light import BLOCKS, PadLight, render_pad_light
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.geometry import facet_masks, flat_sites
 from render.scene import Scene, load_scene
@@ -38,9 +39,11 @@ def reference_cells(scene: Scene, bend: float) -> tuple[Array, Array]:
 @pytest.fixture(scope="module")
 def light() -> PadLight:
     """Return the small scene's pad, bent, under some fibers."""
-    return render_pad_light(
-        small_scene(), np.full(20, np.pi / 2), np.array([0.6]), [LIT], samples=150, seed=1
-    )
+    scene = small_scene()
+    setup = Setup(scene, np.full(20, np.pi / 2), np.array([0.6]))
+    whole = np.mgrid[-8.0:9.0:2.0, -14.0:15.0:2.0].reshape(2, -1).T
+    around = np.broadcast_to(whole, (20, *whole.shape))
+    return render_pad_light(setup, [LIT], samples=150, seed=1, around=around)
 
 
 @pytest.mark.usefixtures("mono")
@@ -80,7 +83,7 @@ def test_light_is_linear_between_blocks(x: float, y: float) -> None:
 
 def test_cells_are_numbered_from_the_base() -> None:
     corners = np.array([[-1.9, -2.9], [1.9, -2.9], [-1.9, 2.9]])
-    assert ramp().cell_of(corners).tolist() == [0, 1, 4]
+    assert ramp().square_of(corners, BLOCKS).tolist() == [0, 1, 4]
 
 
 def test_what_was_not_rendered_is_not_read() -> None:

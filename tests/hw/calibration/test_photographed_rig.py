@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.calibration.calibration import told
 from hw.calibration.calibration_report import render_report
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
+from hw.calibration.setup import Setup
 from hw.camera.linearity import Linearity
 from hw.errors import CalibrationError
 from render.arrays import Array
@@ -26,6 +28,10 @@ def camera_scene(scene: Scene) -> Scene:
     return scene.model_copy(update={"camera": camera})
 
 
+def setup_of(scene: Scene) -> Setup:
+    return Setup(scene, np.full(20, np.pi / 2), BENDS)
+
+
 Outcome = tuple[Calibration, list[Measurement], Array]
 
 
@@ -33,7 +39,7 @@ Outcome = tuple[Calibration, list[Measurement], Array]
 def outcome(camera_scene: Scene, table: MaterialTable) -> Outcome:
     """Photograph and fit."""
     sets, _, power = taken(camera_scene, IMPERFECTIONS)
-    measurements = measure(camera_scene, sets, BENDS, 2.55)
+    measurements = measure(setup_of(camera_scene), sets, 2.55)
     return fit_rig(camera_scene, toy_model(table), measurements), measurements, power
 
 
@@ -64,15 +70,9 @@ def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
     outcome: Outcome, camera_scene: Scene, tmp_path: Path
 ) -> None:
     found, measurements, _ = outcome
-    text = render_report(
-        camera_scene,
-        found,
-        measurements,
-        BENDS,
-        Linearity(0.004, 0.0, 1.0, 1.0, "none"),
-        None,
-        "2026-01-31",
-    )
+    linear = Linearity(0.004, 0.0, 1.0, 1.0, "none")
+    result = {"date": "2026-01-31", **told(camera_scene, found, linear, None)}
+    text = render_report(setup_of(camera_scene), result, found, measurements)
     assert text.count("data:image/png;base64,") == 6
     assert "g and sigma_s cannot be separated" in text
     assert "Neither corrected nor confirmed by renders" in text
@@ -99,6 +99,6 @@ def test_a_sweep_without_all_fibers_together_is_refused(camera_scene: Scene) -> 
 def test_a_dark_fiber_raises_one_clear_error(camera_scene: Scene, table: MaterialTable) -> None:
     sets, _, _ = taken(camera_scene, IMPERFECTIONS)
     sets[0].alone[4] = 0.0 * sets[0].alone[4]
-    measurements = measure(camera_scene, sets, BENDS, 2.55)
+    measurements = measure(setup_of(camera_scene), sets, 2.55)
     with pytest.raises(CalibrationError, match="fiber 4 lights too few points"):
         fit_rig(camera_scene, toy_model(table), measurements)

@@ -12,6 +12,7 @@ import pytest
 from hw.calibration.material import Material, sobol_materials
 from hw.calibration.pad_light import PadLight
 from hw.calibration.reference_renders import MaterialRender, reference_renders
+from hw.calibration.setup import Setup
 from render.progress import Progress
 from render.scene import Scene
 
@@ -27,10 +28,10 @@ class Renderer:
         self.asked: list[tuple[float, int]] = []
         self._patience = patience
 
-    def __call__(self, scene: Scene, *_: object, seed: int, **__: object) -> PadLight:
+    def __call__(self, setup: Setup, *_: object, seed: int, **__: object) -> PadLight:
         if len(self.asked) == self._patience:
             raise KeyboardInterrupt
-        scattering = Material.of(scene).reduced_scattering
+        scattering = Material.of(setup.scene).reduced_scattering
         self.asked.append((scattering, seed))
         light = np.full((1, 20, 4, 4), scattering)
         return PadLight(2.0, 4, light, 0.1 * light)
@@ -39,7 +40,8 @@ class Renderer:
 def renders(scene: Scene, folder: Path, renderer: Renderer, **other: Any) -> list[MaterialRender]:
     options = {"lit": LIT, "samples": 10, "materials": 4} | other
     lit = options.pop("lit")
-    return reference_renders(scene, PHI, BENDS, lit, folder=folder, render=renderer, **options)
+    setup = Setup(scene, PHI, BENDS)
+    return reference_renders(setup, lit, folder=folder, render=renderer, **options)
 
 
 def test_every_material_is_rendered_with_a_seed_of_its_own(scene: Scene, tmp_path: Path) -> None:
@@ -82,7 +84,7 @@ def test_the_time_left_is_that_of_all_renders(scene: Scene, tmp_path: Path) -> N
         return Renderer()(*args, **options)
 
     reference_renders(
-        scene, PHI, BENDS, LIT, materials=3, samples=10, folder=tmp_path, render=slow,
+        Setup(scene, PHI, BENDS), LIT, materials=3, samples=10, folder=tmp_path, render=slow,
         progress=told.append,
     )  # fmt: skip
     assert [at.stage for at in told] == [f"material {n} of 3" for n in (1, 2, 3)]

@@ -14,6 +14,7 @@ from hw.calibration.pad_light import BLOCKS, PadLight
 from hw.calibration.reference_lines import frame_positions, in_frame
 from hw.calibration.refine import Confirmation, refine
 from hw.calibration.rig_fit import Calibration, fit_rig
+from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.progress import Progress
 from render.scene import Scene
@@ -34,9 +35,7 @@ def stand_in(calls: list[Array]) -> Callable[..., PadLight]:
     """Return a renderer of the distorted toy; it notes the materials that it is asked for."""
 
     def render(
-        scene: Scene,
-        phi: Array,
-        bends: Array,
+        setup: Setup,
         lit: Sequence[Sequence[int]],
         *,
         samples: int,
@@ -45,14 +44,14 @@ def stand_in(calls: list[Array]) -> Callable[..., PadLight]:
         progress: Callable[[Progress], None] | None = None,
     ) -> PadLight:
         assert around is not None
-        material = Material.of(scene).array()
+        material = Material.of(setup.scene).array()
         calls.append(material)
         rng = np.random.default_rng(seed)
-        radiance = np.full((len(bends), len(phi), 15 * BLOCKS, 9 * BLOCKS), np.nan)
+        radiance = np.full((len(setup.bends), len(setup.phi), 15 * BLOCKS, 9 * BLOCKS), np.nan)
         light = PadLight(2.0, BLOCKS, radiance, NOISE * np.ones(radiance.shape))
         for bend, fibers in enumerate(lit):
             for fiber in fibers:
-                across, along = np.moveaxis(in_frame(scene, fiber, light.positions()), -1, 0)
+                across, along = np.moveaxis(in_frame(setup.scene, fiber, light.positions()), -1, 0)
                 away = np.maximum(along, 0.0)
                 shape = toy(material, across, away, bend) + distortion(across, away)
                 parts = rng.standard_normal((30, 18)).repeat(BLOCKS // 2, 0).repeat(BLOCKS // 2, 1)
@@ -92,7 +91,7 @@ def outcome(
     first = fit_rig(scene, model, distorted)
     calls: list[Array] = []
     found, confirmation = refine(
-        scene, model, first, distorted, np.full(20, np.pi / 2), BENDS, materials=MATERIALS,
+        Setup(scene, np.full(20, np.pi / 2), BENDS), model, first, distorted, materials=MATERIALS,
         samples=1, folder=tmp_path_factory.mktemp("cache"), render=stand_in(calls),
     )  # fmt: skip
     return Outcome(first, found, confirmation, calls)

@@ -17,7 +17,7 @@ def test_errors_of_powers_and_gains_are_read_where_the_fit_keeps_these_parameter
         jacobian=lambda _: np.concatenate([np.diag(1 / error), np.zeros((1, 9))]),
         scale=lambda: np.ones(9),
         residuals=lambda _: np.zeros(10),
-        mode_residuals=lambda: np.zeros((9, 1)),
+        modes=np.zeros((1, 9)),
         projected=lambda residuals: residuals,
         unpack=lambda _: (np.ones(3), np.ones(1)),
         power_columns=slice(6, 8),

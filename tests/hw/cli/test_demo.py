@@ -21,7 +21,9 @@ def test_the_demonstration_recovers_the_rigs_true_values(
     monkeypatch.setattr("hw.calibration.calibration.line_model", lambda *_: model)
     monkeypatch.setattr(
         "hw.emulator.demonstration.rendered_images",
-        lambda scene, truth, *_, **__: toy_images(scene, truth.material.array(), ROWS, COLUMNS),
+        lambda setup, truth, *_, **__: toy_images(
+            setup.scene, truth.material.array(), ROWS, COLUMNS
+        ),
     )
     result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")
     assert result.code == 0, result.err
