@@ -13,9 +13,9 @@ from hw.calibration.calibrated_scene import calibrated_toml
 from hw.calibration.calibration_report import render_report
 from hw.calibration.line_model import line_model
 from hw.calibration.material import NAMES, PER_UNIT, TITLES, UNITS, Material
+from hw.calibration.reference_lines import Setup
 from hw.calibration.refine import Confirmation, refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
-from hw.calibration.setup import Setup
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError

@@ -10,9 +10,8 @@ import numpy as np
 
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import NAMES as LINES
-from hw.calibration.reference_lines import ReferenceLines
+from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.rig_fit import Calibration
-from hw.calibration.setup import Setup
 from optimize.report import data_uri, render_page
 from render.arrays import Array
 

@@ -15,7 +15,7 @@ import numpy as np
 from hw.calibration.log_ratio import quadratic_terms
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.model_error import ErrorModes, field_modes
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup
 from render.arrays import Array
 from render.geometry import flat_sites
 from render.preview import cache_folder

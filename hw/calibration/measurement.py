@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.reference_lines import sample_image
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup, sample_image
 from hw.camera.projection import intrinsics, pad_positions, rotation
 from render.arrays import Array
 
@@ -101,7 +100,8 @@ class LineReader:
         import cv2
 
         box = (BOX_PIXELS, BOX_PIXELS)
-        smooth = np.asarray(cv2.blur(photo, box, borderType=cv2.BORDER_REPLICATE))
+        blurred = cv2.blur(photo, box, borderType=cv2.BORDER_REPLICATE)
+        smooth: Array = np.asarray(blurred, dtype=np.float64)
         wide = _averaged(photo, self._clear[bend])
         pixels = self._pixels[bend, fiber]
         counts, here = sample_image(smooth, pixels), sample_image(wide, pixels)

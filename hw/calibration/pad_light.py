@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.log_ratio import LogRatios, log_ratios
-from hw.calibration.reference_lines import frame_positions
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup, frame_positions
 from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.progress import Clock, OnProgress

@@ -5,11 +5,16 @@ Their points are the same in every fiber's frame: mm beside its axis, and from t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.calibration.material import HIGH, LOW, Material
+from hw.camera.projection import pixels_of
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
 from tactilux import Scene
@@ -89,7 +94,7 @@ def _edge_distance(scene: Scene) -> float:
     return scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
 
 
-def sample_image(image: Array, pixels: Array) -> Array:
+def sample_image(image: NDArray[np.floating], pixels: Array) -> Array:
     """Return ``image`` ``(row, column[, channel])`` at ``pixels`` ``(n, 2)``, NaN where they are.
 
     Linear between the middles of pixels.
@@ -103,3 +108,43 @@ def sample_image(image: Array, pixels: Array) -> Array:
         map_coordinates(layer, place, order=1, mode="nearest") for layer in layers.T.swapaxes(1, 2)
     ]
     return np.where(seen[:, None], np.stack(values, axis=-1), np.nan).reshape(-1, *image.shape[2:])
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A sensor as it is photographed.
+
+    Arguments:
+        scene: the sensor.
+        phi: ``(fiber,)`` rad, where its fibers point.
+        bends: ``(bend,)`` rad, at which it is photographed.
+    """
+
+    scene: Scene
+    phi: Array
+    bends: Array
+
+    @cached_property
+    def lines(self) -> ReferenceLines:
+        """The reference lines of all fibers."""
+        return reference_lines(self.scene)
+
+    def of(self, material: Array) -> Setup:
+        """Return the same sensor made of ``(4,)`` material."""
+        return replace(self, scene=Material.from_array(material).put_into(self.scene))
+
+    def key(self, version: int, *details: object) -> str:
+        """Return a hash of all this but the material, and of ``details``."""
+        neutral = self.of(np.sqrt(LOW * HIGH) + 0.01).scene
+        content = [version, neutral.hash, np.round(self.phi, 9).tolist(),
+                   np.round(self.bends, 9).tolist(), *details]  # fmt: skip
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]
+
+    def line_pixels(self, rows: int, columns: int) -> Array:
+        """Return where the lines are in images, ``(bend, fiber, point, 2)``, NaN where unseen."""
+        points = self.lines.on_pad
+        pixels = [
+            pixels_of(self.scene, float(bend), points.reshape(-1, 2), rows, columns)
+            for bend in self.bends
+        ]
+        return np.stack(pixels).reshape(-1, *points.shape)

@@ -15,7 +15,7 @@ import numpy as np
 
 from hw.calibration.material import sobol_materials
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import OnProgress, Progress

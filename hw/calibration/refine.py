@@ -21,10 +21,9 @@ from hw.calibration.material_correction import material_correction
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import ReferenceLines
+from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.reference_renders import MaterialRender, reference_renders
 from hw.calibration.rig_fit import Calibration, fit_rig
-from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.progress import OnProgress, in_stage
 

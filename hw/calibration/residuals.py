@@ -77,7 +77,7 @@ class CalibrationResiduals:
             return np.tile(np.array(values), (len(photo.used), 1))
 
         bend, fiber = gathered(lambda photo: whole(photo, photo.bend, photo.fiber)).T
-        point = gathered(lambda photo: np.arange(len(photo.used)))
+        point = np.concatenate([np.nonzero(photo.used)[0] for photo in measurements])
         self._coefficients = model.table.coefficients[:, bend, fiber, point]
         self._log_correction = model.log_correction[bend, fiber, point]
         modes = [np.where(bend == b, of[:, fiber, point], 0.0) for b, of in enumerate(model.modes)]

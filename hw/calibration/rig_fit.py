@@ -14,6 +14,7 @@ import numpy as np
 from hw.calibration.line_model import LineModel
 from hw.calibration.material import HIGH, LOW, NAMES, PER_UNIT, UNITS, Material
 from hw.calibration.measurement import LineReader, Measurement
+from hw.calibration.reference_lines import Setup
 from hw.calibration.residuals import (
     MATERIAL,
     TILT,
@@ -22,7 +23,6 @@ from hw.calibration.residuals import (
     StandardErrors,
     standard_errors,
 )
-from hw.calibration.setup import Setup
 from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError

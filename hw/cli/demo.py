@@ -44,7 +44,7 @@ def run(
     """Run set, sweep, check and calibrate on an emulated rig."""
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
-    from hw.calibration.setup import Setup
+    from hw.calibration.reference_lines import Setup
     from hw.emulator.demonstration import (
         check_faults,
         compare_with_truth,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.material import NAMES, PER_UNIT
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup
 from hw.camera.self_test import self_test
 from hw.check.commission import commission
 from hw.check.diagnosis import Diagnosis

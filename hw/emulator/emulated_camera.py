@@ -1,7 +1,7 @@
 """A camera that renders: what a rig with unknown true parameters would photograph.
 
 The true scene's material, fiber directions and powers are known to nobody else; so are the camera's
-gains, vignetting, tilt and gamma. Images come from the preview with random numbers of their own,
+gains, vignetting and tilt. Images come from the preview with random numbers of their own,
 or from renders that are handed in.
 """
 
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from hw.camera.photo import FULL_SCALE
 from hw.camera.projection import intrinsics, rotation
 from hw.emulator.emulated_board import EmulatedBoard
-from hw.errors import CameraError
 from render.arrays import Array
 from tactilux import Scene
 
@@ -29,28 +28,18 @@ class CameraImperfections:
 
     Arguments:
         noise: standard deviation of one pixel in counts.
-        gamma: counts are light to the power 1 / gamma; 1 is linear.
         black: counts of no light, which keep noise from being cut at 0.
         vignetting: part of light lost at the image's corners, growing with the square of the
             distance from its middle.
         tilt: rad, rotations of the camera about its x, y and viewing axes.
         gain: ``(3,)`` relative sensitivity of the channels.
-        automatic: the camera changes its exposure so that every photograph is equally bright.
-        order: which channel of the light arrives in which of the photograph: 2, 1, 0 is BGR.
-        drop: so many frames are dropped.
-        ambient: counts of room light.
     """
 
     noise: float = NOISE_40_DB
-    gamma: float = 1.0
     black: float = 8.0
     vignetting: float = 0.0
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    automatic: bool = False
-    order: tuple[int, int, int] = (0, 1, 2)
-    drop: int = 0
-    ambient: float = 0.0
 
 
 @dataclass(eq=False)
@@ -78,39 +67,20 @@ class EmulatedCamera:
     def __post_init__(self) -> None:
         """Bring the images to the camera's size, as it is tilted."""
         self._rng = np.random.default_rng(self.seed)
-        self._dropped = 0
         self._seen = seen_by(self.scene, self.images, self.imperfections)
 
     def capture(self, frames: int = 1) -> Array:
-        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)``.
-
-        Raises:
-            CameraError: the camera drops frames.
-        """
+        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)``."""
         power = np.atleast_2d(self.power.T).T
         lit = self.board.levels[: len(self.images)] / 255.0 * power
         on = np.nonzero(lit.any(axis=1))[0]
         light = np.einsum("fyx,fc->yxc", self.exposure * self._seen[on], lit[on], optimize=True)
-        light = light * self.imperfections.gain + self.imperfections.ambient
-        if self.imperfections.automatic and light.max() > 0:
-            light = light * 0.6 * FULL_SCALE / np.percentile(light, 99.0)
+        light = light * self.imperfections.gain + self.imperfections.black
         total = np.zeros_like(light)
         for _ in range(frames):
-            if self._dropped < self.imperfections.drop:
-                self._dropped += 1
-                raise CameraError(
-                    "the camera dropped a frame: use a shorter cable or a free USB port, then try "
-                    "again",
-                    field="camera",
-                )
             noisy = light + self.imperfections.noise * self._rng.standard_normal(light.shape)
-            encoded = (
-                np.sign(noisy)
-                * FULL_SCALE
-                * (np.abs(noisy) / FULL_SCALE) ** (1 / self.imperfections.gamma)
-            )
-            total += np.clip(np.rint(encoded + self.imperfections.black), 0.0, FULL_SCALE)
-        return np.asarray((total / frames)[..., list(self.imperfections.order)])
+            total += np.clip(np.rint(noisy), 0.0, FULL_SCALE)
+        return np.asarray(total / frames)
 
     def close(self) -> None:
         """Do nothing: there is no camera to give back."""

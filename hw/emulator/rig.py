@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from hw.calibration.fiber_images import fiber_images
 from hw.calibration.line_model import SurrogateCorrection
 from hw.calibration.log_ratio import log_ratios
 from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.material_table import fiber_images
 from hw.calibration.pad_light import PadLight, render_pad_light
-from hw.calibration.reference_lines import in_frame, sample_image
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup, in_frame, sample_image
 from hw.camera.projection import pad_positions, pixels_of
 from hw.emulator.emulated_camera import CameraImperfections
 from hw.emulator.smooth_ratio import SmoothRatio

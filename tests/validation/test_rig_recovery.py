@@ -12,9 +12,9 @@ import pytest
 
 from hw.calibration.line_model import LineModel, line_model
 from hw.calibration.material import NAMES, PER_UNIT, Material
+from hw.calibration.reference_lines import Setup
 from hw.calibration.refine import refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure
-from hw.calibration.setup import Setup
 from hw.emulator.rig import random_parameters, rendered_images
 from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from optimize.design import baseline_design

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hw.calibration.fiber_images import FEW, few_nodes
-from hw.calibration.material_table import line_light
-from hw.calibration.setup import Setup
+from hw.calibration.material_table import FEW, few_nodes, line_light
+from hw.calibration.reference_lines import Setup
 from render.errors import RenderError
 from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.diffuser.basis import moments
@@ -76,7 +75,7 @@ def test_more_points_of_light_change_nothing(monkeypatch: pytest.MonkeyPatch) ->
         return np.log(line_light(setup, pixels=pixels, rays=30_000, seed=3))
 
     usual = drawn()
-    monkeypatch.setattr("hw.calibration.fiber_images.HEIGHTS", 32)
+    monkeypatch.setattr("hw.calibration.material_table.HEIGHTS", 32)
     difference = drawn() - usual
     assert np.nanmax(np.abs(difference)) < 0.015
     assert np.sqrt(np.nanmean(difference**2)) < 0.002

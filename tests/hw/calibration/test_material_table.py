@@ -9,8 +9,7 @@ import pytest
 
 from hw.calibration.material import HIGH, LOW, Material, sobol_materials
 from hw.calibration.material_table import MaterialTable, material_table
-from hw.calibration.reference_lines import sample_image
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup, sample_image
 from render.arrays import Array
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy_log_light

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hw.calibration.measurement import LineReader, Measurement
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup
 from hw.emulator.emulated_camera import NOISE_40_DB, CameraImperfections, seen_by
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy_images

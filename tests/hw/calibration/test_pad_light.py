@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.pad_light import BLOCKS, PadLight, render_pad_light
-from hw.calibration.setup import Setup
+from hw.calibration.reference_lines import Setup
 from render.arrays import Array
 from render.geometry import facet_masks, flat_sites
 from render.scene import Scene, load_scene

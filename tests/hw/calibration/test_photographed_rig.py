@@ -12,9 +12,10 @@ from hw.calibration.calibration import told
 from hw.calibration.calibration_report import render_report
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
+from hw.calibration.reference_lines import Setup
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
-from hw.calibration.setup import Setup
 from hw.camera.linearity import Linearity
+from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
 from render.scene import Scene
@@ -85,9 +86,15 @@ def test_a_linear_camera_may_be_calibrated_on(camera_scene: Scene) -> None:
 
 
 def test_a_gamma_is_refused(camera_scene: Scene) -> None:
-    _, additive, _ = taken(camera_scene, replace(IMPERFECTIONS, gamma=1.8, noise=0.2))
+    _, additive, _ = taken(camera_scene, replace(IMPERFECTIONS, noise=0.2))
+    assert additive.together is not None
+
+    def encoded(photo: Array) -> Array:
+        return 255 * np.sign(photo) * (np.abs(photo) / 255) ** (1 / 1.8)
+
+    alone = {fiber: encoded(photo) for fiber, photo in additive.alone.items()}
     with pytest.raises(CalibrationError, match="gamma"):
-        require_linearity([additive], 0.2)
+        require_linearity([PhotoSet(alone, encoded(additive.together))], 0.2)
 
 
 def test_a_sweep_without_all_fibers_together_is_refused(camera_scene: Scene) -> None:

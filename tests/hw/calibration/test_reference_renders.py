@@ -11,8 +11,8 @@ import pytest
 
 from hw.calibration.material import Material, sobol_materials
 from hw.calibration.pad_light import PadLight
+from hw.calibration.reference_lines import Setup
 from hw.calibration.reference_renders import MaterialRender, reference_renders
-from hw.calibration.setup import Setup
 from render.progress import Progress
 from render.scene import Scene
 

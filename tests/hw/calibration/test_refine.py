@@ -11,10 +11,9 @@ import pytest
 from hw.calibration.material import Material, sobol_materials
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.pad_light import BLOCKS, PadLight
-from hw.calibration.reference_lines import frame_positions, in_frame
+from hw.calibration.reference_lines import Setup, frame_positions, in_frame
 from hw.calibration.refine import Confirmation, refine
 from hw.calibration.rig_fit import Calibration, fit_rig
-from hw.calibration.setup import Setup
 from render.arrays import Array
 from render.progress import Progress
 from render.scene import Scene
