@@ -8,7 +8,8 @@ power of the fiber. float64, errors are one standard deviation of the mean.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,12 @@ class TransportTable:
         weights = interpolation_weights(self.phi, phi)
         return np.asarray(np.einsum("fj,fjbsk...->fbsk...", weights, self.T))
 
+    def at_bends(self, bends: Array) -> TransportTable:
+        """Return the table at ``bends`` ``(bend,)`` rad, interpolated, without its background."""
+        weights = interpolation_weights(self.bends, bends)
+        T, se = (np.einsum("ab,fjbsk->fjask", weights, part) for part in (self.T, self.se))
+        return replace(self, T=T, se=se, bends=bends, background=None, background_se=None)
+
     def save(self, path: Path) -> None:
         """Write the table as ``.npz`` without pickles, first beside ``path``, then renamed."""
         arrays: dict[str, np.ndarray] = {
@@ -134,6 +141,31 @@ class TransportTable:
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)
         write_npz(path, arrays)
+
+
+def mean_table(tables: Sequence[TransportTable], samples: Sequence[float]) -> TransportTable:
+    """Return the mean of independent tables with background, weighted by their ``samples``.
+
+    Its standard errors follow from theirs: ``se^2 = sum_i (w_i se_i)^2``.
+    """
+    weights = [each / sum(samples) for each in samples]
+
+    def mean(name: str) -> Array:
+        parts = zip(weights, tables, strict=True)
+        return np.asarray(sum(weight * getattr(part, name) for weight, part in parts))
+
+    def error(name: str) -> Array:
+        parts = zip(weights, tables, strict=True)
+        squares = sum((weight * getattr(part, name)) ** 2 for weight, part in parts)
+        return np.asarray(np.sqrt(np.asarray(squares)))
+
+    return replace(
+        tables[0],
+        T=mean("T"),
+        se=error("se"),
+        background=mean("background"),
+        background_se=error("background_se"),
+    )
 
 
 def load_table(path: Path) -> TransportTable:

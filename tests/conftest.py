@@ -45,7 +45,7 @@ TOGETHER = {
     ),
     "tiny_night": (
         "tests/optimize/overnight/test_whole_night.py",
-        "tests/optimize/overnight/test_scaling.py",
+        "tests/optimize/overnight/test_status.py",
         "tests/optimize/overnight/test_more_hours.py",
     ),
     "night_report": (

@@ -47,15 +47,16 @@ def run(
     ):
         if both:
             raise BadParameter(f"give {first} or {second}, not both")
-    from optimize.overnight.job import OvernightConfig, check_directory, overnight
-    from optimize.overnight.run_log import Stopped
+    from optimize.overnight.job import overnight
+    from optimize.overnight.run_directory import check_run_directory
+    from optimize.ui.signals import Stopped
     from render.reference import ensure_llvm
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         target = out or Path("runs") / f"{scene.name}-overnight"
-        check_directory(target)
+        check_run_directory(target)
         if dask is None:
             ensure_llvm()
 
@@ -69,12 +70,13 @@ def run(
             return DaskWorkers(workers=workers, address=dask)
 
         note(f"Everything is kept in {target}; interrupted, the same command goes on from there")
-        config = OvernightConfig(None if samples else hours or 8.0, samples, seed)
         try:
             result = overnight(
                 scene_name,
                 target,
-                config,
+                hours=None if samples else hours or 8.0,
+                samples=samples,
+                seed=seed,
                 make_workers=make_workers,
                 lines=stream if json_lines else None,
             )

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-import numpy as np
-
+from optimize.frontier.timed_levels import timed_levels
 from optimize.overnight.context import RunContext
-from optimize.overnight.design_stages import TITLES, LoopOutcome, choose_winner
+from optimize.overnight.design_stages import LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
-from optimize.scoring import JackknifeEstimate, check_interval, jackknife_se, predict_design
+from optimize.overnight.status import status_of
+from optimize.scoring import (
+    IntervalCheck,
+    check_interval,
+    jackknife_se,
+    predict_design,
+    prediction_checked,
+    student_factor,
+)
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
 from surrogate.runtime import MODEL_FILE, Checker, sha256
-
-TIMED_RUNS = 20
-"""Designs whose median time is that of a level."""
 
 
 def conclude(
@@ -24,41 +27,50 @@ def conclude(
     checker: Checker,
     loop_outcome: LoopOutcome,
     evaluation: FinalistEvaluation,
-    checks: Sequence[tuple[int, FinalistEvaluation]],
     hours: float | None,
 ) -> OvernightResult:
     """Return the night that is over."""
+    finalists = [_finalist(context, checker, evaluation, name) for name in evaluation.names]
     winner = choose_winner(evaluation)
+    replicates = len(evaluation.renders.replicates)
+    verdict = [
+        *outcome(finalists, winner, replicates),
+        *comparisons(evaluation, winner),
+        surrogate_sentence(finalists, winner),
+        f"The verification loop stopped because {loop_outcome.reason}.",
+    ]
     return OvernightResult(
         scene=context.scene,
-        settings=evaluation.settings,
-        replicates=len(evaluation.renders.replicates),
-        finalists=tuple(
-            _finalist(context, checker, evaluation, index) for index in range(len(evaluation.names))
-        ),
+        replicates=replicates,
+        finalists=tuple(finalists),
         winner=winner,
-        verdict=_sentences(context, checker, loop_outcome, evaluation, winner),
-        steps=_steps(context, loop_outcome, checks, checker),
-        trade=_trade(context, checker, loop_outcome),
+        verdict=tuple(verdict),
+        steps=_steps(loop_outcome, finalists),
+        trade=tuple(
+            timed_levels(
+                context.scene,
+                checker,
+                [done.seconds / len(done.proposals) for done in loop_outcome.rounds],
+            )
+        ),
         facts=_facts(context, loop_outcome, evaluation, hours),
     )
 
 
 def _finalist(
-    context: RunContext, checker: Checker, evaluation: FinalistEvaluation, index: int
+    context: RunContext, checker: Checker, evaluation: FinalistEvaluation, name: str
 ) -> Finalist:
-    name, design = evaluation.names[index], evaluation.renders.designs[index]
+    index = evaluation.names.index(name)
+    design, settings = evaluation.renders.designs[index], evaluation.settings
     replicates = evaluation.renders.replicates[:, index]
-    settings, score = evaluation.settings, evaluation.scores[index].score
     counts, counts_se = evaluation.renders.counts(settings, index)
     predicted = predict_design(checker, design, context.bends)
     gain = None if name == "baseline" else evaluation.difference("baseline", name)
     return Finalist(
         key=name,
-        title=TITLES[name],
         design=design,
-        score=score.value,
-        se=score.se,
+        rating=evaluation.score(name).rating,
+        se=evaluation.score(name).score.se,
         gain=None if gain is None else gain.value,
         gain_se=None if gain is None else gain.se,
         predicted=float(predicted["score"]),
@@ -71,132 +83,79 @@ def _finalist(
     )
 
 
-def _sentences(
-    context: RunContext,
-    checker: Checker,
-    loop_outcome: LoopOutcome,
-    evaluation: FinalistEvaluation,
-    winner: str,
-) -> tuple[str, ...]:
-    names, sentences = evaluation.names, []
-    if winner != "baseline":
-        sentences.append(evaluation.comparison("baseline", winner))
-    sentences += [
-        evaluation.comparison(other, winner)
-        for other in ("runner-up", "thesis", "colors", "winner")
-        if other in names and other != winner
+def outcome(finalists: Sequence[Finalist], winner: str, replicates: int) -> list[str]:
+    """Return how much better the design is that is handed over, and what that is made of."""
+    entries = {entry.key: entry for entry in finalists}
+    first, last, colors = entries["baseline"], entries[winner], entries.get("colors")
+    if last.gain is None or last.gain_se is None:
+        return [
+            f"Nothing that was rendered beats the baseline, which scores {first.score:.1f} ± "
+            f"{first.se:.1f}."
+        ]
+    half = student_factor(replicates) * last.gain_se
+    sentences = [
+        f"The design scores {last.score:.1f} ± {last.se:.1f}; the baseline scores "
+        f"{first.score:.1f} ± {first.se:.1f}. Rendered with the same seeds, the gain is "
+        f"{last.gain:.1f} ({last.gain / abs(first.score):+.0%}), and its 95% interval reaches "
+        f"from {last.gain - half:.1f} to {last.gain + half:.1f}."
     ]
-    index = names.index(winner)
-    design, score = evaluation.renders.designs[index], evaluation.score(winner).score
-    error = float(predict_design(checker, design, context.bends)["score"]) - score.value
-    half_width = checker.score_half_width
-    sentences.append(
-        f"The surrogate is off by {error:+.2f} for the {winner}: "
-        f"its 90% interval of ±{half_width:.2f} "
-        f"{check_interval(error, half_width, score.se)} (renders ±{score.se:.2f})."
-    )
-    sentences.append(f"The verification loop stopped because {loop_outcome.reason}.")
-    if design.monochrome:
+    if winner != "colors" and colors and colors.gain and 0 < colors.gain < last.gain:
         sentences.append(
-            "The optimum is monochrome: the weight of the color term does not reward color "
-            "differences in this scene."
+            f"Of the gain, {colors.gain:+.1f} came with the colors alone, every fiber pointing "
+            f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
         )
-    return tuple(sentences)
+    before, after = first.rating, last.rating
+    over_bends = ""
+    if len(last.metric) > 1:
+        over_bends = f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
+    sentences.append(
+        f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
+        f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
+    )
+    return sentences
+
+
+def comparisons(evaluation: FinalistEvaluation, winner: str) -> list[str]:
+    """Return how the design that is handed over compares with every other, but the baseline."""
+    others = [
+        name
+        for name in ("winner", "runner-up", "thesis", "colors")
+        if name in evaluation.names and name != winner
+    ]
+    return [evaluation.comparison(other, winner) for other in others]
+
+
+def prediction_check(entry: Finalist) -> IntervalCheck:
+    """Return what the renders say of the surrogate's 90 % interval."""
+    return check_interval(entry.predicted - entry.score, entry.predicted_reach, entry.se)
+
+
+def surrogate_sentence(finalists: Sequence[Finalist], winner: str) -> str:
+    """Say how far the surrogate was off, and whether its intervals hold."""
+    last = next(entry for entry in finalists if entry.key == winner)
+    checks = [prediction_check(entry) for entry in finalists]
+    untested = checks.count("cannot be tested")
+    said = prediction_checked(last.predicted - last.score, last.predicted_reach, last.se)
+    return (
+        f"The surrogate said {last.predicted:.2f} for this design, {said}. Of {len(checks)} "
+        f"finalists it held for {checks.count('holds')}"
+        + (f", and for {untested} the renders are too noisy to tell." if untested else ".")
+    )
 
 
 def _steps(
-    context: RunContext,
-    loop_outcome: LoopOutcome,
-    checks: Sequence[tuple[int, FinalistEvaluation]],
-    checker: Checker,
+    loop_outcome: LoopOutcome, finalists: Sequence[Finalist]
 ) -> tuple[ConvergencePoint, ...]:
-    spent = context.store.render_seconds_by_kind()
-    before = sum(
-        seconds for kind, seconds in spent.items() if _precedes_rounds(kind, context.number)
-    )
-    steps = []
-
-    def add(
-        stage: str,
-        number: int,
-        role: str,
-        seconds: float,
-        score: JackknifeEstimate,
-        predicted: float,
-    ) -> None:
-        steps.append(
-            ConvergencePoint(stage, number, role, seconds, score.value, score.se, predicted)
-        )
-
-    for done in loop_outcome.rounds:
-        before += done.seconds
-        for entry, rendered in zip(done.proposals, done.scores, strict=True):
-            add("rounds", done.number, entry.role, before, rendered.score, entry.score)
-    for number, evaluation in checks:
-        renders, scores = evaluation.renders, evaluation.scores
-        for name, design, rendered in zip(evaluation.names, renders.designs, scores, strict=True):
-            predicted = float(predict_design(checker, design, context.bends)["score"])
-            add("final", number, name, before + renders.seconds, rendered.score, predicted)
-    return tuple(steps)
-
-
-def _precedes_rounds(kind: str, number: int) -> bool:
-    period, _, stage = kind.partition("/")
-    return int(period) < number or (int(period) == number and stage in ("trial", "table"))
-
-
-def _trade(
-    context: RunContext, checker: Checker, loop_outcome: LoopOutcome
-) -> tuple[dict[str, float | str | None], ...]:
-    """Return speed and accuracy by level: the model's held-out errors and measured times."""
-    held = {str(row["level"]): row for row in checker.metadata.held_out}
-    rendered = [done.seconds / len(done.proposals) for done in loop_outcome.rounds]
-    phi = np.full((1, context.scene.fibers.count), np.pi / 2)
-    power = np.ones((1, context.scene.fibers.count, 3))
-
-    def model() -> None:
-        checker.run(phi, power, context.bends)
-
-    kind = str(checker.metadata.residual["kind"])
-    rows: list[tuple[str, str, float]] = [
-        ("preview", "preview", _preview_seconds(context)),
-        ("surrogate", kind, _median_seconds(model)),
+    """Return what was rendered on the way, for the convergence plot."""
+    rounds = [
+        (f"round {done.number}", entry.role, rendered.score, entry.score)
+        for done in loop_outcome.rounds
+        for entry, rendered in zip(done.proposals, done.scores, strict=True)
     ]
-    if rendered:
-        rows.append(("a render of one round", "noise of the reference", float(np.median(rendered))))
-    return tuple(
-        {
-            "level": title,
-            "seconds_per_design": seconds,
-            "facet_error_median": float(held[name]["facet_median"]),
-            "facet_error_p95": float(held[name]["facet_p95"]),
-            "score_error": float(held[name]["score_median"]),
-            "kendall_tau": float(held[name]["kendall_tau"]),
-        }
-        for title, name, seconds in rows
-        if name in held
+    return (
+        *(ConvergencePoint(step, role, s.value, s.se, said) for step, role, s, said in rounds),
+        *(ConvergencePoint("final", e.key, e.score, e.se, e.predicted) for e in finalists),
     )
-
-
-def _preview_seconds(context: RunContext) -> float:
-    from render.preview import Preview
-
-    with Preview(context.scene) as preview:
-
-        def draw() -> None:
-            preview.transport(np.array([np.pi / 2]), context.bends)
-
-        return _median_seconds(draw)
-
-
-def _median_seconds(work: Callable[[], None]) -> float:
-    work()
-    spent = []
-    for _ in range(TIMED_RUNS):
-        began = time.perf_counter()
-        work()
-        spent.append(time.perf_counter() - began)
-    return float(np.median(spent))
 
 
 def _facts(
@@ -205,17 +164,17 @@ def _facts(
     evaluation: FinalistEvaluation,
     hours: float | None,
 ) -> tuple[tuple[str, str], ...]:
-    store, scene = context.store, context.scene
+    store, scene, status = context.store, context.scene, status_of(context.store.run)
     table = context.decided("table")
     passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, context.number + 1))
-    asked = f"{context.fixed.samples} samples" if context.fixed is not None else f"{hours:g} h"
+    asked = f"{context.samples} samples" if context.samples is not None else f"{hours:g} h"
     versions = package_versions("mitsuba", "drjit", "torch", "onnxruntime", "numpy")
     return (
         ("Scene", f"{scene.name}, {scene.hash}"),
         ("Seed", str(context.seed)),
         ("Asked for", asked),
         ("Time worked", f"{store.spent() / 3600:.3f} h"),
-        ("Rendering", f"{store.render_seconds():.0f} s in {store.evaluations()} renders"),
+        ("Rendering", f"{status.render_seconds:.0f} s in {status.evaluations} renders"),
         ("Workers", str(context.renders.workers.count)),
         ("Transport table", f"{passes} passes, {table['samples']} samples per cell in the last"),
         ("Rounds", str(len(loop_outcome.rounds))),

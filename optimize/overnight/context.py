@@ -1,9 +1,12 @@
 """What the stages of a run share: the sensor, the record, who renders, and how much work there is.
 
+A stage is made of steps. What a step does is a decision, logged before it is acted on, and its
+renders are kept one by one: a run that goes on takes the same steps, and passes through those that
+are finished within moments.
+
 The work is fixed by a number of samples, or fitted to hours as they pass. Of the hours, shares go
 to the transport table, the fit of the surrogate, and the rounds of the verification loop; the final
-verification takes one batch of seeds after the other until the rest is used. Every choice that
-depends on a clock is logged as a decision before it is acted on.
+verification takes one batch of seeds after the other until the rest is used.
 """
 
 from __future__ import annotations
@@ -11,7 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,25 +27,34 @@ from render.progress import Progress
 from render.reference import RenderCost, RenderJob
 from render.scene import Scene
 
-T = TypeVar("T")
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""
 OVERTIME_SHARE = 0.04
 """What is still rendering when so much more of the time is over is given up for the next stage."""
 REPORT_SECONDS = 8.0
 """What the end of a night takes: measuring finalists and writing files and report."""
-JOB_SECONDS = 90.0
-"""A render of the table lasts about so long: what a worker that dies can lose."""
-MIN_PASSES = 3
-"""A table is rendered in so many passes at least, so that a slow machine can do with fewer."""
-MAX_ROUNDS, FIXED_ROUNDS = 12, 3
-FIXED_SEEDS = 4
 FIT_STEPS = (200, 10_000)
 """Fewest and most steps of the networks."""
 MIN_SAMPLES = 4
 MIN_SHARE = 0.02
 """Part of the time that a round, or a batch of the final verification, gets at least, even where
 the stages before have used it up: with fewer paths its answer would be noise."""
+TIME_USED = "its share of the time is used"
+
+
+def fixed_amounts(samples: int) -> dict[str, dict[str, int]]:
+    """Return the work of every stage that follows from ``samples`` of the table per cell.
+
+    The networks take all of their steps from 2000 samples.
+    """
+    passes = math.ceil(samples / 512)
+    low, high = FIT_STEPS
+    return {
+        "table": {"passes": passes, "samples": math.ceil(samples / passes)},
+        "fit": {"steps": min(high, max(low, 5 * samples))},
+        "rounds": {"samples": max(MIN_SAMPLES, samples // 32), "rounds": 3, "seeds": 1},
+        "final": {"samples": max(MIN_SAMPLES, samples // 16), "batches": 4, "seeds": 1},
+    }
 
 
 def samples_within(cost: RenderCost, unit: Sequence[RenderJob], per: int, seconds: float) -> int:
@@ -57,39 +70,6 @@ def samples_within(cost: RenderCost, unit: Sequence[RenderJob], per: int, second
     return cost.samples_within(together, [job.samples / per for job in unit], MIN_SAMPLES)
 
 
-@dataclass(frozen=True)
-class FixedBudget:
-    """Amounts that follow from ``samples`` of the transport table per cell."""
-
-    samples: int
-
-    @property
-    def passes(self) -> int:
-        """Passes of the table."""
-        return max(1, math.ceil(self.samples / 512))
-
-    @property
-    def per_pass(self) -> int:
-        """Samples per cell and pass."""
-        return math.ceil(self.samples / self.passes)
-
-    @property
-    def fit_steps(self) -> int:
-        """Steps of the networks; all of them from 2000 samples."""
-        low, high = FIT_STEPS
-        return min(high, max(low, 5 * self.samples))
-
-    @property
-    def round(self) -> int:
-        """Samples per cell of a round."""
-        return max(MIN_SAMPLES, self.samples // 32)
-
-    @property
-    def final(self) -> int:
-        """Samples per cell and seed of the final verification."""
-        return max(MIN_SAMPLES, self.samples // 16)
-
-
 @dataclass
 class RunContext:
     """One working period: a run is one, and asked for more hours, it is extended or has another.
@@ -100,9 +80,10 @@ class RunContext:
         seed: of the run.
         number: from 1; part of the names of decisions and of all seeds.
         extension: how often it was at its end and went on verifying.
-        fixed: amounts of work; None where hours decide.
-        until: seconds of work (``Store.spent``) by which the period ends, infinite with ``fixed``.
+        samples: of the table per cell, which fix all amounts of work; None where hours do.
+        until: seconds of work (``Store.spent``) by which it ends, infinite with ``samples``.
         began: seconds of work before the period.
+        cost: of renders, as far as it is known; None with ``samples``.
     """
 
     scene: Scene
@@ -112,9 +93,10 @@ class RunContext:
     seed: int
     number: int
     extension: int
-    fixed: FixedBudget | None
+    samples: int | None
     until: float
     began: float
+    cost: RenderCost | None = None
     best: dict[str, Any] | None = field(default=None)
 
     @property
@@ -123,18 +105,16 @@ class RunContext:
         return np.array(self.scene.bending.angles)
 
     @property
-    def seconds_left(self) -> float:
-        """Seconds until the period ends."""
-        return self.until - self.store.spent()
+    def least_seconds(self) -> float:
+        """Seconds that a round, or a batch of the final verification, gets at least."""
+        return MIN_SHARE * (self.until - self.began)
 
     def seconds_until(self, fraction: float) -> float:
         """Return the seconds until ``fraction`` of the period is over."""
-        return self.began + fraction * (self.until - self.began) - self.store.spent()
+        return self.deadline(fraction) - self.store.spent()
 
-    def deadline(self, fraction: float) -> float | None:
-        """Return the seconds of work by which ``fraction`` of the period is over; None if fixed."""
-        if self.fixed is not None:
-            return None
+    def deadline(self, fraction: float) -> float:
+        """Return the seconds of work by which ``fraction`` of the period is over."""
         return self.began + fraction * (self.until - self.began)
 
     def decide(self, name: str, make: Callable[[], Any]) -> Any:
@@ -145,22 +125,51 @@ class RunContext:
         """Return the decision, None where there is none yet."""
         return self.store.decided(f"{self.number}/{name}")
 
-    def within(
-        self, name: str, deadline: float | None, work: Callable[[], T], given_up: Any = True
-    ) -> T | None:
-        """Return what ``work`` renders until ``deadline``, in seconds of ``Store.spent``.
+    def amount(self, stage: str, affordable: Callable[[RenderCost], dict[str, int]]) -> Any:
+        """Return how much ``stage`` does, a decision: fixed, or what its time affords."""
 
-        None where the time was over: that is a decision, with ``given_up`` as its value, which a
-        run that goes on takes again.
+        def choose() -> dict[str, int]:
+            if self.samples is not None:
+                return fixed_amounts(self.samples)[stage]
+            assert self.cost is not None  # with hours it is measured before all other stages
+            return affordable(self.cost)
+
+        return self.decide(f"{stage} amount", choose)
+
+    def steps(
+        self,
+        name: str,
+        plan: Callable[[int, float], dict[str, Any]],
+        work: Callable[[int, dict[str, Any]], None],
+        late: float,
+        first: int = 1,
+    ) -> str:
+        """Take one step after the other; return why there is no further one.
+
+        Arguments:
+            name: of the decisions; the number of the step follows it.
+            plan: returns what step ``number`` renders (JSON), or ``{"stop": reason}``, given the
+                longest seconds of a step so far.
+            work: renders it and takes it in.
+            late: seconds of work at which a step that still renders is given up, but for step 1.
+            first: number of the first step.
         """
-        name = f"{name} given up"
-        if self.decided(name) is None:
+        number, longest = first, 0.0
+        while True:
+            began, given_up = self.store.spent(), f"{name} {number} given up"
+            decided = self.decide(f"{name} {number}", partial(plan, number, longest))
+            if "stop" in decided:
+                return str(decided["stop"])
             try:
-                with self.renders.until(deadline):
-                    return work()
+                if self.decided(given_up) is None:
+                    with self.renders.until(late if number > 1 else None):
+                        work(number, decided)
             except OutOfTime:
-                self.decide(name, lambda: given_up)
-        return None
+                self.decide(given_up, lambda: True)
+            if self.decided(given_up) is not None:
+                return TIME_USED
+            longest = max(longest, self.store.spent() - began)
+            number += 1
 
     def random_seed(self, purpose: int, index: int) -> int:
         """Return a seed of renders that no other purpose, index, period or run seed has."""
@@ -175,25 +184,14 @@ class RunContext:
     def progress(self, state: Progress) -> None:
         """Show how far a stage is; with hours, the time left is theirs."""
         self.store.beat()
-        left = max(self.seconds_left, 0.0) if self.fixed is None else state.eta_seconds
+        left = state.eta_seconds if self.samples else max(self.seconds_until(1.0), 0.0)
         self.log.progress(replace(state, eta_seconds=left))
 
-    def keep_best(self, level: str, score: float, half_width: float, what: str) -> None:
+    def keep_best(self, level: str, score: float, interval: tuple[float, float], what: str) -> None:
         """Keep the best design so far for ``tactilux status``."""
-        self.best = {"score": score, "interval": [score - half_width, score + half_width],
-                     "level": level, "design": what}  # fmt: skip
-
-
-def extended(name: str, extension: int) -> str:
-    """Return the name that a decision has in a period's extension."""
-    return f"{name}, extension {extension}" if extension else name
-
-
-def design_json(design: Design) -> dict[str, Any]:
-    """Return a design as JSON keeps it, to the bit."""
-    return {"phi": design.phi.tolist(), "power": design.power.tolist()}
+        self.best = {"score": score, "interval": list(interval), "level": level, "design": what}
 
 
 def design_of(content: dict[str, Any]) -> Design:
-    """Return the design that ``design_json`` wrote."""
+    """Return the design that a decision holds, to the bit."""
     return Design(np.array(content["phi"]), np.array(content["power"]))

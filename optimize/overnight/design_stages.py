@@ -9,63 +9,43 @@ the time is used; their replicates are pooled.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoreSettings, dimmed_baseline, limits_of
+from optimize.design import Design, ScoreSettings, dimmed_baseline, limits_of
 from optimize.overnight.context import (
-    FIXED_ROUNDS,
-    FIXED_SEEDS,
     LOOP_UNTIL,
-    MAX_ROUNDS,
-    MIN_SHARE,
     OVERTIME_SHARE,
     REPORT_SECONDS,
+    TIME_USED,
     RunContext,
-    design_json,
     design_of,
-    extended,
     samples_within,
 )
 from optimize.scoring import JackknifeEstimate, TableScorer, search_table
-from optimize.search import (
-    SearchStep,
-    alternating_search,
-    optimize_directions,
-    population,
-    tied_groups,
-)
-from optimize.search.colors import grouped_colors, renamed_like
+from optimize.search import alternating_search
 from optimize.ui.console import counted
 from optimize.verification import (
     CONVERGED,
-    GENERATIONS,
     Candidate,
     DesignRenders,
     FinalistEvaluation,
     LoopConfig,
     Proposal,
     RenderedRound,
+    SceneRefit,
     VerificationLoop,
     distinct_directions,
     reference_renders,
+    thesis_on_table,
 )
-from render.chebyshev import interpolation_weights
 from render.geometry import fiber_edges
 from render.progress import Progress
 from render.reference import RenderCost, transport_jobs
 from render.transport import TransportTable
-from surrogate.model.preview_grid import draw_grid
 from surrogate.runtime import Checker
-from surrogate.training.refit import Refitter, ResidualCorrection
-
-
-def baseline_of(context: RunContext) -> Design:
-    """Return the design to beat."""
-    return dimmed_baseline(context.scene)
 
 
 def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Design]:
@@ -73,32 +53,18 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Desig
 
     def search() -> dict[str, Any]:
         context.stage("Colors and directions on the surrogate", "search")
-        table = search_table(checker)
-        steps: list[SearchStep] = []
-
-        def report(step: SearchStep) -> None:
-            steps.append(step)
-            context.progress(Progress(len(steps), len(steps) + 1))
-
         found = alternating_search(
-            TableScorer(table, limits=limits_of(context.scene)),
-            baseline_of(context),
+            TableScorer(search_table(checker), limits=limits_of(context.scene)),
+            dimmed_baseline(context.scene),
             edges=fiber_edges(context.scene),
             seed=context.seed,
-            progress=report,
         )
         colored = next(step for step in found.history if step.stage == "quick")
-        return {
-            "colors": design_json(colored.design),
-            "best": design_json(found.design),
-            "scores": [colored.score, found.score],
-            "monochrome": found.design.monochrome,
-        }
+        return {"colors": colored.design, "best": found.design, "score": found.score}
 
     kept = context.decide("search", search)
-    context.keep_best(
-        "surrogate", kept["scores"][1], checker.score_half_width, "found on the surrogate"
-    )
+    score, half = kept["score"], checker.score_half_width
+    context.keep_best("surrogate", score, (score - half, score + half), "found on the surrogate")
     return design_of(kept["colors"]), design_of(kept["best"])
 
 
@@ -107,175 +73,101 @@ def thesis_design(
 ) -> Design | None:
     """Return what the thesis's procedure (4.3) makes of the reference table.
 
-    Colors in pairs at the baseline's directions, then directions tied by side and color, by
-    CMA-ES. None where the scene has constraints, which that procedure does not know.
+    None where the scene has constraints, which that procedure does not know.
     """
     if context.scene.constraints is not None:
         return None
 
-    def search() -> dict[str, Any]:
+    def search() -> Design:
         context.stage("Thesis-style design on the table", "thesis")
-        rendered = table()
-        at_bends = interpolation_weights(rendered.bends, context.bends)
-        own = replace(
-            rendered,
-            T=np.einsum("ab,fjbsk->fjask", at_bends, rendered.T),
-            se=np.einsum("ab,fjbsk->fjask", at_bends, rendered.se),
-            bends=context.bends,
-            background=None,
-            background_se=None,
-            exposure=checker.exposure,
-            lam=checker.lam,
-        )
-        scorer, baseline = TableScorer(own), baseline_of(context)
-        found = grouped_colors(scorer, baseline.phi)
-        colors = renamed_like(found.colors, baseline.colors)
-        colored = Design.of_colors(baseline.phi, colors)
-        groups = tied_groups(fiber_edges(context.scene), colors)
-        turned = optimize_directions(
-            lambda phi: scorer.direction_scores(phi, colored.power),
-            baseline.phi,
-            groups=groups,
-            bounds=scorer.phi_bounds,
-            seed=context.seed,
-            max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
-        )
-        return design_json(Design(turned.phi, colored.power)) | {"believed": turned.score}
+        exposed = replace(table(), exposure=checker.exposure, lam=checker.lam)
+        scorer = TableScorer(exposed.at_bends(context.bends))
+        baseline = dimmed_baseline(context.scene)
+        return thesis_on_table(scorer, baseline, fiber_edges(context.scene), context.seed)
 
     return design_of(context.decide("thesis", search))
 
 
 ROUND_SHARE = 0.3
 """Part of the loop's time that the renders of one round take."""
-TIME_USED = "its share of the time is used"
-ROUND_SEEDS = 4
-"""Seeds of a round at most: jobs that can be rendered at once."""
+MAX_ROUNDS, MAX_ROUND_SEEDS = 12, 4
+"""Rounds of a period, and seeds of a round: jobs that can be rendered at once."""
 
 
-@dataclass(frozen=True)
-class LoopOutcome:
-    """What the loop found.
-
-    Arguments:
-        rounds: as they were rendered.
-        candidates: of all periods, best first.
-        reason: why it stopped.
-    """
+class LoopOutcome(NamedTuple):
+    """What the loop found: rounds as rendered, candidates of all periods (best first), its end."""
 
     rounds: list[RenderedRound]
     candidates: list[Candidate]
     reason: str
 
 
-def run_loop(
-    context: RunContext, checker: Checker, start: Design, cost: RenderCost | None
-) -> LoopOutcome:
+def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcome:
     """Render rounds until the surrogate has nothing better to propose, or the time is over.
 
     Arguments:
-        context: of the run; what earlier ones found takes part.
+        context: of the run; what earlier periods found takes part.
         checker: the surrogate.
         start: the best design on it, where the first search begins.
-        cost: of renders; None for a fixed amount of work.
     """
-    config = _config(context, start, cost)
+    baseline = dimmed_baseline(context.scene)
+    amount = context.amount("rounds", lambda cost: _affordable_rounds(context, cost, start))
     loop = VerificationLoop(
         search_table(checker),
-        baseline_of(context),
+        baseline,
         reference_renders(context.scene, None, context.progress, runner=context.renders),
-        _LateRefitter(context, checker),
+        SceneRefit(context.scene, checker),
         fiber_edges(context.scene),
-        config,
+        # Every period of every seed searches and renders with seeds of its own.
+        LoopConfig(seed=64 * context.seed + context.number, **amount),
         limits_of(context.scene),
         start,
     )
-    loop.candidates = _known(context)
+    if context.number > 1:
+        known = context.store.decided(f"{context.number - 1}/contenders")
+        loop.candidates = [_candidate_of(entry) for entry in known]
     rounds: list[RenderedRound] = []
-    reason = f"{counted(config.rounds, 'round')} did not settle it"
-    took = 0.0
-    for number in range(1, config.rounds + 1):
-        began = context.store.spent()
 
-        def propose(number: int = number, took: float = took) -> dict[str, Any]:
-            if number > 1 and took / 2 > context.seconds_until(LOOP_UNTIL):
-                return {"stop": TIME_USED}
-            context.stage(f"Round {number}", f"round {number}")
-            context.progress(Progress(0, 1))
-            if loop.runs:
-                loop.refit()
-            found = loop.proposals(number)
-            if not found:
-                return {"stop": CONVERGED}
-            return {"proposals": [_proposal_json(entry) for entry in found]}
-
-        decided = context.decide(f"round {number}", propose)
-        if "stop" in decided:
-            reason = decided["stop"]
-            break
+    def propose(number: int, longest: float) -> dict[str, Any]:
+        if number > amount["rounds"]:
+            return {"stop": f"{counted(amount['rounds'], 'round')} did not settle it"}
+        if number > 1 and longest / 2 > context.seconds_until(LOOP_UNTIL):
+            return {"stop": TIME_USED}
         context.stage(f"Round {number}", f"round {number}")
-        late = context.deadline(LOOP_UNTIL + OVERTIME_SHARE) if rounds else None
-        proposals = [_proposal_of(entry) for entry in decided["proposals"]]
-        render = partial(loop.render, number, proposals)
-        done = context.within(f"round {number}", late, render, {"stop": TIME_USED})
-        if done is None:
-            reason = TIME_USED
-            break
+        context.progress(Progress(0, 1))
+        if loop.runs:
+            loop.refit()
+        found = loop.proposals(number)
+        return {"proposals": found} if found else {"stop": CONVERGED}
+
+    def render(number: int, decided: dict[str, Any]) -> None:
+        context.stage(f"Round {number}", f"round {number}")
+        proposals = [
+            Proposal(**entry | {"design": design_of(entry["design"])})
+            for entry in decided["proposals"]
+        ]
+        done = loop.render(number, proposals)
         rounds.append(done)
-        took = max(context.store.spent() - began, took)
         _log_round(context, done)
-        best = max(zip(done.scores, done.proposals, strict=True), key=lambda m: m[0].score.value)
-        low, high = best[0].score.interval()
-        context.keep_best("reference", best[0].score.value, (high - low) / 2, f"round {number}")
+        best = max((measured.score for measured in done.scores), key=lambda score: score.value)
+        context.keep_best("reference", best.value, best.interval(), f"round {number}")
+
+    reason = context.steps("round", propose, render, context.deadline(LOOP_UNTIL + OVERTIME_SHARE))
     ranking = loop.ranking()
-    context.decide("contenders", lambda: [_candidate_json(entry) for entry in ranking])
+    context.decide("contenders", lambda: ranking)
     return LoopOutcome(rounds, ranking, reason)
 
 
-def _config(context: RunContext, start: Design, cost: RenderCost | None) -> LoopConfig:
-    """Return how much a round renders."""
-
-    def choose() -> dict[str, int]:
-        if context.fixed is not None:
-            return {"samples": context.fixed.round, "rounds": FIXED_ROUNDS, "seeds": 1}
-        assert cost is not None  # with hours it is measured
-        phi, _ = distinct_directions([baseline_of(context), start])
-        seeds = min(ROUND_SEEDS, -(-cost.workers // (2 * len(context.bends))))
-        unit = transport_jobs(
-            context.scene, phi, context.bends, samples=64, seeds=list(range(seeds))
-        )
-        least = MIN_SHARE * (context.until - context.began)
-        seconds = max(ROUND_SHARE * context.seconds_until(LOOP_UNTIL), least)
-        samples = samples_within(cost, unit, 64, seconds)
-        return {"samples": samples, "rounds": MAX_ROUNDS, "seeds": seeds}
-
-    amount = context.decide("rounds", choose)
-    # Every period of every seed searches and renders with seeds of its own.
-    return LoopConfig(seed=64 * context.seed + context.number, **amount)
-
-
-class _LateRefitter:
-    """The refitter, made when it is needed: drawing its grid takes longer than a run may wait."""
-
-    def __init__(self, context: RunContext, checker: Checker) -> None:
-        self.context, self.checker = context, checker
-
-    @cached_property
-    def _refitter(self) -> Refitter:
-        preview = self.checker.metadata.preview
-        grid = draw_grid(self.context.scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
-        return Refitter(self.context.scene, grid)
-
-    def fit(self, runs: Any) -> ResidualCorrection:
-        return self._refitter.fit(runs)
-
-    def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
-        return self._refitter.apply(correction, table)
+def _affordable_rounds(context: RunContext, cost: RenderCost, start: Design) -> dict[str, int]:
+    phi, _ = distinct_directions([dimmed_baseline(context.scene), start])
+    seeds = min(MAX_ROUND_SEEDS, -(-cost.workers // (2 * len(context.bends))))
+    unit = transport_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+    seconds = max(ROUND_SHARE * context.seconds_until(LOOP_UNTIL), context.least_seconds)
+    samples = samples_within(cost, unit, 64, seconds)
+    return {"samples": samples, "rounds": MAX_ROUNDS, "seeds": seeds}
 
 
 def _log_round(context: RunContext, done: RenderedRound) -> None:
-    said = context.decided(f"round {done.number} said")
-    if said is not None:
-        return
     context.log.note(f"Round {done.number}: {done.agreement.shown}")
     for entry, measured in zip(done.proposals, done.scores, strict=True):
         score = measured.score
@@ -283,165 +175,100 @@ def _log_round(context: RunContext, done: RenderedRound) -> None:
             f"  {entry.role}: predicted {entry.score:.2f}, rendered {score.value:.2f} "
             f"± {score.se:.2f}"
         )
-    context.decide(f"round {done.number} said", lambda: True)
 
 
-def _known(context: RunContext) -> list[Candidate]:
-    """Return the candidates of the period before this one."""
-    if context.number == 1:
-        return []
-    kept = context.store.decided(f"{context.number - 1}/contenders")
-    return [
-        Candidate(
-            entry["role"],
-            design_of(entry["design"]),
-            [
-                JackknifeEstimate(g["value"], g["plain"], g["se"], np.array(g["pseudo"]))
-                for g in entry["gains"]
-            ],
-        )
-        for entry in kept
-    ]
-
-
-def _candidate_json(entry: Candidate) -> dict[str, Any]:
-    gains = [asdict(gain) | {"pseudo": gain.pseudo.tolist()} for gain in entry.gains]
-    return {"role": entry.role, "design": design_json(entry.design), "gains": gains}
-
-
-def _proposal_json(entry: Proposal) -> dict[str, Any]:
-    return {
-        "role": entry.role,
-        "design": design_json(entry.design),
-        "predicted": entry.score,
-        "spread": entry.spread,
-    }
-
-
-def _proposal_of(content: dict[str, Any]) -> Proposal:
-    return Proposal(
-        design_of(content["design"]), content["predicted"], content["role"], content["spread"]
-    )
+def _candidate_of(content: dict[str, Any]) -> Candidate:
+    """Return the candidate that the decision of an earlier period holds."""
+    gains = [JackknifeEstimate(**g | {"pseudo": np.array(g["pseudo"])}) for g in content["gains"]]
+    return Candidate(content["role"], design_of(content["design"]), gains)
 
 
 FINAL_PURPOSE = 3
 MIN_BATCHES = 3
 MANY_SEEDS = 16
 """From so many seeds on, the mean of each is one replicate."""
-TITLES = {
-    "baseline": "Baseline",
-    "colors": "Colors",
-    "thesis": "Thesis-style design",
-    "winner": "Winner",
-    "runner-up": "Runner-up",
-}
 
 
 def choose_finalists(
     context: RunContext, colored: Design, thesis: Design | None, loop_outcome: LoopOutcome
-) -> list[tuple[str, Design]]:
-    """Return who is verified, by key."""
+) -> dict[str, Design]:
+    """Return who is verified, by key, the baseline first."""
 
-    def choose() -> list[dict[str, Any]]:
-        finalists = [("baseline", baseline_of(context)), ("colors", colored)]
-        finalists += [("thesis", thesis)] if thesis is not None else []
+    def choose() -> dict[str, Design]:
+        finalists = {"baseline": dimmed_baseline(context.scene), "colors": colored}
+        if thesis is not None:
+            finalists["thesis"] = thesis
         best = [entry.design for entry in loop_outcome.candidates[:2]]
-        finalists += list(zip(("winner", "runner-up"), best, strict=False))
-        return [{"key": key, "design": design_json(design)} for key, design in finalists]
+        return finalists | dict(zip(("winner", "runner-up"), best, strict=False))
 
     kept = context.decide("finalists", choose)
-    return [(entry["key"], design_of(entry["design"])) for entry in kept]
+    return {key: design_of(design) for key, design in kept.items()}
 
 
 def verify_finalists(
-    context: RunContext,
-    finalists: Sequence[tuple[str, Design]],
-    settings: ScoreSettings,
-    cost: RenderCost | None,
-) -> tuple[FinalistEvaluation, list[tuple[int, FinalistEvaluation]]]:
-    """Return the evaluation of all seeds, and those of the first 1, 2, 4, ... seeds.
+    context: RunContext, finalists: dict[str, Design], settings: ScoreSettings
+) -> FinalistEvaluation:
+    """Return the evaluation of the finalists by batches of seeds, until the time is used.
 
     The finalists were chosen before the first of these seeds, so those of extensions are pooled.
-
-    Arguments:
-        context: of the run.
-        finalists: designs by key, the baseline first.
-        settings: of the scores.
-        cost: of renders; None for a fixed amount of work.
     """
-    designs = [design for _, design in finalists]
-    amount = _amount(context, designs, cost)
+    names, designs = tuple(finalists), list(finalists.values())
+    amount = context.amount("final", lambda cost: _affordable_batch(context, cost, designs))
     render = reference_renders(context.scene, None, context.progress, runner=context.renders)
-    pooled = _Pool(finalists, settings)
-    checks: list[tuple[int, FinalistEvaluation]] = []
-    longest, number, extension = 0.0, 0, 0
-    while True:
-        began = context.store.spent()
-        name = extended(f"final batch {number + 1}", extension)
+    parts: list[DesignRenders] = []
 
-        def another(number: int = number, longest: float = longest) -> list[int]:
-            if context.fixed is not None and number == FIXED_SEEDS:
-                return []
-            # The last batch may end as much too late as it would end too early without it.
-            if number and longest / 2 > context.seconds_left - REPORT_SECONDS:
-                return []
-            first = number * amount["seeds"]
-            return [context.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
+    def plan(number: int, longest: float) -> dict[str, Any]:
+        if number > amount.get("batches", number):
+            return {"stop": "all batches are rendered"}
+        # The last batch may end as much too late as it would end too early without it.
+        if number > 1 and longest / 2 > context.seconds_until(1.0) - REPORT_SECONDS:
+            return {"stop": TIME_USED}
+        first = (number - 1) * amount["seeds"]
+        return {
+            "seeds": [context.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
+        }
 
-        seeds = context.decide(name, another)
-        renders = None
-        if seeds:
-            context.stage("Final verification", "final")
-            work = partial(
-                render, designs, samples=amount["samples"], seeds=seeds, title="the finalists"
-            )
-            late = context.until - REPORT_SECONDS / 2 if number and not context.fixed else None
-            renders = context.within(name, late, work)
-        if renders is None:
-            if extension == context.extension:
-                break
-            extension += 1
-            continue
-        pooled.add(renders, len(seeds))
-        number += 1
-        longest = max(longest, context.store.spent() - began)
-        if number & (number - 1) == 0:
-            checks.append((number, pooled.evaluation()))
-            _rate(context, checks[-1][1])
-    if checks[-1][0] != number:
-        checks.append((number, pooled.evaluation()))
-    _rate(context, checks[-1][1])
-    return checks[-1][1], checks
+    def work(number: int, decided: dict[str, Any]) -> None:
+        context.stage("Final verification", "final")
+        seeds, samples = decided["seeds"], amount["samples"]
+        parts.append(render(designs, samples=samples, seeds=seeds, title="the finalists"))
+
+    late = context.until - REPORT_SECONDS / 2
+    for extension in range(context.extension + 1):
+        name = f"final batch, extension {extension}" if extension else "final batch"
+        context.steps(name, plan, work, late, first=len(parts) + 1)
+    evaluation = FinalistEvaluation(names, _pooled(parts, amount["seeds"]), settings)
+    best = choose_winner(evaluation)
+    score = evaluation.score(best).score
+    context.keep_best("reference", score.value, score.interval(), best)
+    return evaluation
 
 
-class _Pool:
-    """Renders of the finalists, seed by seed, and what they say together."""
+def _affordable_batch(
+    context: RunContext, cost: RenderCost, designs: Sequence[Design]
+) -> dict[str, int]:
+    """Return samples per cell and seed, and the seeds of a batch."""
+    phi, _ = distinct_directions(designs)
+    jobs = 2 * len(context.bends)
+    seeds = -(-2 * cost.workers // jobs) if cost.workers > jobs else 1
+    unit = transport_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+    free = (context.seconds_until(1.0) - REPORT_SECONDS) / MIN_BATCHES
+    seconds = max(context.least_seconds, min(2 * cost.fixed * jobs, free))
+    return {"samples": samples_within(cost, unit, 64, seconds), "seeds": seeds}
 
-    def __init__(self, finalists: Sequence[tuple[str, Design]], settings: ScoreSettings) -> None:
-        self.names = tuple(name for name, _ in finalists)
-        self.designs = tuple(design for _, design in finalists)
-        self.settings = settings
-        self.pressed: list[Array] = []
-        self.untouched: list[Array] = []
-        self.seconds = 0.0
 
-    def add(self, renders: DesignRenders, seeds: int) -> None:
-        """Take in the renders of one batch; replicates lie seed by seed."""
-        self.pressed += np.split(renders.replicates, seeds)
-        self.untouched += np.split(renders.background, seeds)
-        self.seconds += renders.seconds
-
-    def evaluation(self) -> FinalistEvaluation:
-        """Return scores and differences by all renders so far."""
-        pressed, untouched = self.pressed, self.untouched
-        if len(pressed) >= MANY_SEEDS:
-            pressed, untouched = (
-                [one.mean(axis=0, keepdims=True) for one in parts] for parts in (pressed, untouched)
-            )
-        renders = DesignRenders(
-            self.designs, np.concatenate(pressed), np.concatenate(untouched), self.seconds
+def _pooled(parts: Sequence[DesignRenders], seeds: int) -> DesignRenders:
+    """Return the renders of batches of ``seeds`` seeds as one; replicates lie seed by seed."""
+    pressed = [one for part in parts for one in np.split(part.replicates, seeds)]
+    untouched = [one for part in parts for one in np.split(part.background, seeds)]
+    if len(pressed) >= MANY_SEEDS:
+        pressed, untouched = (
+            [one.mean(axis=0, keepdims=True) for one in each] for each in (pressed, untouched)
         )
-        return FinalistEvaluation(self.names, renders, self.settings)
+    seconds = sum(part.seconds for part in parts)
+    return DesignRenders(
+        parts[0].designs, np.concatenate(pressed), np.concatenate(untouched), seconds
+    )
 
 
 def choose_winner(evaluation: FinalistEvaluation) -> str:
@@ -455,33 +282,3 @@ def choose_winner(evaluation: FinalistEvaluation) -> str:
         if name != chosen and evaluation.difference(chosen, name).interval()[0] > 0:
             chosen = name
     return chosen
-
-
-def _amount(
-    context: RunContext, designs: Sequence[Design], cost: RenderCost | None
-) -> dict[str, int]:
-    """Return samples per cell and seed, and the seeds of a batch."""
-
-    def choose() -> dict[str, int]:
-        if context.fixed is not None:
-            return {"samples": context.fixed.final, "seeds": 1}
-        assert cost is not None  # with hours it is measured
-        phi, _ = distinct_directions(designs)
-        jobs = 2 * len(context.bends)
-        seeds = -(-2 * cost.workers // jobs) if cost.workers > jobs else 1
-        unit = transport_jobs(
-            context.scene, phi, context.bends, samples=64, seeds=list(range(seeds))
-        )
-        free = (context.seconds_left - REPORT_SECONDS) / MIN_BATCHES
-        least = MIN_SHARE * (context.until - context.began)
-        seconds = max(least, min(2 * cost.fixed * jobs, free))
-        return {"samples": samples_within(cost, unit, 64, seconds), "seeds": seeds}
-
-    amount: dict[str, int] = context.decide("final", choose)
-    return amount
-
-
-def _rate(context: RunContext, evaluation: FinalistEvaluation) -> None:
-    name = choose_winner(evaluation)
-    low, high = evaluation.score(name).score.interval()
-    context.keep_best("reference", evaluation.score(name).score.value, (high - low) / 2, name)

@@ -5,213 +5,137 @@ It is made from the files of the finished night alone, and equal files make equa
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from optimize.overnight.figures import bolt_pictures, report_pictures, timed_levels
-from optimize.overnight.result import Finalist, OvernightResult
-from optimize.overnight.scaling import Scaling, load_scaling, scaling_rows, scaling_words
+from optimize.frontier.plot import draw_levels
+from optimize.overnight.conclusion import prediction_check
+from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
+from optimize.overnight.run_directory import RECORD
+from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
 from optimize.report import (
     bend_titles,
+    bolt_pictures,
     clipping_warning,
     data_uri,
+    design_pictures,
+    drawing,
     holder_warning,
     monochrome_warning,
+    png_bytes,
     render_page,
+    score_row,
     stage_pictures,
     wiring_sheet,
 )
-from optimize.scoring import IntervalCheck, check_interval
 from render.errors import SceneError
 from render.files import write_text
 from render.geometry import BoltHead
 
 REPORT = "report.html"
 HOLDS = {"holds": "yes", "does not hold": "no", "cannot be tested": "cannot tell"}
-STAGES = ("baseline", "colors")
-"""What Figs. 5.1 and 5.2 show before the design that is handed over."""
 
 
 def write_report(result: OvernightResult, run: Path) -> Path:
     """Write ``report.html`` into ``run`` atomically and return its path."""
     path = run / REPORT
-    write_text(path, render_report(result, load_scaling(run)))
+    scaling = scaling_of(run) if (run / RECORD).is_file() else None
+    write_text(path, render_report(result, scaling))
     return path
-
-
-def render_report(result: OvernightResult, scaling: Scaling | None = None) -> str:
-    """Return the report as HTML with every picture inside as a data URI."""
-    return render_page("overnight.html.j2", _context(result, scaling))
-
-
-def summary(result: OvernightResult) -> list[str]:
-    """Return the outcome in words: how much better, where it comes from, who says so."""
-    first, last = result.finalists[0], result.finalist(result.winner)
-    sentences = []
-    if last.gain is not None and last.gain_se is not None:
-        low, high = _interval(result, last.gain, last.gain_se)
-        sentences.append(
-            f"The design scores {_pm(last.score, last.se)}; the baseline scores "
-            f"{_pm(first.score, first.se)}. Rendered with the same seeds, the gain is "
-            f"{last.gain:.1f} ({last.gain / abs(first.score):+.0%}), and its 95% interval reaches "
-            f"from {low:.1f} to {high:.1f}."
-        )
-    else:
-        sentences.append(
-            f"Nothing that was rendered beats the baseline, which scores "
-            f"{_pm(first.score, first.se)}."
-        )
-    colors = result.of("colors")
-    if (
-        last.key not in STAGES
-        and colors is not None
-        and colors.gain is not None
-        and last.gain is not None
-        and 0 < colors.gain < last.gain
-    ):
-        sentences.append(
-            f"Of the gain, {colors.gain:+.1f} came with the colors alone, every fiber pointing "
-            f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
-        )
-    before, after = result.rating(first), result.rating(last)
-    if last is not first:
-        over_bends = (
-            f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
-            if len(result.scene.bending.angles) > 1
-            else ""
-        )
-        sentences.append(
-            f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
-            f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
-        )
-    checks = [prediction_check(entry) for entry in result.finalists]
-    untested = checks.count("cannot be tested")
-    sentences.append(
-        f"The surrogate said {last.predicted:.1f} for this design; its 90% interval held for "
-        f"{checks.count('holds')} of {len(checks)} finalists"
-        + (f", and for {untested} of them the renders are too noisy to tell." if untested else ".")
-    )
-    return sentences
 
 
 def warnings(result: OvernightResult) -> list[str]:
     """Return what makes the result doubtful, most important first; usually nothing."""
-    last, doubts = result.finalist(result.winner), []
+    last, doubts = result.best, []
     if last.gain is not None and last.gain_se is not None:
-        low, high = _interval(result, last.gain, last.gain_se)
-        if high < 0:
+        half = result.interval_factor * last.gain_se
+        if last.gain + half < 0:
             doubts.append("The renders say that the baseline is better: this design is not one.")
-        elif low <= 0:
+        elif last.gain - half <= 0:
             doubts.append(
                 "The interval of the gain reaches 0: more hours would make it narrower, and the "
                 "same command with more of them goes on from here."
             )
         doubts += holder_warning(result.scene, last.design)
         doubts += monochrome_warning(last.design)
-    others = [
-        entry
+    doubts += [
+        f"{entry.title} scored {entry.score - last.score:.1f} higher in the last renders, which "
+        "is within the error bars of the difference: they tie, and the choice of the rounds before "
+        "stands."
         for entry in result.finalists
-        if entry is not last and entry.score > last.score + result.interval_factor * last.se
+        if entry.score > last.score
     ]
-    if others:
-        doubts.append(
-            f"{others[0].title} scored higher in the last renders, at {others[0].score:.1f}."
-        )
     return doubts + clipping_warning(last.clipped)
 
 
-def prediction_check(entry: Finalist) -> IntervalCheck:
-    """Return what the renders say of the surrogate's 90 % interval."""
-    return check_interval(entry.predicted - entry.score, entry.predicted_reach, entry.se)
-
-
-def _context(result: OvernightResult, scaling: Scaling | None) -> dict[str, Any]:
-    scene, last = result.scene, result.finalist(result.winner)
+def render_report(result: OvernightResult, scaling: dict[int, float] | None = None) -> str:
+    """Return the report as HTML with every picture inside as a data URI."""
+    scene, last = result.scene, result.best
     pictures = dict(report_pictures(result))
-    shown = list(dict.fromkeys([*STAGES, last.key]))
-    stages = [entry for key in shown if (entry := result.of(key)) is not None]
-    others = [entry for entry in result.finalists if entry not in stages]
-
-    def stage(entry: Finalist) -> dict[str, str]:
-        return {**_row(result, entry), **stage_pictures(pictures, entry.key)}
-
+    rows = {entry.key: _row(entry) for entry in result.finalists}
+    # What Figs. 5.1 and 5.2 show: how the design that is handed over came about.
+    shown = dict.fromkeys(key for key in ("baseline", "colors", last.key) if key in rows)
+    stages = {key: {**row, **stage_pictures(pictures, key)} for key, row in rows.items()}
     metric_se = np.stack([entry.metric_se for entry in result.finalists])
-    return {
+    context = {
         "scene": scene.name,
         "scene_hash": scene.hash,
         "title": last.title,
         "lam": f"{result.settings.lam:.4g}",
-        "summary": summary(result),
         "warnings": warnings(result),
         "verdict": result.verdict,
-        "finalists": [{**_row(result, entry), "best": entry is last} for entry in result.finalists],
+        "finalists": [{**row, "best": key == last.key} for key, row in rows.items()],
         "bends": bend_titles(scene),
-        "stages": [stage(entry) for entry in stages],
-        "others": [stage(entry) for entry in others],
+        "stages": [stages[key] for key in shown],
+        "others": [stage for key, stage in stages.items() if key not in shown],
         "metric_se": f"{np.median(metric_se):.2g}",
         "metric_se_most": f"{metric_se.max():.2g}",
         "bolt": _bolt(result),
         "plots": {
             name: data_uri(pictures[name])
-            for name in ("convergence", "scores", "colors", "trade")
+            for name in ("convergence", "scores", "trade")
             if name in pictures
         },
         "color_errors": _color_errors(result),
-        "levels": [_level(row) for row in timed_levels(result)],
-        "scaling": scaling,
-        "scaling_rows": scaling_rows(scaling) if scaling else [],
-        "scaling_note": scaling_words(scaling) if scaling else "",
+        "levels": result.trade,
+        "scaling": scaling_rows(scaling) if scaling else [],
+        "scaling_words": SCALING_WORDS,
         "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
         "replicates": result.replicates,
         "facts": result.facts,
     }
+    return render_page("overnight.html.j2", context)
 
 
-def _row(result: OvernightResult, entry: Finalist) -> dict[str, str]:
+def _row(entry: Finalist) -> dict[str, str]:
     """Return the figures of one finalist as text."""
-    rating = result.rating(entry)
-    gain = ""
+    gain = "–"
     if entry.gain is not None and entry.gain_se is not None:
         gain = _pm(entry.gain, entry.gain_se, "+")
-    return {
-        "title": entry.title,
+    return score_row(entry) | {
         "score": _pm(entry.score, entry.se),
-        "interval": f"{rating.interval[0]:.1f} to {rating.interval[1]:.1f}",
-        "gain": gain or "–",
+        "gain": gain,
         "predicted": _pm(entry.predicted, entry.predicted_reach),
         "holds": HOLDS[prediction_check(entry)],
-        "mean": f"{rating.mean:.1f}",
-        "spread_sites": f"{rating.spread_sites:.1f}",
-        "spread_bends": f"{rating.spread_bends:.1f}",
-        "clipped": f"{entry.clipped:.1%}" if entry.clipped else "none",
     }
 
 
 def _bolt(result: OvernightResult) -> dict[str, Any]:
     """Return Fig. 5.3, or why there is none."""
-    head = BoltHead()
+    head, rows, why_not = BoltHead(), [], ""
+    shown = list(dict.fromkeys((result.finalists[0], result.best)))
     try:
-        drawn = bolt_pictures(result)
+        drawn = bolt_pictures(result.scene, [e.design for e in shown], result.settings)
+        for entry, pngs in zip(shown, drawn, strict=True):
+            rows.append({"title": entry.title, "pictures": [data_uri(png) for png in pngs]})
     except SceneError as error:
-        return {"rows": [], "titles": [], "why_not": str(error)}
-    keys = list(dict.fromkeys(key for key, _ in drawn))
-    return {
-        "titles": [result.finalist(key).title for key in keys],
-        "rows": [
-            {
-                "bend": bend,
-                "pictures": [
-                    {"title": result.finalist(key).title, "data": data_uri(drawn[key, index])}
-                    for key in keys
-                ],
-            }
-            for index, bend in enumerate(bend_titles(result.scene))
-        ],
-        "radius": f"{2 * head.radius:g}",
-        "depth": f"{head.depth:g}",
-    }
+        why_not = str(error)
+    size = {"radius": f"{2 * head.radius:g}", "depth": f"{head.depth:g}"}
+    return {"rows": rows, "why_not": why_not, **size}
 
 
 def _color_errors(result: OvernightResult) -> str:
@@ -229,25 +153,96 @@ def _color_errors(result: OvernightResult) -> str:
     )
 
 
-def _level(row: dict[str, float | str | None]) -> dict[str, str]:
-    def text(key: str, form: str) -> str:
-        value = row.get(key)
-        return "–" if value is None else format(value, form)
-
-    return {
-        "level": str(row["level"]),
-        "seconds": text("seconds_per_design", ".2g"),
-        "median": text("facet_error_median", ".1%"),
-        "p95": text("facet_error_p95", ".1%"),
-        "score": text("score_error", ".2f"),
-        "tau": text("kendall_tau", ".2f"),
-    }
-
-
-def _interval(result: OvernightResult, value: float, se: float) -> tuple[float, float]:
-    return value - result.interval_factor * se, value + result.interval_factor * se
-
-
 def _pm(value: float, half_width: float, sign: str = "") -> str:
     """Return value and reach as text that does not break into two lines."""
     return f"{value:{sign}.1f}\u00a0±\u00a0{half_width:.1f}"
+
+
+WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
+SOFT = "#8a8f98"
+MARKS = {
+    "baseline": ("#1c1f24", -0.3),
+    "the surrogate's best": ("#b45309", -0.15),
+    "others": ("#93b4f5", 0.0),
+}
+"""Tone of the marks of the convergence plot, and where they begin in a step."""
+
+
+def convergence(result: OvernightResult) -> Figure:
+    """Draw every rendered score step by step, with 95 % intervals and predictions."""
+    names = list(dict.fromkeys(point.step for point in result.steps))
+    with drawing(WIDTH, HEIGHT) as figure:
+        axes = figure.subplots()
+        for label, (tone, left) in MARKS.items():
+            mine = [point for point in result.steps if _mark(point, result.winner) == label]
+            # Side by side, so that the marks of a step do not cover each other.
+            before = [sum(q.step == p.step for q in mine[:i]) for i, p in enumerate(mine)]
+            at = [names.index(p.step) + left + 0.1 * b for p, b in zip(mine, before, strict=True)]
+            half = [result.interval_factor * point.se for point in mine]
+            scores = [point.score for point in mine]
+            axes.errorbar(at, scores, half, fmt="o", ms=4, lw=1, capsize=2, color=tone, label=label)
+            axes.plot(at, [point.predicted for point in mine], "x", ms=4.5, mew=1, color=tone)
+        axes.plot([], [], "x", ms=4.5, mew=1, color=SOFT, label="predicted")
+        for entry, tone in ((result.finalists[0], "#e6e8ec"), (result.best, "#fdebd0")):
+            axes.axhspan(*entry.rating.interval, lw=0, zorder=0, facecolor=tone)
+        shown = range(0, len(names), -(-len(names) // 6))
+        axes.set_xticks(list(shown), [names[i] for i in shown])
+        axes.set(ylabel="score S", xlim=(-0.5, len(names) - 0.5))
+        # An interval that reaches far beyond all scores would press these together.
+        values = np.array([(point.score, point.predicted) for point in result.steps])
+        margin = 0.6 * max(float(np.ptp(values)), 1.0)
+        axes.set_ylim(values.min() - margin, values.max() + margin)
+        axes.spines[["top", "right"]].set_visible(False)
+        handles, labels = axes.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False,
+                      fontsize=8, columnspacing=1.0, handletextpad=0.3)  # fmt: skip
+    return figure
+
+
+def _mark(step: ConvergencePoint, winner: str) -> str:
+    if step.role == "baseline":
+        return "baseline"
+    return "the surrogate's best" if step.role in ("best", winner) else "others"
+
+
+def score_scatter(result: OvernightResult) -> Figure:
+    """Draw predicted against rendered scores of all designs that were rendered."""
+    reach = [entry.predicted_reach for entry in result.finalists]
+    with drawing(WIDTH, HEIGHT) as figure:
+        axes = figure.subplots()
+
+        def draw(entries: Sequence[Finalist | ConvergencePoint], **look: Any) -> None:
+            half = [result.interval_factor * entry.se for entry in entries]
+            axes.errorbar([e.predicted for e in entries], [e.score for e in entries], half, **look)
+
+        draw(result.steps, fmt="o", ms=3.5, lw=0.8, color=SOFT, label="on the way")
+        draw(result.finalists, xerr=reach, fmt="s", ms=5, color="#b45309", label="finalists")
+        limits = [*axes.get_xlim(), *axes.get_ylim()]
+        axes.plot([min(limits), max(limits)], [min(limits), max(limits)], color=SOFT, lw=0.8)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set(xlabel="score S, surrogate", ylabel="score S, rendered")
+        axes.legend(frameon=False, loc="upper left")
+    return figure
+
+
+def speed_accuracy(result: OvernightResult) -> Figure:
+    """Draw the error of facet colors of every level over its seconds per design."""
+    with drawing(WIDTH, HEIGHT) as figure:
+        axes = figure.subplots()
+        draw_levels(axes, [row[:4] for row in result.trade])
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def report_pictures(result: OvernightResult) -> Iterator[tuple[str, bytes]]:
+    """Yield ``(name, PNG)``.
+
+    Those of `design_pictures` for all finalists, ``scores`` and, where there is what they show,
+    ``convergence`` and ``trade``.
+    """
+    yield from design_pictures(result.scene, result.finalists)
+    if result.steps:
+        yield "convergence", png_bytes(convergence(result))
+    yield "scores", png_bytes(score_scatter(result))
+    if result.trade:
+        yield "trade", png_bytes(speed_accuracy(result))

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
-import os
-import socket
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
-from datetime import datetime
+from contextlib import closing, contextmanager
 from pathlib import Path
 
+from optimize.ui.output import check_target
 from render.errors import TactiluxError
 
-RECORD = "run.sqlite"
+RECORD, LOCK, LOG = "run.sqlite", "lock", "log.txt"
 """The record of a run directory, see ``optimize.overnight.store``; without it there is no run."""
 
 
@@ -23,13 +20,20 @@ class RunError(TactiluxError):
     """A run directory that cannot be used as it was asked for."""
 
 
-class RunInUseError(RunError):
-    """Another process works in the run directory."""
+def check_run_directory(run: Path) -> None:
+    """Refuse a place that holds something else.
+
+    Raises:
+        OutputError: it is a file, or holds files but no record of a run.
+    """
+    # A process that ended before it had a record has left no more than these.
+    if run.is_dir() and {item.name for item in run.iterdir()} <= {LOCK, LOG}:
+        return
+    check_target(run, RECORD)
 
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _CLOSED = {errno.EROFS, errno.EACCES, errno.EPERM}
-_NO_ROOM = ("SQLITE_FULL", "SQLITE_IOERR")
 
 
 @contextmanager
@@ -41,57 +45,59 @@ def writing(run: Path) -> Iterator[None]:
     """
     try:
         yield
-    except OSError as error:
-        if error.errno in _FULL:
-            raise RunError(
-                f"{run} cannot be written ({error.strerror}): free some space, then give the same "
-                "command again; it goes on from what is finished",
-                field="out",
-                value=str(run),
-            ) from error
-        if error.errno in _CLOSED:
-            raise RunError(
-                f"{run} cannot be written ({error.strerror}): choose another place with --out",
-                field="out",
-                value=str(run),
-            ) from error
-        if error.errno == errno.ENOENT and not (run / RECORD).exists():
-            raise _gone(run) from error
-        raise
-    except sqlite3.DatabaseError as error:
-        # A record that the disk had no room for was never there; one that was, was taken away.
-        full = getattr(error, "sqlite_errorname", "").startswith(_NO_ROOM) and run.is_dir()
-        known = full or (run / RECORD).exists()
-        raise (_of_sqlite(run, error) if known else _gone(run)) from error
+    except (OSError, sqlite3.DatabaseError) as error:
+        sentence = _sentence(run, error)
+        if sentence is None:
+            raise
+        raise RunError(sentence, field="out", value=str(run)) from error
 
 
-def _gone(run: Path) -> RunError:
-    return RunError(
-        f"{run} was taken away while a night worked in it: put it back and give the same command "
-        "again, or start anew in another place with --out",
-        field="out",
-        value=str(run),
-    )
-
-
-def _of_sqlite(run: Path, error: sqlite3.DatabaseError) -> RunError:
-    name, message = getattr(error, "sqlite_errorname", ""), " ".join(str(error).split())
-    if name.startswith(_NO_ROOM):
-        advice = "free some space, then give the same command again; it goes on from what is done"
-        return RunError(f"{run} cannot be written ({message}): {advice}", field="out")
-    if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
-        return RunError(
-            f"{run} cannot be written ({message}): choose another place with --out", field="out"
+def _sentence(run: Path, error: OSError | sqlite3.DatabaseError) -> str | None:
+    number, name = getattr(error, "errno", None), getattr(error, "sqlite_errorname", "")
+    words = " ".join(str(getattr(error, "strerror", None) or error).split())
+    gone, of_record = not (run / RECORD).exists(), isinstance(error, sqlite3.DatabaseError)
+    # A record that the disk had no room for was never there; one that was, was taken away.
+    no_room = name.startswith(("SQLITE_FULL", "SQLITE_IOERR")) and run.is_dir()
+    if number in _FULL or no_room:
+        return (
+            f"{run} cannot be written ({words}): free some space, then give the same command "
+            "again; it goes on from what is finished"
         )
-    return RunError(
-        f"{run / RECORD} is damaged ({message}): restore it from a copy, or start anew in "
-        "another place with --out; nothing was changed",
-        field="run",
-        value=str(run),
-    )
+    if gone and (of_record or number == errno.ENOENT):
+        return (
+            f"{run} was taken away while a night worked in it: put it back and give the same "
+            "command again, or start anew in another place with --out"
+        )
+    closed = name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM"))
+    if number in _CLOSED or closed:
+        return f"{run} cannot be written ({words}): choose another place with --out"
+    if of_record:
+        return (
+            f"{run / RECORD} is damaged ({words}): restore it from a copy, or start anew in "
+            "another place with --out; nothing was changed"
+        )
+    return None
 
 
-LOCK = "lock"
+def open_record(run: Path) -> sqlite3.Connection:
+    """Open the record for reading; on a read-only disk, without the files that WAL needs.
+
+    Raises:
+        RunError: there is none.
+    """
+    if not (run / RECORD).is_file():
+        raise RunError(
+            f"{run} holds no run ({RECORD}): name the directory given to tactilux overnight --out",
+            field="run",
+            value=str(run),
+        )
+    path = (run / RECORD).absolute().as_uri()
+    try:
+        db = sqlite3.connect(f"{path}?mode=ro", uri=True)
+        db.execute("SELECT 1 FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError:
+        db = sqlite3.connect(f"{path}?mode=ro&immutable=1", uri=True)
+    return db
 
 
 @contextmanager
@@ -99,20 +105,25 @@ def locked(run: Path) -> Iterator[None]:
     """Hold ``run`` for this process; the lock ends with the process, however that ends.
 
     Raises:
-        RunInUseError: names the process that holds it.
+        RunError: names the process that holds it.
     """
-    # Not opened for appending: who comes second must not touch what the first wrote.
-    handle = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    with os.fdopen(handle, "r+", encoding="utf-8") as stream:
+    with (run / LOCK).open("a", encoding="utf-8") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise _refusal(run, error) from None
-        stream.truncate()
-        started = datetime.now().astimezone().isoformat(timespec="seconds")
-        owner = {"pid": os.getpid(), "host": socket.gethostname(), "started": started}
-        stream.write(json.dumps(owner) + "\n")
-        stream.flush()
+            if error.errno not in (errno.EAGAIN, errno.EACCES):
+                raise RunError(
+                    f"{run / LOCK} cannot be locked ({error.strerror}), so two processes could "
+                    "disturb each other: choose a directory on another file system with --out",
+                    field="out",
+                    value=str(run),
+                ) from None
+            raise RunError(
+                f"{run} is in use by {_last_attempt(run)}: wait until it ends, or choose another "
+                "directory with --out",
+                field="out",
+                value=str(run),
+            ) from None
         yield
 
 
@@ -126,29 +137,16 @@ def holder(run: Path) -> str | None:
         try:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except OSError:
-            return _described(stream.read())
+            return _last_attempt(run)
     return None
 
 
-def _refusal(run: Path, error: OSError) -> RunError:
-    if error.errno not in (errno.EAGAIN, errno.EACCES):
-        return RunError(
-            f"{run / LOCK} cannot be locked ({error.strerror}), so two processes could disturb "
-            "each other: choose a directory on another file system with --out",
-            field="out",
-            value=str(run),
-        )
-    name = _described((run / LOCK).read_text(encoding="utf-8"))
-    return RunInUseError(
-        f"{run} is in use by {name}: wait until it ends, or choose another directory with --out",
-        field="out",
-        value=str(run),
-    )
-
-
-def _described(text: str) -> str:
+def _last_attempt(run: Path) -> str:
+    """Return whose attempt began last, as a person may read it."""
     try:
-        owner = json.loads(text)
-        return f"process {owner['pid']} on {owner['host']}, started {owner['started']}"
-    except (ValueError, KeyError, TypeError):
+        with closing(open_record(run)) as db:
+            words = "SELECT pid, host, started FROM attempts ORDER BY id DESC"
+            pid, host, started = db.execute(words).fetchone()
+    except (RunError, sqlite3.Error, TypeError):
         return "another process"
+    return f"process {pid} on {host}, started {started}"

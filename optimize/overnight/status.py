@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-import sqlite3
-from dataclasses import asdict, dataclass
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optimize.overnight.run_directory import RunError, holder, writing
-from optimize.overnight.store import RECORD, check_request
+from optimize.overnight.run_directory import holder, open_record, writing
+from optimize.overnight.store import check_request
+from optimize.ui.console import duration
+
+WORKERS = (1, 2, 8, 64)
 
 
 @dataclass(frozen=True)
@@ -38,10 +41,6 @@ class RunStatus:
     eta_seconds: float | None
     holder: str | None
 
-    def to_json(self) -> dict[str, Any]:
-        """Return what programs rely on."""
-        return asdict(self)
-
 
 def status_of(run: Path) -> RunStatus:
     """Return how far the run in ``run`` is.
@@ -49,40 +48,15 @@ def status_of(run: Path) -> RunStatus:
     Raises:
         RunError: there is no run, it is of another version, or damaged.
     """
-    if not (run / RECORD).is_file():
-        raise RunError(
-            f"{run} holds no run ({RECORD}): name the directory given to tactilux overnight --out",
-            field="run",
-            value=str(run),
-        )
     working = holder(run)
-    with writing(run):
-        db = _opened(run)
-        try:
-            check_request(run, db, None)
-            return _read(db, working)
-        finally:
-            db.close()
-
-
-def _opened(run: Path) -> sqlite3.Connection:
-    """Open the record for reading; on a read-only disk, without the files that WAL needs."""
-    path = (run / RECORD).absolute().as_uri()
-    try:
-        db = sqlite3.connect(f"{path}?mode=ro", uri=True)
-        db.execute("SELECT 1 FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:
-        db = sqlite3.connect(f"{path}?mode=ro&immutable=1", uri=True)
-    return db
-
-
-def _read(db: sqlite3.Connection, working: str | None) -> RunStatus:
-    (evaluations, render_seconds) = db.execute(
-        "SELECT COUNT(DISTINCT key), TOTAL(seconds) FROM evaluations"
-    ).fetchone()
-    (seconds, attempts) = db.execute("SELECT TOTAL(seconds), COUNT(*) FROM attempts").fetchone()
-    last = db.execute("SELECT ended FROM attempts ORDER BY id DESC").fetchone()
-    row = db.execute("SELECT stage, done, total, eta, best FROM progress").fetchone()
+    with writing(run), closing(open_record(run)) as db:
+        check_request(run, db, None)
+        evaluations, render_seconds = db.execute(
+            "SELECT COUNT(DISTINCT key), TOTAL(seconds) FROM evaluations"
+        ).fetchone()
+        seconds, attempts = db.execute("SELECT TOTAL(seconds), COUNT(*) FROM attempts").fetchone()
+        last = db.execute("SELECT ended FROM attempts ORDER BY id DESC").fetchone()
+        row = db.execute("SELECT stage, done, total, eta, best FROM progress").fetchone()
     stage, done, total, eta, best = row or ("", 0.0, 1.0, None, None)
     ended = {"": "lost", "finished": "finished"}.get(last[0] if last else "stopped", "stopped")
     return RunStatus(
@@ -97,3 +71,38 @@ def _read(db: sqlite3.Connection, working: str | None) -> RunStatus:
         eta_seconds=eta if working else None,
         holder=working,
     )
+
+
+def scaling_of(run: Path) -> dict[int, float]:
+    """Return the least seconds that ``run`` would take so far, by number of workers.
+
+    Renders take as long as they took and are shared evenly; no stage is shorter than its longest
+    render, and every stage waits for the one before. Everything else takes as long as it took,
+    trial renders too, which follow each other.
+    """
+    with writing(run), closing(open_record(run)) as db:
+        stages = db.execute(
+            "SELECT SUM(seconds), MAX(seconds), COUNT(DISTINCT worker) FROM evaluations WHERE id IN"
+            " (SELECT MAX(id) FROM evaluations GROUP BY key) AND kind NOT LIKE '%/trial' "
+            "GROUP BY kind"
+        ).fetchall()
+        (worked,) = db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
+
+    def rendering(workers: int | None = None) -> float:
+        return float(
+            sum(max(spent / (workers or made_by), longest) for spent, longest, made_by in stages)
+        )
+
+    serial = max(worked - rendering(), 0.0)
+    return {workers: serial + rendering(workers) for workers in WORKERS}
+
+
+SCALING_WORDS = (
+    "At least: renders as long as they were, shared evenly, each stage waiting for its longest; "
+    "other work does not shrink. With --hours, more workers render more in the same time instead."
+)
+
+
+def scaling_rows(seconds: dict[int, float]) -> list[tuple[str, str, str]]:
+    """Return workers, time and how many times as fast, as text."""
+    return [(str(n), duration(s), f"{seconds[1] / s:.2g}") for n, s in seconds.items()]

@@ -32,15 +32,14 @@ from typing import Any
 
 import numpy as np
 
-from optimize.overnight.run_directory import RECORD as RECORD
-from optimize.overnight.run_directory import RunError
+from optimize.overnight.run_directory import RECORD, RunError
 from optimize.ui.provenance import program_version
-from render.errors import TableError
-from render.files import TEMPORARY, read_npz, sync_folder, temporary_name, write_bytes
+from render.files import TEMPORARY, sync_folder, temporary_name, write_bytes
+from render.progress import Progress
 from render.reference import RenderJob, RenderResult
 from render.scene import scene_of
 
-SCHEMA = 2
+SCHEMA = 3
 RENDERS, STATES, TABLE = "renders", "states", "table"
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""
@@ -88,14 +87,16 @@ class Store:
             RunError: the directory is for something else or of another version.
             sqlite3.DatabaseError: the record is damaged.
         """
-        self.run, self.note = run, note
+        self.run, self.request, self.note = run, request, note
         self._began = self._beat = time.monotonic()
         if not (run / RECORD).exists():
             _create(run, request)
         # Autocommit: every statement is a transaction unless one is begun.
         self._db = sqlite3.connect(run / RECORD, isolation_level=None)
         try:
-            _check_whole(self._db)
+            state = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if state != "ok":
+                raise sqlite3.DatabaseError(state)
             check_request(run, self._db, request)
             _sweep(run)
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -115,36 +116,29 @@ class Store:
     def close(self, ended: str) -> None:
         """Record how this attempt ended, and close."""
         try:
-            self._db.execute(
-                "UPDATE attempts SET seconds = ?, ended = ? WHERE id = ?",
-                (self._worked(), ended, self._attempt),
-            )
+            self._record_attempt(ended)
         finally:
             self._db.close()
 
-    def _worked(self) -> float:
-        return time.monotonic() - self._began
+    def _record_attempt(self, ended: str) -> None:
+        words = "UPDATE attempts SET seconds = ?, ended = ? WHERE id = ?"
+        self._db.execute(words, (self.spent() - self._before, ended, self._attempt))
 
     def spent(self) -> float:
         """Return the seconds that all attempts together have worked."""
-        return self._before + self._worked()
+        return self._before + time.monotonic() - self._began
 
     def beat(self) -> None:
         """Record the time spent, at most every ``HEARTBEAT`` seconds."""
         if time.monotonic() - self._beat >= HEARTBEAT:
             self._beat = time.monotonic()
-            self._db.execute(
-                "UPDATE attempts SET seconds = ? WHERE id = ?",
-                (self._worked(), self._attempt),
-            )
+            self._record_attempt("")
 
-    def progress(
-        self, stage: str, done: float, total: float, eta: float | None, best: dict[str, Any] | None
-    ) -> None:
+    def progress(self, stage: str, at: Progress, best: dict[str, Any] | None) -> None:
         """Replace the row that ``tactilux status`` reads."""
         self._db.execute(
             "INSERT OR REPLACE INTO progress VALUES (1, ?, ?, ?, ?, ?)",
-            (stage, done, total, eta, None if best is None else json.dumps(best)),
+            (stage, at.done, at.total, at.eta_seconds, best and json.dumps(best)),
         )
 
     def decided(self, name: str) -> Any:
@@ -153,49 +147,36 @@ class Store:
         return None if row is None else json.loads(row[0])
 
     def decide(self, name: str, make: Callable[[], Any]) -> Any:
-        """Return the logged decision, or log what ``make`` returns (JSON, not None)."""
+        """Return the logged decision, or log what ``make`` returns: JSON, dataclasses, arrays."""
         known = self.decided(name)
         if known is not None:
             return known
-        text = json.dumps(make(), allow_nan=False)
+        text = json.dumps(make(), allow_nan=False, default=_plain)
         self._db.execute(
             "INSERT INTO decisions (name, value, time) VALUES (?, ?, ?)", (name, text, _now())
         )
         return json.loads(text)
 
-    def evaluations(self) -> int:
-        """Return the number of renders that are finished."""
-        (count,) = self._db.execute("SELECT COUNT(DISTINCT key) FROM evaluations").fetchone()
-        return int(count)
-
-    def render_seconds(self) -> float:
-        """Return the seconds of all renders together, on whatever machine."""
-        (seconds,) = self._db.execute("SELECT TOTAL(seconds) FROM evaluations").fetchone()
-        return float(seconds)
-
-    def render_seconds_by_kind(self) -> dict[str, float]:
-        """Return the seconds of the renders of every kind."""
-        rows = self._db.execute("SELECT kind, TOTAL(seconds) FROM evaluations GROUP BY kind")
-        return {str(kind): float(seconds) for kind, seconds in rows.fetchall()}
-
     def state(self, job: RenderJob) -> Path:
         """Return where an unfinished render of ``job`` is kept."""
         return self.run / STATES / f"{job.key}.npz"
 
-    def finished(self, job: RenderJob, kind: str) -> RenderResult | None:
-        """Return the render of ``job`` if it is there and whole; a damaged one is told of."""
+    def finished(self, job: RenderJob) -> RenderResult | None:
+        """Return the render of ``job`` if it is logged and whole; a damaged one is told of.
+
+        One whose process was killed before it was logged is rendered again, from its last state.
+        """
         path = self.run / RENDERS / f"{job.key}.npz"
         row = self._db.execute(
             "SELECT sha256, seconds FROM evaluations WHERE key = ? ORDER BY id DESC", (job.key,)
         ).fetchone()
+        if row is None:
+            return None
         try:
             content = path.read_bytes()
         except FileNotFoundError:
-            if row is not None:
-                self.note(f"{path} is missing, though it was logged: it is rendered again")
+            self.note(f"{path} is missing, though it was logged: it is rendered again")
             return None
-        if row is None:
-            return self._adopt(job, kind, path, content)
         digest, seconds = row
         if hashlib.sha256(content).hexdigest() != digest:
             self.note(f"{path} is damaged (its SHA-256 is not the logged one): rendered again")
@@ -205,43 +186,22 @@ class Store:
         with np.load(BytesIO(content), allow_pickle=False) as arrays:
             return RenderResult(arrays["estimate"], float(seconds))
 
-    def _adopt(self, job: RenderJob, kind: str, path: Path, content: bytes) -> RenderResult | None:
-        """Log a render whose process was killed between renaming its file and logging it."""
-        try:
-            arrays = read_npz(path)
-        except TableError:
-            return None
-        if str(arrays.get("key")) != job.key or "estimate" not in arrays:
-            return None
-        # Nobody noted how long it took.
-        result = RenderResult(arrays["estimate"], 0.0)
-        self._log(job, kind, result, content, "")
-        self.state(job).unlink(missing_ok=True)
-        return result
-
     def keep(self, job: RenderJob, result: RenderResult, kind: str, worker: str) -> None:
         """Write the render of ``job``, then log it; the same result makes the same bytes."""
         buffer = BytesIO()
-        np.savez(buffer, key=np.array(job.key), estimate=result.estimate)
+        np.savez(buffer, estimate=result.estimate)
         content = buffer.getvalue()
         # Not made anew: a run directory that was taken away while a night works in it is told.
         os.stat(self.run / RENDERS)
         write_bytes(self.run / RENDERS / f"{job.key}.npz", content)
-        self._log(job, kind, result, content, worker)
-        self.state(job).unlink(missing_ok=True)
-
-    def _log(
-        self, job: RenderJob, kind: str, result: RenderResult, content: bytes, worker: str
-    ) -> None:
-        spec = asdict(job) | {"scene": scene_of(job.scene).hash}
+        spec = json.dumps(asdict(job) | {"scene": scene_of(job.scene).hash})
+        digest = hashlib.sha256(content).hexdigest()
         self._db.execute(
             "INSERT INTO evaluations (key, kind, level, seed, spec, seconds, sha256, worker, time)"
             " VALUES (?, ?, 'reference', ?, ?, ?, ?, ?, ?)",
-            (
-                job.key, kind, job.seed, json.dumps(spec), result.seconds,
-                hashlib.sha256(content).hexdigest(), worker, _now(),
-            ),
-        )  # fmt: skip
+            (job.key, kind, job.seed, spec, result.seconds, digest, worker, _now()),
+        )
+        self.state(job).unlink(missing_ok=True)
 
 
 def _create(run: Path, request: RunRequest) -> None:
@@ -303,18 +263,17 @@ _WORDS = {
 }
 
 
-def _check_whole(db: sqlite3.Connection) -> None:
-    state = db.execute("PRAGMA quick_check(1)").fetchone()[0]
-    if state != "ok":
-        raise sqlite3.DatabaseError(state)
-
-
 def _sweep(run: Path) -> None:
     """Take away what a killed process had not finished writing."""
     for folder in (run, run / RENDERS, run / STATES, run / TABLE):
         for item in folder.glob(".*"):
             if TEMPORARY.fullmatch(item.name):
                 shutil.rmtree(item) if item.is_dir() else item.unlink()
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON can hold of an array or a dataclass."""
+    return value.tolist() if isinstance(value, np.ndarray) else asdict(value)
 
 
 def _now() -> str:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from optimize.overnight.run_log import Signals
 from optimize.overnight.store import Store
+from optimize.ui.signals import Signals
 from render.progress import Clock
 from render.reference import RenderJob, RenderResult, run_job
 
@@ -113,17 +113,13 @@ class StoredRenders:
             OutOfTime: the deadline has come.
             Stopped: a signal asked for the end.
         """
-        found: dict[str, RenderResult] = {}
-        missing: dict[str, RenderJob] = {}
+        found: dict[str, RenderResult | None] = {}
         for job in jobs:
-            if job.key in found or job.key in missing:
-                continue
-            known = self.store.finished(job, self.kind)
-            if known is None:
-                missing[job.key] = job
-            else:
-                found[job.key] = known
-                clock.skip(job.samples)
+            if job.key not in found:
+                found[job.key] = self.store.finished(job)
+                if found[job.key] is not None:
+                    clock.skip(job.samples)
+        missing = {job.key: job for job in jobs if found[job.key] is None}
         todo = list(missing.values())
         with self.signals.patient() as stop_if_asked:
 
@@ -138,4 +134,4 @@ class StoredRenders:
                 job = todo[done.index]
                 self.store.keep(job, done.result, self.kind, done.worker)
                 found[job.key] = done.result
-        return [found[job.key] for job in jobs]
+        return [result for job in jobs if (result := found[job.key]) is not None]

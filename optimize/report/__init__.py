@@ -9,7 +9,9 @@ from optimize.report.exploration_report import (
 from optimize.report.illustrations import (
     INK,
     STAGES,
+    bolt_pictures,
     convergence,
+    design_pictures,
     drawing,
     encode_srgb,
     facet_strip,

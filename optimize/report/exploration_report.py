@@ -10,19 +10,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from optimize.design import PARTS, save_design
+from optimize.design import PARTS, Rating, save_design
 from optimize.exploration import Exploration, Stage
 from optimize.report.illustrations import (
     convergence,
-    facet_strip,
-    metric_strip,
+    design_pictures,
     picture_png,
     png_bytes,
-    scheme,
 )
 from optimize.report.page import (
     bend_titles,
@@ -138,12 +136,7 @@ def explore_pictures(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
     exposed as the scene's camera is, so that pictures can be compared.
     """
     scene, stages = exploration.scene, exploration.stages
-    maps = np.stack([stage.metric for stage in stages])
-    for stage in stages:
-        yield f"scheme-{stage.key}", png_bytes(scheme(scene, stage.design))
-        strip = metric_strip(scene, stage.metric, float(maps.min()), float(maps.max()))
-        yield f"metric-{stage.key}", png_bytes(strip)
-        yield f"facets-{stage.key}", png_bytes(facet_strip(scene, stage.counts))
+    yield from design_pictures(scene, stages)
     yield "convergence", png_bytes(convergence(exploration.search.history))
     yield from _previews(exploration)
 
@@ -203,7 +196,23 @@ def render_report(stages: Sequence[Stage], pictures: Mapping[str, bytes], **text
     return render_page("report.html.j2", context | texts)
 
 
-def score_row(stage: Stage) -> dict[str, str]:
+class Scored(Protocol):
+    """A design with its rating, for a table."""
+
+    @property
+    def title(self) -> str:
+        """What it is called."""
+
+    @property
+    def rating(self) -> Rating:
+        """Its score."""
+
+    @property
+    def clipped(self) -> float:
+        """Fraction of its facets that saturate."""
+
+
+def score_row(stage: Scored) -> dict[str, str]:
     """Return the figures of one design as text, shared by the report and the terminal table."""
     rating = stage.rating
     low, high = rating.interval

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from optimize.design import Design
+from optimize.design import Design, ScoreSettings
 from optimize.search import SearchStep
 from render.arrays import Array
-from render.geometry import flat_fiber_poses, flat_sites, pyramid
+from render.geometry import bolt, flat_fiber_poses, flat_sites, pyramid
 from render.scene import Scene
 
 PANEL = 1.75  # inches: a panel stays readable when three of them share the width of a phone
@@ -84,6 +84,39 @@ def picture_png(linear: Array) -> bytes:
     stream = io.BytesIO()
     imsave(stream, encode_srgb(linear), format="png", metadata={"Software": "tactilux"})
     return stream.getvalue()
+
+
+class Illustrated(Protocol):
+    """A design that a report draws: its key, its lights, its map of M and its facet colors."""
+
+    @property
+    def key(self) -> str:
+        """Names its pictures."""
+
+    @property
+    def design(self) -> Design:
+        """Directions and LED powers."""
+
+    @property
+    def metric(self) -> Array:
+        """M of eq. (4.6), ``(bend, site)``."""
+
+    @property
+    def counts(self) -> Array:
+        """Facet colors ``(bend, site, facet, 3)``."""
+
+
+def design_pictures(scene: Scene, entries: Sequence[Illustrated]) -> Iterator[tuple[str, bytes]]:
+    """Yield ``scheme-<key>``, ``metric-<key>`` (Fig. 5.1) and ``facets-<key>`` (Fig. 5.2) as PNG.
+
+    All maps share one scale.
+    """
+    maps = np.stack([entry.metric for entry in entries])
+    for entry in entries:
+        yield f"scheme-{entry.key}", png_bytes(scheme(scene, entry.design))
+        strip = metric_strip(scene, entry.metric, float(maps.min()), float(maps.max()))
+        yield f"metric-{entry.key}", png_bytes(strip)
+        yield f"facets-{entry.key}", png_bytes(facet_strip(scene, entry.counts))
 
 
 def metric_strip(scene: Scene, metric: Array, low: float, high: float) -> Figure:
@@ -221,3 +254,38 @@ def convergence(steps: Sequence[SearchStep]) -> Figure:
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False, loc="lower right")
     return figure
+
+
+BOLT_ROWS = 450  # pixels of the camera's view, before it is cut to the pad
+
+
+def bolt_pictures(
+    scene: Scene, designs: Sequence[Design], settings: ScoreSettings
+) -> list[list[bytes]]:
+    """Return Fig. 5.3: for every design a PNG per bend, the tip up as in all pictures.
+
+    Drawn by the preview (level 0) at the scene's one exposure, and all cut to the same frame.
+
+    Raises:
+        SceneError: the bolt does not fit into the pad.
+        GraphicsError: nothing here can draw.
+    """
+    from render.preview import Preview
+
+    width = round(BOLT_ROWS * scene.camera.columns / scene.camera.rows)
+    with Preview(scene, imprint=bolt(scene)) as preview:
+        drawn = np.array(
+            [
+                [
+                    preview.picture(d.phi, d.power, bend, width, BOLT_ROWS)
+                    for bend in scene.bending.angles
+                ]
+                for d in designs
+            ],
+            dtype=np.float64,
+        )
+    lit = np.any(drawn, axis=(0, 1, 4))
+    rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
+    frame = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    bright = settings.exposure / settings.conventions.count_max
+    return [[picture_png(seen[frame] * bright) for seen in pictures] for pictures in drawn]

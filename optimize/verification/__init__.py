@@ -16,12 +16,13 @@ from optimize.verification.optimization import (
     optimize,
     write_optimization,
 )
-from optimize.verification.thesis import GENERATIONS
+from optimize.verification.thesis import thesis_on_table
 from optimize.verification.verification_loop import (
     CONVERGED,
     Candidate,
     LoopConfig,
     LoopRound,
     RenderedRound,
+    SceneRefit,
     VerificationLoop,
 )

@@ -28,6 +28,7 @@ from optimize.verification.verification_loop import (
     LoopConfig,
     LoopResult,
     LoopRound,
+    SceneRefit,
     VerificationLoop,
 )
 from render.geometry import fiber_edges
@@ -161,17 +162,12 @@ def _run_loop(
     config: OptimizeConfig,
     report: Callable[[LoopRound], None] | None,
 ) -> LoopResult:
-    from surrogate.model.preview_grid import draw_grid
-    from surrogate.training.refit import Refitter
-
-    preview = checker.metadata.preview
-    grid = draw_grid(scene, int(preview["phi_nodes"]), int(preview["bend_nodes"]))
     amount = LoopConfig(config.samples, config.rounds, config.seed)
     loop = VerificationLoop(
         search_table(checker),
         baseline,
         render,
-        Refitter(scene, grid),
+        SceneRefit(scene, checker),
         fiber_edges(scene),
         amount,
         limits_of(scene),

@@ -73,10 +73,7 @@ def thesis_procedure(
     settings = settings or baseline_settings(first.replicates[:, 0].mean(axis=0), baseline.power)
     seconds, runs = first.seconds, 1
     scorer = TableScorer(_table(first, settings), settings.conventions)
-    grouped = grouped_colors(scorer, baseline.phi)
-    colors = renamed_like(grouped.colors, baseline.colors)
-    colored = Design.of_colors(baseline.phi, colors)
-    groups = tied_groups(edges, colors)
+    colored, groups = colored_groups(scorer, baseline, edges)
     limit = 1 + generations * population(int(groups.max()) + 1)
 
     def score(phi: Array) -> Array:
@@ -109,6 +106,30 @@ def thesis_procedure(
     return ThesisResult(
         Design(turned.phi, colored.power), colored, turned.score, settings, turned, runs, seconds
     )
+
+
+def colored_groups(
+    scorer: TableScorer, baseline: Design, edges: Sequence[str]
+) -> tuple[Design, np.ndarray]:
+    """Return the best colors in pairs at the baseline's directions, and fibers that turn as one."""
+    colors = renamed_like(grouped_colors(scorer, baseline.phi).colors, baseline.colors)
+    return Design.of_colors(baseline.phi, colors), tied_groups(edges, colors)
+
+
+def thesis_on_table(
+    scorer: TableScorer, baseline: Design, edges: Sequence[str], seed: int
+) -> Design:
+    """Return what the procedure makes of a table that knows all directions; nothing is rendered."""
+    colored, groups = colored_groups(scorer, baseline, edges)
+    turned = optimize_directions(
+        lambda phi: scorer.direction_scores(phi, colored.power),
+        baseline.phi,
+        groups=groups,
+        bounds=scorer.phi_bounds,
+        seed=seed,
+        max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
+    )
+    return Design(turned.phi, colored.power)
 
 
 def baseline_settings(transport: Array, power: Array) -> ScoreSettings:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -28,10 +29,12 @@ from optimize.verification.design_proposals import Proposal, proposal_of, propos
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
+from render.scene import Scene
 from render.transport import TransportTable
+from surrogate.runtime import Checker
 
 if TYPE_CHECKING:  # torch comes with the refit
-    from surrogate.training.refit import NewRenders, ResidualCorrection
+    from surrogate.training.refit import NewRenders, Refitter, ResidualCorrection
 
 MIN_TAU = 0.85
 MIN_RELATIVE_GAIN = 1e-3
@@ -102,6 +105,29 @@ class SurrogateRefit(Protocol):
 
     def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
         """Return ``table`` with the correction."""
+
+
+class SceneRefit:
+    """A `SurrogateRefit` of a scene's model, made when it is needed: its grid takes seconds."""
+
+    def __init__(self, scene: Scene, checker: Checker) -> None:
+        self._scene, self._preview = scene, checker.metadata.preview
+
+    @cached_property
+    def _refitter(self) -> Refitter:
+        from surrogate.model.preview_grid import draw_grid
+        from surrogate.training.refit import Refitter
+
+        phi, bends = int(self._preview["phi_nodes"]), int(self._preview["bend_nodes"])
+        return Refitter(self._scene, draw_grid(self._scene, phi, bends))
+
+    def fit(self, runs: Sequence[NewRenders]) -> ResidualCorrection:
+        """Return the correction by all ``runs``."""
+        return self._refitter.fit(runs)
+
+    def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
+        """Return ``table`` with the correction."""
+        return self._refitter.apply(correction, table)
 
 
 @dataclass

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -38,7 +37,7 @@ from surrogate.training.evaluation import (
     RandomDesigns,
     random_designs,
 )
-from surrogate.training.mlp import NetworkConfig, fit_networks
+from surrogate.training.mlp import NetworkConfig, fit_networks, one_thread
 from surrogate.training.ridge import fit_ridge
 
 SPLIT_FOLDS = 3
@@ -161,26 +160,15 @@ class FitTask:
 
 def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
     """Return the residual of ``task`` and all that is known about its errors."""
-    with _one_thread():
+    with one_thread():
         return _fit(task, progress)
 
 
 def fit_ensembles(task: FitTask, progress: OnProgress | None) -> dict[str, nn.Module]:
     """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without evaluation."""
-    with _one_thread():
+    with one_thread():
         both = _ensembles(task, progress)
         return {"ridge": both.ridge, "network": both.network}
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Hold torch to one thread: for small products, threads that wait cost time."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _fit(task: FitTask, progress: OnProgress | None) -> Fit:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +13,13 @@ import torch
 from torch import Tensor
 
 from render.progress import Clock, OnProgress
+from surrogate.model.facet_basis import SIZE
+from surrogate.model.features import FEATURE_NAMES
 from surrogate.model.networks import NetworkEnsemble
 from surrogate.training.dataset import RegressionData, expand
+
+TRIAL_STEPS = 60
+"""Steps that are timed, to see how long one takes."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,45 @@ def fit_networks(
         if (step + 1) % 100 == 0:
             clock.tick(100)
     return net
+
+
+def seconds_per_step(directions: int, normals: int, members: int, config: NetworkConfig) -> float:
+    """Return the seconds of a step of `fit_networks` here, by timing some on invented rows.
+
+    Arguments:
+        directions: of the table, which set how many rows there are.
+        normals: of its cells.
+        members: networks in the ensemble.
+        config: size of the networks.
+    """
+    rows, shape = directions * config.batch, (directions, config.batch, 1)
+    data = RegressionData(
+        x=torch.zeros(rows, len(FEATURE_NAMES)),
+        basis=torch.zeros(rows, SIZE, normals),
+        ratio=torch.ones(rows, normals),
+        noise=torch.ones(rows, normals),
+        log_preview=np.zeros((*shape, 1, normals)),
+    )
+    fold = np.arange(rows).reshape(shape) % members
+    spent = []
+    with one_thread():
+        # The first fit of a process takes seconds longer than any other.
+        for steps in (1, 1, TRIAL_STEPS):
+            began = time.monotonic()
+            fit_networks(data, fold, members, replace(config, steps=steps), 0)
+            spent.append(time.monotonic() - began)
+    return max(spent[2] - spent[1], 1e-4) / (TRIAL_STEPS - 1)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Hold torch to one thread: for small products, threads that wait cost time."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def deviance(ratio: Tensor, residual: Tensor) -> Tensor:

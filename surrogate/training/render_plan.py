@@ -116,19 +116,25 @@ def render_plan(
     )
 
 
-def estimate_table(scene: Scene, plan: RenderPlan, estimate: TransportEstimate) -> TransportTable:
-    """Return the estimate as a table, with exposure and lambda still to be fixed."""
+def estimate_table(
+    scene: Scene, phi: Array, bends: Array, estimate: TransportEstimate
+) -> TransportTable:
+    """Return the estimate at nodes ``phi`` and ``bends`` (rad, in its order) as a table.
+
+    Bends ascend in the table; exposure and lambda are still to be fixed.
+    """
+    order = np.argsort(bends)
     return TransportTable(
-        T=estimate.T,
-        se=estimate.se,
-        phi=np.array(plan.phi),
+        T=estimate.T[:, :, order],
+        se=estimate.se[:, :, order],
+        phi=phi,
         exposure=1.0,
         lam=0.0,
         scene_hash=scene.hash,
         level="reference",
-        bends=np.array(plan.bends),
-        background=estimate.background,
-        background_se=estimate.background_se,
+        bends=bends[order],
+        background=estimate.background[:, :, order],
+        background_se=estimate.background_se[:, :, order],
     )
 
 
@@ -216,7 +222,7 @@ def render_reference(
         )
         title = "render" if len(scenes) == 1 else f"render material {number + 1} of {len(scenes)}"
         estimate = render_plan(variant, plan, folder, in_stage(progress, title))
-        tables.append(estimate_table(variant, plan, estimate))
+        tables.append(estimate_table(variant, np.array(plan.phi), np.array(plan.bends), estimate))
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)
     return ReferenceData(tuple(tables), settings | {"seconds": seconds}, materials)

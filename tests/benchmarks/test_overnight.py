@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.overnight.run_log import Signals
-from optimize.overnight.store import RECORD, STATES, RunRequest, Store
+from optimize.overnight.run_directory import RECORD
+from optimize.overnight.store import STATES, RunRequest, Store
 from optimize.overnight.workers import FinishedJob, LocalWorker, StoredRenders
+from optimize.ui.signals import Signals
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
 from render.reference import RenderJob, transport_jobs

@@ -10,11 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from optimize.design import Array, Design, Rating, ScoreSettings, baseline_design, limits_of
+from optimize.design import (
+    PARTS,
+    Array,
+    Design,
+    Rating,
+    ScoreSettings,
+    baseline_design,
+    limits_of,
+)
 from optimize.exploration import Stage
 from optimize.overnight.report import write_report
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
-from optimize.overnight.scaling import Scaling, StageRenders, TransferCost, keep_scaling, simulated
 from render.chebyshev import chebyshev_nodes
 from render.metric import (
     choose_exposure,
@@ -32,13 +39,6 @@ if TYPE_CHECKING:
 
 MODELS = Path(__file__).parents[2] / "models"
 NOISE = 0.01  # relative, of invented renders
-TITLES = {
-    "baseline": "Baseline",
-    "colors": "Colors",
-    "thesis": "Thesis procedure",
-    "winner": "Winner",
-    "runner-up": "Runner-up",
-}
 
 MakeTable = Callable[..., TransportTable]
 StageMaker = Callable[[float, float, float], list[Stage]]
@@ -173,15 +173,12 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
     )
     rows = list(zip(("baseline", "best", "uncertain", "random"), finalists, strict=False))
     steps = tuple(
-        ConvergencePoint(
-            "search", number, role, 600.0 * number, entry.score - 4 / number, 1.5, entry.predicted
-        )
+        ConvergencePoint(f"round {number}", role, entry.score - 4 / number, 1.5, entry.predicted)
         for number in (1, 2)
         for role, entry in rows
     )
     return OvernightResult(
         scene=finger20,
-        settings=ScoreSettings(finger20_checker.exposure, finger20_checker.lam),
         replicates=16,
         finalists=finalists,
         winner="winner",
@@ -191,34 +188,23 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
         ),
         steps=steps,
         trade=(
-            _level("preview", 0.004, 0.028, 0.087, 1.94, 0.93),
-            _level("checker.onnx", 0.0006, 0.013, 0.029, 0.95, 0.96),
-            _level("PSSMLT, 96 samples", 9.0, 0.03, 0.07, 2.4, 0.91),
+            ("preview", 0.004, 0.028, 0.087, 1.94, 0.93),
+            ("checker.onnx", 0.0006, 0.013, 0.029, 0.95, 0.96),
+            ("PSSMLT, 96 samples", 9.0, 0.03, 0.07, 2.4, 0.91),
         ),
         facts=(("Scene", f"finger20, {finger20.hash}"), ("Seed", "0"), ("Budget", "8 h")),
     )
 
 
 @pytest.fixture(scope="session")
-def night_scaling() -> Scaling:
-    """Return what more workers would do for sixty renders of half a minute."""
-    seconds = np.random.default_rng(3).uniform(25.0, 35.0, 60)
-    stages = [StageRenders("table", seconds[:40], np.full(40, 2e6))]
-    stages += [StageRenders("final", seconds[40:], np.full(20, 1e6))]
-    return simulated(stages, 2400.0, 1, TransferCost(2e-4, 1e9, 8e7))
-
-
-@pytest.fixture(scope="session")
 def night_report(
     finished_night: OvernightResult,
-    night_scaling: Scaling,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """Return the report of the night, made from its files."""
     run = tmp_path_factory.mktemp("night")
     keep_scene(run, "finger20")
     finished_night.save(run)
-    keep_scaling(run, night_scaling)
     return write_report(OvernightResult.load(run), run)
 
 
@@ -239,11 +225,15 @@ def _finalist(
     predicted = np.asarray(found["counts"][0], dtype=np.float64)
     counts: Array = np.clip(predicted * (1 + NOISE * rng.standard_normal(predicted.shape)), 0, 255)
     metric = np.asarray(site_metric(counts, checker.lam))
+    parts = design_score(metric)
+    values = {name: float(getattr(parts, name)) for name in PARTS}
+    # Student's t with 15 degrees of freedom.
+    interval = values["score"] - 2.131 * 0.4, values["score"] + 2.131 * 0.4
+    settings = ScoreSettings(checker.exposure, checker.lam)
     return Finalist(
         key=key,
-        title=TITLES[key],
         design=design,
-        score=float(design_score(metric).score),
+        rating=settings.rating("reference", values, interval),
         se=0.4,
         gain=None,
         gain_se=None,
@@ -255,19 +245,6 @@ def _finalist(
         metric=metric,
         metric_se=np.full_like(metric, 1.0),
     )
-
-
-def _level(
-    name: str, seconds: float, median: float, p95: float, score: float, tau: float
-) -> dict[str, float | str | None]:
-    return {
-        "level": name,
-        "seconds_per_design": seconds,
-        "facet_error_median": median,
-        "facet_error_p95": p95,
-        "score_error": score,
-        "kendall_tau": tau,
-    }
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.overnight.run_log import Signals
+from optimize.overnight.status import status_of
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
+from optimize.ui.signals import Signals
 from render.progress import Clock
 from render.reference import transport_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene
@@ -43,7 +44,7 @@ def test_resident_memory_is_flat_over_many_evaluations(tmp_path: Path) -> None:
         )
         runner(jobs, Clock(sum(job.samples for job in jobs), None))
         found += [resident()] * len(jobs)
-    count = store.evaluations()
+    count = status_of(tmp_path).evaluations
     store.close("finished")
     assert count >= EVALUATIONS
     settled = found[int(SETTLED * len(found))]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.overnight.context import FIT_STEPS, MIN_SAMPLES, FixedBudget, samples_within
+from optimize.overnight.context import FIT_STEPS, MIN_SAMPLES, fixed_amounts, samples_within
 from render.reference import RenderCost, RenderJob, transport_jobs
 from render.scene import Scene
 
@@ -27,9 +27,11 @@ def test_without_time_the_least_is_rendered(finger20: Scene) -> None:
 
 
 def test_a_fixed_amount_of_work_grows_with_what_is_asked_for() -> None:
-    small, large = FixedBudget(8), FixedBudget(12_000)
-    assert (small.passes, small.per_pass, small.fit_steps) == (1, 8, FIT_STEPS[0])
-    assert large.passes * large.per_pass >= 12_000
-    assert large.fit_steps == FIT_STEPS[1]
-    for name in ("passes", "per_pass", "round", "final", "fit_steps"):
-        assert getattr(small, name) <= getattr(large, name)
+    small, large = fixed_amounts(8), fixed_amounts(12_000)
+    assert small["table"] == {"passes": 1, "samples": 8}
+    assert small["fit"]["steps"] == FIT_STEPS[0]
+    assert large["table"]["passes"] * large["table"]["samples"] >= 12_000
+    assert large["fit"]["steps"] == FIT_STEPS[1]
+    for stage, amounts in small.items():
+        for name, amount in amounts.items():
+            assert amount <= large[stage][name]

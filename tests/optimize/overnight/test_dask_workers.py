@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,10 +50,10 @@ def alone(jobs: list[RenderJob]) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def workers() -> Iterator[DaskWorkers]:
-    """Two worker processes, made impatient: a test has no minute to wait."""
-    made = DaskWorkers(workers=2)
-    made.patience = 3.0
-    made.unknown = 120.0
+    """Two worker processes that may be silent for seconds only: a test has no minute to wait."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optimize.overnight.dask_workers.WORKER_TTL", 8)
+        made = DaskWorkers(workers=2)
     yield made
     made.close()
 
@@ -125,8 +126,11 @@ def test_the_job_of_a_worker_that_hangs_is_given_to_another(
     try:
         found, _ = rendered(workers, jobs, stop)
     finally:
-        os.kill(asleep, signal.SIGCONT)
+        # Dask has ended it, unless this test fails.
+        with suppress(ProcessLookupError):
+            os.kill(asleep, signal.SIGCONT)
     assert_equal(found, alone)
+    assert asleep not in pids(workers)
 
 
 def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import render.reference.job
-from optimize.overnight.store import RECORD, RENDERS
+from optimize.overnight.run_directory import RECORD
+from optimize.overnight.store import RENDERS
 from render.scene import Scene, load_scene
 from tests.optimize.overnight.attempt import attempt
 from tests.optimize.overnight.tiny import ROOT, command, tiny_scene

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from optimize.overnight.context import REPORT_SECONDS
-from optimize.overnight.job import EXTEND_FACTOR, REFINE_FACTOR, OvernightConfig, overnight
+from optimize.overnight.job import EXTEND_FACTOR, REFINE_FACTOR, overnight
 from optimize.overnight.result import OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.workers import FinishedJob
@@ -66,7 +66,7 @@ class PretendedWorkers:
 
 
 def batches(run: Path) -> list[str]:
-    named = "SELECT name FROM decisions WHERE name LIKE '%/final batch%' AND value != '[]'"
+    named = "SELECT name FROM decisions WHERE name LIKE '%/final batch%' AND value LIKE '%seeds%'"
     return [str(name) for (name,) in rows(run, named)]
 
 
@@ -91,8 +91,8 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
     run = tmp_path / "run"
 
     def night(seconds: float) -> OvernightResult:
-        config = OvernightConfig(hours=seconds / 3600)
-        return overnight(str(tiny_night.scene), run, config, make_workers=lambda: workers)
+        scene, hours = str(tiny_night.scene), seconds / 3600
+        return overnight(scene, run, hours=hours, make_workers=lambda: workers)
 
     first = night(SECONDS)
     kept = batches(run)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,40 +11,49 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from optimize.design import Design
-from optimize.overnight.figures import bolt_pictures, convergence, timed_levels
-from optimize.overnight.report import prediction_check, render_report, summary, warnings
+from optimize.overnight.conclusion import outcome, prediction_check, surrogate_sentence
+from optimize.overnight.report import convergence, render_report, warnings
 from optimize.overnight.result import OvernightResult
-from optimize.overnight.scaling import Scaling, keep_scaling, scaling_rows
+from optimize.report import bolt_pictures
 from render.errors import SceneError
 
 Run = Callable[..., Any]
 
 
 def changed(night: OvernightResult, key: str, **values: Any) -> OvernightResult:
-    """Return the night with one finalist changed."""
-    finalists = [replace(e, **values) if e.key == key else e for e in night.finalists]
-    return replace(night, finalists=tuple(finalists))
+    """Return the night with one finalist changed; ``score`` goes into its rating."""
+    (entry,) = (e for e in night.finalists if e.key == key)
+    rating = replace(entry.rating, score=values.pop("score", entry.score))
+    new = replace(entry, rating=rating, **values)
+    return replace(night, finalists=tuple(new if e is entry else e for e in night.finalists))
 
 
 def won_by(night: OvernightResult, gain: float, se: float) -> OvernightResult:
     return changed(night, "winner", gain=gain, gain_se=se, score=night.finalists[0].score + gain)
 
 
+def summary(night: OvernightResult) -> list[str]:
+    return [
+        *outcome(night.finalists, night.winner, night.replicates),
+        surrogate_sentence(night.finalists, night.winner),
+    ]
+
+
 def test_the_report_needs_no_other_file_and_no_network(night_report: Path) -> None:
     html = night_report.read_text()
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
-    # Scheme, map and facets of five finalists, six bolts, four plots, and the wiring sheet's.
-    assert len(sources) == 3 * 5 + 6 + 4 + 1
+    # Scheme, map and facets of five finalists, six bolts, three plots, and the wiring sheet's.
+    assert len(sources) == 3 * 5 + 6 + 3 + 1
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not re.search(r"<script|<link|@import|url\(|https?://", html)
 
 
 def test_the_command_rebuilds_the_report_from_the_files_alone(
-    tactilux: Run, run_directory: Path, night_report: Path, night_scaling: Scaling
+    tactilux: Run, run_directory: Path, night_report: Path
 ) -> None:
-    keep_scaling(run_directory, night_scaling)
     done = tactilux("report", run_directory)
     assert done.code == 0
     assert done.out == f"Report: {run_directory / 'report.html'}\n"
@@ -68,7 +78,7 @@ def test_a_directory_without_a_night_is_bad_input(tactilux: Run, tmp_path: Path)
         done = tactilux("report", place)
         assert done.code == 2
         assert done.err.count("\n") == 1
-        assert "night.json cannot be read" in done.err
+        assert "no finished night" in done.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -88,19 +98,20 @@ def test_the_summary_says_what_came_with_colors_and_what_with_directions(
 
 
 def test_the_summary_counts_the_predictions_that_held(finished_night: OvernightResult) -> None:
-    winner = finished_night.finalist("winner")
+    winner = finished_night.best
     off = changed(finished_night, "winner", predicted=winner.score + 5.0)
-    said = f"said {winner.score + 5:.1f} for this design; its 90% interval held for 4 of 5"
+    said = f"said {winner.score + 5:.2f} for this design, off by +5.00 (renders ±0.40)"
     assert said in summary(off)[-1]
+    assert "Of 5 finalists it held for 4." in summary(off)[-1]
 
 
 def test_an_interval_that_the_renders_cannot_test_is_not_said_to_hold(
     finished_night: OvernightResult,
 ) -> None:
     noisy = changed(finished_night, "winner", se=60.0)
-    assert prediction_check(noisy.finalist("winner")) == "cannot be tested"
+    assert prediction_check(noisy.best) == "cannot be tested"
     said = summary(noisy)[-1]
-    assert "held for 4 of 5 finalists, and for 1 of them the renders are too noisy to tell" in said
+    assert "it held for 4, and for 1 the renders are too noisy to tell" in said
 
 
 def test_a_night_that_found_nothing_says_so(finished_night: OvernightResult) -> None:
@@ -127,12 +138,13 @@ def test_a_gain_that_is_not_sure_is_told(
 
 def test_a_better_finalist_than_the_winner_is_told(finished_night: OvernightResult) -> None:
     night = changed(won_by(finished_night, 39.0, 1.0), "thesis", score=500.0)
-    assert "Thesis procedure scored higher" in warnings(night)[0]
+    assert "Thesis-style design scored" in warnings(night)[0]
+    assert "they tie" in warnings(night)[0]
 
 
 def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: OvernightResult) -> None:
     night = won_by(finished_night, 39.0, 1.0)
-    winner = night.finalist("winner")
+    winner = night.best
     red = Design.of_colors(winner.design.phi, [0] * 20)
     found = warnings(changed(night, "winner", design=red, counts=np.full_like(winner.counts, 255)))
     assert "monochrome" in found[0]
@@ -142,12 +154,12 @@ def test_a_monochrome_winner_and_clipping_are_flagged(finished_night: OvernightR
 def test_text_is_escaped_and_a_bare_night_still_has_a_report(
     finished_night: OvernightResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def too_small(night: OvernightResult) -> dict[tuple[str, int], bytes]:
+    def too_small(*_: object) -> None:
         raise SceneError("a bolt does not fit")
 
     # Drawing a bolt takes seconds, and what stands in its place is tested here.
     monkeypatch.setattr("optimize.overnight.report.bolt_pictures", too_small)
-    shown = tuple(finished_night.finalist(key) for key in ("baseline", "winner"))
+    shown = (finished_night.finalists[0], finished_night.best)
     night = replace(
         finished_night, finalists=shown, steps=(), trade=(), facts=(("Model", "<fitted>"),)
     )
@@ -162,16 +174,17 @@ def test_a_pad_too_small_for_a_bolt_is_refused(finished_night: OvernightResult) 
     scene = finished_night.scene
     narrow = scene.model_copy(update={"pad": scene.pad.model_copy(update={"width": 6.0})})
     with pytest.raises(SceneError, match="does not fit into the pad"):
-        bolt_pictures(replace(finished_night, scene=narrow))
+        bolt_pictures(narrow, [finished_night.best.design], finished_night.settings)
 
 
-def test_levels_without_a_time_or_an_error_are_not_drawn(finished_night: OvernightResult) -> None:
-    night = replace(
-        finished_night,
-        trade=(*finished_night.trade, {"level": "guess", "seconds_per_design": None}),
-    )
-    names = [row["level"] for row in timed_levels(night)]
-    assert names == ["checker.onnx", "preview", "PSSMLT, 96 samples"]
+def test_the_bolt_is_seen_with_the_tip_at_the_top_as_in_all_pictures(
+    finished_night: OvernightResult,
+) -> None:
+    scene = finished_night.scene
+    ((png, *_),) = bolt_pictures(scene, [finished_night.best.design], finished_night.settings)
+    height, width = imread(io.BytesIO(png)).shape[:2]
+    # The pad is longer than wide, and lies along the picture's height.
+    assert height / width == pytest.approx(scene.pad.length / scene.pad.width, rel=0.35)
 
 
 def test_convergence_shows_every_rendered_design_with_its_error_bar(
@@ -185,23 +198,33 @@ def test_convergence_shows_every_rendered_design_with_its_error_bar(
     assert any(np.max(line.get_ydata()) == pytest.approx(best) for line in axes.lines)
 
 
-def test_finalists_and_verdict_are_shown_as_they_are(
+def test_finalists_and_verdict_are_shown_as_they_are_and_no_sentence_twice(
     night_report: Path, finished_night: OvernightResult
 ) -> None:
     html = night_report.read_text()
     for entry in finished_night.finalists:
         assert f"<td>{entry.title}</td>" in html
-    for sentence in finished_night.verdict:
+    first, *others = finished_night.verdict
+    assert f'<p class="lead">{first}</p>' in html
+    for sentence in others:
         assert f"<li>{sentence}</li>" in html
+    text = re.sub(r"<style.*?</style>|data:image[^\"]*", "", html, flags=re.DOTALL)
+    sentences = re.findall(r"[A-Z][^.<>]{40,}\.", re.sub(r"<[^>]+>", "\n", text))
+    assert len(sentences) == len(set(sentences))
 
 
-def test_the_report_states_the_time_of_more_workers(
-    night_report: Path, night_scaling: Scaling
+def test_the_report_ends_with_the_time_of_more_workers(
+    finished_night: OvernightResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = " ".join(re.sub(r"<[^>]+>", " ", night_report.read_text()).split())
-    for row in scaling_rows(night_scaling):
-        assert f" {' '.join(row)} " in text
-    assert "Simulated from this night's 60 renders" in text.replace("&#39;", "'")
+    monkeypatch.setattr("optimize.overnight.report.bolt_pictures", lambda *_: [[], []])
+    scaling = {1: 7200.0, 2: 3700.0, 8: 1100.0, 64: 400.0}
+    html = render_report(finished_night, scaling)
+    assert html.index("More workers") > html.index("Wiring sheet")
+    assert html.index("More workers") > html.index("Origin")
+    text = " ".join(re.sub(r"<[^>]+>", " ", html).split())
+    for row in ("1 2:00:00 1", "2 1:01:40 1.9", "8 18:20 6.5", "64 6:40 18"):
+        assert f" {row} " in text
+    assert "other work does not shrink" in text
 
 
 def test_colors_that_won_nothing_get_no_part_of_the_gain(finished_night: OvernightResult) -> None:

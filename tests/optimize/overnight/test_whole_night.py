@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.overnight.result import ARRAYS, DESIGNS, NIGHT, OvernightResult
+from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RENDERS
+from render.files import read_npz
 from tests.long import LONG
 from tests.optimize.overnight.conftest import SAMPLES, TinyNight
 from tests.optimize.overnight.tiny import rows
@@ -34,16 +35,18 @@ Run = Callable[..., Any]
 
 def outcome(run: Path) -> dict[str, object]:
     """Return everything of a run but the seconds that it took."""
-    files = [ARRAYS, "model/checker.onnx", "table/reference.npz", "scene.toml"]
+    files = ["model/checker.onnx", "table/reference.npz", "scene.toml"]
     files += [f"{DESIGNS}/{path.name}" for path in sorted((run / DESIGNS).iterdir())]
     files += [f"{RENDERS}/{path.name}" for path in sorted((run / RENDERS).iterdir())]
-    night = json.loads((run / NIGHT).read_text())
-    kept = ("scene_hash", "replicates", "finalists", "winner", "verdict", "files")
+    arrays = read_npz(run / NIGHT)
+    night = json.loads(str(arrays.pop("night")))
+    kept = ("scene_hash", "replicates", "finalists", "winner", "verdict", "steps")
     decisions = rows(run, "SELECT name, value FROM decisions ORDER BY name")
     return {
         **{name: hashlib.sha256((run / name).read_bytes()).hexdigest() for name in files},
+        **{name: array.tobytes() for name, array in arrays.items()},
         **{name: night[name] for name in kept},
-        "decisions": [r for r in decisions if not str(r[0]).endswith(("/model", "/finished"))],
+        "decisions": [r for r in decisions if not re.search("/model$|^finished", str(r[0]))],
         "evaluations": rows(run, "SELECT key, sha256 FROM evaluations ORDER BY key"),
     }
 
@@ -54,7 +57,7 @@ def test_the_night_is_complete_and_its_files_load(tiny_night: TinyNight) -> None
     assert keys == ["baseline", "colors", "thesis", "winner", "runner-up"]
     assert all(np.isfinite(entry.score) and entry.se > 0 for entry in night.finalists)
     assert night.winner in keys
-    assert {step.stage for step in night.steps} == {"rounds", "final"}
+    assert [step.step for step in night.steps[:: len(night.steps) - 1]] == ["round 1", "final"]
     assert (tiny_night.run / "report.html").stat().st_size > 10_000
     assert not [path for path in tiny_night.run.rglob("*") if path.suffix in (".pkl", ".pickle")]
 
@@ -92,10 +95,11 @@ def test_a_finished_night_with_a_damaged_file_is_mended_from_its_renders(
     monkeypatch.setattr("optimize.overnight.context.FIT_STEPS", (FIT_STEPS, FIT_STEPS))
     run = tmp_path / "run"
     shutil.copytree(tiny_night.run, run)
-    (run / ARRAYS).write_bytes((run / ARRAYS).read_bytes()[:-100])
+    (run / NIGHT).write_bytes((run / NIGHT).read_bytes()[:-100])
+    (run / DESIGNS / "winner.json").unlink()
     mended = tactilux("overnight", tiny_night.scene, "--out", run, "--samples", SAMPLES)
     assert mended.code == 0, mended.err
-    assert "is not the file that night.json was written with" in mended.err
+    assert "night.npz is no finished night" in mended.err
     assert outcome(run) == outcome(tiny_night.run)
 
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.overnight.store import RECORD, RunRequest
+from optimize.overnight.run_directory import RECORD
+from optimize.overnight.store import RunRequest
 from render.reference import RenderJob, transport_jobs
 from render.scene import Scene, load_scene
 
