@@ -20,8 +20,17 @@ const OUTPUTS = ["counts", "counts_spread", "background", "metric", "score", "do
 const here = path.dirname(fileURLToPath(import.meta.url));
 const folder = process.argv[2] ?? path.join(here, "..", "..", "models", "finger20");
 
-const content = await readFile(path.join(folder, "checker.onnx"));
-const sums = await readFile(path.join(folder, "checker.sha256"), "ascii");
+async function read(name) {
+  try {
+    return await readFile(path.join(folder, name));
+  } catch (error) {
+    console.error(`${path.join(folder, name)} cannot be read (${error.code}): name a model's folder`);
+    process.exit(1);
+  }
+}
+
+const content = await read("checker.onnx");
+const sums = (await read("checker.sha256")).toString("ascii");
 const expected = sums.split("\n").find((line) => line.endsWith("checker.onnx"))?.split(/\s+/)[0];
 // An altered model gives plausible numbers: compare its checksum before it is trusted.
 if (createHash("sha256").update(content).digest("hex") !== expected) {
@@ -31,7 +40,7 @@ if (createHash("sha256").update(content).digest("hex") !== expected) {
 
 ort.env.wasm.numThreads = 1;
 const session = await ort.InferenceSession.create(new Uint8Array(content));
-const file = await readFile(path.join(folder, "golden.npz"));
+const file = await read("golden.npz");
 const golden = readNpz(file.buffer.slice(file.byteOffset, file.byteOffset + file.byteLength));
 
 // phi (batch, fibers) and bend (batch, bends) in rad, power (batch, fibers, 3) in [0, 1].

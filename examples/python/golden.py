@@ -4,6 +4,7 @@ Needs numpy and onnxruntime, nothing of tactilux: `python golden.py [MODEL_FOLDE
 """
 
 import hashlib
+import io
 import json
 import sys
 from pathlib import Path
@@ -17,15 +18,24 @@ OUTPUTS = ("counts", "counts_spread", "background", "metric", "score", "domain_e
 default = Path(__file__).resolve().parents[2] / "models" / "finger20"
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else default
 
+
+def read(name: str) -> bytes:
+    """Return the content of a file of the model."""
+    try:
+        return (folder / name).read_bytes()
+    except OSError as error:
+        sys.exit(f"{folder / name} cannot be read ({error.strerror}): name a model's folder")
+
+
 # An altered model gives plausible numbers: compare its checksum before it is trusted.
-sums = dict(reversed(line.split()) for line in (folder / "checker.sha256").read_text().splitlines())
-content = (folder / "checker.onnx").read_bytes()
-if hashlib.sha256(content).hexdigest() != sums["checker.onnx"]:
+sums = dict(reversed(line.split()) for line in read("checker.sha256").decode().splitlines())
+content = read("checker.onnx")
+if hashlib.sha256(content).hexdigest() != sums.get("checker.onnx"):
     sys.exit(f"{folder / 'checker.onnx'} was altered: take a fresh copy of the model")
 
 session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
 about = session.get_modelmeta().custom_metadata_map
-golden = np.load(folder / "golden.npz", allow_pickle=False)
+golden = np.load(io.BytesIO(read("golden.npz")), allow_pickle=False)
 # phi (batch, fibers) and bend (batch, bends) in rad, power (batch, fibers, 3) in [0, 1].
 found = dict(
     zip(OUTPUTS, session.run(OUTPUTS, {name: golden[name] for name in INPUTS}), strict=True)
@@ -36,7 +46,7 @@ reach = json.loads(about["conformal"])["score"]
 for design, (score, excess) in enumerate(zip(found["score"], found["domain_excess"], strict=True)):
     red, green, blue = found["counts"][design, 0, 0, 0]
     print(
-        f"design {design}: score {score:.3f} -+ {reach:.2f}, domain excess {excess:g}, "
+        f"design {design}: score {score:.3f} ± {reach:.2f}, domain excess {excess:g}, "
         f"first facet {red:.2f} {green:.2f} {blue:.2f}"
     )
 

@@ -31,6 +31,9 @@ UNRELIABLE = 0.5
 """Relative standard error from which a single cell is no yardstick; it is still fitted to."""
 NOISE_FLOOR = 0.02
 """Relative error that no render is trusted beyond (finite chains, facets of finite size)."""
+MAX_RESIDUAL = 25.0
+"""Largest |log T_reference / T_preview| of a prediction, eleven decades: what is wilder, as a ridge
+of a small penalty is on cells that it has not seen, is as wrong, and has an exponential."""
 
 
 @dataclass(frozen=True)
@@ -218,7 +221,7 @@ class RegressionData:
         Arguments:
             coefficients: ``(member, row, output)``.
         """
-        out = expand(coefficients, self.basis).double().numpy()
+        out = expand(coefficients, self.basis).double().numpy().clip(-MAX_RESIDUAL, MAX_RESIDUAL)
         return np.asarray(out.reshape(len(coefficients), *self.log_preview.shape))
 
 

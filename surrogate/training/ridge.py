@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from surrogate.model.networks import RidgeEnsemble, quadratic
-from surrogate.training.dataset import RegressionData, expand
+from surrogate.training.dataset import MAX_RESIDUAL, RegressionData, expand
 
 MIN_RATIO = 0.05
 """Darkest T_reference / T_preview that the logarithm is started from."""
@@ -42,7 +42,7 @@ def fit_ridge(
             model = Ridge(alpha=penalty * row_weight[seen].sum())
             model.fit(standardized[seen], target[seen], sample_weight=row_weight[seen])
             predicted = torch.as_tensor(model.predict(standardized), dtype=torch.float32)
-            residual = expand(predicted, rows.basis)
+            residual = expand(predicted, rows.basis).clamp(-MAX_RESIDUAL, MAX_RESIDUAL)
             target = _project(rows, residual + rows.ratio * torch.exp(-residual) - 1.0)
         slope = model.coef_.T / scale[:, None]
         constant = model.intercept_ - center @ slope

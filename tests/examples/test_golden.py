@@ -88,6 +88,20 @@ def test_the_python_example_refuses_an_altered_model(altered: Path) -> None:
     assert "was altered" in said.stderr
 
 
+def assert_one_sentence(said: subprocess.CompletedProcess[str]) -> None:
+    assert said.returncode == 1
+    assert said.stdout == ""
+    assert said.stderr.count("\n") == 1
+    assert "cannot be read" in said.stderr
+
+
+@pytest.mark.parametrize("missing", ["checker.onnx", "checker.sha256", "golden.npz"])
+def test_the_python_example_names_a_file_that_is_missing(tmp_path: Path, missing: str) -> None:
+    folder = shutil.copytree(MODEL, tmp_path / "model")
+    (folder / missing).unlink()
+    assert_one_sentence(run(*PYTHON, folder=folder))
+
+
 @pytest.fixture
 def javascript() -> tuple[object, ...]:
     if not node():
@@ -107,3 +121,9 @@ def test_the_javascript_example_refuses_an_altered_model(
     said = run(*javascript, folder=altered)
     assert said.returncode == 1
     assert "was altered" in said.stderr
+
+
+def test_the_javascript_example_names_a_file_that_is_missing(
+    javascript: tuple[object, ...], tmp_path: Path
+) -> None:
+    assert_one_sentence(run(*javascript, folder=tmp_path))

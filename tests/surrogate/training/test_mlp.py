@@ -112,3 +112,16 @@ def test_the_deviance_of_noisy_cells_is_smallest_at_the_logarithm_of_their_mean(
     residuals = torch.linspace(-0.5, 0.5, 101)
     loss = [float(deviance(noisy, r).mean()) for r in residuals]
     assert abs(float(residuals[int(np.argmin(loss))]) - float(torch.log(noisy.mean()))) < 0.011
+
+
+@torch.no_grad()
+def test_wild_predictions_stay_numbers_with_exponentials(
+    rows: RegressionData, cells: TrainingCells
+) -> None:
+    fold = folds(cells.group, 3, 0)
+    # Inputs far beyond the others: what their products predict is no logarithm of anything.
+    far = replace(rows, x=rows.x * torch.where(rows.fold_rows(fold) == 0, 1e3, 1.0)[:, None])
+    model = fit_ridge(far, fold, 3, 1e-5)
+    wild = 1e6 * model(far.x)
+    assert np.isfinite(np.exp(far.residuals(wild))).all()
+    assert torch.isfinite(model(far.x)).all()
