@@ -19,7 +19,7 @@ the value and what is allowed.
 >>> said["counts"].shape  # (design, bend, site, facet, channel)
 (1, 3, 15, 10, 3)
 >>> round(float(said["score"][0]))
-242
+237
 
 The preview (level 0), the surrogate (`Checker`, level 1) and the reference (`render_transport`,
 level 2) predict the same array::
@@ -138,7 +138,8 @@ def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
 
     Arguments:
         scene: the sensor.
-        folder: that holds ``checker.onnx`` (default: ``models/<scene>``, here or as shipped).
+        folder: that holds ``checker.onnx`` (default: found by the scene's hash, here
+            or as shipped).
 
     Raises:
         ModelError: there is none, or it is altered, corrupt or of another scene.

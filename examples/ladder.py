@@ -160,6 +160,10 @@ def main() -> None:
         T, _ = preview.transport(nodes, bends)
     say(f"preview: transport {T.shape}")
 
+    # The scale of all scores comes from the preview, which has no noise to depend on.
+    exposure, lam = settings_of(interpolated(T, nodes, baseline.phi[:1])[:, 0], baseline.power)
+    say(f"exposure {exposure:.0f} counts per 1/(mm^2 sr), lambda {lam:.0f}")
+
     # Level 2 of the baseline. What the preview has wrong hardly depends on the direction, so a
     # factor per fiber, bend, site and facet corrects it for all of them (level 1).
     def render(design: tactilux.Design, seed: int):
@@ -174,9 +178,6 @@ def main() -> None:
     say(f"render: the preview is off by a factor of {factor.mean():.3f} +- {factor.std():.3f}")
 
     replicates = rendered.replicates[:, :, 0]
-    (exposure, lam), _ = jackknifed(lambda T: settings_of(T, baseline.power), replicates)
-    say(f"exposure {exposure:.0f} counts per 1/(mm^2 sr), lambda {lam:.0f}")
-
     grid = np.linspace(0.0, np.pi, GRID)
     T = interpolated(T, nodes, grid)
     at, colors = search(T, baseline.colors, exposure, lam, seed=0)

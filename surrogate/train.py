@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from render.chebyshev import interpolation_weights
 from render.errors import TableError
+from render.metric import THESIS
 from render.progress import OnProgress, Progress, in_stage
+from render.scale import baseline_power, scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.export.model_card import Provenance, describe_model, write_card
@@ -20,7 +23,6 @@ from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import MATERIALS, draw_material_grid, interpolation_error
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
-from surrogate.training.exposure import exposure_and_lambda
 from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
 from surrogate.training.render_plan import ReferenceData, check_reference, render_reference
 
@@ -51,13 +53,18 @@ class TrainConfig:
 
 @dataclass(frozen=True)
 class Trained:
-    """A finished model: where it is, what it says about itself, its fit and its training data."""
+    """A finished model: where it is, what it says about itself, its fit and its training data.
+
+    ``baseline_counts`` is what the rendered baseline reaches, noise included, where the preview's
+    has 230 counts: the scale is the preview's, and agrees with the renders where both are near.
+    """
 
     folder: Path
     metadata: ModelMetadata
     fit: Fit
     table: TransportTable
     seconds: float
+    baseline_counts: float
 
 
 def train(
@@ -99,6 +106,7 @@ def train(
     report = progress or (lambda _: None)
 
     report(Progress(0, 1, stage="preview"))
+    scale = scene_scale(scene)
     grid, left_out = draw_material_grid(
         scene,
         *config.preview_nodes,
@@ -109,8 +117,7 @@ def train(
     report(Progress(1, 1, stage="preview"))
 
     reference = _reference(scene, table, run, seed, config, progress)
-    exposure, lam = exposure_and_lambda(scene, reference.tables[0])
-    reference = reference.scaled(exposure, lam)
+    reference = reference.scaled(scale.exposure, scale.lam)
     reference.save(run)
 
     fitting = time.monotonic()
@@ -118,8 +125,8 @@ def train(
         scene=scene,
         grid=grid,
         cells=reference.cells(scene),
-        exposure=exposure,
-        lam=lam,
+        exposure=scale.exposure,
+        lam=scale.lam,
         bends=scene_bends(reference.tables[0], scene.bending.angles),
         seed=seed,
         config=config.fit,
@@ -129,7 +136,9 @@ def train(
 
     report(Progress(0, 1, stage="export"))
     about = describe_model(scene, grid, preview_error, left_out, reference, fit)
-    graph = CheckerModule(scene, grid, fit.residual, exposure=exposure, lam=lam, spread=fit.spread)
+    graph = CheckerModule(
+        scene, grid, fit.residual, exposure=scale.exposure, lam=scale.lam, spread=fit.spread
+    )
     render_seconds = reference.renderer.get("seconds", 0.0)
     made = Provenance(
         command=command or f"tactilux train {scene.name} --seed {seed}",
@@ -139,12 +148,32 @@ def train(
     )
     write_package(out, graph, about, write_card(about, fit, made), _golden_inputs(scene, seed))
     report(Progress(1, 1, stage="export"))
-    return Trained(out, about, fit, reference.tables[0], time.monotonic() - began)
+    seconds = time.monotonic() - began
+    return Trained(
+        out, about, fit, reference.tables[0], seconds, _baseline_counts(scene, reference.tables[0])
+    )
+
+
+def _baseline_counts(scene: Scene, table: TransportTable) -> float:
+    """Return the 99.5th percentile of the baseline's counts in ``table`` at the least bend."""
+    light = table.at(np.full(scene.fibers.count, np.pi / 2))
+    at_bend = interpolation_weights(table.bends, np.array([min(scene.bending.angles)]))[0]
+    light = np.einsum("b,fbsk->fsk", at_bend, light)
+    counts = table.exposure * np.einsum("fsk,fc->skc", light, baseline_power(scene))
+    return float(np.percentile(counts, THESIS.exposure_percentile))
 
 
 def _check(scene: Scene, table: TransportTable) -> None:
     """Refuse a table that the model cannot be made of, before anything is drawn."""
     check_reference(scene, table)
+    angles = np.degrees(scene.bending.angles)
+    low, high = np.degrees(table.bends.min()), np.degrees(table.bends.max())
+    if angles.min() < low - 1e-6 or angles.max() > high + 1e-6:
+        raise TableError(
+            f"the reference table spans bends {low:g} to {high:g} deg, allowed: the scene's "
+            f"{angles.min():g} to {angles.max():g} deg",
+            field="bends",
+        )
     if MaterialRange.of(scene) is not None:
         raise TableError(
             f"scene {scene.name} leaves its material free, and a table knows one material: "

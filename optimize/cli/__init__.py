@@ -23,6 +23,7 @@ from optimize.cli import (
     reconstruct,
     render,
     report,
+    score,
     sensitivity,
     status,
     train,
@@ -50,6 +51,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("explore")(explore.run)
+app.command("score")(score.run)
 app.command("verify")(verify.run)
 app.command("optimize")(optimize.run)
 app.command("sensitivity")(sensitivity.run)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, SceneName, Seed
-from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
+from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.errors import DesignError
 from render.progress import Progress
 
 if TYPE_CHECKING:
-    from optimize.exploration import Exploration
     from optimize.search import SearchStep
 
 
@@ -37,7 +36,7 @@ def run(
 ) -> None:
     """Find a better lighting design on the surrogate."""
     from optimize.exploration import explore
-    from optimize.report import warnings, write_exploration
+    from optimize.report import print_scores, warnings, write_exploration
     from optimize.robust import (
         RobustnessStudy,
         declared_tolerances,
@@ -62,7 +61,7 @@ def run(
             )
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
-        folder = find_model(scene.name, model)
+        folder = find_model(scene, model)
         checker = open_model(scene, folder)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
@@ -77,10 +76,13 @@ def run(
         if as_json:
             print_json(stream, result)
         else:
-            _print_table(stream, found)
+            doubts = warnings(found.stages, found.ranking)
+            if not found.ranking.reliable:
+                stream.write(f"Note: {doubts.pop(0)}\n")
+            print_scores(stream, found.stages, found.checker.coverage)
             if isinstance(found.study, RobustnessStudy):
                 print_study(stream, found.study, {e.key: e.title for e in found.stages})
-            for warning in warnings(found.stages):
+            for warning in doubts:
                 stream.write(f"Note: {warning}\n")
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
 
@@ -106,25 +108,3 @@ class _Steps:
         if self.done == self.expected:
             self.expected += 3
         self.bar(Progress(self.done, self.expected, stage="exploring"))
-
-
-def _print_table(stream: IO[str], found: Exploration) -> None:
-    from optimize.report import score_row
-
-    columns = {
-        "title": "design",
-        "score": "score S",
-        "interval": f"{found.checker.coverage:.0%} interval",
-        "mean": "mean M",
-        "spread_sites": "spread over sites",
-        "spread_bends": "spread over bends",
-        "level": "level",
-    }
-    rows = [score_row(stage) for stage in found.stages]
-    print_table(
-        stream,
-        f"{found.scene.name}, {found.scene.hash}",
-        list(columns.values()),
-        [[row[key] for key in columns] for row in rows],
-        words=("design", "level"),
-    )

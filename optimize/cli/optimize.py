@@ -100,15 +100,15 @@ def run(
 
 
 def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | None:
-    """Return the surrogate; the thesis takes exposure and lambda from it where there is one."""
+    """Return the surrogate; the thesis can do without."""
     from optimize.scoring import find_model, open_model
 
     try:
-        folder = find_model(scene.name, model)
+        folder = find_model(scene, model)
     except ModelError:
         if required or model is not None:
             raise
-        note("There is no surrogate: exposure and lambda come from the baseline's first render")
+        note("There is no surrogate: exposure and lambda come from the preview")
         return None
     return open_model(scene, folder)
 

@@ -19,7 +19,7 @@ SceneOfDesign = Annotated[
     str | None, Option(help="Scene file, where the design's scene is not a shipped one.")
 ]
 ModelFolder = Annotated[
-    Path | None, Option(help="Folder with checker.onnx (default: models/<scene>).")
+    Path | None, Option(help="Folder with checker.onnx (default: found by the scene's hash).")
 ]
 Bend = Annotated[float, Option(min=0.0, max=180.0, help="Total bending angle in degrees.")]
 Seed = Annotated[int, Option(min=0, help="Seed of all random choices.")]

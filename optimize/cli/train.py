@@ -30,6 +30,7 @@ def run(
     from render.scene import load_scene
     from render.transport import load_table
     from surrogate.export.package import check_replaceable
+    from surrogate.runtime import RankingTest
     from surrogate.train import TrainConfig, train
 
     with reserved_stdout() as stream:
@@ -64,6 +65,15 @@ def run(
                 f"{row['level']:<24}{row['facet_median']:>15.2%}{row['score_median']:>15.3f}"
                 f"{row['kendall_tau']:>7.2f}\n"
             )
+        about = made.metadata
+        stream.write(
+            f"Scale: exposure {about.exposure:.6g}, lambda {about.lam:.5g}, from the preview; "
+            f"in the renders the baseline reaches {made.baseline_counts:.0f} counts instead of "
+            f"{about.metric.exposure_counts:g}.\n"
+        )
+        advice = RankingTest.of(about).advice()
+        if advice:
+            stream.write(f"Note: {advice}\n")
         stream.write(
             f"Model: {made.folder} ({made.metadata.residual['kind']}, {made.seconds:.0f} s)\n"
         )

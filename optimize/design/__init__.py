@@ -14,5 +14,6 @@ from optimize.design.design_file import (
     open_rated,
     save_design,
 )
+from optimize.design.layout_file import load_layout
 from optimize.design.limits import SearchLimits, dimmed_baseline, limits_of, unlimited
 from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings

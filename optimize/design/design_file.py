@@ -3,6 +3,9 @@
 Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colors`` (names), ``power``,
 ``level``, ``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
 Anything unknown, missing, out of range or made for another scene is refused.
+
+Schema 2: exposure and lam are those of the scene's preview. Files of schema 1, whose scale depended
+on how noisy a render was, are read as designs without a rating.
 """
 
 from __future__ import annotations
@@ -54,7 +57,7 @@ class DesignFile(BaseModel):
     """The content of a design file; all of it belongs together."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    schema_version: Annotated[Literal[1, 2], Field(alias="schema")]
     scene: Annotated[str, Field(min_length=1)]
     scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
     angles_deg: Annotated[list[Angle], Field(min_length=1)]
@@ -81,7 +84,9 @@ class DesignFile(BaseModel):
 
     @property
     def rating(self) -> Rating | None:
-        """How good it is, if it was rated."""
+        """How good it is, if it was rated on today's scale."""
+        if self.schema_version == 1:
+            return None
         if not (self.level and self.score and self.exposure and self.conventions):
             return None
         assert self.lam is not None  # all or none, see below
@@ -121,7 +126,7 @@ def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None 
     """
     _check_fiber_count(design, scene, "the design")
     content = {
-        "schema": 1,
+        "schema": 2,
         "scene": scene.name,
         "scene_hash": scene.hash,
         "angles_deg": np.degrees(design.phi).tolist(),
@@ -194,8 +199,8 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
     design = load_design(path, scene)
     if saved.rating is None:
         raise DesignError(
-            f"{path} has no score, so its exposure and lam are unknown: rate it with "
-            "tactilux explore",
+            f"{path} has no score on the scale of its scene: rate it with "
+            f"tactilux score {path} --out {path}",
             field="score",
         )
     return RatedDesign(scene, design, saved.rating)

@@ -25,7 +25,7 @@ from optimize.search import AlternatingResult, SearchStep, alternating_search
 from render.geometry import fiber_edges
 from render.metric import clipped_fraction, design_score
 from render.scene import Scene
-from surrogate.runtime import Checker
+from surrogate.runtime import Checker, RankingTest
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +86,21 @@ class Exploration:
         """What the surrogate says of it."""
         return self.stages[-1].rating
 
+    @property
+    def ranking(self) -> RankingTest:
+        """Whether the surrogate has shown that it can rank designs."""
+        return RankingTest.of(self.checker.metadata)
+
     def to_json(self, design: Path, report: Path, seconds: float) -> dict[str, object]:
         """Return what programs rely on."""
         result: dict[str, object] = {
             "scene": self.scene.name,
             "scene_hash": self.scene.hash,
-            "baseline": _figures(self.stages[0].rating),
-            "optimized": _figures(self.stages[-1].rating),
+            "baseline": rating_to_json(self.stages[0].rating),
+            "optimized": rating_to_json(self.stages[-1].rating),
             "design": str(design),
             "report": str(report),
+            "ranking": {"kendall_tau": self.ranking.tau, "reliable": self.ranking.reliable},
             "seconds": round(seconds, 3),
         }
         if self.study is not None:
@@ -160,6 +166,7 @@ def rate(
     )
 
 
-def _figures(rating: Rating) -> dict[str, object]:
+def rating_to_json(rating: Rating) -> dict[str, object]:
+    """Return the score with its parts as programs are told them."""
     figures = {name: getattr(rating, name) for name in PARTS}
     return {**figures, "interval": list(rating.interval), "level": rating.level}

@@ -1,8 +1,8 @@
 """Reports: single HTML files with pictures, and what they are drawn with."""
 
 from optimize.report.exploration_report import (
+    print_scores,
     render_report,
-    score_row,
     warnings,
     write_exploration,
 )

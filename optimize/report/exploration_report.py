@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import numpy as np
 
@@ -32,11 +32,12 @@ from optimize.report.page import (
     stage_pictures,
     wiring_sheet,
 )
-from optimize.ui.console import counted
+from optimize.ui.console import counted, print_table
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_text
 from render.metric import THESIS
+from surrogate.runtime import RankingTest
 
 DESIGN, BASELINE, REPORT = "design.json", "baseline.json", "report.html"
 PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
@@ -64,6 +65,7 @@ def write_exploration(
         html = render_report(
             exploration.stages,
             pictures,
+            ranking=exploration.ranking,
             confidence=f"{exploration.checker.coverage:.0%}",
             search_note=_search_note(exploration),
             caveats=caveats(exploration),
@@ -74,7 +76,7 @@ def write_exploration(
         )
         write_text(folder / REPORT, html)
         result = exploration.to_json(target / DESIGN, target / REPORT, elapsed())
-        result["warnings"] = warnings(exploration.stages)
+        result["warnings"] = warnings(exploration.stages, exploration.ranking)
         write_manifest(folder, result)
     return result
 
@@ -156,13 +158,16 @@ def _previews(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
                 yield f"preview-{stage.key}-{index}", picture_png(counts / THESIS.count_max)
 
 
-def render_report(stages: Sequence[Stage], pictures: Mapping[str, bytes], **texts: Any) -> str:
+def render_report(
+    stages: Sequence[Stage], pictures: Mapping[str, bytes], *, ranking: RankingTest, **texts: Any
+) -> str:
     """Return the report as HTML with every picture inside as a data URI.
 
     Arguments:
         stages: baseline first, the result last.
         pictures: PNG bytes by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
             ``preview-<stage>-<bend index>`` (baseline and result) and ``convergence``.
+        ranking: whether the surrogate can rank designs.
         texts: what else the template shows: ``confidence`` (coverage of the intervals),
             ``search_note``, ``caveats``, ``facts`` (origin of the numbers), ``errors`` (rows of the
             model's held-out errors, as in its metadata), ``made`` and ``verify_command``.
@@ -174,8 +179,8 @@ def render_report(stages: Sequence[Stage], pictures: Mapping[str, bytes], **text
         "scene_hash": scene.hash,
         "level": "surrogate",
         "lam": f"{first.settings.lam:.4g}",
-        "summary": summary(stages),
-        "warnings": warnings(stages),
+        "summary": summary(stages, ranking),
+        "warnings": warnings(stages, ranking),
         "bends": bends,
         "stages": [{**score_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
         "previews": [
@@ -212,6 +217,27 @@ class Scored(Protocol):
         """Fraction of its facets that saturate."""
 
 
+def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> None:
+    """Print the figures of ``stages`` of one scene; ``coverage`` of their intervals."""
+    columns = {
+        "title": "design",
+        "score": "score S",
+        "interval": f"{coverage:.0%} interval",
+        "mean": "mean M",
+        "spread_sites": "spread over sites",
+        "spread_bends": "spread over bends",
+        "level": "level",
+    }
+    rows = [score_row(stage) for stage in stages]
+    print_table(
+        stream,
+        f"{stages[0].scene.name}, {stages[0].scene.hash}",
+        list(columns.values()),
+        [[row[key] for key in columns] for row in rows],
+        words=("design", "level"),
+    )
+
+
 def score_row(stage: Scored) -> dict[str, str]:
     """Return the figures of one design as text, shared by the report and the terminal table."""
     rating = stage.rating
@@ -225,10 +251,23 @@ def score_row(stage: Scored) -> dict[str, str]:
     }
 
 
-def summary(stages: Sequence[Stage]) -> list[str]:
-    """Return the outcome in words: how much better, where it comes from, how sure it is."""
+def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
+    """Return the outcome in words: how much better, where it comes from, how sure it is.
+
+    One color everywhere, or a surrogate that cannot rank designs, is not called a gain.
+    """
     first, last = stages[0].rating, stages[-1].rating
     gain = last.score - first.score
+    if stages[-1].design.monochrome or not ranking.reliable:
+        why = (
+            "the surrogate has not shown that it can rank designs"
+            if not ranking.reliable
+            else "one color lights everything, which tells no azimuth"
+        )
+        return [
+            f"The surrogate says {last.score:.1f} for the optimized design and {first.score:.1f} "
+            f"for the baseline, but {why}: this is not a gain."
+        ]
     sentences = [
         f"The optimized design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "
         f"so the surrogate predicts a gain of {gain:.1f} ({gain / abs(first.score):+.0%})."
@@ -246,9 +285,9 @@ def summary(stages: Sequence[Stage]) -> list[str]:
     return sentences
 
 
-def warnings(stages: Sequence[Stage]) -> list[str]:
+def warnings(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
     """Return what makes the result doubtful, most important first; usually nothing."""
-    texts = []
+    texts = [] if ranking.reliable else [ranking.advice()]
     first, last = stages[0], stages[-1]
     if last.rating.score <= first.rating.score:
         texts.append("The search found nothing better than the baseline.")

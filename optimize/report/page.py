@@ -92,6 +92,6 @@ def clipping_warning(clipped: float) -> list[str]:
     if clipped <= CLIPPED:
         return []
     return [
-        f"{clipped:.1%} of the facets saturate the camera in the optimized design; lower its "
+        f"{clipped:.1%} of the facets saturate the camera in this design; lower its "
         "exposure or the LED power."
     ]

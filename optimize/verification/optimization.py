@@ -32,6 +32,7 @@ from optimize.verification.verification_loop import (
     VerificationLoop,
 )
 from render.geometry import fiber_edges
+from render.scale import scene_scale
 from render.scene import Scene
 from surrogate.runtime import Checker
 
@@ -112,7 +113,8 @@ def optimize(
         on_candidate: called after every generation of the thesis, see `thesis_procedure`.
     """
     baseline, edges = dimmed_baseline(scene), fiber_edges(scene)
-    settings = None if checker is None else ScoreSettings(checker.exposure, checker.lam)
+    scale = scene_scale(scene) if checker is None else checker
+    settings = ScoreSettings(scale.exposure, scale.lam)
     seeds = SEED_STRIDE * (config.seed + 1)
     loop = thesis = None
     wall: dict[str, float] = {}
@@ -130,7 +132,6 @@ def optimize(
             generations=config.generations,
             report=on_candidate,
         )
-        settings = thesis.settings
         wall["thesis"] = time.monotonic() - began
         finalists.append(("thesis", thesis.design))
     if config.method != "thesis" and checker is not None:
@@ -140,7 +141,6 @@ def optimize(
         best = loop.candidates[:2]
         names = ("winner", "runner-up")
         finalists += [(name, entry.design) for name, entry in zip(names, best, strict=False)]
-    assert settings is not None  # from the surrogate or from the thesis's first render
     evaluation = evaluate_finalists(
         render,
         settings,

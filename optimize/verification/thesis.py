@@ -17,7 +17,6 @@ from optimize.scoring import TableScorer
 from optimize.search import DirectionResult, optimize_directions, population, tied_groups
 from optimize.search.colors import grouped_colors, renamed_like
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
-from render.metric import choose_exposure, choose_lambda
 from render.transport import TransportTable
 
 GENERATIONS = 20
@@ -30,7 +29,6 @@ class ThesisResult:
     Arguments:
         design: its result; colored: after the colors alone.
         score: what it believes S of the result to be.
-        settings: the camera and the weights that it scored with.
         directions: the direction search.
         runs: number of renders; seconds: of rendering.
     """
@@ -38,7 +36,6 @@ class ThesisResult:
     design: Design
     colored: Design
     score: float
-    settings: ScoreSettings
     directions: DirectionResult
     runs: int
     seconds: float
@@ -49,7 +46,7 @@ def thesis_procedure(
     render: RenderDesigns,
     *,
     edges: Sequence[str],
-    settings: ScoreSettings | None,
+    settings: ScoreSettings,
     samples: int,
     seed: int,
     render_seed: int,
@@ -62,7 +59,7 @@ def thesis_procedure(
         baseline: directions that colors are searched at, names of colors.
         render: renders one design.
         edges: the side of each fiber.
-        settings: of the scores; None fixes it from the baseline's render (design of chapter 5.1).
+        settings: of the scores.
         samples: per cell and candidate.
         seed: of CMA-ES.
         render_seed: of every render, so that candidates share random numbers.
@@ -70,7 +67,6 @@ def thesis_procedure(
         report: called with candidates rendered, candidates at most, and the best score.
     """
     first = render([baseline], samples=samples, seeds=[render_seed], title="single fibers")
-    settings = settings or baseline_settings(first.replicates[:, 0].mean(axis=0), baseline.power)
     seconds, runs = first.seconds, 1
     scorer = TableScorer(_table(first, settings), settings.conventions)
     colored, groups = colored_groups(scorer, baseline, edges)
@@ -104,7 +100,7 @@ def thesis_procedure(
         progress=progress,
     )
     return ThesisResult(
-        Design(turned.phi, colored.power), colored, turned.score, settings, turned, runs, seconds
+        Design(turned.phi, colored.power), colored, turned.score, turned, runs, seconds
     )
 
 
@@ -130,14 +126,6 @@ def thesis_on_table(
         max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
     )
     return Design(turned.phi, colored.power)
-
-
-def baseline_settings(transport: Array, power: Array) -> ScoreSettings:
-    """Return exposure and lambda from the baseline's transport ``(F, B, S, K)``, bend 0 first."""
-    exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power))
-    return ScoreSettings(
-        exposure, choose_lambda(ScoreSettings(exposure, 0.0).counts(transport, power))
-    )
 
 
 def _table(renders: DesignRenders, settings: ScoreSettings) -> TransportTable:

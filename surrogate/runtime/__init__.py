@@ -3,3 +3,4 @@
 from surrogate.runtime.checker import Checker, family_hash
 from surrogate.runtime.metadata import ModelMetadata
 from surrogate.runtime.model_file import MODEL_FILE, sha256
+from surrogate.runtime.ranking import RankingTest

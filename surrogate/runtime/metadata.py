@@ -14,7 +14,8 @@ from typing import Any
 from render.errors import ModelError
 from render.metric import MetricConfig, current_conventions
 
-SCHEMA = "tactilux-checker-1"
+SCHEMA = "tactilux-checker-2"
+"""Version 2: exposure and lambda are those of the scene's preview, not of the training renders."""
 LICENCE = "Apache-2.0"
 UNITS = {
     "phi": "rad",
@@ -99,6 +100,14 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
     Raises:
         ModelError: the file is no model of ours, or its description is damaged.
     """
+    if props.get("schema") == "tactilux-checker-1":
+        raise ModelError(
+            f"{origin} is a model of schema tactilux-checker-1, whose scores depend on how noisy "
+            "its renders were: make it again with `tactilux train`",
+            field="schema",
+            value=props["schema"],
+            allowed=SCHEMA,
+        )
     if props.get("schema") != SCHEMA:
         raise ModelError(
             f"{origin} is not a tactilux model of schema {SCHEMA} (it says "

@@ -112,7 +112,7 @@ def test_the_loaded_model_scores_the_baseline_like_its_training_data(
     trained: Trained, scene: Scene, reference: TransportTable
 ) -> None:
     from render.metric import design_score, image_counts, site_metric
-    from surrogate.training.exposure import baseline_power
+    from render.scale import baseline_power
 
     checker = Checker.load(trained.folder, scene.hash)
     phi = np.full((1, scene.fibers.count), np.pi / 2)

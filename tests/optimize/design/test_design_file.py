@@ -108,7 +108,7 @@ def test_a_design_with_another_number_of_fibers_is_refused(tmp_path: Path, scene
         (lambda c: c["conventions"].update(ddof=7), "conventions.ddof = 7"),
         (lambda c: c.pop("power"), "missing key power"),
         (lambda c: c.update(lam=None), "must be given together"),
-        (lambda c: c.update(schema=2), "schema = 2"),
+        (lambda c: c.update(schema=3), "schema = 3"),
         (lambda c: c.update(level="guess"), "level = 'guess'"),
     ],
 )

@@ -10,14 +10,17 @@ import pytest
 
 from optimize.exploration import Stage
 from optimize.report import render_report, warnings
+from surrogate.runtime import RankingTest
 
+RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0)
+NOISY = RankingTest(tau=0.41, factor=20.0, samples=200, minutes=1.5)
 PIXEL = b"\x89PNG fake"
 
 
 StageMaker = Callable[[float, float, float], list[Stage]]
 
 
-def report(stages: list[Stage]) -> str:
+def report(stages: list[Stage], ranking: RankingTest = RELIABLE) -> str:
     """Return the report of ``stages`` with invented pictures and texts."""
     keys = [stage.key for stage in stages]
     names = [f"{kind}-{key}" for kind in ("scheme", "metric", "facets") for key in keys]
@@ -25,6 +28,7 @@ def report(stages: list[Stage]) -> str:
     return render_report(
         stages,
         dict.fromkeys([*names, "convergence"], PIXEL),
+        ranking=ranking,
         search_note="1000 designs in 3 s.",
         caveats=["Off by 2 counts on <held-out> designs."],
         facts=[("Scene", stages[0].scene.hash)],
@@ -71,15 +75,15 @@ def test_the_summary_says_how_much_was_won_and_by_what(sample_stages: StageMaker
 
 
 def test_a_sure_gain_needs_no_warning(sample_stages: StageMaker) -> None:
-    assert warnings(sample_stages(30, 40, 50)) == []
+    assert warnings(sample_stages(30, 40, 50), RELIABLE) == []
 
 
 def test_overlapping_intervals_are_called_uncertain(sample_stages: StageMaker) -> None:
-    assert "overlap" in warnings(sample_stages(30, 32, 34))[0]
+    assert "overlap" in warnings(sample_stages(30, 32, 34), RELIABLE)[0]
 
 
 def test_a_search_that_found_nothing_says_so(sample_stages: StageMaker) -> None:
-    assert "nothing better" in warnings(sample_stages(30, 30, 30))[0]
+    assert "nothing better" in warnings(sample_stages(30, 30, 30), RELIABLE)[0]
 
 
 @pytest.mark.parametrize(
@@ -91,7 +95,7 @@ def test_extrapolation_and_clipping_raise_a_warning(
 ) -> None:
     stages = sample_stages(30, 40, 50)
     stages[-1] = replace(stages[-1], **change)
-    assert any(word in text for text in warnings(stages))
+    assert any(word in text for text in warnings(stages, RELIABLE))
 
 
 def test_a_monochrome_optimum_is_flagged(sample_stages: StageMaker) -> None:
@@ -99,7 +103,7 @@ def test_a_monochrome_optimum_is_flagged(sample_stages: StageMaker) -> None:
     design = stages[-1].design
     one = type(design).of_colors(design.phi, [0] * 20)
     stages[-1] = replace(stages[-1], design=one)
-    assert any("monochrome" in text for text in warnings(stages))
+    assert any("monochrome" in text for text in warnings(stages, RELIABLE))
 
 
 def test_fibers_that_would_meet_in_their_holder_raise_a_warning(sample_stages: StageMaker) -> None:
@@ -107,4 +111,24 @@ def test_fibers_that_would_meet_in_their_holder_raise_a_warning(sample_stages: S
     phi = stages[-1].design.phi.copy()
     phi[3], phi[4] = 2.6, 0.5
     stages[-1] = replace(stages[-1], design=replace(stages[-1].design, phi=phi))
-    assert any("cannot be built: fibers 3 and 4" in text for text in warnings(stages))
+    assert any("cannot be built: fibers 3 and 4" in text for text in warnings(stages, RELIABLE))
+
+
+def test_one_color_everywhere_is_not_called_a_gain(sample_stages: StageMaker) -> None:
+    stages = sample_stages(30, 40, 96)
+    design = stages[-1].design
+    stages[-1] = replace(stages[-1], design=type(design).of_colors(design.phi, [0] * 20))
+    html = report(stages)
+    assert "96.0 for the optimized design and 30.0 for the baseline" in html
+    assert "this is not a gain" in html
+    assert "gain of" not in html
+
+
+def test_a_surrogate_that_cannot_rank_designs_says_so_first_and_claims_nothing(
+    sample_stages: StageMaker,
+) -> None:
+    stages = sample_stages(30, 40, 96)
+    html = report(stages, NOISY)
+    assert "gain of" not in html
+    assert "Kendall" in warnings(stages, NOISY)[0]
+    assert html.index("train with about 20 times the samples") < html.index("<table")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from optimize.design import baseline_design
-from optimize.verification.thesis import baseline_settings
 from render.chebyshev import chebyshev_nodes
 from render.preview import Preview
+from render.scale import scale_of
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
@@ -51,5 +51,4 @@ def table(small: Scene) -> TransportTable:
         background_se=0.03 * background,
     )
     base = baseline_design(small)
-    settings = baseline_settings(plain.at(base.phi), base.power)
-    return replace(plain, exposure=settings.exposure, lam=settings.lam)
+    return replace(plain, **asdict(scale_of(plain.at(base.phi), base.power)))

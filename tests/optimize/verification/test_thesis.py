@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from optimize.design import baseline_design
+from optimize.design import ScoreSettings, baseline_design
 from optimize.verification.design_renders import (
     DesignRenders,
 )
@@ -24,13 +24,14 @@ def test_the_thesis_procedure_renders_every_candidate(small: Scene, table: Trans
         return render(*args, **kwargs)
 
     baseline, edges = baseline_design(small), fiber_edges(small)
+    settings = ScoreSettings(table.exposure, table.lam)
     found = thesis_procedure(
-        baseline, counted, edges=edges, settings=None, samples=7, seed=1, render_seed=3,
+        baseline, counted, edges=edges, settings=settings, samples=7, seed=1, render_seed=3,
         generations=3,
     )  # fmt: skip
     assert found.runs == len(calls) == found.directions.evaluated + 1
     assert found.seconds == 7.0 * len(calls)
-    assert found.score > found.settings.parts(table.at(baseline.phi), baseline.power)[0]
+    assert found.score > settings.parts(table.at(baseline.phi), baseline.power)[0]
     keys = list(zip(edges, found.design.colors.tolist(), strict=True))
     for key in set(keys):  # fibers of one side and color share a direction
         own = [phi for phi, other in zip(found.design.phi, keys, strict=True) if other == key]

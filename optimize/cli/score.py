@@ -1,0 +1,61 @@
+"""``tactilux score``: rate a layout drawn by hand, or a design again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from optimize.cli.options import Json, ModelFolder, SceneOfDesign
+from optimize.ui.console import print_json, reserved_stdout
+
+
+def run(
+    path: Annotated[
+        Path, Argument(metavar="design", help="JSON or TOML with colors and angles_deg.")
+    ],
+    scene: SceneOfDesign = None,
+    model: ModelFolder = None,
+    out: Annotated[Path | None, Option(help="Write the rated design to this file.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Rate a layout drawn by hand on the surrogate."""
+    from optimize.design import dimmed_baseline, load_layout, save_design
+    from optimize.exploration import rate, rating_to_json
+    from optimize.report import clipping_warning, print_scores
+    from optimize.scoring import open_model
+    from surrogate.runtime import RankingTest
+
+    with reserved_stdout() as stream:
+        sensor, design = load_layout(path, scene)
+        checker = open_model(sensor, model)
+        first = rate(checker, sensor, "baseline", "Baseline", "", dimmed_baseline(sensor))
+        found = rate(checker, sensor, "design", "Design", "", design)
+        doubts = [advice] if (advice := RankingTest.of(checker.metadata).advice()) else []
+        doubts += clipping_warning(found.clipped)
+        if out is not None:
+            save_design(out, design, sensor, found.rating)
+        if as_json:
+            result: dict[str, object] = {
+                "scene": sensor.name,
+                "scene_hash": sensor.hash,
+                "baseline": rating_to_json(first.rating),
+                "design": rating_to_json(found.rating),
+                "difference": found.rating.score - first.rating.score,
+                "warnings": doubts,
+            }
+            print_json(stream, result)
+            return
+        for doubt in doubts:
+            stream.write(f"Note: {doubt}\n")
+        print_scores(stream, (first, found), checker.coverage)
+        gain = found.rating.score - first.rating.score
+        better = "better" if gain > 0 else "worse"
+        apart = abs(gain) > 2.0 * checker.score_half_width
+        stream.write(
+            f"The design scores {abs(gain):.1f} {better} than the baseline"
+            f"{'' if apart else ', which the intervals cannot tell from a tie'}.\n"
+        )
+        if out is not None:
+            stream.write(f"Design: {out}\n")

@@ -1,0 +1,165 @@
+"""A layout drawn by hand: colors and angles are enough, as JSON or TOML.
+
+A finger of eight fibers::
+
+    scene = "small.toml"              # or --scene; a shipped name, or a file
+    colors = "rrrbbggg"               # or ["red", "red", ...]; "-" or "off" for a dark fiber
+    angles_deg = [90, 90, 90, 80, 100, 90, 90, 90]   # or one number for all
+
+Fibers are numbered as in the wiring sheet: left from base to tip, tip from left to right, right
+from base to tip. The lit LED of a fiber has the full power that the scene allows, unless ``power``
+says less, a fraction per fiber. A ``design.json`` of any version is a layout too; its rating is
+not read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optimize.design.design import Design
+from optimize.design.limits import limits_of
+from render.errors import DesignError
+from render.scene import COLORS, Scene, load_scene, shipped_scenes
+
+LETTERS = {"r": 0, "g": 1, "b": 2, "-": -1}
+NAMES = {name: index for index, name in enumerate(COLORS)} | {"off": -1} | LETTERS
+KEYS = ("scene", "scene_hash", "colors", "colours", "angles_deg", "power")
+RATED = ("schema", "level", "score", "lam", "exposure", "conventions", "versions")
+"""What a design file holds besides."""
+
+
+def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Design]:
+    """Return the scene and the design of the layout in ``path``.
+
+    Arguments:
+        path: a JSON or TOML file.
+        scene_name: a shipped scene or a file, instead of what the layout names.
+
+    Raises:
+        DesignError: names every problem of the file at once.
+        SceneError: the scene cannot be read.
+    """
+    content = _content(path)
+    named = scene_name or content.get("scene")
+    if not isinstance(named, str) or not named:
+        raise _refusal(path, ['it names no scene: add scene = "..." or give --scene'])
+    beside = path.parent / named
+    if scene_name is None and named not in shipped_scenes() and beside.is_file():
+        named = str(beside)
+    elif scene_name is None and named not in shipped_scenes() and not Path(named).is_file():
+        raise _refusal(path, [f"scene = {named!r} is neither a shipped scene nor a file: "
+                              "name its TOML file with --scene"])  # fmt: skip
+    scene = load_scene(named)
+    fibers, problems = scene.fibers.count, []
+    known = {*KEYS, *(RATED if "schema" in content else ())}
+    problems += [f"unknown key {key}" for key in content if key not in known]
+    if content.get("scene_hash", scene.hash) != scene.hash:
+        problems.append(
+            f"scene_hash = {content['scene_hash']!r}, allowed: {scene.hash} of {scene.name}"
+        )
+    colors = _colors(content.get("colors", content.get("colours")), fibers, problems)
+    angles = _angles(content.get("angles_deg"), fibers, problems)
+    power = _power(content.get("power"), colors, scene, problems)
+    if problems:
+        raise _refusal(path, problems)
+    return scene, Design(np.minimum(np.radians(angles), math.pi), power)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise DesignError(
+            f"{path} cannot be read: {error.strerror}; give a JSON or TOML file with colors and "
+            "angles_deg",
+            field="design",
+            value=str(path),
+        ) from None
+    except UnicodeDecodeError:
+        raise _refusal(path, ["it is not text in UTF-8"]) from None
+    try:
+        if path.suffix == ".toml":
+            return tomllib.loads(text)
+        found = json.loads(text)
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        kind = "TOML" if path.suffix == ".toml" else "JSON"
+        raise _refusal(path, [f"it is not {kind} ({error})"]) from None
+    if not isinstance(found, dict):
+        raise _refusal(path, ["it is a list or a number, allowed: keys colors and angles_deg"])
+    return found
+
+
+def _colors(given: Any, fibers: int, problems: list[str]) -> list[int]:
+    """Return an index per fiber, 0/1/2 = R/G/B and -1 for off; what is wrong joins ``problems``."""
+    allowed = "allowed: r, g, b or -, or red, green, blue or off"
+    if given is None:
+        problems.append(f"missing key colors, {allowed}, for each of {fibers} fibers")
+        return [-1] * fibers
+    entries = list(given.replace(" ", "")) if isinstance(given, str) else given
+    if not isinstance(entries, list):
+        problems.append(f"colors = {given!r}, {allowed}, for each of {fibers} fibers")
+        return [-1] * fibers
+    if len(entries) != fibers:
+        problems.append(f"colors has {len(entries)} entries, allowed: {fibers}, one per fiber")
+    found = []
+    for index, entry in enumerate(entries):
+        name = entry.lower() if isinstance(entry, str) else entry
+        if not isinstance(name, str) or name not in NAMES:
+            problems.append(f"colors[{index}] = {entry!r}, {allowed}")
+            name = "off"
+        found.append(NAMES[name])
+    return (found + [-1] * fibers)[:fibers]
+
+
+def _angles(given: Any, fibers: int, problems: list[str]) -> list[float]:
+    """Return degrees per fiber; what is wrong joins ``problems``."""
+    if given is None:
+        problems.append("missing key angles_deg, allowed: 0 to 180, one number or one per fiber")
+        return [90.0] * fibers
+    entries = given if isinstance(given, list) else [given] * fibers
+    if len(entries) != fibers:
+        problems.append(f"angles_deg has {len(entries)} entries, allowed: {fibers}, one per fiber")
+    wrong = [
+        (index, entry)
+        for index, entry in enumerate(entries)
+        if not _is_number(entry) or not 0.0 <= entry <= 180.0
+    ]
+    if wrong and not isinstance(given, list):
+        problems.append(f"angles_deg = {given!r}, allowed: 0 to 180")
+    elif wrong:
+        problems += [f"angles_deg[{i}] = {entry!r}, allowed: 0 to 180" for i, entry in wrong]
+    return [90.0] * fibers if wrong or len(entries) != fibers else [float(x) for x in entries]
+
+
+def _power(given: Any, colors: list[int], scene: Scene, problems: list[str]) -> np.ndarray:
+    """Return ``(fiber, 3)``; ``given`` has a fraction per fiber, or three as a design file."""
+    chosen = np.array(colors)
+    lit = np.eye(3)[np.maximum(chosen, 0)] * (chosen >= 0)[:, None]
+    full = np.asarray(lit * limits_of(scene).led_power)
+    if given is None:
+        return full
+    words = "allowed: 0 to 1, one number per fiber"
+    try:
+        power = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        power = np.zeros(0)
+    if power.shape not in {(len(colors),), (len(colors), 3)}:
+        problems.append(f"power has another form than {len(colors)} numbers, {words}")
+        return full
+    for index in np.flatnonzero(~((power >= 0) & (power <= 1)).reshape(len(colors), -1).all(1)):
+        problems.append(f"power[{index}] = {power[index].tolist()}, {words}")
+    return lit * power[:, None] if power.ndim == 1 else power
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _refusal(path: Path, problems: list[str]) -> DesignError:
+    return DesignError(f"{path} is not a valid layout: {'; '.join(problems)}", field="design")

@@ -1,0 +1,75 @@
+"""Exposure and lambda: the scale of a scene's scores, fixed by its preview alone.
+
+Scores can only be compared on one scale, so the scale is a property of the scene: two files of one
+hash have the same, whatever was rendered of them and however noisily. It is taken from the preview
+(level 0), which is free of noise, everywhere and without exceptions. Where the preview is too
+bright or too dark by a factor, renders of the baseline reach 230 counts divided or multiplied by
+it, and all designs alike; ``tactilux train`` says how much they reach, and clipped facets are
+counted wherever scores are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry import fiber_edges
+from render.metric import THESIS, MetricConfig, choose_exposure, choose_lambda, image_counts
+from render.scene import COLORS, Scene
+
+
+@dataclass(frozen=True)
+class ScoreScale:
+    """What turns transport into scores.
+
+    Arguments:
+        exposure: counts per 1/(mm^2 sr).
+        lam: weight of M_phi in eq. (4.6).
+    """
+
+    exposure: float
+    lam: float
+
+
+def baseline_power(scene: Scene) -> Array:
+    """Return the power ``(fiber, 3)`` of the baseline design: one color per edge (thesis 5.1)."""
+    index = [COLORS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
+    return np.asarray(np.eye(3)[index])
+
+
+def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
+    """Return the scale of ``scene``: its baseline at full power, phi = pi/2, in the preview.
+
+    The 99.5th percentile of its counts at the least bend is 230, and both terms of eq. (4.6) weigh
+    equally over all bends. Constraints, tolerances and free ranges change nothing, as they have no
+    part in the hash.
+
+    Raises:
+        GraphicsError: no OpenGL library can draw the preview.
+        TableError: the baseline is dark, or one color lights everything.
+    """
+    from render.preview import Preview
+
+    with Preview(scene) as preview:
+        transport, _ = preview.transport(np.array([math.pi / 2]), np.array(scene.bending.angles))
+    return scale_of(transport[:, 0], baseline_power(scene), int(np.argmin(scene.bending.angles)),
+                    config)  # fmt: skip
+
+
+def scale_of(
+    transport: Array, power: Array, bend0: int = 0, config: MetricConfig = THESIS
+) -> ScoreScale:
+    """Return the scale at which the light of ``power`` ``(fiber, 3)`` has 230 counts.
+
+    Arguments:
+        transport: ``(fiber, bend, site, facet)`` 1/(mm^2 sr).
+        power: of the baseline.
+        bend0: index of the bend whose counts set the exposure.
+        config: conventions of the metric.
+    """
+    exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power), bend0, config)
+    counts = np.asarray(image_counts(transport, power, exposure, config))
+    return ScoreScale(exposure, choose_lambda(counts, config))

@@ -1,0 +1,103 @@
+"""Whether a model has shown that it can rank designs, and what more samples would bring.
+
+Held-out designs are ranked by the model and by the reference that it was fitted to; Kendall's tau
+says how well both agree. Where the reference is noisy no model can agree with it, and none can
+learn from it: then more samples are needed. For normally distributed scores tau is
+``(2 / pi) asin(r)`` with their correlation r (Greiner 1909), and noise of the variance q relative
+to that of the true scores leaves ``r = 1 / sqrt(1 + q)`` with a perfect model; q falls as one over
+the number of samples.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from surrogate.runtime.metadata import ModelMetadata
+
+RELIABLE_TAU = 0.85
+"""What verification asks of a ranking as well, before it believes the surrogate."""
+AIM = 0.9
+"""Tau that a perfect model should reach against the reference of a new training."""
+NOISE = "noise of the reference"
+"""Level of the held-out errors that a perfect model would have."""
+MOST = 100.0
+"""More times the samples than this cannot be told from a short render."""
+
+
+@dataclass(frozen=True)
+class RankingTest:
+    """What the held-out designs say of a model's rankings.
+
+    Arguments:
+        tau: of the model against its reference.
+        factor: times the samples that would let a perfect model reach AIM; at most MOST.
+        samples, minutes: what the model was trained with, where it was rendered for.
+    """
+
+    tau: float
+    factor: float
+    samples: int | None
+    minutes: float | None
+
+    @classmethod
+    def of(cls, metadata: ModelMetadata) -> RankingTest:
+        """Return what ``metadata`` holds of it."""
+        held = {str(row["level"]): float(row["kendall_tau"]) for row in metadata.held_out}
+        samples = metadata.renderer.get("samples_per_cell")
+        seconds = metadata.renderer.get("seconds")
+        return cls(
+            tau=held.get(str(metadata.residual["kind"]), 0.0),
+            factor=_factor(held.get(NOISE, 1.0)),
+            samples=int(samples) if samples is not None else None,
+            minutes=float(seconds) / 60.0 if seconds is not None else None,
+        )
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the model has shown that it ranks designs."""
+        return self.tau >= RELIABLE_TAU
+
+    def advice(self) -> str:
+        """Return what more effort would bring, as a sentence; empty for a reliable model."""
+        if self.reliable:
+            return ""
+        said = (
+            f"This model has not shown that it can rank designs: on held-out ones Kendall's tau is "
+            f"{self.tau:.2f}, needed: {RELIABLE_TAU:g}. "
+        )
+        if self.factor <= 1.0:
+            return said + (
+                "The renders are good enough, so more samples will not help: the preview is too "
+                "far from them in this scene; let renders decide (tactilux optimize)."
+            )
+        least = "at least " if self.factor == MOST else "about "
+        times = _rounded(self.factor)
+        said += f"Its renders are too noisy: train with {least}{times} times the samples"
+        if self.samples is None or self.minutes is None:
+            return said + "."
+        return said + (
+            f" (--samples {_rounded(self.factor * self.samples)}, {least}"
+            f"{_rounded(self.factor * self.minutes)} minutes of rendering at the same pace)."
+        )
+
+
+def _rounded(value: float) -> str:
+    """Return ``value`` with two digits.
+
+    >>> _rounded(12345.6), _rounded(1.234)
+    ('12000', '1.2')
+    """
+    return f"{float(f'{value:.2g}'):.10g}"
+
+
+def _factor(noise_tau: float) -> float:
+    """Return how many times the samples AIM takes; ``noise_tau`` of the reference and a copy.
+
+    The copy has the noise twice: ``r^2 = (1 + q) / (1 + 2 q)``.
+    """
+    square = math.sin(0.5 * math.pi * max(noise_tau, 0.0)) ** 2
+    aimed = 1.0 / math.sin(0.5 * math.pi * AIM) ** 2 - 1.0
+    if square <= 0.5:
+        return MOST
+    return min((1.0 - square) / (2.0 * square - 1.0) / aimed, MOST)
