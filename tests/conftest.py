@@ -33,6 +33,7 @@ TOGETHER = {
         f"tests/surrogate/{name}.py"
         for name in (
             "runtime/test_checker",
+            "runtime/test_ranking",
             "export/test_onnx",
             "model/test_materials",
             "export/test_package",
@@ -41,7 +42,7 @@ TOGETHER = {
     ),
     "small_model": tuple(
         f"tests/optimize/cli/test_{name}.py"
-        for name in ("bad_input", "explore", "optimize", "verify")
+        for name in ("bad_input", "explore", "optimize", "score", "verify")
     ),
     "tiny_night": (
         "tests/optimize/overnight/test_whole_night.py",

@@ -12,6 +12,7 @@ import pytest
 
 from render.errors import TableError
 from render.progress import Progress
+from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.runtime import Checker
@@ -123,3 +124,18 @@ def test_the_loaded_model_scores_the_baseline_like_its_training_data(
     assert found == pytest.approx(
         float(design_score(metric).score), abs=3 * checker.score_half_width
     )
+
+
+def test_a_table_that_ends_before_the_scenes_bends_is_refused(
+    scene: Scene, reference: TransportTable, quick: TrainConfig, tmp_path: Path
+) -> None:
+    short = replace(reference, bends=reference.bends / 2)
+    with pytest.raises(TableError, match="spans bends 0 to 45 deg, allowed: the scene's 0 to 90"):
+        train(scene, tmp_path / "m", table=short, config=quick)
+
+
+def test_the_scale_is_the_previews_whatever_was_rendered(trained: Trained, scene: Scene) -> None:
+    scale = scene_scale(scene)
+    assert (trained.metadata.exposure, trained.metadata.lam) == (scale.exposure, scale.lam)
+    # The invented renders are brighter than the preview, by about exp(0.4 + 0.3).
+    assert trained.baseline_counts == pytest.approx(230 * np.exp(0.7), rel=0.3)

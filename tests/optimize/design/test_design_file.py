@@ -18,6 +18,7 @@ from optimize.design import (
     baseline_design,
     load_design,
     load_design_file,
+    open_rated,
     save_design,
 )
 from render.errors import DesignError
@@ -137,3 +138,13 @@ def test_a_rating_that_is_not_a_number_is_not_saved(tmp_path: Path, scene: Scene
     with pytest.raises(DesignError, match=r"score\.value = nan"):
         save_design(tmp_path / "design.json", baseline_design(scene), scene, failed)
     assert not any(tmp_path.iterdir())
+
+
+def test_a_design_whose_scale_depended_on_noise_keeps_its_lights_and_loses_its_score(
+    path: Path, scene: Scene
+) -> None:
+    edited(path, lambda content: content.update(schema=1))
+    np.testing.assert_array_equal(load_design(path, scene).phi, baseline_design(scene).phi)
+    assert load_design_file(path).rating is None
+    with pytest.raises(DesignError, match="rate it with tactilux score"):
+        open_rated(path)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 
 from optimize.design import ScoreSettings, baseline_design
+from optimize.verification import OptimizeConfig, optimize
 from optimize.verification.design_renders import (
     DesignRenders,
 )
 from optimize.verification.thesis import thesis_procedure
 from render.geometry import fiber_edges
+from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
 from tests.optimize.verification.pretended_renders import pretended
@@ -36,3 +39,11 @@ def test_the_thesis_procedure_renders_every_candidate(small: Scene, table: Trans
     for key in set(keys):  # fibers of one side and color share a direction
         own = [phi for phi, other in zip(found.design.phi, keys, strict=True) if other == key]
         assert len(set(own)) == 1
+
+
+def test_without_a_surrogate_the_scale_is_the_previews_however_noisy_the_renders(
+    small: Scene, table: TransportTable
+) -> None:
+    config = OptimizeConfig(method="thesis", generations=1, final_seeds=1)
+    found = optimize(small, None, pretended(table, 0.5), config)
+    assert found.finalists.settings == ScoreSettings(**asdict(scene_scale(small)))

@@ -182,3 +182,12 @@ def test_running_a_model_needs_neither_torch_nor_opengl(model_folder: Path) -> N
         [sys.executable, "-c", program], cwd=root, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_a_model_whose_scale_depended_on_noise_is_refused(copy: Path) -> None:
+    model = onnx.load(copy / MODEL_FILE)
+    next(p for p in model.metadata_props if p.key == "schema").value = "tactilux-checker-1"
+    (copy / SUM_FILE).unlink()
+    (copy / MODEL_FILE).write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError, match="make it again with `tactilux train`"):
+        Checker.load(copy / MODEL_FILE)

@@ -1,0 +1,1 @@
+"""The models that come with tactilux: one folder per scene, found by the scene's hash."""

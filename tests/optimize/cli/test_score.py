@@ -1,0 +1,168 @@
+"""``tactilux score`` rates layouts drawn by hand, and every command has the scene's one scale."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimize.design import load_design_file, load_layout
+from optimize.scoring import find_model
+from render.errors import DesignError, ModelError
+from render.scale import scene_scale
+from render.scene import Scene, load_scene
+from render.transport import TransportTable
+from surrogate.runtime import Checker
+
+Run = Callable[..., Any]
+BASELINE = "rrrbbggg"
+"""The baseline's colors: left red, tip blue, right green."""
+
+
+def layout(folder: Path, **keys: Any) -> Path:
+    """Write a layout as JSON."""
+    path = folder / "layout.json"
+    path.write_text(json.dumps(keys))
+    return path
+
+
+def test_colors_and_angles_are_enough(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f'scene = "{small_scene}"\ncolors = "RGB RGB-R"\nangles_deg = 80\n')
+    done = tactilux("score", path, "--model", small_model, "--out", "rated.json", "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    for name in ("baseline", "design"):
+        part = result[name]
+        assert part["level"] == "surrogate"
+        assert part["interval"][0] < part["score"] < part["interval"][1]
+        assert part["score"] == pytest.approx(
+            part["mean"] - part["spread_sites"] - part["spread_bends"], abs=1e-3
+        )
+    assert result["difference"] == result["design"]["score"] - result["baseline"]["score"]
+    saved = load_design_file(tmp_path / "rated.json")
+    assert saved.design.color_names[6] == "off"
+    assert saved.rating is not None
+    assert saved.rating.score == result["design"]["score"]
+
+    again = tactilux("score", "rated.json", "--scene", small_scene, "--model", small_model)
+    assert again.code == 0, again.err
+    assert f"{saved.rating.score:.1f}" in again.out
+    assert "than the baseline" in again.out
+
+
+def test_the_baseline_drawn_by_hand_scores_as_the_baseline(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    path = layout(tmp_path, colors=list(BASELINE), angles_deg=[90] * 8)
+    words = ["score", path, "--scene", small_scene, "--model", small_model, "--json"]
+    result = json.loads(tactilux(*words).out)
+    assert result["difference"] == 0.0
+
+
+def test_all_problems_of_a_layout_are_named_at_once(small_scene: Path, tmp_path: Path) -> None:
+    path = layout(tmp_path, colors=["red", "pink"], angles_deg=[1, 200, "x"], note=1, power=[2])
+    with pytest.raises(DesignError) as caught:
+        load_layout(path, str(small_scene))
+    for words in (
+        "unknown key note",
+        "colors has 2 entries, allowed: 8",
+        "colors[1] = 'pink', allowed: r, g, b or -",
+        "angles_deg has 3 entries, allowed: 8",
+        "angles_deg[1] = 200, allowed: 0 to 180",
+        "angles_deg[2] = 'x', allowed: 0 to 180",
+        "power has another form than 8 numbers",
+    ):
+        assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.json", "{", "it is not JSON"),
+        ("a.json", "[1]", "it is a list or a number"),
+        ("a.toml", "colors = ", "it is not TOML"),
+        ("a.toml", 'colors = "r"', "it names no scene"),
+        ("a.toml", 'scene = "nowhere"', "is neither a shipped scene nor a file"),
+        ("a.toml", 'scene = "finger20"', "missing key colors, .*; missing key angles_deg"),
+    ],
+)
+def test_a_file_that_is_no_layout_raises_one_clear_error(
+    tmp_path: Path, name: str, text: str, words: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(DesignError, match=words) as caught:
+        load_layout(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_led_has_no_more_power_than_the_scene_allows(small_scene: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "dim.toml"
+    scene.write_text(
+        small_scene.read_text() + '[constraints]\npower_red = { value = 0.5, source = "driver" }\n'
+    )
+    path = layout(tmp_path, scene=scene.name, colors=BASELINE, angles_deg=90)
+    assert load_layout(path)[1].power[0].tolist() == [0.5, 0.0, 0.0]
+
+
+def test_a_model_is_found_by_the_scenes_hash_whatever_its_name(
+    small_scene: Path, small_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "of-my-rig").symlink_to(small_model)
+    scene = load_scene(small_scene).model_copy(update={"name": "renamed"})
+    assert find_model(scene) == Path("models") / "of-my-rig"
+    assert find_model(load_scene("finger20")).name == "finger20"
+    other = scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": 0.5})})
+    with pytest.raises(ModelError, match=rf"no model for scene renamed, hash {other.hash}"):
+        find_model(other)
+
+
+def test_the_scale_is_the_same_at_every_effort_and_a_noisy_model_is_not_offered_silently(
+    tactilux: Run,
+    small_scene: Path,
+    small_model: Path,
+    small_reference: TransportTable,
+    tmp_path: Path,
+) -> None:
+    from surrogate.train import TrainConfig, train
+    from surrogate.training.fit import FitConfig
+    from surrogate.training.mlp import NetworkConfig
+
+    scene: Scene = load_scene(small_scene)
+    scale = scene_scale(scene)
+    # A reference as noisy as a render of seconds.
+    drawn = np.random.default_rng(1).standard_normal(small_reference.T.shape)
+    noisy = replace(
+        small_reference, T=small_reference.T * np.exp(drawn - 0.5), se=small_reference.T
+    )
+    quick = FitConfig(members=2, network=NetworkConfig(width=8, steps=20), designs=40)
+    made = train(
+        scene, tmp_path / "noisy", table=noisy, seed=7,
+        config=TrainConfig(preview_nodes=(9, 3), fit=quick),
+    )  # fmt: skip
+    found = {
+        "train, good renders": Checker.load(small_model),
+        "train, bad renders": Checker.load(made.folder),
+    }
+    # The noisy model cannot rank designs, and does not pass for one that can.
+    done = tactilux("explore", small_scene, "--model", made.folder, "--out", "explore")
+    assert done.code == 0, done.err
+    assert done.out.startswith("Note: This model has not shown that it can rank designs")
+    told = json.loads((tmp_path / "explore" / "result.json").read_text())
+    assert told["ranking"]["reliable"] is False
+    assert told["warnings"][0].startswith("This model has not shown")
+    saved = load_design_file(tmp_path / "explore" / "design.json").rating
+    assert saved is not None
+    scales = {name: (one.exposure, one.lam) for name, one in found.items()}
+    scales["explore"] = (saved.settings.exposure, saved.settings.lam)
+    for name, one in scales.items():
+        assert one == pytest.approx((scale.exposure, scale.lam)), name
