@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -69,3 +72,28 @@ def test_a_model_runs_on_numpy_and_onnxruntime_alone() -> None:
     loaded = set(done.stdout.split())
     assert {"numpy", "onnxruntime"} <= loaded
     assert not loaded & {"pydantic", "typer", "rich", "PIL", *sum(PACKAGES.values(), ())}
+
+
+def test_an_installation_brings_its_models_and_finds_them_in_an_empty_folder(
+    tmp_path: Path,
+) -> None:
+    sources, site, empty = tmp_path / "sources", tmp_path / "site", tmp_path / "empty"
+    for name in ("render", "surrogate", "optimize", "hw", "models"):
+        shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE", "tactilux.py"):
+        shutil.copy(ROOT / name, sources)
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation",
+         "--no-index", "--target", site, sources],
+        check=True,
+    )  # fmt: skip
+    empty.mkdir()
+    (empty / "mine.toml").write_text('scene = "finger20"\ncolors = "rrrrrrrrbbbbgggggggg"\n'
+                                     "angles_deg = 90\n")  # fmt: skip
+    program = "import hw, sys; assert 'site' in hw.__file__; from hw.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "score", "mine.toml", "--json"],
+        cwd=empty, env=os.environ | {"PYTHONPATH": str(site)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["difference"] == 0.0
