@@ -2,6 +2,7 @@
 
 from optimize.report.exploration_report import (
     print_scores,
+    score_row,
     render_report,
     warnings,
     write_exploration,
