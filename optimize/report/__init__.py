@@ -2,8 +2,8 @@
 
 from optimize.report.exploration_report import (
     print_scores,
-    score_row,
     render_report,
+    score_row,
     warnings,
     write_exploration,
 )
