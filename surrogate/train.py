@@ -13,6 +13,7 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.metric import THESIS
 from render.progress import OnProgress, Progress, in_stage
+from render.reference import TimeBudget
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
@@ -24,7 +25,14 @@ from surrogate.model.preview_grid import MATERIALS, draw_material_grid, interpol
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
-from surrogate.training.render_plan import ReferenceData, check_reference, render_reference
+from surrogate.training.fit_time import FitTime
+from surrogate.training.render_plan import (
+    ReferenceData,
+    RenderTime,
+    check_reference,
+    render_reference,
+    training_bends,
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +40,7 @@ class TrainConfig:
     """What is rendered and fitted.
 
     Arguments:
-        minutes: rendering time that the samples are chosen for.
+        minutes: time for everything together, which decides the samples and the networks' steps.
         samples: samples per (fiber, facet) pair instead; the same number on any machine.
         phi_nodes, bend_nodes: nodes of the reference.
         preview_nodes: nodes of the preview in phi and bend.
@@ -76,11 +84,14 @@ def train(
     run: Path | None = None,
     config: TrainConfig | None = None,
     command: str = "",
+    began: float | None = None,
     progress: OnProgress | None = None,
 ) -> Trained:
     """Make the model of ``scene`` in the folder ``out``; all its files appear together.
 
-    Deterministic for a seed, a number of samples and a processor type.
+    Deterministic for a seed, a number of samples and a processor type. Minutes are those of
+    everything, start-up and fit included; the samples and steps that they came to are kept in
+    ``run``, so that the same minutes make the same model again.
 
     Arguments:
         scene: the sensor.
@@ -91,6 +102,7 @@ def train(
             finished table is ``reference.npz`` in it.
         config: nodes, samples and network.
         command: the command line, for the model card.
+        began: ``time.monotonic()`` from which minutes count (default: now).
         progress: called as the work goes on.
 
     Raises:
@@ -102,7 +114,10 @@ def train(
     run = run or out.parent / f"{out.name}-training"
     if table is not None:
         _check(scene, table)
-    began = time.monotonic()
+    began = time.monotonic() if began is None else began
+    fit_time = None
+    if table is None and config.samples is None:
+        fit_time = _fit_time(scene, run, seed, config, began)
     report = progress or (lambda _: None)
 
     report(Progress(0, 1, stage="preview"))
@@ -116,7 +131,7 @@ def train(
     preview_error = interpolation_error(scene, grid)
     report(Progress(1, 1, stage="preview"))
 
-    reference = _reference(scene, table, run, seed, config, progress)
+    reference = _reference(scene, table, run, seed, config, fit_time, progress)
     reference = reference.scaled(scale.exposure, scale.lam)
     reference.save(run)
 
@@ -130,6 +145,7 @@ def train(
         bends=scene_bends(reference.tables[0], scene.bending.angles),
         seed=seed,
         config=config.fit,
+        time=fit_time,
     )
     fit = fit_residual(task, progress)
     fit_seconds = time.monotonic() - fitting
@@ -182,12 +198,29 @@ def _check(scene: Scene, table: TransportTable) -> None:
         )
 
 
+def _fit_time(scene: Scene, run: Path, seed: int, config: TrainConfig, began: float) -> FitTime:
+    """Return what keeps renders and fit within the minutes."""
+    bends = training_bends(scene, config.bend_nodes)
+    free = MaterialRange.of(scene)
+    return FitTime(
+        TimeBudget.of_minutes(config.minutes, began),
+        run / "fit.json",
+        {"scene_hash": scene.hash, "minutes": config.minutes, "seed": seed},
+        scene=scene,
+        directions=config.phi_nodes * (1 if free is None else config.materials),
+        bends=len(bends),
+        members=config.fit.members,
+        network=config.fit.network,
+    )
+
+
 def _reference(
     scene: Scene,
     table: TransportTable | None,
     run: Path,
     seed: int,
     config: TrainConfig,
+    fit_time: FitTime | None,
     progress: OnProgress | None,
 ) -> ReferenceData:
     """Return the reference, rendered unless ``table`` is given."""
@@ -198,11 +231,11 @@ def _reference(
         scene,
         run,
         seed=seed,
-        minutes=config.minutes,
         samples=config.samples,
         phi_count=config.phi_nodes,
         bend_count=config.bend_nodes,
         materials=None if free is None else free.samples(config.materials),
+        within=None if fit_time is None else RenderTime(fit_time.budget, fit_time.reserve),
         progress=progress,
     )
 

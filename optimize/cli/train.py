@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from optimize.ui.console import ProgressBar, reserved_stdout
 def run(
     scene_name: SceneName = "finger20",
     out: Annotated[Path | None, Option(help="Model folder (default: models/<scene>).")] = None,
-    minutes: Annotated[float, Option(min=0.1, help="Rendering time.")] = 40.0,
+    minutes: Annotated[float, Option(min=0.1, help="Time for everything together.")] = 40.0,
     samples: Annotated[
         int | None,
         Option(min=1, help="Samples per fiber and facet: the same work on any machine."),
@@ -26,6 +27,7 @@ def run(
     ] = None,
 ) -> None:
     """Make the surrogate: render, fit, export."""
+    began = time.monotonic()
     from render.reference import ensure_llvm
     from render.scene import load_scene
     from render.transport import load_table
@@ -55,6 +57,7 @@ def run(
                 table=known,
                 config=TrainConfig(minutes=minutes, samples=samples),
                 command=shlex.join(command),
+                began=began,
                 progress=bar,
             )
         stream.write(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -17,9 +18,9 @@ from optimize.ui.console import (
     reserved_stdout,
 )
 from render.errors import RenderError
+from render.progress import in_stage
 
 if TYPE_CHECKING:
-    from optimize.design import RatedDesign
     from optimize.scoring import JackknifeEstimate, RenderedScore
     from optimize.verification import Verification
     from surrogate.runtime import Checker
@@ -36,17 +37,18 @@ def run(
         int | None, Option(min=1, help="Samples per cell and seed (default: 200).")
     ] = None,
     minutes: Annotated[
-        float | None, Option(min=0.1, help="Rendering time, instead of --samples.")
+        float | None, Option(min=0.1, help="Time for everything, instead of --samples.")
     ] = None,
     seeds: Annotated[int, Option(min=2, help="Number of independent seeds.")] = 4,
     as_json: Json = False,
 ) -> None:
     """Render design and baseline with error bars."""
+    began = time.monotonic()
     from optimize.design import open_rated
     from optimize.scoring import open_model
-    from optimize.verification import verify
+    from optimize.verification import verification_within, verify
     from render.files import write_json
-    from render.reference import ensure_llvm
+    from render.reference import TimeBudget, ensure_llvm
 
     if samples is not None and minutes is not None:
         raise RenderError(
@@ -59,18 +61,29 @@ def run(
         checker = open_model(candidate.scene, model)
         ensure_llvm()
         checkpoint = path.parent / f"{path.stem}-renders"
-        count = samples or _count(candidate, minutes, seeds, checkpoint)
+        numbers, each = range(1, seeds + 1), None
+        count = samples or SAMPLES
+        work = f"{counted(count, 'sample')} per cell" if minutes is None else f"{minutes:g} min"
         note(
-            f"Rendering the baseline and {path} with {counted(seeds, 'seed')}, "
-            f"{counted(count, 'sample')} per cell; "
+            f"Rendering the baseline and {path} with {counted(seeds, 'seed')}, {work}; "
             f"interrupted, the same command goes on from {checkpoint}"
         )
         with ProgressBar("Rendering the") as bar:
+            if minutes is not None:
+                plan = verification_within(
+                    candidate,
+                    TimeBudget.of_minutes(minutes, began),
+                    seeds=numbers,
+                    folder=checkpoint,
+                    progress=in_stage(bar, "baseline and design"),
+                )
+                count, each = plan.samples, plan.per_pass
             found = verify(
                 candidate,
                 checker,
                 samples=count,
-                seeds=range(1, seeds + 1),
+                seeds=numbers,
+                per_pass=each,
                 checkpoint=checkpoint,
                 progress=bar,
             )
@@ -85,22 +98,6 @@ def run(
             print_json(stream, found.to_json())
         else:
             _print(stream, path, checker, found)
-
-
-def _count(candidate: RatedDesign, minutes: float | None, seeds: int, folder: Path) -> int:
-    if minutes is None:
-        return SAMPLES
-    from optimize.verification import affordable_samples
-
-    note("Timing two short renders")
-    return affordable_samples(
-        candidate.scene,
-        candidate.design.phi,
-        minutes=minutes,
-        seeds=seeds,
-        designs=1 if candidate.recolored else 2,
-        folder=folder,
-    )
 
 
 def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:

@@ -131,11 +131,9 @@ def measure_frontier(
             scene,
             folder / "table",
             seed=seed,
-            minutes=plan.minutes,
             samples=max(1, plan.samples // TABLE_DIVISOR),
             phi_count=config.phi_nodes,
             bend_count=len(scene.bending.angles),
-            materials=None,
             progress=in_stage(report, "transport table"),
         )
         table, table_seconds = made.tables[0], float(str(made.renderer["seconds"]))

@@ -30,7 +30,14 @@ from optimize.scoring import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
-from render.reference import RenderCost, RenderJob, transport_estimate, transport_jobs
+from render.reference import (
+    RenderCost,
+    RenderJob,
+    samples_of_full_pass,
+    transport_estimate,
+    transport_jobs,
+    trial_cost,
+)
 from render.transport import TransportTable, mean_table
 from surrogate.runtime import MODEL_FILE, Checker, sha256
 from surrogate.training.render_plan import estimate_table, training_bends
@@ -45,8 +52,6 @@ JOB_SECONDS = 90.0
 """A render of the table lasts about so long: what a worker that dies can lose."""
 MIN_PASSES = 3
 """A table is rendered in so many passes at least, so that a slow machine can do with fewer."""
-PILOT = (8, 200)
-"""Samples of the trial renders: next to none, and enough paths at once for full speed."""
 PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
 
 
@@ -57,21 +62,16 @@ def measure_cost(context: RunContext) -> RenderCost:
         context.stage("Trial renders", "trial")
         phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
         seed = context.random_seed(PILOT_PURPOSE, 0)
-        jobs: list[RenderJob] = []
-        # The smallest ones first, so that nobody measures how long kernels take to compile.
-        for samples in (PILOT[0], *PILOT):
-            jobs += transport_jobs(
-                context.scene, phi, context.bends[:1], samples=samples, seeds=[seed + len(jobs)]
-            )
-        clock = Clock(sum(job.samples for job in jobs), context.progress)
-        seconds = [result.seconds for job in jobs for result in context.renders([job], clock)]
-        half = len(jobs) // 3
-        small, large = slice(half, 2 * half), slice(2 * half, None)
-        return RenderCost.fitted(
-            [sum(job.samples for job in jobs[part]) for part in (small, large)],
-            [sum(seconds[part]) for part in (small, large)],
-            jobs=half,
+        unit = samples_of_full_pass(context.scene)
+        jobs = transport_jobs(
+            context.scene, phi, context.bends[:1], samples=unit, per_pass=unit, seeds=[seed]
         )
+
+        def render(trial: list[RenderJob]) -> list[float]:
+            clock = Clock(sum(job.samples for job in trial), context.progress)
+            return [result.seconds for job in trial for result in context.renders([job], clock)]
+
+        return trial_cost(jobs, render)
 
     return _cost_of(context, context.decide("cost", trial))
 

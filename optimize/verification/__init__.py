@@ -7,7 +7,11 @@ from optimize.verification.design_renders import (
     distinct_directions,
     reference_renders,
 )
-from optimize.verification.design_verification import Verification, affordable_samples, verify
+from optimize.verification.design_verification import (
+    Verification,
+    verification_within,
+    verify,
+)
 from optimize.verification.optimization import (
     Optimization,
     OptimizationMethod,

@@ -83,10 +83,12 @@ def reference_renders(
     checkpoint: Path | None,
     progress: OnProgress | None = None,
     runner: JobRunner | None = None,
+    per_pass: int | None = None,
 ) -> RenderDesigns:
     """Return what renders designs of ``scene`` at level 2.
 
     It goes on from ``checkpoint``; a ``runner`` runs the jobs elsewhere and keeps its own.
+    ``per_pass`` is that of ``render_transport``.
     """
     bends = np.array(scene.bending.angles)
 
@@ -100,6 +102,7 @@ def reference_renders(
             bends,
             samples=samples,
             seeds=seeds,
+            per_pass=per_pass,
             checkpoint=checkpoint,
             runner=runner,
             progress=in_stage(progress, title),

@@ -14,16 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Array, RatedDesign, ScoreSettings
+from optimize.design import RatedDesign, ScoreSettings
 from optimize.scoring import JackknifeEstimate, RenderedScore, check_visible, predict_design
 from optimize.verification.design_renders import DesignRenders, reference_renders
 from render.progress import OnProgress
-from render.reference import measure_render_cost, stored_plan
-from render.scene import Scene
+from render.reference import (
+    TimeBudget,
+    render_within,
+    samples_per_pass,
+    stored_plan,
+    transport_jobs,
+)
 from surrogate.runtime import Checker
 
-MIN_SAMPLES = 4
-"""Samples per cell, however little time there is."""
+SCORING_FRACTION = 0.01
+"""Part of the time that scores with their error bars take, after the renders."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,7 @@ def verify(
     *,
     samples: int,
     seeds: Sequence[int],
+    per_pass: int | None = None,
     checkpoint: Path | None = None,
     progress: OnProgress | None = None,
 ) -> Verification:
@@ -82,11 +88,12 @@ def verify(
         model: the surrogate whose prediction is checked.
         samples: per cell and seed.
         seeds: common to both designs.
+        per_pass: as of ``render_transport``.
         checkpoint: directory from which an interrupted verification goes on.
         progress: called every few seconds; the stage is the design being rendered.
     """
     design, baseline = candidate.design, candidate.baseline
-    render = reference_renders(candidate.scene, checkpoint, progress)
+    render = reference_renders(candidate.scene, checkpoint, progress, per_pass=per_pass)
     first = render([baseline], samples=samples, seeds=seeds, title="baseline")
     second, seconds = first, first.seconds
     # Other colors need no other render: light is linear.
@@ -137,42 +144,68 @@ def paired_comparison(
 
 @dataclass(frozen=True)
 class VerificationPlan:
-    """What is rendered, see `affordable_samples`; kept in the folder of the renders."""
-
-    scene_hash: str
-    minutes: float
-    seeds: int
-    designs: int
-    samples: int
-
-
-def affordable_samples(
-    scene: Scene, phi: Array, *, minutes: float, seeds: int, designs: int, folder: Path
-) -> int:
-    """Return the samples per cell and seed that fill ``minutes``, at least MIN_SAMPLES.
-
-    The choice is kept in ``folder``, so that a verification that was interrupted goes on with
-    the same number instead of measuring again.
+    """What fitted into the minutes, see `verification_within`; kept in the folder of the renders.
 
     Arguments:
-        scene: the sensor.
-        phi: ``(fiber,)`` rad, for the trial renders.
-        minutes: rendering time for everything together.
-        seeds: independent renders per bend and design.
-        designs: how many are rendered, 1 when the other differs in colors alone.
-        folder: of the checkpoint.
+        scene_hash, design: the sensor, and the digest of the design with its rating.
+        minutes: of everything.
+        seeds: common to both designs.
+        samples, per_pass: per cell and seed, and of those in one pass (``transport_jobs``).
     """
+
+    scene_hash: str
+    design: str
+    minutes: float
+    seeds: list[int]
+    samples: int
+    per_pass: int
+
+
+def verification_within(
+    candidate: RatedDesign,
+    budget: TimeBudget,
+    *,
+    seeds: Sequence[int],
+    folder: Path,
+    progress: OnProgress | None = None,
+) -> VerificationPlan:
+    """Render for `verify` as long as there is time, and return what it shall ask for.
+
+    The plan is kept in ``folder``: asked for the same again, nothing is rendered; with other
+    minutes, renders go on from those that are there.
+
+    Arguments:
+        candidate: what is verified.
+        budget: of the whole command.
+        seeds: common to both designs.
+        folder: the checkpoint of `verify`.
+        progress: called after every pass.
+    """
+    scene = candidate.scene
     wanted: dict[str, Any] = {
         "scene_hash": scene.hash,
-        "minutes": minutes,
-        "seeds": seeds,
-        "designs": designs,
+        "design": candidate.digest,
+        "minutes": budget.seconds / 60.0,
+        "seeds": list(seeds),
     }
+    designs = [candidate.baseline] + ([] if candidate.recolored else [candidate.design])
+    bends = np.array(scene.bending.angles)
 
     def make() -> VerificationPlan:
-        cost = measure_render_cost(scene, phi[:, None])
-        renders = [1.0] * (len(scene.bending.angles) * seeds * designs)
-        chosen = cost.samples_within(60.0 * minutes, renders, MIN_SAMPLES)
-        return VerificationPlan(samples=chosen, **wanted)
+        count = 2 * len(bends) * len(seeds) * len(designs)
+        each = samples_per_pass(scene, budget.left(), count)
+        jobs = [
+            job
+            for design in designs
+            for job in transport_jobs(
+                scene, design.phi[:, None], bends, samples=each, per_pass=each, seeds=seeds
+            )
+        ]
 
-    return stored_plan(folder / "plan.json", VerificationPlan, wanted, make).samples
+        def scoring() -> float:
+            return SCORING_FRACTION * budget.seconds
+
+        units = render_within(jobs, budget, folder, reserve=scoring, progress=progress)
+        return VerificationPlan(samples=units * each, per_pass=each, **wanted)
+
+    return stored_plan(folder / "plan.json", VerificationPlan, wanted, make)

@@ -1,6 +1,7 @@
 """The reference, level 2: transport tables and pictures with error bars."""
 
-from render.reference.cost import RenderCost, measure_render_cost, stored_plan
+from render.reference.budget import TimeBudget, render_within, samples_per_pass, stored_plan
+from render.reference.cost import RenderCost, measure_render_cost, trial_cost
 from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
 from render.reference.llvm import VARIANT, ensure_llvm, mitsuba
 from render.reference.picture import render_image
@@ -8,6 +9,7 @@ from render.reference.transport import (
     JobRunner,
     TransportEstimate,
     render_transport,
+    samples_of_full_pass,
     transport_estimate,
     transport_jobs,
 )

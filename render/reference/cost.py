@@ -5,26 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from render.arrays import Array
-from render.files import read_json, write_json
-from render.reference.job import RenderJob
-from render.reference.transport import render_transport
+from render.reference.job import RenderJob, run_job
+from render.reference.transport import samples_of_full_pass, transport_jobs
 from render.scene import Scene
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-TRIALS = (32, 128)
-"""Samples per cell of the trial renders: of ``finger20``, part of a pass and several whole ones.
-Their difference is free of the time for compiling, which the first one spends."""
-MIN_SLOPE_SECONDS = 1e-3
-"""Least difference between a small and a large trial that is believed."""
+MIN_TRIAL_SECONDS = 1.0
+"""A trial is long enough when it takes so much longer than the smallest one."""
+TRIAL_GROWTH, MAX_TRIAL_UNITS = 4, 4**6
+"""Factor between trials, and where they end on a machine that is faster than any."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +49,8 @@ class RenderCost:
         cls, samples: Sequence[float], seconds: Sequence[float], *, jobs: int = 1
     ) -> RenderCost:
         """Return the line through a small and a large trial of ``jobs`` jobs each."""
-        slope = max(seconds[1] - seconds[0], MIN_SLOPE_SECONDS) / (samples[1] - samples[0])
-        return cls(max(seconds[0] - slope * samples[0], 0.0) / jobs, slope, trials=sum(seconds))
+        slope = max(seconds[1] - seconds[0], 1e-6) / (samples[1] - samples[0])
+        return cls(max(seconds[0] - slope * samples[0], 0.0) / jobs, slope)
 
     def samples_within(self, seconds: float, renders: Sequence[float], at_least: int = 1) -> int:
         """Return the samples that fill ``seconds``, trials included.
@@ -77,42 +70,44 @@ class RenderCost:
         return max(sum(spent) / self.workers, max(spent), rounds * sum(spent) / len(jobs))
 
 
+def trial_cost(
+    jobs: Sequence[RenderJob], render: Callable[[list[RenderJob]], Sequence[float]]
+) -> RenderCost:
+    """Return what renders cost, by trials that grow until they take a time that can be measured.
+
+    Arguments:
+        jobs: of one pass or some; longer trials have the same passes more often, so that the
+            kernels that the first one compiles serve them all, and nobody measures compiling.
+        render: renders jobs and returns their seconds.
+    """
+    # Other paths: who keeps results would not render these again.
+    render([replace(job, seed=job.seed + 1) for job in jobs])
+    units, small = 1, sum(render(list(jobs)))
+    while True:
+        units *= TRIAL_GROWTH
+        longer = [replace(job, iterations=units * job.iterations) for job in jobs]
+        large = sum(render(longer))
+        if large - small >= MIN_TRIAL_SECONDS or units >= MAX_TRIAL_UNITS:
+            break
+    samples = [float(sum(job.samples for job in trial)) for trial in (jobs, longer)]
+    return RenderCost.fitted(samples, (small, large), jobs=len(jobs))
+
+
 def measure_render_cost(scene: Scene, phi: Array) -> RenderCost:
-    """Return the cost of renders of ``scene`` at one bend, by two short ones.
+    """Return the cost of renders of ``scene`` at one bend, in samples of every cell.
 
     Arguments:
         scene: the sensor.
         phi: direction nodes in rad, ``(node,)`` or ``(fiber, node)``.
     """
-    spent = []
-    for samples in TRIALS:
-        began = time.monotonic()
-        bend = np.array(scene.bending.angles[:1])
-        render_transport(scene, phi, bend, samples=samples, seeds=[0])
-        spent.append(time.monotonic() - began)
-    return RenderCost.fitted(TRIALS, spent)
-
-
-Plan = TypeVar("Plan", bound="DataclassInstance")
-
-
-def stored_plan(
-    path: Path, kind: type[Plan], wanted: dict[str, Any], make: Callable[[], Plan]
-) -> Plan:
-    """Return the plan in ``path``, so that a resumed run renders the same, or make one and keep it.
-
-    Arguments:
-        path: of the JSON file.
-        kind: dataclass of the plan.
-        wanted: fields that a stored plan must agree with.
-        make: chooses what is rendered, perhaps after timing trial renders.
-    """
-    try:
-        stored = kind(**read_json(path))
-    except TypeError:
-        stored = None
-    if stored is not None and all(getattr(stored, key) == value for key, value in wanted.items()):
-        return stored
-    plan = make()
-    write_json(path, asdict(plan))
-    return plan
+    began = time.monotonic()
+    unit = samples_of_full_pass(scene)
+    # The last bend: bent pads cost more than flat ones.
+    jobs = transport_jobs(
+        scene, phi, np.array(scene.bending.angles[-1:]), samples=unit, per_pass=unit, seeds=[0]
+    )
+    cost = trial_cost(jobs, lambda trial: [run_job(job).seconds for job in trial])
+    per_cell = sum(job.samples for job in jobs) / unit
+    return RenderCost(
+        len(jobs) * cost.fixed, per_cell * cost.per_sample, trials=time.monotonic() - began
+    )

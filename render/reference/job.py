@@ -133,7 +133,11 @@ class RenderResult:
 
 
 def run_job(
-    job: RenderJob, state: Path | None = None, tick: Callable[[int], None] | None = None
+    job: RenderJob,
+    state: Path | None = None,
+    tick: Callable[[int], None] | None = None,
+    *,
+    keep: bool = False,
 ) -> RenderResult:
     """Run ``job``.
 
@@ -143,6 +147,8 @@ def run_job(
             bit-equal.
         tick: called with the number of samples since the last call; those of an earlier run
             first. What it raises ends the run, after its state is saved.
+        keep: save the state at the end too: a job of the same paths with more iterations goes on
+            from there.
 
     Raises:
         RenderError: no light found, or the camera sees no facet.
@@ -171,6 +177,8 @@ def run_job(
         if time.monotonic() - last > SAVE_SECONDS:
             last = time.monotonic()
             save()
+    if keep:
+        save()
     estimate = run.estimate().reshape(job.replicates, phi.shape[0], -1, phi.shape[1])
     estimate = estimate.transpose(0, 1, 3, 2)
     if not np.nansum(estimate) > 0:

@@ -69,6 +69,7 @@ def render_transport(
     seeds: Sequence[int] = (1,),
     replicates: int = 8,
     sampler: Sampler = "monte-carlo",
+    per_pass: int | None = None,
     checkpoint: Path | None = None,
     runner: JobRunner | None = None,
     progress: OnProgress | None = None,
@@ -83,6 +84,7 @@ def render_transport(
         seeds: independent runs; the same seeds give common random numbers between designs.
         replicates: independent chain groups per seed, for the error bars.
         sampler: plain bidirectional Monte Carlo, or Markov chains over the same paths.
+        per_pass: as of ``transport_jobs``.
         checkpoint: a folder; an interrupted render goes on there and ends bit-equal.
         runner: who runs the jobs instead, with checkpoints of its own (default: this process, one
             after the other).
@@ -92,8 +94,9 @@ def render_transport(
         RenderError: phi or bends out of range, or no light found.
     """
     jobs = transport_jobs(
-        scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler
-    )
+        scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler,
+        per_pass=per_pass,
+    )  # fmt: skip
     clock = Clock(sum(job.samples for job in jobs), progress)
     results = (runner or local_runner(checkpoint))(jobs, clock)
     return transport_estimate(scene, jobs, results, samples)
@@ -136,8 +139,13 @@ def transport_jobs(
     seeds: Sequence[int],
     replicates: int = 8,
     sampler: Sampler = "monte-carlo",
+    per_pass: int | None = None,
 ) -> list[RenderJob]:
     """Return the jobs of ``render_transport`` (its arguments): seed by seed, bend by bend.
+
+    ``per_pass`` samples per cell are one pass of independent paths. All its multiples are then
+    passes of the same paths, so that a render with more of them goes on from one with fewer, and
+    ends bit-equal (``render.reference.budget``); None makes as few passes as can be.
 
     Raises:
         RenderError: phi or bends out of range.
@@ -149,8 +157,8 @@ def transport_jobs(
             for indented in (True, False):
                 # One sample serves all facets of a site.
                 pairs = scene.sites.count * phi.shape[0]
-                total = samples * pairs * (1 if indented else UNTOUCHED_SAMPLES)
-                chains, iterations = _shape(total, sampler)
+                count = samples * (1 if indented else UNTOUCHED_SAMPLES)
+                chains, iterations = _shape(count, pairs, sampler, per_pass)
                 jobs.append(
                     RenderJob.of(
                         scene,
@@ -217,14 +225,20 @@ def transport_estimate(
     )
 
 
-def _shape(total: int, sampler: Sampler) -> tuple[int, int]:
-    """Return chains and iterations for about ``total`` samples.
+def samples_of_full_pass(scene: Scene) -> int:
+    """Return the samples per cell that fill one pass of MAX_CHAINS paths."""
+    return max(1, MAX_CHAINS // (scene.sites.count * scene.fibers.count))
+
+
+def _shape(count: int, pairs: int, sampler: Sampler, per_pass: int | None) -> tuple[int, int]:
+    """Return chains and iterations for about ``count`` samples of each of ``pairs``.
 
     Every pass is traced anew, which takes as long as thousands of paths: independent paths take
     the fewest passes. Chains need their passes, to move away from where they started.
     """
+    total = count * pairs
     if sampler == "monte-carlo":
-        passes = max(1, math.ceil(total / MAX_CHAINS))
+        passes = math.ceil(count / per_pass if per_pass else total / MAX_CHAINS)
         return MIN_CHAINS * max(1, round(total / passes / MIN_CHAINS)), passes
     chains = MAX_CHAINS
     while chains > MIN_CHAINS and total < MIN_ITERATIONS * chains:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +38,7 @@ from surrogate.training.evaluation import (
     RandomDesigns,
     random_designs,
 )
+from surrogate.training.fit_time import FitTime
 from surrogate.training.mlp import NetworkConfig, fit_networks, one_thread
 from surrogate.training.ridge import fit_ridge
 
@@ -90,6 +92,19 @@ class Fit:
 
 
 @dataclass(frozen=True)
+class Split:
+    """Folds ``(direction, fiber, bend)`` that leave whole positions, directions ... out."""
+
+    name: str
+    fold: np.ndarray
+
+    @property
+    def members(self) -> int:
+        """Number of folds."""
+        return int(self.fold.max()) + 1
+
+
+@dataclass(frozen=True)
 class FitTask:
     """What is fitted: the residual of ``cells`` on the preview ``grid``.
 
@@ -99,6 +114,7 @@ class FitTask:
         bends: indices of the bends that designs are evaluated at.
         seed: of folds, networks and held-out designs; the same seed gives the same fit.
         config: how it is fitted.
+        time: what the networks' steps have to fit into; all of them without.
     """
 
     scene: Scene
@@ -109,6 +125,7 @@ class FitTask:
     bends: np.ndarray
     seed: int
     config: FitConfig
+    time: FitTime | None = None
 
     @cached_property
     def rows(self) -> RegressionData:
@@ -119,6 +136,22 @@ class FitTask:
     def fold(self) -> np.ndarray:
         """``(direction, fiber, bend)`` fold of every cell."""
         return folds(self.cells.group, self.config.members, self.seed)
+
+    @cached_property
+    def splits(self) -> tuple[Split, ...]:
+        """Folds of whole fiber positions, inner directions, bends and materials, where several."""
+        cells = self.cells
+        groups = (
+            ("fiber position", cells.fiber_group, False),
+            ("direction", cells.direction_group, True),
+            ("bend", cells.bend_group, True),
+            ("material", cells.material_group, False),
+        )
+        splits = (
+            Split(name, interior_folds(group, SPLIT_FOLDS, self.seed, inner))
+            for name, group, inner in groups
+        )
+        return tuple(split for split in splits if split.members > 1)
 
     @cached_property
     def overall(self) -> HeldOutEvaluation:
@@ -186,10 +219,11 @@ def _fit(task: FitTask, progress: OnProgress | None) -> Fit:
     better = levels[-1].facet_rms < levels[-2].facet_rms
     kind, model = ("network", both.network) if better else ("ridge", both.ridge)
 
-    def refit(out: np.ndarray, count: int, name: str) -> nn.Module:
+    def refit(split: Split, later: int) -> nn.Module:
+        out, count = split.fold, split.members
         if better:
             shorter = task.config.network.shorter(2)
-            return _train(task, out, count, f"split by {name}", shorter, progress)
+            return _train(task, out, count, f"split by {split.name}", shorter, progress, later)
         return fit_ridge(rows, out, count, both.penalty)
 
     members = task.residuals(model)
@@ -233,7 +267,8 @@ def _ensembles(task: FitTask, progress: OnProgress | None) -> _Ensembles:
         ridges, key=lambda item: overall.errors("ridge", task.predicted(item[1])).facet_rms
     )
     clock.tick()
-    network = _train(task, fold, config.members, "networks", config.network, progress)
+    splits = len(task.splits)
+    network = _train(task, fold, config.members, "networks", config.network, progress, splits)
     return _Ensembles(penalty, ridge, network)
 
 
@@ -244,9 +279,17 @@ def _train(
     name: str,
     network: NetworkConfig,
     progress: OnProgress | None,
+    later: int,
 ) -> nn.Module:
+    """Return networks; where time decides their steps, ``later`` splits need some of it too."""
     told = in_stage(progress, name)
-    return fit_networks(task.rows, where, members, network, task.seed, told)
+    if task.time is None:
+        return fit_networks(task.rows, where, members, network, task.seed, told)
+    steps = task.time.steps(name, network.steps, members=members, splits=later)
+    began = time.monotonic()
+    made = fit_networks(task.rows, where, members, replace(network, steps=steps), task.seed, told)
+    task.time.took(steps, members, time.monotonic() - began)
+    return made
 
 
 def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
@@ -263,30 +306,21 @@ def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
     return np.asarray(out)
 
 
-def _splits(
-    task: FitTask, refit: Callable[[np.ndarray, int, str], nn.Module]
-) -> tuple[LevelErrors, ...]:
+def _splits(task: FitTask, refit: Callable[[Split, int], nn.Module]) -> tuple[LevelErrors, ...]:
     """Return the errors when whole fiber positions, inner directions, bends or materials are out.
 
-    ``refit`` takes folds, their number and a name, and returns an ensemble.
+    ``refit`` takes a split and the number of those that follow, and returns an ensemble.
     """
-    cells, errors = task.cells, []
-    for name, group, inner in (
-        ("fiber position", cells.fiber_group, False),
-        ("direction", cells.direction_group, True),
-        ("bend", cells.bend_group, True),
-        ("material", cells.material_group, False),
-    ):
-        out = interior_folds(group, SPLIT_FOLDS, task.seed, inner)
-        held_out = np.asarray(out >= 0)
-        count = int(out.max()) + 1
-        if count < 2:
-            continue
-        residual = out_of_fold(task.residuals(refit(out, count, name)), out)
-        bends = np.flatnonzero(held_out.any(axis=(0, 1))) if name == "bend" else task.bends
+    errors = []
+    for number, split in enumerate(task.splits, start=1):
+        held_out = np.asarray(split.fold >= 0)
+        members = task.residuals(refit(split, len(task.splits) - number))
+        residual = out_of_fold(members, split.fold)
+        bends = np.flatnonzero(held_out.any(axis=(0, 1))) if split.name == "bend" else task.bends
         designs = task.designs(np.asarray(held_out.any(axis=2)), 1)
         transport = np.exp(task.rows.log_preview + residual)
-        errors.append(task.evaluation(designs, held_out, bends).errors(f"unseen {name}", transport))
+        evaluation = task.evaluation(designs, held_out, bends)
+        errors.append(evaluation.errors(f"unseen {split.name}", transport))
     return tuple(errors)
 
 

@@ -6,6 +6,7 @@ They give the reference data: one table, or one per material of a scene that lea
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,15 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
-from render.progress import OnProgress, Progress, in_stage
+from render.progress import OnProgress, in_stage
 from render.reference import (
-    JobRunner,
+    TimeBudget,
     TransportEstimate,
-    measure_render_cost,
     render_transport,
+    render_within,
+    samples_per_pass,
     stored_plan,
+    transport_jobs,
 )
 from render.scene import Scene
 from render.transport import TransportTable
@@ -29,8 +32,10 @@ from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import bend_range
 from surrogate.training.dataset import TrainingCells, training_cells
 
-MIN_SAMPLES = 8
-"""Samples per cell, however little time there is."""
+PLAN, RENDERS = "plan.json", "reference"
+"""The plan and the folder of the renders in the folder of a run."""
+MATERIAL_SEED = 100
+"""Difference of the seeds of one material and the next."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +43,34 @@ class RenderPlan:
     """What is rendered; kept in the run directory, so that a resumed run renders the same.
 
     Arguments:
-        scene_hash: of the scene.
+        scene_hashes: of the scene, or of its variants of different materials.
         samples: proposed samples per (fiber, facet) pair and seed.
-        seeds: of the independent runs.
+        per_pass: of ``transport_jobs``; None where the samples were given.
+        minutes: that the samples were chosen for; 0 where they were given.
+        seeds: of the scenes, each with light paths of its own.
         phi, bends: nodes in rad.
     """
 
-    scene_hash: str
+    scene_hashes: list[str]
     samples: int
+    per_pass: int | None
+    minutes: float
     seeds: list[int]
     phi: list[float]
     bends: list[float]
+
+
+@dataclass(frozen=True)
+class RenderTime:
+    """The time of renders that something else follows.
+
+    Arguments:
+        budget: of everything.
+        reserve: returns the seconds that the rest needs (`render_within`).
+    """
+
+    budget: TimeBudget
+    reserve: Callable[[], float]
 
 
 def training_bends(scene: Scene, count: int) -> Array:
@@ -60,47 +82,57 @@ def training_bends(scene: Scene, count: int) -> Array:
 
 
 def make_plan(
-    scene: Scene,
-    folder: Path,
+    scenes: Sequence[Scene],
+    run: Path,
     *,
-    minutes: float,
-    samples: int | None,
     seed: int,
-    phi_count: int,
-    bend_count: int,
+    phi: Array,
+    bends: Array,
+    samples: int | None,
+    within: RenderTime | None = None,
+    progress: OnProgress | None = None,
 ) -> RenderPlan:
-    """Return the plan in ``folder``, or a new one; ``samples`` None fills ``minutes``.
+    """Return the plan in the folder ``run``, or a new one.
 
-    A stored plan is taken up only when it asks for the same scene, nodes, seed and samples.
+    A stored plan is taken up only when it asks for the same scenes, nodes, seed, and samples or
+    minutes. Where there are only minutes, all that fits into them is rendered by the way.
     """
-    phi = chebyshev_nodes(phi_count, 0.0, np.pi)
-    bends = training_bends(scene, bend_count)
+    if samples is None and within is None:
+        raise ValueError("a plan needs samples or a time")
     request: dict[str, Any] = {
-        "scene_hash": scene.hash,
-        "seeds": [seed + 1],
+        "scene_hashes": [scene.hash for scene in scenes],
+        "seeds": [seed + 1 + MATERIAL_SEED * number for number in range(len(scenes))],
         "phi": phi.tolist(),
         "bends": bends.tolist(),
     }
+    if samples is not None:
+        request |= {"samples": samples, "per_pass": None, "minutes": 0.0}
+        return stored_plan(run / PLAN, RenderPlan, request, lambda: RenderPlan(**request))
+    assert within is not None
+    request |= {"minutes": within.budget.seconds / 60.0}
 
     def make() -> RenderPlan:
-        chosen = samples
-        if chosen is None:
-            cost = measure_render_cost(scene, phi)
-            chosen = cost.samples_within(60.0 * minutes, [1.0] * len(bends), MIN_SAMPLES)
-        return RenderPlan(samples=chosen, **request)
+        count = 2 * len(bends) * len(scenes)
+        each = samples_per_pass(scenes[0], within.budget.left() - within.reserve(), count)
+        jobs = [
+            job
+            for scene, number in zip(scenes, request["seeds"], strict=True)
+            for job in transport_jobs(
+                scene, phi, bends, samples=each, per_pass=each, seeds=[number]
+            )
+        ]
+        units = render_within(
+            jobs, within.budget, run / RENDERS, reserve=within.reserve, progress=progress
+        )
+        return RenderPlan(samples=units * each, per_pass=each, **request)
 
-    wanted = request if samples is None else request | {"samples": samples}
-    return stored_plan(folder / "plan.json", RenderPlan, wanted, make)
+    return stored_plan(run / PLAN, RenderPlan, request, make)
 
 
 def render_plan(
-    scene: Scene,
-    plan: RenderPlan,
-    folder: Path,
-    progress: OnProgress | None,
-    runner: JobRunner | None = None,
+    scene: Scene, plan: RenderPlan, run: Path, number: int, progress: OnProgress | None
 ) -> TransportEstimate:
-    """Render the cells of ``plan``, going on where ``folder`` stands, or by ``runner``.
+    """Render the cells of the plan's scene ``number``, going on where the folder ``run`` stands.
 
     The estimate's ``seconds`` are those of all attempts together.
     """
@@ -109,9 +141,9 @@ def render_plan(
         np.array(plan.phi),
         np.array(plan.bends),
         samples=plan.samples,
-        seeds=plan.seeds,
-        checkpoint=folder / "reference",
-        runner=runner,
+        per_pass=plan.per_pass,
+        seeds=[plan.seeds[number]],
+        checkpoint=run / RENDERS,
         progress=progress,
     )
 
@@ -181,47 +213,45 @@ def render_reference(
     run: Path,
     *,
     seed: int,
-    minutes: float,
     samples: int | None,
     phi_count: int,
     bend_count: int,
-    materials: Array | None,
-    progress: OnProgress | None,
+    materials: Array | None = None,
+    within: RenderTime | None = None,
+    progress: OnProgress | None = None,
 ) -> ReferenceData:
     """Return the reference of ``scene``, rendered in the folder ``run``, going on where it stands.
 
     Arguments:
         scene: the sensor.
-        run: where plans and renders are kept.
+        run: where the plan and renders are kept.
         seed: of the renders; every material has light paths of its own.
-        minutes: rendering time of all materials together.
-        samples: per cell and material instead.
+        samples: per cell and material; None renders as many as time allows.
         phi_count: nodes in phi.
         bend_count: nodes in the bend.
         materials: ``(material, quantity)``; None renders the scene's own alone.
+        within: the time, instead of samples.
         progress: called as the work goes on.
     """
     free = MaterialRange.of(scene)
-    scenes, folders = [scene], [run]
+    scenes = [scene]
     if free is not None and materials is not None:
         scenes = [free.scene_with(scene, material) for material in materials]
-        folders = [run / f"material-{number}" for number in range(len(materials))]
+    plan = make_plan(
+        scenes,
+        run,
+        seed=seed,
+        phi=chebyshev_nodes(phi_count, 0.0, np.pi),
+        bends=training_bends(scene, bend_count),
+        samples=samples,
+        within=within,
+        progress=in_stage(progress, "render"),
+    )
     tables, seconds = [], 0.0
     settings: dict[str, object] = {}
-    for number, (variant, folder) in enumerate(zip(scenes, folders, strict=True)):
-        if progress:
-            progress(Progress(number, len(scenes), stage="plan"))
-        plan = make_plan(
-            variant,
-            folder,
-            minutes=minutes / len(scenes),
-            samples=samples,
-            seed=seed + 100 * number,
-            phi_count=phi_count,
-            bend_count=bend_count,
-        )
+    for number, variant in enumerate(scenes):
         title = "render" if len(scenes) == 1 else f"render material {number + 1} of {len(scenes)}"
-        estimate = render_plan(variant, plan, folder, in_stage(progress, title))
+        estimate = render_plan(variant, plan, run, number, in_stage(progress, title))
         tables.append(estimate_table(variant, np.array(plan.phi), np.array(plan.bends), estimate))
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)

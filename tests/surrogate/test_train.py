@@ -97,14 +97,16 @@ def test_an_interrupted_run_keeps_its_plan(
 ) -> None:
     calls = logged_disk(monkeypatch)
 
-    def plan(seed: int, samples: int | None) -> int:
-        made = make_plan(scene, tmp_path, minutes=0.1, samples=samples, seed=seed,
-                         phi_count=3, bend_count=3)  # fmt: skip
+    phi, bends = np.array([1.0, 2.0]), np.zeros(1)
+
+    def plan(seed: int, samples: int) -> int:
+        made = make_plan([scene], tmp_path, seed=seed, phi=phi, bends=bends, samples=samples)
         return made.samples
 
     assert plan(0, 77) == 77
     assert calls == DURABLE
-    assert plan(0, None) == 77
+    assert plan(0, 77) == 77
+    assert calls == DURABLE
     assert plan(0, 50) == 50
     assert plan(1, 60) == 60
 

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from optimize.design import Design, RatedDesign, Rating, ScoreSettings, baseline_design
 from optimize.verification.design_renders import DesignRenders
-from optimize.verification.design_verification import (
-    Verification,
-    affordable_samples,
-    paired_comparison,
-)
+from optimize.verification.design_verification import Verification, paired_comparison
 from render.errors import RenderError
 from render.metric import choose_exposure, choose_lambda, image_counts
-from render.reference import RenderCost
 from render.scene import Scene
-from tests.disk import DURABLE, logged_disk
 
-MEASURED = "optimize.verification.design_verification.measure_render_cost"
 REPLICATES, SURROGATE = 12, 70.0
 
 
@@ -131,21 +122,3 @@ def test_a_facet_that_the_camera_cannot_see_is_an_error(finger20: Scene, other: 
     hidden[:, 1, 4, 7] = np.nan
     with pytest.raises(RenderError, match="facet 7 of site 4 at bend 1"):
         compared(finger20, other, noisy(hidden, 0.1, 1), noisy(hidden, 0.1, 2))
-
-
-def test_the_plan_is_synced_and_asked_instead_of_measuring_again(
-    finger20: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def samples() -> int:
-        return affordable_samples(
-            finger20, np.zeros(20), minutes=1.0, seeds=2, designs=1, folder=tmp_path
-        )
-
-    cost = RenderCost(1.0, 0.5, trials=6.0)
-    monkeypatch.setattr(MEASURED, lambda *_: cost)
-    calls = logged_disk(monkeypatch)
-    # 54 s for three bends and two seeds, of which each render spends one at its start.
-    assert samples() == 16
-    assert calls == DURABLE
-    monkeypatch.setattr(MEASURED, lambda *_: pytest.fail("measured again"))
-    assert samples() == 16

@@ -2,42 +2,52 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from render.progress import Progress
-from render.reference import RenderCost, RenderJob, cost, stored_plan, transport_jobs
+from render.reference import (
+    RenderCost,
+    RenderJob,
+    measure_render_cost,
+    transport_jobs,
+    trial_cost,
+)
 from render.scene import load_scene
+from tests.optimize.overnight.tiny import tiny_scene
 
 
-def test_the_cost_of_a_sample_is_the_slope_between_two_renders_and_the_rest(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    clock, rendered = [0.0], []
-    real = cost.render_transport
+@pytest.mark.parametrize("per_path", [1e-7, 1e-5, 1e-3])
+def test_trials_grow_until_they_can_be_measured(per_path: float) -> None:
+    """On a machine whose clock jitters by 50 ms, of any speed, compiling once for each size."""
+    compiled, rendered = set(), []
+    jitter = itertools.cycle([0.05, 0.0])
 
-    def counted(*args: object, samples: int, **rest: object) -> object:
-        # Real renders of a known duration: 3 s and 0.5 s per sample of every cell.
-        steps: list[Progress] = []
-        found = real(*args, samples=samples, progress=steps.append, **rest)  # type: ignore[arg-type]
-        rendered.append(steps[-1].total)
-        clock[0] += 3.0 + 0.5 * samples
-        return found
+    def render(jobs: list[RenderJob]) -> list[float]:
+        seconds = []
+        for job in jobs:
+            new = (job.indented, job.chains) not in compiled
+            compiled.add((job.indented, job.chains))
+            seconds.append(0.3 + per_path * job.samples + 5.0 * new + next(jitter))
+            rendered.append(seconds[-1])
+        return seconds
 
-    monkeypatch.setattr(cost, "TRIALS", (2, 6))
-    monkeypatch.setattr(cost, "render_transport", counted)
-    monkeypatch.setattr("render.reference.cost.time.monotonic", lambda: clock[0])
-    found = cost.measure_render_cost(load_scene("finger20"), np.array([1.0]))
-    assert (found.fixed, found.per_sample, found.trials) == pytest.approx((3.0, 0.5, 10.0))
-    assert rendered[1] == pytest.approx(3 * rendered[0], rel=0.1)
+    found = trial_cost(jobs_of(8), render)
+    assert found.per_sample == pytest.approx(per_path, rel=0.15)
+    assert found.fixed == pytest.approx(0.3, abs=0.1)
+    assert sum(rendered) < 40.0 + 1e5 * per_path
+
+
+def test_real_trials_say_what_a_bend_costs(tmp_path: Path) -> None:
+    cost = measure_render_cost(tiny_scene(tmp_path), np.array([1.0]))
+    assert 0.0 < cost.per_sample < 1.0
+    assert cost.trials > 1.0
 
 
 def test_samples_fill_the_seconds_that_trials_and_beginnings_leave() -> None:
-    known = cost.RenderCost(fixed=3.0, per_sample=0.5, trials=10.0)
+    known = RenderCost(fixed=3.0, per_sample=0.5, trials=10.0)
     assert known.samples_within(10.0 + 2 * (3.0 + 0.5 * 8), [1.0, 1.0]) == 8
     assert known.samples_within(10.0 + 2 * 3.0 + 0.5 * (8 + 2), [1.0, 0.25]) == 8
     assert known.samples_within(1.0, [1.0], at_least=4) == 4
@@ -69,23 +79,3 @@ def test_workers_share_the_jobs_but_no_job_is_split() -> None:
     assert alone == pytest.approx(sum(seconds_of(jobs, 0.5, 2e-5)))
     assert alone / 2 <= two <= alone / 2 + longest
     assert many == pytest.approx(longest)
-
-
-@dataclass(frozen=True)
-class Portion:
-    minutes: float
-    samples: int
-
-
-def test_a_stored_plan_is_taken_up_where_it_answers_the_same_request(tmp_path: Path) -> None:
-    path = tmp_path / "plan.json"
-
-    def planned(minutes: float, samples: int) -> Portion:
-        return stored_plan(path, Portion, {"minutes": minutes}, lambda: Portion(minutes, samples))
-
-    assert planned(3.0, 40) == planned(3.0, 50) == Portion(3.0, 40)
-    assert planned(4.0, 60) == Portion(4.0, 60)
-    for damaged in ("", "{", "[1]", '{"minutes": 4.0}', '{"other": 1}'):
-        path.write_text(damaged)
-        assert planned(4.0, 70) == Portion(4.0, 70)
-        assert json.loads(path.read_text()) == asdict(Portion(4.0, 70))

@@ -1,0 +1,263 @@
+"""Work within a given time: renders that measure what they cost and plan the rest of themselves.
+
+No trial render says what a sample costs elsewhere, at another bend, or while other programs want
+the processor. So renders with a time instead of a number of samples are made in rounds. A round
+adds whole passes to every job, whose paths go on where they stood (``per_pass`` of
+``transport_jobs``), and times each pass by itself, apart from loading the pad and compiling. What
+the next round may add follows from that and from the time left. Nothing that was rendered is lost,
+and the number of samples that comes out is as good as one that was asked for: the same number of
+the same passes gives the same bits, in one go or in many rounds.
+"""
+
+from __future__ import annotations
+
+import gc
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from render.files import read_json, read_or_drop, write_json, write_npz
+from render.progress import OnProgress, Progress
+from render.reference.job import RenderJob, RenderResult, run_job
+from render.reference.transport import samples_of_full_pass
+from render.scene import Scene
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+PASS_DIVISORS = ((16.0, 1), (4.0, 4), (0.0, 16))
+"""Seconds per job from which a pass is a full one, or a part of it: passes of 16384 paths last up
+to a second, and a time is filled only as finely as the passes of all jobs together."""
+ROUND_FRACTION = 0.6
+"""Part of the remaining time that a round plans to use, while it is not the last one."""
+LAST_UNITS = 4.0
+"""Where so few units remain, or where loading takes LOADING_FRACTION of what remains, the round is
+the last one."""
+LOADING_FRACTION = 0.1
+OVERTIME_FRACTION = 0.04
+"""Part of all the time by which a round may be late before it is given up for the one before."""
+
+
+@dataclass(frozen=True)
+class TimeBudget:
+    """Seconds that work may take, from its beginning.
+
+    Arguments:
+        seconds: of everything together.
+        began: when the work began, by ``clock``.
+        clock: seconds that never go back.
+
+    Example:
+        >>> budget = TimeBudget(60.0, began=5.0, clock=lambda: 25.0)
+        >>> budget.spent(), budget.left()
+        (20.0, 40.0)
+    """
+
+    seconds: float
+    began: float
+    clock: Callable[[], float] = time.monotonic
+
+    @classmethod
+    def of_minutes(cls, minutes: float, began: float | None = None) -> TimeBudget:
+        """Return the budget of ``minutes`` from ``began`` (``time.monotonic()``), or from now."""
+        return cls(60.0 * minutes, time.monotonic() if began is None else began)
+
+    def spent(self) -> float:
+        """Return the seconds since the work began."""
+        return self.clock() - self.began
+
+    def left(self) -> float:
+        """Return the seconds that remain; negative when it is too late."""
+        return self.seconds - self.spent()
+
+    def charged(self, seconds: float) -> TimeBudget:
+        """Return the same budget with ``seconds`` more spent on it, by earlier attempts."""
+        return replace(self, began=self.began - seconds)
+
+    def progress(self) -> Progress:
+        """Return how far it is: of work that fills its time, the clock says that."""
+        spent, left = self.spent(), max(self.left(), 0.0)
+        return Progress(min(spent, self.seconds), self.seconds, spent, left)
+
+
+def samples_per_pass(scene: Scene, seconds: float, jobs: int) -> int:
+    """Return samples per cell and pass, few enough that ``jobs`` fill ``seconds`` finely."""
+    divisor = next(part for least, part in PASS_DIVISORS if max(seconds, 0.0) >= least * jobs)
+    return max(1, samples_of_full_pass(scene) // divisor)
+
+
+def no_reserve() -> float:
+    """Return 0 s, where renders are the last that takes time."""
+    return 0.0
+
+
+def render_within(
+    jobs: Sequence[RenderJob],
+    budget: TimeBudget,
+    folder: Path,
+    *,
+    reserve: Callable[[], float] = no_reserve,
+    progress: OnProgress | None = None,
+    run: Callable[..., RenderResult] = run_job,
+) -> int:
+    """Return how many times ``jobs`` fit into the time, at least once; all of that is rendered.
+
+    The results are in ``folder`` as ``render_transport`` keeps them, of jobs with so many times the
+    iterations. Beside them lie the states of their paths: a later call with more time adds to them.
+    An interrupted call goes on where it stood, and what it had taken counts.
+
+    Arguments:
+        jobs: of one unit, all of them with paths of ``per_pass`` samples (``transport_jobs``).
+        budget: of everything, with what went before and what comes after.
+        folder: of states and results.
+        reserve: seconds that must remain when the renders end; asked again before every round.
+        progress: called after every pass.
+        run: renders a job (``run_job``).
+    """
+    return _Rounds(jobs, budget, folder, reserve, progress, run).fill()
+
+
+class _Late(Exception):
+    """A round takes longer than it may."""
+
+
+@dataclass
+class _Pace:
+    """Measured seconds of a job: to load it, and per pass; not clean with compiling in them."""
+
+    load: float
+    each: float
+    clean: bool
+
+
+class _Rounds:
+    def __init__(
+        self,
+        jobs: Sequence[RenderJob],
+        budget: TimeBudget,
+        folder: Path,
+        reserve: Callable[[], float],
+        progress: OnProgress | None,
+        run: Callable[..., RenderResult],
+    ) -> None:
+        self.jobs, self.folder, self.reserve = list(jobs), folder, reserve
+        self.progress, self.run = progress, run
+        states = [read_or_drop(self._state(job)) for job in self.jobs]
+        kept = [state for state in states if state is not None]
+        self.budget = budget.charged(sum(float(state["seconds"]) for state in kept))
+        self.kept = max(
+            (
+                -(-int(state["done"]) // job.iterations)
+                for job, state in zip(self.jobs, states, strict=True)
+                if state is not None
+            ),
+            default=0,
+        )
+        self.paces: list[_Pace | None] = [None] * len(self.jobs)
+        self.reserved = 0.0
+
+    def fill(self) -> int:
+        """Render round after round; see ``render_within``."""
+        self.reserved = self.reserve()
+        units = max(1, self.kept + (self._left() > 0.0 and self.kept > 0))
+        results = self._round(units, None)
+        while True:
+            self.reserved = self.reserve()
+            more = self._affordable(units)
+            if not more:
+                break
+            try:
+                results = self._round(units + more, self.budget.seconds * OVERTIME_FRACTION)
+            except _Late:
+                break
+            units += more
+        for job, result in zip(self.jobs, results, strict=True):
+            finished = replace(job, iterations=units * job.iterations)
+            write_npz(self.folder / f"{finished.name}.npz", result.arrays())
+        return units
+
+    def _left(self) -> float:
+        return self.budget.left() - self.reserved
+
+    def _affordable(self, units: int) -> int:
+        """Return how many units the next round adds; 0 when the time is used."""
+        paces = [pace for pace in self.paces if pace is not None]
+        if len(paces) < len(self.jobs):
+            return 1 if self._left() > 0.0 else 0
+        load = sum(pace.load for pace in paces)
+        each = sum(p.each * job.iterations for p, job in zip(paces, self.jobs, strict=True))
+        left = self._left()
+        more = (left - load) / max(each, 1e-6)
+        if more > LAST_UNITS and load < LOADING_FRACTION * left:
+            return max(1, int(ROUND_FRACTION * more))
+        # Half a unit too many is as good as half a unit too few. A pass that had to wait for its
+        # kernel says little about the next one, and a round that comes late can be given up.
+        least = int(left > 0.0 and not all(pace.clean for pace in paces))
+        return max(least, round(more))
+
+    def _round(self, units: int, overtime: float | None) -> list[RenderResult]:
+        """Return the results of all jobs at ``units``; late by ``overtime`` s, it is given up."""
+        results = []
+        for index, job in enumerate(self.jobs):
+            wanted = replace(job, iterations=units * job.iterations)
+            state = self._state(job)
+            # A job that goes on says first what it has loaded.
+            resumed, times = state.exists(), [self.budget.clock()]
+
+            def tick(_: int, times: list[float] = times) -> None:
+                times.append(self.budget.clock())
+                if self.progress is not None:
+                    reserved = replace(self.budget, seconds=self.budget.seconds - self.reserved)
+                    self.progress(reserved.progress())
+                if overtime is not None and self._left() < -overtime:
+                    raise _Late
+
+            results.append(self.run(wanted, state, tick, keep=True))
+            self._measure(index, times, self.budget.clock(), resumed=resumed)
+            # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
+            gc.collect()
+        return results
+
+    def _measure(self, index: int, times: list[float], end: float, *, resumed: bool) -> None:
+        """Take the pace of a job from ``times``: its beginning, then every ``tick``.
+
+        The first tick of a job that goes on is when it was loaded; the first pass of another has
+        loading, and perhaps compiling, in it.
+        """
+        passes = [b - a for a, b in zip(times[resumed:], times[1 + resumed :], strict=False)]
+        if not passes:
+            return
+        each = statistics.median(passes if resumed else passes[1:] or passes)
+        load = max(end - times[0] - len(passes) * each, 0.0)
+        self.paces[index] = _Pace(load, each, resumed or len(passes) > 1)
+
+    def _state(self, job: RenderJob) -> Path:
+        return self.folder / f"{job.name}.passes.npz"
+
+
+Plan = TypeVar("Plan", bound="DataclassInstance")
+
+
+def stored_plan(
+    path: Path, kind: type[Plan], wanted: dict[str, Any], make: Callable[[], Plan]
+) -> Plan:
+    """Return the plan in ``path``, so that a resumed run renders the same, or make one and keep it.
+
+    Arguments:
+        path: of the JSON file.
+        kind: dataclass of the plan.
+        wanted: fields that a stored plan must agree with.
+        make: chooses what is rendered, perhaps by rendering it.
+    """
+    try:
+        stored = kind(**read_json(path))
+    except TypeError:
+        stored = None
+    if stored is not None and all(getattr(stored, key) == value for key, value in wanted.items()):
+        return stored
+    plan = make()
+    write_json(path, asdict(plan))
+    return plan
