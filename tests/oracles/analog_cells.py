@@ -139,6 +139,31 @@ def bin_areas(pad: Pad) -> Floats:
     return np.concatenate([on_facets, pad.pitch**2 * cut.mean(axis=(1, 3)).ravel()])
 
 
+def target_rays(
+    scene: Scene, bend: float, indented: bool, count: int, seed: int
+) -> list[Floats | None]:
+    """Return, per target, ``count`` directions ``(ray, 3)`` through its pixels; None without any.
+
+    Targets are the facets of all sites of a pressed pad, or the spots of an untouched one.
+    """
+    rng = np.random.Generator(np.random.PCG64(seed))
+    masks, faces = facet_masks(scene, bend), scene.indenter.faces
+    rays: list[Floats | None] = []
+    for site in range(scene.sites.count):
+        for facet in range(faces) if indented else [faces]:
+            pixels = masks.of(site, facet)
+            if not len(pixels):
+                rays.append(None)
+                continue
+            pixel = rng.choice(pixels, count)
+            column, row = (
+                number + rng.random(count)
+                for number in (pixel % masks.columns, pixel // masks.columns)
+            )
+            rays.append(pixel_directions(scene, masks.columns, masks.rows, column, row))
+    return rays
+
+
 @dataclass(frozen=True)
 class AnalogScene:
     """One pad and what its camera sees of it.
@@ -168,31 +193,17 @@ class AnalogScene:
     @cached_property
     def view(self) -> Floats:
         """Mean weight with which a ray of a target sees each bin, ``(target, bin)``."""
-        scene, rng = self.scene, np.random.Generator(np.random.PCG64(self.seed))
-        masks = facet_masks(scene, 0.0)
-        faces = scene.indenter.faces
-        owners = [
-            masks.of(site, facet)
-            for site in range(scene.sites.count)
-            for facet in (range(faces) if self.indented else [faces])
-        ]
-        weights = np.zeros((len(owners), len(self.area)))
-        for target, pixels in enumerate(owners):
-            if not len(pixels):
+        rays = target_rays(self.scene, 0.0, self.indented, self.views, self.seed)
+        weights = np.zeros((len(rays), len(self.area)))
+        for target, directions in enumerate(rays):
+            if directions is None:
                 weights[target] = np.nan
                 continue
-            pixel = rng.choice(pixels, self.views)
-            rays = pixel_directions(
-                scene,
-                masks.columns,
-                masks.rows,
-                pixel % masks.columns + rng.random(self.views),
-                pixel // masks.columns + rng.random(self.views),
-            )
             target_of = np.full(self.views, target)
             trace_views(
-                self.pad, camera_origin(scene), rays, target_of, self.seed + target, weights
-            )
+                self.pad, camera_origin(self.scene), directions, target_of, self.seed + target,
+                weights,
+            )  # fmt: skip
         return weights / self.views
 
     def irradiance(self, fiber: int, phi: float, photons: int, batches: int) -> Floats:

@@ -86,14 +86,15 @@ class Lamp(NamedTuple):
     sigma_v: float
 
 
-def _compiled(function: Any) -> Any:
+def compiled(function: Any) -> Any:
+    """Compile with numba, once per machine."""
     return numba.njit(nogil=True, cache=True)(function)
 
 
 # ------------------------------------ Random numbers --------------------------------------
 
 
-@_compiled
+@compiled
 def uniform(state: NDArray[np.uint64]) -> float:
     """Return a number in [0, 1): splitmix64 (Steele 2014) of the counter ``state`` ``(1,)``."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -107,7 +108,7 @@ def uniform(state: NDArray[np.uint64]) -> float:
 # ------------------------------------ Faces and lobes -------------------------------------
 
 
-@_compiled
+@compiled
 def fresnel(cos_in: float, eta: float) -> tuple[float, float]:
     """Return unpolarized reflectance and cosine of refraction; ``eta`` is behind over in front."""
     squared = 1.0 - (1.0 - cos_in * cos_in) / (eta * eta)
@@ -119,7 +120,7 @@ def fresnel(cos_in: float, eta: float) -> tuple[float, float]:
     return 0.5 * (s * s + p * p), cos_out
 
 
-@_compiled
+@compiled
 def smith(cos: float, alpha: float) -> float:
     """Return what is neither masked nor shadowed at ``|cos|`` to the face."""
     sin_squared = 1.0 - cos * cos
@@ -131,7 +132,7 @@ def smith(cos: float, alpha: float) -> float:
     return (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
 
 
-@_compiled
+@compiled
 def meet_face(
     state: NDArray[np.uint64], d: Floats, axis: int, alpha: float, eta: float
 ) -> tuple[float, bool]:
@@ -170,7 +171,7 @@ def meet_face(
     return weight, through
 
 
-@_compiled
+@compiled
 def turn(d: Floats, cos: float, azimuth: float) -> None:
     """Turn ``d`` by ``acos(cos)``, about itself by ``azimuth``."""
     sin = math.sqrt(max(0.0, 1.0 - cos * cos))
@@ -190,7 +191,7 @@ def turn(d: Floats, cos: float, azimuth: float) -> None:
     d[2] /= norm
 
 
-@_compiled
+@compiled
 def henyey_greenstein(state: NDArray[np.uint64], d: Floats, g: float) -> None:
     """Turn ``d`` by one scattering event."""
     u = uniform(state)
@@ -200,14 +201,14 @@ def henyey_greenstein(state: NDArray[np.uint64], d: Floats, g: float) -> None:
     turn(d, min(1.0, max(-1.0, cos)), 2.0 * math.pi * uniform(state))
 
 
-@_compiled
+@compiled
 def lambertian(state: NDArray[np.uint64], d: Floats, normal: Floats) -> None:
     """Set ``d`` to a direction about ``normal``, in proportion to its cosine."""
     d[:] = normal
     turn(d, math.sqrt(uniform(state)), 2.0 * math.pi * uniform(state))
 
 
-@_compiled
+@compiled
 def emit(state: NDArray[np.uint64], lamp: Lamp, p: Floats, d: Floats) -> None:
     """Set ``p`` and ``d`` to a ray of the lamp, in proportion to its power."""
     mass = -math.expm1(-((math.pi / (4.0 * lamp.sigma_v)) ** 2))
@@ -229,7 +230,7 @@ def emit(state: NDArray[np.uint64], lamp: Lamp, p: Floats, d: Floats) -> None:
 # ----------------------------------- Where rays arrive ------------------------------------
 
 
-@_compiled
+@compiled
 def meet_pyramids(pad: Pad, p: Floats, d: Floats, way: float) -> tuple[float, int, int]:
     """Return way, site and facet of the first pyramid before ``way``; site -1 where there is none.
 
@@ -265,7 +266,7 @@ def meet_pyramids(pad: Pad, p: Floats, d: Floats, way: float) -> tuple[float, in
     return found, at_site, at_facet
 
 
-@_compiled
+@compiled
 def enter_pad(state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, ends: Floats) -> float:
     """Take a ray of weight 1 from the air into the box; return its weight, 0 where it ended."""
     near, far, axis = 0.0, math.inf, -1
@@ -297,7 +298,7 @@ def enter_pad(state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, ends: F
     return weight
 
 
-@_compiled
+@compiled
 def arrive(
     state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, weight: float, ends: Floats
 ) -> tuple[float, int, int]:  # fmt: skip
@@ -364,7 +365,7 @@ def arrive(
     return 0.0, -1, -1
 
 
-@_compiled
+@compiled
 def tally_bin(pad: Pad, p: Floats, site: int, facet: int) -> int:
     """Return the bin of a point on the coating: those of the facets first, then the grid's."""
     m, faces = pad.subdivisions, pad.normal.shape[0]
@@ -387,7 +388,7 @@ def tally_bin(pad: Pad, p: Floats, site: int, facet: int) -> int:
 # ------------------------------------- Whole runs -----------------------------------------
 
 
-@_compiled
+@compiled
 def trace_photons(pad: Pad, lamp: Lamp, count: int, seed: int, bins: int) -> tuple[Floats, Floats]:
     """Return the power that arrives in every bin ``(bin,)`` and where power ends ``(end,)``.
 
@@ -411,7 +412,7 @@ def trace_photons(pad: Pad, lamp: Lamp, count: int, seed: int, bins: int) -> tup
     return tally / count, ends / count
 
 
-@_compiled
+@compiled
 def trace_views(
     pad: Pad,
     origin: Floats,

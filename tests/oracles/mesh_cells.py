@@ -1,0 +1,197 @@
+"""Transport cells of a bent scene by analog photons among the triangles of its pad.
+
+As ``tests.oracles.analog_cells``, for any bend: the vertices are those of
+``render.geometry.meshes``, the light is our own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from render.geometry import camera_origin, fiber_poses
+from render.geometry.meshes import pad_meshes
+from render.scene import Scene
+from tests.oracles.analog_cells import AnalogCells, target_rays
+from tests.oracles.analog_tracer import Floats, Lamp
+from tests.oracles.mesh_tracer import (
+    COATED,
+    INTERFACE,
+    OUTER_CLEAR,
+    OUTER_RIM,
+    Integers,
+    MeshPad,
+    trace_photons_on_mesh,
+    trace_views_on_mesh,
+)
+
+CELL = 0.8
+"""Size of the cells that sort the triangles, mm."""
+PITCH = 0.25
+"""Longest side of a tally bin, mm."""
+OVERSAMPLING = 16
+
+
+def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
+    """Return the pad of ``scene`` at ``bend`` rad, pressed at all sites or untouched."""
+    meshes, layer = pad_meshes(scene, bend, indented), scene.diffuser
+    parts = {
+        COATED: meshes.coating,
+        OUTER_CLEAR: meshes.outer_clear,
+        OUTER_RIM: meshes.outer_diffuser,
+        INTERFACE: meshes.interface,
+    }
+    corners, kinds = [], []
+    for kind, mesh in parts.items():
+        if mesh is not None:
+            corners.append(np.asarray(mesh.vertices, dtype=np.float64)[mesh.faces])
+            kinds.append(np.full(len(mesh.faces), kind))
+    corner, kind_of = np.concatenate(corners), np.concatenate(kinds)
+    edges = corner[:, 1:] - corner[:, :1]
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    splits = np.where(
+        (kind_of == COATED)[:, None],
+        np.maximum(1, np.ceil(np.linalg.norm(edges, axis=-1) / PITCH)),
+        0,
+    ).astype(np.int64)
+    bins = splits.prod(axis=1)
+    low, cell, shape, start, member = _sorted(corner)
+    return MeshPad(
+        corner=np.ascontiguousarray(corner[:, 0]),
+        first=np.ascontiguousarray(edges[:, 0]),
+        second=np.ascontiguousarray(edges[:, 1]),
+        normal=normal,
+        kind=kind_of,
+        low=low,
+        cell=cell,
+        shape=shape,
+        start=start,
+        member=member,
+        index=scene.pad.index,
+        alpha=scene.pad.roughness,
+        sigma_s=layer.sigma_s if layer else 0.0,
+        sigma_a=layer.sigma_a if layer else 0.0,
+        g=layer.g if layer else 0.0,
+        albedo=scene.coating.albedo,
+        splits=splits,
+        bin=np.concatenate([[0], np.cumsum(bins)])[:-1],
+    )
+
+
+def _sorted(corner: Floats) -> tuple[Floats, Floats, Integers, Integers, Integers]:
+    """Sort triangles ``(face, 3, 3)`` into the cells of a grid, by their bounding boxes."""
+    low, high = corner.min(axis=(0, 1)) - 1e-3, corner.max(axis=(0, 1)) + 1e-3
+    shape = np.maximum(1, np.ceil((high - low) / CELL)).astype(np.int64)
+    cell = (high - low) / shape
+    # A hair wider, so that rounding leaves no face out.
+    first = np.floor((corner.min(axis=1) - 1e-6 - low) / cell).astype(np.int64)
+    last = np.floor((corner.max(axis=1) + 1e-6 - low) / cell).astype(np.int64)
+    first, last = np.clip(first, 0, shape - 1), np.clip(last, 0, shape - 1)
+    cells, faces = [], []
+    for face in range(len(corner)):
+        x, y, z = (np.arange(first[face, k], last[face, k] + 1) for k in range(3))
+        grid_z, grid_y, grid_x = np.meshgrid(z, y, x, indexing="ij")
+        cells.append(((grid_z * shape[1] + grid_y) * shape[0] + grid_x).ravel())
+        faces.append(np.full(cells[-1].size, face))
+    cell_of, face_of = np.concatenate(cells), np.concatenate(faces)
+    order = np.argsort(cell_of, kind="stable")
+    counts = np.bincount(cell_of, minlength=int(shape.prod()))
+    start = np.concatenate([[0], np.cumsum(counts)])
+    return low, cell, shape, start, face_of[order]
+
+
+def mesh_bin_areas(pad: MeshPad) -> Floats:
+    """Return the area of every tally bin ``(bin,)`` in mm^2; 0 beyond a triangle's third edge."""
+    doubled = np.linalg.norm(np.cross(pad.first, pad.second), axis=-1)
+    step = (np.arange(OVERSAMPLING) + 0.5) / OVERSAMPLING
+    areas = []
+    for face in np.nonzero(pad.kind == COATED)[0]:
+        m, n = pad.splits[face]
+        u = ((np.arange(m)[:, None] + step) / m).ravel()
+        v = ((np.arange(n)[:, None] + step) / n).ravel()
+        # Points on the edge itself count half.
+        within = np.heaviside(1.0 - 1e-12 - u[:, None] - v[None, :], 0.5)
+        within += 0.5 * (np.abs(u[:, None] + v[None, :] - 1.0) <= 1e-12)
+        part = within.reshape(m, OVERSAMPLING, n, OVERSAMPLING).mean(axis=(1, 3))
+        areas.append(doubled[face] * part.ravel() / (m * n))
+    return np.concatenate(areas)
+
+
+@dataclass(frozen=True)
+class BentScene:
+    """One pad at ``bend`` rad and what its camera sees of it; as ``AnalogScene``."""
+
+    scene: Scene
+    bend: float
+    indented: bool = True
+    views: int = 20_000
+    seed: int = 1
+
+    @cached_property
+    def pad(self) -> MeshPad:
+        """The pad that photons move in."""
+        return mesh_pad(self.scene, self.bend, indented=self.indented)
+
+    @cached_property
+    def area(self) -> Floats:
+        """Areas of the tally bins ``(bin,)``, mm^2."""
+        return mesh_bin_areas(self.pad)
+
+    @cached_property
+    def view(self) -> sparse.csr_matrix:
+        """Mean weight with which a ray of a target sees each bin, ``(target, bin)``."""
+        rays = target_rays(self.scene, self.bend, self.indented, self.views, self.seed)
+        rows, columns, values = [], [], []
+        for target, directions in enumerate(rays):
+            if directions is None:
+                rows.append(np.full(1, target))
+                columns.append(np.zeros(1, dtype=np.int64))
+                values.append(np.full(1, np.nan))
+                continue
+            weights, bins = trace_views_on_mesh(
+                self.pad, camera_origin(self.scene), directions, self.seed + target
+            )
+            rows.append(np.full(len(bins), target))
+            columns.append(bins)
+            values.append(weights / self.views)
+        where = np.concatenate(rows), np.concatenate(columns)
+        return sparse.csr_matrix((np.concatenate(values), where), shape=(len(rays), len(self.area)))
+
+    def lamp(self, fiber: int, phi: float) -> Lamp:
+        """Return fiber ``fiber`` pointing in direction ``phi`` (rad)."""
+        poses, fibers = fiber_poses(self.scene, self.bend), self.scene.fibers
+        beam = poses.directions(np.full(fibers.count, phi), fibers.tilt)[fiber]
+        across = np.cross(beam, poses.up[fiber])
+        across /= np.linalg.norm(across)
+        frame = np.stack([across, np.cross(across, beam), beam], axis=-1)
+        return Lamp(
+            poses.position[fiber], np.ascontiguousarray(frame), fibers.diameter / 2, fibers.sigma_v
+        )
+
+    def cells(self, fiber: int, phi: float, photons: int, batches: int = 16) -> AnalogCells:
+        """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""
+        lamp, bins = self.lamp(fiber, phi), len(self.area)
+        first = (self.seed * 1009 + fiber) * 4099
+        brightness = self.scene.coating.albedo / (np.pi * self.scene.pad.index**2)
+        per_area = brightness / np.where(self.area > 0, self.area, np.inf)
+        replicates = np.array(
+            [
+                self.view
+                @ (
+                    per_area
+                    * trace_photons_on_mesh(
+                        self.pad, lamp, photons // batches, first + batch, bins
+                    )[0]
+                )
+                for batch in range(batches)
+            ]
+        )
+        return AnalogCells(
+            replicates.mean(axis=0),
+            replicates.std(axis=0, ddof=1) / np.sqrt(batches),
+            replicates,
+        )

@@ -1,0 +1,86 @@
+"""Pads to hold level 2 against: clear or with a rim, smooth or rough, lit near and far, bent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from render.scene import Scene
+
+MM, DEG = "mm", "deg"
+BASE: dict[str, dict[str, Any]] = {
+    "pad": {"width": (20.0, MM), "length": (24.0, MM), "thickness": (4.5, MM), "index": (1.41,),
+            "roughness": (0.0,)},
+    "coating": {"albedo": (0.5,)},
+    "fibers": {"left": 1, "tip": 1, "right": 0, "diameter": (1.0, MM), "gap": (0.6, MM),
+               "height": (2.0, MM), "sigma_v": (30.0, DEG), "tilt": (10.0, DEG)},
+    "camera": {"distance": (20.0, MM), "y": (0.0, MM), "field_of_view": (65.0, DEG),
+               "columns": 320, "rows": 400},
+    "bending": {"angles": ([0.0], DEG)},
+    "sites": {"columns": 3, "rows": 2, "spacing": (5.0, MM), "centre_x": (0.0, MM),
+              "centre_y": (1.0, MM)},
+    "indenter": {"faces": 6, "slope": (30.0, DEG), "radius": (0.8, MM)},
+    "baseline": {"left": "red", "tip": "green", "right": "blue"},
+}  # fmt: skip
+RIM = {"thickness": (2.0, MM), "sigma_s": (4.0, "1/mm"), "sigma_a": (0.005, "1/mm"), "g": (0.75,)}
+CLEAR_RIM = RIM | {"sigma_s": (0.0, "1/mm"), "sigma_a": (0.0, "1/mm")}
+
+CASES: dict[str, dict[str, Any]] = {
+    "smooth": {},
+    "rough 0.01": {"pad.roughness": (0.01,)},
+    "rough 0.03": {"pad.roughness": (0.03,)},
+    "rough 0.1": {"pad.roughness": (0.1,)},
+    "no face": {"pad.index": (1.0,)},
+    "index 1.7": {"pad.index": (1.7,)},
+    "index 1.7 rough 0.03": {"pad.index": (1.7,), "pad.roughness": (0.03,)},
+    "small lamp": {"fibers.diameter": (0.1, MM), "fibers.gap": (0.1, MM)},
+    "small near lamp": {"fibers.diameter": (0.09, MM), "fibers.gap": (0.05, MM),
+                        "fibers.height": (3.0, MM)},
+    "large lamp": {"fibers.diameter": (3.0, MM), "fibers.gap": (1.6, MM)},
+    "far lamp": {"fibers.gap": (10.0, MM), "fibers.tilt": (0.0, DEG)},
+    "far small lamp rough 0.01": {"fibers.gap": (10.0, MM), "fibers.diameter": (0.1, MM),
+                                  "pad.roughness": (0.01,)},
+    "narrow": {"fibers.sigma_v": (1.0, DEG), "fibers.tilt": (35.0, DEG)},
+    "narrow rough 0.03": {"fibers.sigma_v": (1.0, DEG), "fibers.tilt": (35.0, DEG),
+                          "pad.roughness": (0.03,)},
+    "wide": {"fibers.sigma_v": (89.0, DEG)},
+    "wide no face": {"fibers.sigma_v": (89.0, DEG), "pad.index": (1.0,)},
+    "half below": {"fibers.height": (0.0, MM), "fibers.sigma_v": (60.0, DEG),
+                   "fibers.tilt": (20.0, DEG)},
+    "half below large rough 0.1": {"fibers.height": (0.0, MM), "fibers.diameter": (3.0, MM),
+                                   "fibers.gap": (1.6, MM), "pad.roughness": (0.1,),
+                                   "fibers.sigma_v": (60.0, DEG), "fibers.tilt": (20.0, DEG)},
+    "downwards": {"fibers.height": (4.0, MM), "fibers.tilt": (-30.0, DEG)},
+    "rim": {"diffuser": RIM},
+    "rim rough 0.1": {"diffuser": RIM, "pad.roughness": (0.1,)},
+    "rim no face": {"diffuser": RIM, "pad.index": (1.0,)},
+    "rim rough 0.1 bent 45": {
+        "diffuser": RIM,
+        "pad.roughness": (0.1,),
+        "bending.angles": ([45.0], DEG),
+    },
+    "rim rough 0.1 bent 90": {
+        "diffuser": RIM,
+        "pad.roughness": (0.1,),
+        "bending.angles": ([90.0], DEG),
+    },
+    "smooth bent 45": {"bending.angles": ([45.0], DEG)},
+    "clear rim": {"diffuser": CLEAR_RIM},
+    "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
+}  # fmt: skip
+
+
+def scene_of_case(case: str) -> Scene:
+    """Return the scene of a case: the base with its changes."""
+    content: dict[str, Any] = {part: dict(values) for part, values in BASE.items()}
+    for key, value in CASES[case].items():
+        part, _, name = key.partition(".")
+        if name:
+            content[part][name] = value
+        else:
+            content[part] = dict(value)
+    for values in content.values():
+        for name, value in values.items():
+            if isinstance(value, tuple):
+                unit = {"unit": value[1]} if len(value) > 1 else {}
+                values[name] = {"value": value[0], "source": "chosen for this test", **unit}
+    return Scene.model_validate({"schema": 1, "name": "case", **content})

@@ -1,0 +1,95 @@
+"""Analog photons among triangles: against the box of planes, and against quadrature when bent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from render.geometry import camera_origin, facet_masks, facets, pixel_directions
+from render.scene import Scene
+from tests.oracles.analog_cells import AnalogScene, analog_lamp
+from tests.oracles.analog_tracer import BACK, COATING, ENDS, MEDIUM, MICROFACETS
+from tests.oracles.mesh_cells import BentScene, mesh_bin_areas, mesh_pad
+from tests.oracles.mesh_tracer import COATED, LEAKED, trace_photons_on_mesh
+from tests.oracles.pads import scene_of_case
+from tests.oracles.test_analog_tracer import irradiance
+
+PHI = 1.2
+
+
+def without_faces(albedo: float) -> Scene:
+    """Return a clear pad of index 1 and little albedo, so that its light is direct."""
+    scene = scene_of_case("no face")
+    return scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": albedo})})
+
+
+def test_lamps_are_those_of_the_flat_pad() -> None:
+    scene = scene_of_case("rim")
+    for fiber in range(scene.fibers.count):
+        bent, flat = BentScene(scene, 0.0).lamp(fiber, PHI), analog_lamp(scene, fiber, PHI)
+        for ours, theirs in zip(bent, flat, strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", ["smooth", "rim rough 0.1"])
+def test_a_flat_pad_of_triangles_is_as_bright_as_the_box(case: str) -> None:
+    scene, photons = scene_of_case(case), 160_000
+    bent = BentScene(scene, 0.0, views=2000).cells(0, PHI, photons)
+    flat = AnalogScene(scene, views=2000).cells(0, PHI, 4 * photons)
+    sums, expected = bent.replicates.sum(axis=1), flat.replicates.sum(axis=1)
+    error = np.hypot(stats.sem(sums), stats.sem(expected))
+    assert error < 0.05 * expected.mean()
+    assert sums.mean() == pytest.approx(expected.mean(), abs=4 * error)
+    well = flat.se < 0.1 * flat.T
+    z = (bent.T - flat.T)[well] / np.hypot(bent.se, flat.se)[well]
+    assert well.sum() > 10
+    assert np.sqrt((z**2).mean()) < 1.6
+
+
+def test_no_power_is_lost_in_a_bent_pad_and_none_leaks_between_its_triangles() -> None:
+    scene = scene_of_case("rim rough 0.1")
+    bent = BentScene(scene, np.pi / 2)
+    _, ends = trace_photons_on_mesh(bent.pad, bent.lamp(0, PHI), 100_000, 3, len(bent.area))
+    assert len(ends) == ENDS + 1
+    assert ends.sum() == pytest.approx(1.0, abs=1e-9)
+    assert ends[LEAKED] == 0.0
+    # What leaves the rim's upper face may cross the arc and meet the coating from behind.
+    assert 0.0 < ends[BACK] < 0.01
+    assert abs(ends[MICROFACETS]) < 0.05
+    assert ends[MEDIUM] > 0.005
+    assert ends[COATING] > 0.05
+
+
+@pytest.mark.parametrize("bend", [0.0, 1.0])
+def test_bins_of_the_coating_have_its_area(bend: float) -> None:
+    pad = mesh_pad(scene_of_case("smooth"), bend, indented=True)
+    coated = pad.kind == COATED
+    area = 0.5 * np.linalg.norm(np.cross(pad.first, pad.second), axis=-1)[coated]
+    assert mesh_bin_areas(pad).sum() == pytest.approx(area.sum(), rel=1e-4)
+
+
+def test_a_bent_pads_facets_are_lit_by_their_form_factors() -> None:
+    scene, bend, albedo = without_faces(1e-4), 0.8, 1e-4
+    bent = BentScene(scene, bend, views=2000)
+    lamp, masks, place = bent.lamp(0, PHI), facet_masks(scene, bend), facets(scene, bend)
+    truth = []
+    for site in range(scene.sites.count):
+        for facet in range(scene.indenter.faces):
+            pixels = masks.of(site, facet)
+            rays = pixel_directions(
+                scene, masks.columns, masks.rows,
+                pixels % masks.columns + 0.5, pixels // masks.columns + 0.5,
+            )  # fmt: skip
+            corner, normal = place.corners[site, facet, 0], place.normal[site, facet]
+            to_plane = (corner - camera_origin(scene)) @ normal
+            points = camera_origin(scene) + rays * (to_plane / (rays @ normal))[:, None]
+            truth.append(albedo / np.pi * irradiance(points, normal, lamp).mean())
+    # Facets that look at the lamp lie in no other pyramid's shadow here.
+    lit = np.array(truth) > 0.3 * np.max(truth)
+    assert lit.sum() > 3
+    cells = bent.cells(0, PHI, 1_000_000)
+    sums, expected = cells.replicates[:, lit].sum(axis=1), np.array(truth)[lit].sum()
+    assert stats.sem(sums) < 0.03 * expected
+    assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
+    assert np.abs((cells.T - truth)[lit] / cells.se[lit]).max() < 4.5
