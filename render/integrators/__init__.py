@@ -1,14 +1,18 @@
-"""The film sampler and its Mitsuba plugins: ``bdpt``, ``pssmlt`` and the ``fiber`` emitter."""
+"""Plugins for Mitsuba: ``bdpt``, ``pssmlt``, and the emitters ``fiber`` and ``measured_light``."""
 
 from __future__ import annotations
 
+import functools
 import sys
+from typing import Any
+
+from render.errors import RenderError
 
 _registered: set[str] = set()
 
 
 def register() -> None:
-    """Register ``fiber``, ``bdpt`` and ``pssmlt`` for the variant that is set, once per variant.
+    """Register the plugins for the variant that is set, once per variant.
 
     The classes derive from types of the variant that is set, so their modules are loaded anew.
     """
@@ -17,12 +21,37 @@ def register() -> None:
     variant = str(mi.variant())
     if variant in _registered:
         return
-    for name in ("render.integrators.fiber_emitter", "render.integrators.bidirectional"):
-        sys.modules.pop(name, None)
+    for name in ("profile_emitter", "fiber_emitter", "measured_emitter", "bidirectional"):
+        sys.modules.pop(f"render.integrators.{name}", None)
     from render.integrators.bidirectional import BDPT, PSSMLT
     from render.integrators.fiber_emitter import FiberEmitter
+    from render.integrators.measured_emitter import MeasuredEmitter
 
     mi.register_emitter("fiber", FiberEmitter)
+    mi.register_emitter("measured_light", MeasuredEmitter)
     mi.register_integrator("pssmlt", PSSMLT)
     mi.register_integrator("bdpt", BDPT)
     _registered.add(variant)
+    _pass_errors_on(mi)
+
+
+def _pass_errors_on(mi: Any) -> None:
+    """Let ``mi.render`` raise our typed errors as they are.
+
+    Dr.Jit wraps every exception of an integrator that is written in Python in a RuntimeError
+    without the reason.
+    """
+    plain = mi.render
+    if hasattr(plain, "__wrapped__"):
+        return
+
+    @functools.wraps(plain)
+    def render(*arguments: Any, **named: Any) -> Any:
+        try:
+            return plain(*arguments, **named)
+        except RuntimeError as error:
+            if isinstance(error.__cause__, RenderError):
+                raise error.__cause__ from None
+            raise
+
+    mi.render = render

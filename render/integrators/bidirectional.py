@@ -2,7 +2,7 @@
 
 ``pssmlt``: primary sample space Metropolis light transport (Kelemen et al. 2002) over a
 bidirectional path sampler with multiple importance sampling (Veach 1997), for scenes of surfaces
-and homogeneous media. ``bdpt`` is the same sampler without Metropolis: plain Monte Carlo.
+and homogeneous media (``render.integrators.supported_content`` says what is not). ``bdpt`` is the same sampler without Metropolis: plain Monte Carlo.
 
 Parameters, named as in Mitsuba 0.6 where it has them:
 
@@ -89,6 +89,7 @@ class Bidirectional(mi.SamplingIntegrator):
         if spp == 0:
             spp = sensor.sampler().sample_count()
         sampler = FilmSampler(scene, sensor, self.limits)
+        sampler.emission.refuse_dark()
         replicates = self.replicate_images(sampler, _number(seed), spp)
         image = replicates.mean(axis=0)
         if self.error_bars:
@@ -138,11 +139,6 @@ class PSSMLT(Bidirectional):
         settings = ChainSettings(
             self.chains, self.luminance_samples, self.p_large, self.replicates, seed
         )
-        if sampler.emission.dark():
-            raise RenderError(
-                "every emitter of the scene emits nothing: raise a radiance, intensity or power",
-                field="emitter",
-            )
         chains = MarkovChains(sampler, settings)
         normalization = Normalization(
             sampler, self.luminance_samples, self.chains, self.replicates, seed

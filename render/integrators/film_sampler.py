@@ -6,9 +6,9 @@ from copy import copy
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from render.arrays import Array
-from render.errors import RenderError
 from render.integrators.connections import connect_subpaths
 from render.integrators.emitters import Emission
 from render.integrators.mirror_connections import MirrorSet
@@ -19,6 +19,7 @@ from render.integrators.subpaths import (
     trace_camera_subpath,
     trace_light_subpath,
 )
+from render.integrators.supported_content import refuse_unsupported
 from render.integrators.vertex_cache import LaneGroups, LightVertexCache
 from render.paths.vertex import VOLUME_PASSES
 from render.sampling.proposals import Splat
@@ -44,13 +45,7 @@ class FilmSampler:
         Raises:
             RenderError: an emitter, sensor or medium that the sampler does not support.
         """
-        if sensor.class_name() != "PerspectiveCamera":
-            raise RenderError(
-                f"sensor {sensor.class_name()} is not supported, allowed: perspective",
-                field="sensor",
-                value=sensor.class_name(),
-            )
-        _refuse_heterogeneous(scene, sensor)
+        refuse_unsupported(scene, sensor)
         self.scene, self.sensor, self.limits = scene, sensor, limits
         self.groups: LaneGroups | None = None
         self.emission = Emission(scene)
@@ -58,6 +53,10 @@ class FilmSampler:
         self.width, self.height = (int(n) for n in sensor.film().crop_size())
         self.bins = self.width * self.height
         self.channels = len(mi.Spectrum(0.0))
+        # Between the clipping planes, from the near one on.
+        near, far = sensor.near_clip(), sensor.far_clip()
+        self.ahead = mi.Float(float(np.sqrt(near * far)) - near)
+        dr.make_opaque(self.ahead)
         self.medium = mi.MediumPtr(sensor.get_medium()) if sensor.get_medium() else None
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
@@ -71,18 +70,20 @@ class FilmSampler:
         projection_weight = PROJECTION_WEIGHT if shared else 1.0
         if self.groups is not None:
             position, weight = self.groups.film_positions(numbers, self.height)
-        ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, mi.Point2f(0.5))
-        # Mitsuba's rays begin at the near plane; densities count from the pinhole.
-        ray.o = mi.Point3f(self.sensor.world_transform().translation())
-        ray.o += dr.zeros(mi.Point3f, lanes)
+        # The first event of the walk itself uses one number.
+        aperture = mi.Point2f(*camera.event(mi.UInt32(1))[1:3])
+        ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, aperture)
         ahead = dr.zeros(mi.Interaction3f)
-        ahead.p = ray.o + ray.d
-        # At unit distance the importance is the density of the ray per solid angle.
-        _, importance = self.sensor.sample_direction(ahead, mi.Point2f(0.5))
+        ahead.p = ray(self.ahead)
+        seen, importance = self.sensor.sample_direction(ahead, aperture)
+        # Mitsuba's rays begin at the near plane; densities count from the place on the lens. At
+        # unit distance the importance is the density of the ray per solid angle.
+        density = dr.mean(importance) * dr.squared_norm(ahead.p - seen.p)
+        ray.o = mi.Point3f(seen.p)
         medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
         # ------------------------------ Both subpaths ---------------------------------
         camera_subpath = trace_camera_subpath(
-            self.scene, self.emission, ray, medium, dr.mean(importance),
+            self.scene, self.emission, ray, medium, density,
             beta + dr.zeros(mi.Spectrum, lanes), camera, self.limits, self.mirrors,
             projection_weight,
         )  # fmt: skip
@@ -100,8 +101,9 @@ class FilmSampler:
         v = for_camera_passes(light_vertices.projected.vertex, mi.UInt32(VOLUME_PASSES))
         projected_weight = light_vertices.projected_weight
         where, projected = connect_to_camera(
-            self.scene, self.sensor, v, projection_weight, projected_weight > 0
-        )
+            self.scene, self.sensor, v, light_vertices.aperture, projection_weight,
+            projected_weight > 0,
+        )  # fmt: skip
         projected *= projected_weight
         # A film position has density 1, a pixel the probability 1 / bins.
         radiance = camera_subpath.radiance + connected
@@ -123,16 +125,3 @@ class FilmSampler:
         column = dr.minimum(mi.UInt32(dr.maximum(position.x, 0.0)), self.width - 1)
         row = dr.minimum(mi.UInt32(dr.maximum(position.y, 0.0)), self.height - 1)
         return row * self.width + column
-
-
-def _refuse_heterogeneous(scene: mi.Scene, sensor: mi.Sensor) -> None:
-    media = [sensor.get_medium()]
-    for shape in scene.shapes():
-        media += [shape.interior_medium(), shape.exterior_medium()]
-    for medium in media:
-        if medium is not None and not medium.is_homogeneous():
-            raise RenderError(
-                f"medium {medium.id()!r} is heterogeneous, allowed: homogeneous media; "
-                "use volpath for this scene",
-                field="medium",
-            )

@@ -176,6 +176,7 @@ def trace_camera_subpath(
         # first hit.
         d_vcm = dr.select(edges == 1, 0.0, v.d_vcm)
         radiance += emission.met(v, d_vcm, arrived)
+        radiance += emission.escaped(state, edges == 1, escaped)
         d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, first=edges == 1)
         v.terminal = v.terminal & (passes == 0)
         passes = dr.select(arrived, passes_behind(v, passes), passes)
@@ -256,6 +257,7 @@ class LightVertices:
     represented: list[mi.Float]
     projected: LightVertex
     projected_weight: mi.Float
+    aperture: mi.Point2f
 
 
 @dr.syntax
@@ -272,7 +274,8 @@ def trace_light_subpath(
     # ----------------------------- Configure loop state ------------------------------
     edges_max, roulette = limits.edges(), limits.roulette()
     pick, x, y, free = stream.event(mi.UInt32(0))
-    u, w, _, _ = stream.event(mi.UInt32(1))
+    u, w, *lens = stream.event(mi.UInt32(1))
+    aperture = mi.Point2f(*lens)  # where all vertices of the subpath see the lens
     start = emission.start(pick, mi.Point2f(x, y), u, w)
     state = begin_subpath(start.o, start.d, start.medium, start.beta, start.d_vcm, start.d_vc, free)
     state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(start.d_vc))
@@ -286,6 +289,9 @@ def trace_light_subpath(
     while active:
         state, found, arrived, escaped = trace_segment(scene, state, active)
         v = cast(PassableVertex, found)
+        # Light from afar has no distance.
+        length = dr.select(start.parallel & (edges == 1), state.length, 1.0)
+        v.d_vcm /= dr.square(dr.maximum(length, 1e-20))
         d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, first=edges == 1)
         tail = dr.select(arrived, tail.then(v), tail)
         v.d_vcm = d_vcm
@@ -302,7 +308,7 @@ def trace_light_subpath(
             targets[m] = dr.select(replaces, target, targets[m])
             kept[m] = dr.select(replaces, here, kept[m])
         # ------------------ ... and by what it sends to the camera --------------------
-        target = _camera_target(sensor, v, non_delta & (edges < edges_max))
+        target = _camera_target(sensor, v, aperture, non_delta & (edges < edges_max))
         projected_total += target
         replaces = (target > 0) & (first_numbers[0] * projected_total < target)
         targets[count] = dr.select(replaces, target, targets[count])
@@ -322,29 +328,31 @@ def trace_light_subpath(
         event += 1
     represented = [dr.select(t > 0, total / (count * t), 0.0) for t in targets[:count]]
     projected_weight = dr.select(targets[count] > 0, projected_total / targets[count], 0.0)
-    return LightVertices(kept[:count], represented, kept[count], projected_weight)
+    return LightVertices(kept[:count], represented, kept[count], projected_weight, aperture)
 
 
-def _camera_target(sensor: mi.Sensor, v: Vertex, active: mi.Bool) -> mi.Float:
+def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool) -> mi.Float:
     """Return what ``v`` sends to the lens in a vacuum, nothing in the way."""
     it = dr.zeros(mi.Interaction3f)
     it.p = v.p
-    ds, importance = sensor.sample_direction(it, mi.Point2f(0.5), active)
+    ds, importance = sensor.sample_direction(it, aperture, active)
     active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
     sent = v.beta * scattering_value(v, ds.d, mi.TransportMode.Importance, active) * importance
     return dr.select(active, dr.mean(sent), 0.0)
 
 
 def connect_to_camera(
-    scene: mi.Scene, sensor: mi.Sensor, v: Vertex, projection_weight: float, active: mi.Bool
-) -> tuple[mi.Point2f, mi.Spectrum]:
+    scene: mi.Scene, sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, projection_weight: float,
+    active: mi.Bool,
+) -> tuple[mi.Point2f, mi.Spectrum]:  # fmt: skip
     """Return the film position of light vertex ``v`` and its MIS-weighted value there (t = 1).
 
-    This strategy counts ``projection_weight`` times as much as others.
+    Two uniform numbers, ``aperture``, choose a place on the lens. This strategy counts
+    ``projection_weight`` times as much as others.
     """
     it = dr.zeros(mi.Interaction3f)
     it.p = v.p
-    ds, importance = sensor.sample_direction(it, mi.Point2f(0.5), active)
+    ds, importance = sensor.sample_direction(it, aperture, active)
     active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
     value, _, reverse = evaluate_scattering(v, ds.d, mi.TransportMode.Importance, active)
     value = v.beta * value * importance

@@ -140,10 +140,23 @@ def evaluate_scattering(
     phase, phase_pdf = v.phase.eval_pdf(
         mi.PhaseFunctionContext(), medium_interaction(v), wo, volume
     )
-    value = dr.select(v.volume, phase, value)
+    value = dr.select(v.volume, phase, value * shading_factor(v, wo, mode))
     pdf = dr.select(v.volume, phase_pdf, pdf)
     reverse = dr.select(v.volume, phase_pdf, reverse)
     return value, pdf, reverse
+
+
+def shading_factor(v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode) -> mi.Float | float:
+    """Return what a shading normal takes from or adds to light that ``v`` sends to ``wo``.
+
+    A mesh with normals of its vertices scatters importance otherwise than radiance (Veach 1997,
+    eq. 5.19); 1 where the shading normal is the surface's own.
+    """
+    if mode != mi.TransportMode.Importance:
+        return 1.0
+    sent = dr.abs(dr.dot(v.frame.n, v.wi) * dr.dot(v.n, wo))
+    received = dr.abs(dr.dot(v.n, v.wi) * dr.dot(v.frame.n, wo))
+    return dr.select(received > 0, sent / received, 0.0)
 
 
 def scattering_value(
@@ -156,7 +169,7 @@ def scattering_value(
     phase, _ = v.phase.eval_pdf(
         mi.PhaseFunctionContext(), medium_interaction(v), wo, active & v.volume
     )
-    return dr.select(v.volume, phase, surface)
+    return dr.select(v.volume, phase, surface * shading_factor(v, wo, mode))
 
 
 def area_factor(v: Vertex, direction: mi.Vector3f) -> mi.Float:

@@ -29,6 +29,7 @@ from render.paths.vertex import (
     leave,
     medium_interaction,
     passes_behind,
+    shading_factor,
     surface_interaction,
 )
 
@@ -96,8 +97,8 @@ def begin_subpath(
 
 
 def intersect(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
-    """Return the nearest surface with what BSDFs need, without derivatives of the surface."""
-    needed = mi.RayFlags.UV | mi.RayFlags.ShadingFrame
+    """Return the nearest surface with what BSDFs need: anisotropic ones follow its parameters."""
+    needed = mi.RayFlags.UV | mi.RayFlags.dPdUV | mi.RayFlags.ShadingFrame
     return scene.ray_intersect(ray, ray_flags=needed, coherent=False, active=active)
 
 
@@ -198,7 +199,7 @@ def sample_scattering(
     wo = dr.select(v.volume, wo_phase, wo_surface)
     pdf = dr.select(v.volume, phase_pdf, sample.pdf)
     reverse = dr.select(v.volume, phase_pdf, reverse)
-    weight = dr.select(v.volume, mi.Spectrum(phase_weight), weight)
+    weight = dr.select(v.volume, mi.Spectrum(phase_weight), weight * shading_factor(v, wo, mode))
     if guiding is not None:
         applies = guiding.applies(v)
         wo = dr.select(guiding.selected(v, lobe), guiding.sample(v, x, y), wo)

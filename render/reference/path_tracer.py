@@ -100,7 +100,7 @@ def _register_tinted_fiber() -> None:
             self.tint = mi.Color3f(color)
             dr.make_opaque(self.tint)  # another color needs no new kernel
 
-        def _radiance(self, local: Any) -> Any:
-            return FiberEmitter._radiance(self, local) * self.tint
+        def radiance(self, local: Any) -> Any:
+            return FiberEmitter.radiance(self, local) * self.tint
 
     mi.register_emitter("tinted_fiber", TintedFiber)

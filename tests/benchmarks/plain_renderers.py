@@ -68,7 +68,7 @@ def _light_tracer(
         v.d_vcm, v.d_vc = mi.Float(0.0), mi.Float(0.0)
         # Facet colors are light that comes from the coating: through the face after it.
         uv, value = connect_to_camera(
-            scene, sensor, v, 1.0, arrived & ~v.delta & coated & ~v.volume
+            scene, sensor, v, mi.Point2f(0.5), 1.0, arrived & ~v.delta & coated & ~v.volume
         )
         amount = dr.mean(value)
         total += amount

@@ -5,12 +5,14 @@ Mitsuba's variant can be changed only before its types are used, so no other tes
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
 from tests.validation.film import LONG, camera, check_same, ours, theirs
+from tests.validation.lamps import KINDS, lamp, open_room
 from tests.validation.rooms import ball, glass, milk, room
 
 SPP, THEIR_SPP = (32768, 4096) if LONG else (512, 64)
@@ -41,6 +43,18 @@ def test_colored_media_have_the_colors_that_mitsuba_finds(rgb: ModuleType, kind:
     )  # fmt: skip
     truth = theirs(rgb, scene, "volpath", THEIR_SPP)
     check_same(ours(rgb, scene, kind, SPP), truth, f"colored media, {kind}")
+
+
+@pytest.mark.parametrize("emitter", KINDS if LONG else ["directional", "envmap"])
+def test_an_emitter_has_the_colors_that_mitsuba_finds(
+    rgb: ModuleType, emitter: str, tmp_path: Path
+) -> None:
+    scene = open_room(
+        rgb, lamp=lamp(rgb, emitter, tmp_path), glass=ball(0.7, glass(0.2)),
+        fog=ball(-0.9, {"type": "null"}, milk(rgb, 1.0)),
+    )  # fmt: skip
+    truth = theirs(rgb, scene, "volpath", 8 * THEIR_SPP)
+    check_same(ours(rgb, scene, "bdpt", 2 * SPP), truth, f"{emitter}, rgb")
 
 
 def test_one_path_colors_every_channel_of_gray_light_alike(rgb: ModuleType) -> None:

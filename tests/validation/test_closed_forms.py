@@ -120,6 +120,48 @@ def test_two_points_and_a_lamp_over_a_plane_add_up(mono: ModuleType, kind: str) 
     check_truth(images, truth, f"plane under two points and a lamp, {kind}")
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_plane_under_a_spot_a_directional_light_and_a_sky_adds_up(
+    mono: ModuleType, kind: str
+) -> None:
+    transform = mono.ScalarTransform4f()
+    albedo, sky, irradiance, intensity = 0.5, 0.7, 2.0, 9.0
+    cutoff, beam = np.radians(25), np.radians(10)
+    position, axis = np.array([0.5, 0.0, -4.0]), np.array([-0.3, 0.2, 1.0])
+    axis /= np.linalg.norm(axis)
+    falling = np.array([0.5, 0.3, 1.0]) / np.linalg.norm([0.5, 0.3, 1.0])
+    content: dict[str, Any] = {
+        "type": "scene",
+        "plane": {
+            "type": "rectangle", "to_world": transform.rotate([1, 0, 0], 180).scale(20),
+            "bsdf": diffuse(mono, albedo),
+        },
+        "sky": {"type": "constant", "radiance": gray(mono, sky)},
+        "sun": {
+            "type": "directional", "direction": falling.tolist(),
+            "irradiance": gray(mono, irradiance),
+        },
+        "spot": {
+            "type": "spot", "cutoff_angle": float(np.degrees(cutoff)),
+            "beam_width": float(np.degrees(beam)), "intensity": gray(mono, intensity),
+            "to_world": transform.look_at(
+                origin=position.tolist(), target=(position + axis).tolist(), up=[0, 1, 0]
+            ),
+        },
+        "sensor": camera(mono, [0, 0, -5], fov=40),
+    }  # fmt: skip
+    rays = pixel_rays(8, 40)
+    hit = np.array([0, 0, -5.0]) + rays * (5.0 / rays[..., 2:])
+    span = hit - position
+    distance = np.linalg.norm(span, axis=-1)
+    angle = np.arccos(np.clip((span @ axis) / distance, -1.0, 1.0))
+    beamed = intensity * np.clip((cutoff - angle) / (cutoff - beam), 0.0, 1.0)
+    lit = beamed * span[..., 2] / distance**3 + irradiance * falling[2] + np.pi * sky
+    truth = (albedo / np.pi * lit).mean(axis=-1)[..., None]
+    images = ours(mono, mono.load_dict(content), kind, SPP)
+    check_truth(images, truth, f"plane under spot, sun and sky, {kind}")
+
+
 def absorber(mono: ModuleType, face: dict[str, Any], sigma_t: float, **parts: Any) -> Any:
     """Return a wide slab, 0 < z < 1, before a camera at z = -2, and what is behind it."""
     transform = mono.ScalarTransform4f()

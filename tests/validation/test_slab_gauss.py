@@ -33,9 +33,9 @@ def gaussian_point(mono: ModuleType) -> dict[str, Any]:
 
     # The sampler knows emitters that are written in Python by this name.
     class FiberEmitter(render.integrators.fiber_emitter.FiberEmitter):
-        def _radiance(self, local: Any) -> Any:
+        def radiance(self, local: Any) -> Any:
             inside = angle(local) < np.radians(60)
-            value = render.integrators.fiber_emitter.FiberEmitter._radiance(self, local)
+            value = render.integrators.fiber_emitter.FiberEmitter.radiance(self, local)
             return dr.select(inside, value / dr.maximum(local.z, 0.1), 0.0)
 
     mono.register_emitter("gaussian_point", FiberEmitter)

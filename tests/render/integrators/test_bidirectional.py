@@ -112,7 +112,7 @@ def test_a_seed_gives_the_same_picture_again_and_another_seed_another(mono: Modu
     ("parts", "named"),
     [
         ({"light": None}, "no emitter"),
-        ({"light": {"type": "constant"}}, "allowed: area, point, fiber"),
+        ({"light": {"type": "projector"}}, "allowed: area, point, spot, directional"),
         ({"sensor": "orthographic"}, "allowed: perspective"),
         (
             {
