@@ -42,7 +42,7 @@ TOGETHER = {
     ),
     "small_model": tuple(
         f"tests/optimize/cli/test_{name}.py"
-        for name in ("bad_input", "explore", "optimize", "score", "verify")
+        for name in ("bad_input", "explore", "faults", "optimize", "score", "verify")
     ),
     "tiny_night": (
         "tests/optimize/overnight/test_whole_night.py",
