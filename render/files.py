@@ -68,6 +68,12 @@ def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
+def can_create(path: Path) -> bool:
+    """Return whether ``path`` can be made, as far as the nearest folder that is there says."""
+    nearest = next(parent for parent in path.absolute().parents if parent.exists())
+    return nearest.is_dir() and os.access(nearest, os.W_OK)
+
+
 def replace_folder(fresh: Path, target: Path) -> Path | None:
     """Put the folder ``fresh``, which lies beside it, in the place of ``target``.
 

@@ -43,7 +43,8 @@ TOGETHER = {
     "small_model": tuple(
         f"tests/optimize/cli/test_{name}.py"
         for name in ("bad_input", "explore", "faults", "optimize", "score", "verify")
-    ),
+    )
+    + ("tests/validation/test_faults.py",),
     "tiny_night": (
         "tests/optimize/overnight/test_whole_night.py",
         "tests/optimize/overnight/test_status.py",

@@ -33,12 +33,14 @@ def run(
 
     from optimize.design import baseline_design, load_design, load_design_file
     from optimize.report import picture_png
-    from optimize.ui.output import write_result
+    from optimize.ui.output import check_file, write_result
     from render.metric import THESIS
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
+        check_file(path)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         rating = None if design is None else load_design_file(design).rating
         draw = _preview if level == "preview" else _reference
@@ -49,7 +51,6 @@ def run(
             note("No rated design gives the exposure, so this picture is exposed for itself.")
         else:
             exposure = rating.settings.exposure
-        path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
         write_result(path, picture_png(radiance * exposure / THESIS.count_max))
         stream.write(f"{path}\n")
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from optimize.ui.console import note
 from optimize.ui.streams import OutputError
-from render.files import read_json, replace_folder, write_bytes, write_json
+from render.files import can_create, read_json, replace_folder, write_bytes, write_json
 
 MANIFEST = "result.json"
 DESIGN_KEYS = ("scene_hash", "angles_deg", "power")
@@ -30,14 +30,7 @@ def check_target(target: Path, mark: str = MANIFEST) -> None:
         OutputError: ``target`` is a file, or a directory that this program did not write.
     """
     if not target.exists():
-        nearest = next(parent for parent in target.absolute().parents if parent.exists())
-        if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-            raise OutputError(
-                f"{target} cannot be created because {nearest} is not a writable directory: "
-                "choose another place with --out",
-                field="out",
-                value=str(target),
-            )
+        _check_place(target)
         return
     if not target.is_dir():
         raise OutputError(
@@ -82,6 +75,30 @@ def write_manifest(folder: Path, result: dict[str, object]) -> None:
     """Write ``result`` with the names of all files in ``folder``: what may be replaced later."""
     names = sorted({item.name for item in folder.iterdir()} | {MANIFEST})
     write_json(folder / MANIFEST, {**result, "files": names}, indent=2)
+
+
+def check_file(path: Path) -> None:
+    """Refuse a name that no file can have, before any work is done.
+
+    Raises:
+        OutputError: ``path`` is a directory, or nothing can be written where it is.
+    """
+    if path.is_dir():
+        raise OutputError(
+            f"{path} is a directory: name a file with --out", field="out", value=str(path)
+        )
+    if not path.exists():
+        _check_place(path)
+
+
+def _check_place(path: Path) -> None:
+    if not can_create(path):
+        raise OutputError(
+            f"{path} cannot be created, its place is not a writable directory: choose another "
+            "place with --out",
+            field="out",
+            value=str(path),
+        )
 
 
 def write_result(path: Path, content: bytes) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from render.errors import ModelError
-from render.files import replace_folder, temporary_name, write_npz, write_text
+from render.files import can_create, replace_folder, temporary_name, write_npz, write_text
 from surrogate.export.onnx import export_onnx
 from surrogate.model.checker_module import CheckerModule
 from surrogate.runtime import ModelMetadata
@@ -69,9 +69,16 @@ def check_replaceable(folder: Path) -> None:
     """Refuse a folder that holds anything but a model.
 
     Raises:
-        ModelError: names what else is in there.
+        ModelError: names what else is in there, or nothing can be written there.
     """
     if not folder.exists():
+        if not can_create(folder):
+            raise ModelError(
+                f"{folder} cannot be created, its place is not a writable directory: name another "
+                "folder",
+                field="out",
+                value=str(folder),
+            )
         return
     others = {item.name for item in folder.iterdir()} - FILES if folder.is_dir() else {folder.name}
     if others:

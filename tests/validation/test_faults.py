@@ -1,4 +1,4 @@
-"""Random commands under random faults: exit codes as documented, no traceback, nothing half done."""
+"""Random commands under random faults: documented exit codes, no traceback, nothing half done."""
 
 from __future__ import annotations
 
