@@ -68,7 +68,8 @@ def check_photo(counts: Array, rows: int, columns: int, name: str) -> None:
         found_rows, found_columns = counts.shape[:2]
         raise CaptureError(
             f"{name} has {found_columns} x {found_rows} pixels, allowed: {columns} x {rows} as the "
-            "scene's camera; dewarp it with --lens, or set camera.columns and camera.rows",
+            "scene's camera; dewarp it with --lens, or scale it (another camera in the scene is "
+            "another sensor, which needs its own model)",
             field="capture",
             value=(found_columns, found_rows),
             allowed=f"{columns} x {rows}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -117,16 +117,25 @@ def explore(
 ) -> Exploration:
     """Search colors and directions from the baseline until neither moves, and rate the stages.
 
-    The search keeps to the scene's constraints; the baseline only to those of LED power.
+    The search keeps to the scene's constraints, and begins at the allowed design nearest to the
+    baseline; the baseline keeps only to those of LED power. ``progress`` is told the scores that
+    the model itself gives, as the stages have them: those of the table that is searched differ by
+    what its interpolation misses.
     """
     began = time.perf_counter()
-    baseline = dimmed_baseline(scene)
+    baseline, bends = dimmed_baseline(scene), np.array(scene.bending.angles)
+
+    def rated(step: SearchStep) -> None:
+        if progress is not None:
+            said = predict_design(checker, step.design, bends)["score"]
+            progress(replace(step, score=float(said)))
+
     search = alternating_search(
         TableScorer(search_table(checker), limits=limits_of(scene)),
         baseline,
         edges=fiber_edges(scene),
         seed=seed,
-        progress=progress,
+        progress=rated,
     )
     colored = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]

@@ -43,7 +43,7 @@ STYLE: Any = {
 
 # What each stage of the search is called and drawn with.
 STAGES = {
-    "start": ("baseline", "#1c1f24"),
+    "start": ("start", "#1c1f24"),
     "grouped": ("colors in pairs", "#93b4f5"),
     "quick": ("colors, 2-opt", "#2f5fd0"),
     "tied": ("directions, tied", "#e0a458"),

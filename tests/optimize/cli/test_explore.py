@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -25,10 +26,11 @@ Run = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Explored:
-    """One run of the program in its own process: where, what it said and what it reported."""
+    """One run of the program in its own process: where, stdout, stderr and the result."""
 
     place: Path
     said: str
+    log: str
     result: dict[str, Any]
 
 
@@ -47,7 +49,7 @@ def explored(
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return Explored(place, done.stdout, json.loads(done.stdout))
+    return Explored(place, done.stdout, done.stderr, json.loads(done.stdout))
 
 
 def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored) -> None:
@@ -59,6 +61,7 @@ def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored
         "optimized",
         "design",
         "report",
+        "ranking",
         "seconds",
         "warnings",
     ]
@@ -153,3 +156,9 @@ fiber_angle = { distribution = "uniform", deviation = 4.0, unit = "deg", source 
     assert design["angles_deg"][4] == pytest.approx(70.0)
     assert max(power[1] for power in design["power"]) <= 0.5
     assert "sensors as built" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_the_log_has_the_scores_of_the_result(explored: Explored) -> None:
+    logged = re.findall(r" s  (\S.*?)\s+score\s+(\S+)", explored.log)
+    assert logged[0] == ("start", f"{explored.result['baseline']['score']:.3f}")
+    assert logged[-1][1] == f"{explored.result['optimized']['score']:.3f}"
