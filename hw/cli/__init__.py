@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import typer
 
-from hw.cli import calibrate, capture, check, demo, lights, linearity
+from hw.cli import calibrate, capture, check, demo, lights, linearity, wiring_sheet
 from optimize.cli import app, main
 
 rig = typer.Typer(
@@ -28,3 +28,4 @@ rig.command("linearity")(linearity.run)
 rig.command("demo")(demo.run)
 app.add_typer(rig)
 app.command("check")(check.run)
+app.command("wiring")(wiring_sheet.run)

@@ -8,6 +8,7 @@ import numpy as np
 
 from hw.errors import PowerError
 from hw.leds.board import Levels, dark
+from optimize.mounting.feeds import FULL_MILLIAMPERES
 from render.arrays import Array
 
 ORDERS = ("rgb", "rbg", "grb", "gbr", "brg", "bgr")
@@ -102,7 +103,7 @@ class PowerLimits:
         highest: greatest power of one channel, in [0, 1].
     """
 
-    milliamperes: float = 20.0
+    milliamperes: float = FULL_MILLIAMPERES
     total_milliamperes: float = 500.0
     highest: float = 1.0
 

@@ -108,19 +108,16 @@ class SearchLimits:
         upright = self._nearest_alone(np.full(phi.shape[-1], math.pi / 2))
         rows = nearest.reshape(-1, phi.shape[-1])
         turned, turns = rows, np.zeros(rows.shape)
-        while (meeting := self.holder.slack(turned) < 0.0).any():
-            touched = np.zeros(rows.shape, dtype=bool)
-            touched[:, :-1] |= meeting
-            touched[:, 1:] |= meeting
-            touched &= turns < TURNS
-            if not touched.any():
+        while (crowded := self.holder.crowded(turned)).any():
+            movable = crowded & (turns < TURNS)
+            if not movable.any():
+                problem = next(self.holder.problems(turned[crowded.any(axis=1)][0]))
                 raise DesignError(
-                    "no directions fulfill the constraints: fibers meet in the holder ("
-                    + "; ".join(self.holder.problems(turned[meeting.any(axis=1)][0]))
-                    + "); fix or forbid fewer directions, or make the holder thinner",
+                    f"no directions fulfill the constraints: {problem}; fix or forbid fewer "
+                    "directions, or make the holder thinner",
                     field="constraints",
                 )
-            turns += touched
+            turns += movable
             between = self._nearest_alone(upright + (1.0 - turns / TURNS) * (rows - upright))
             turned = np.where(turns > 0, between, rows)
         return np.asarray(turned.reshape(phi.shape))

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from optimize.frontier.plot import draw_levels
+from optimize.mounting import mount
 from optimize.overnight.conclusion import prediction_check
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.overnight.run_directory import RECORD
@@ -30,7 +31,7 @@ from optimize.report import (
     render_page,
     score_row,
     stage_pictures,
-    wiring_sheet,
+    wiring_context,
 )
 from render.errors import SceneError
 from render.files import write_text
@@ -104,7 +105,12 @@ def render_report(result: OvernightResult, scaling: dict[int, float] | None = No
         "levels": result.trade,
         "scaling": scaling_rows(scaling) if scaling else [],
         "scaling_words": SCALING_WORDS,
-        "wiring": wiring_sheet(scene, last.design, last.title, pictures[f"scheme-{last.key}"]),
+        "wiring": wiring_context(
+            mount(scene, last.design),
+            last.title,
+            files="For CSV, a drilling jig, other steps and what they cost: tactilux wiring "
+            "design.json.",
+        ),
         "replicates": result.replicates,
         "facts": result.facts,
     }

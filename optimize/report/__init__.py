@@ -29,5 +29,5 @@ from optimize.report.page import (
     monochrome_warning,
     render_page,
     stage_pictures,
-    wiring_sheet,
 )
+from optimize.report.wiring import wiring_context, wiring_drawing, wiring_files, write_wiring

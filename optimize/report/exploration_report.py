@@ -15,7 +15,8 @@ from typing import IO, Any, Protocol
 import numpy as np
 
 from optimize.design import PARTS, Rating, save_design
-from optimize.exploration import Exploration, Stage
+from optimize.exploration import Exploration, Stage, rate
+from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.report.illustrations import (
     convergence,
     design_pictures,
@@ -30,8 +31,8 @@ from optimize.report.page import (
     monochrome_warning,
     render_page,
     stage_pictures,
-    wiring_sheet,
 )
+from optimize.report.wiring import wiring_context, wiring_files, write_wiring
 from optimize.ui.console import counted, print_table
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
@@ -62,10 +63,20 @@ def write_exploration(
         pictures = dict(explore_pictures(exploration))
         for name, png in pictures.items():
             write_bytes(folder / f"{name}.png", png)
+        checker = exploration.checker
+        mounting = mount(scene, last.design, surrogate_score(checker, scene))
+        mounted = rate(checker, scene, "mounted", "As mounted", "", mounting.design)
+        no_jig = write_wiring(folder, mounting, mounted.rating)
         html = render_report(
             exploration.stages,
             pictures,
             ranking=exploration.ranking,
+            wiring=wiring_context(
+                mounting,
+                last.title,
+                mounting_error_costs(checker, scene, mounting.design),
+                wiring_files(target / DESIGN, no_jig),
+            ),
             confidence=f"{exploration.checker.coverage:.0%}",
             search_note=_search_note(exploration),
             caveats=caveats(exploration),
@@ -170,7 +181,8 @@ def render_report(
         ranking: whether the surrogate can rank designs.
         texts: what else the template shows: ``confidence`` (coverage of the intervals),
             ``search_note``, ``caveats``, ``facts`` (origin of the numbers), ``errors`` (rows of the
-            model's held-out errors, as in its metadata), ``made`` and ``verify_command``.
+            model's held-out errors, as in its metadata), ``made``, ``verify_command`` and
+            ``wiring`` (see `wiring_context`).
     """
     first, result = stages[0], stages[-1]
     scene, bends = first.scene, bend_titles(first.scene)
@@ -194,9 +206,6 @@ def render_report(
             for stage in (first, result)
         ],
         "convergence": data_uri(pictures["convergence"]),
-        "wiring": wiring_sheet(
-            scene, result.design, result.title, pictures[f"scheme-{result.key}"]
-        ),
     }
     return render_page("report.html.j2", context | texts)
 

@@ -1,4 +1,4 @@
-"""What every report is put together with: templates, pictures inside the file, the wiring sheet."""
+"""What every report is put together with: templates, warnings, pictures inside the file."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import jinja2
 import numpy as np
 
 from optimize.design import Design
-from optimize.report.illustrations import INK
-from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses
+from render.geometry import FiberHolder
 from render.scene import Scene
 
 CLIPPED = 0.01
@@ -43,30 +42,6 @@ def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
 def bend_titles(scene: Scene) -> list[str]:
     """Return what each bend of the scene is called."""
     return [f"bend {np.degrees(bend):g}°" for bend in scene.bending.angles]
-
-
-def wiring_sheet(scene: Scene, design: Design, title: str, scheme: bytes) -> dict[str, Any]:
-    """Return which fiber gets which LED and angle, with the drawing ``scheme``."""
-    position = flat_fiber_poses(scene).position
-    edges, colors, power = fiber_edges(scene), design.color_names, design.power.max(axis=1)
-    return {
-        "title": title,
-        "scheme": data_uri(scheme),
-        "fibers": [
-            {
-                "number": str(i),
-                "edge": edges[i],
-                "x": f"{position[i, 0]:.2f}",
-                "y": f"{position[i, 1]:.2f}",
-                "color": colors[i]
-                if power[i] == 1.0 or colors[i] == "off"
-                else f"{colors[i]}, {power[i]:.0%}",
-                "ink": INK[colors[i]],
-                "angle": f"{np.degrees(design.phi[i]):.1f}°",
-            }
-            for i in range(scene.fibers.count)
-        ],
-    }
 
 
 def monochrome_warning(design: Design) -> list[str]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from optimize.design import Colors, Design, ScoredDesign
+from optimize.design import Colors, Design, ScoredDesign, SearchLimits
 from optimize.scoring import TableScorer
 from optimize.search.colors import ColorResult, grouped_colors, quick_colors, renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
@@ -142,28 +142,40 @@ class _Rounds:
 
     def take_directions(self, number: int, stage: str, groups: Colors | None, seed: int) -> None:
         """Search directions from the best design and accept better ones."""
-        power = self.design.power
-        result: DirectionResult = optimize_directions(
-            lambda phi: self.scorer.direction_scores(phi, power),
-            self.design.phi,
-            groups=groups,
-            bounds=self.scorer.phi_bounds,
-            seed=seed,
-            limits=self.scorer.limits,
-        )
-        self.evaluated += result.evaluated
-        if result.score > self.score:
-            self.design = Design(result.phi, power)
-            self.score = result.score
+        start, limits = self.design, self.scorer.limits
+
+        def search(limits: SearchLimits) -> DirectionResult:
+            return optimize_directions(
+                lambda phi: self.scorer.direction_scores(phi, start.power),
+                start.phi,
+                groups=groups,
+                bounds=self.scorer.phi_bounds,
+                seed=seed,
+                limits=limits,
+            )
+
+        result = search(limits)
+        self._accept(Design(result.phi, start.power), result.score, result.evaluated)
+        if limits.holder is not None and groups is None:
+            # The holder cuts the directions into regions, each with its optimum: the one next to
+            # where a search without a holder ends is often better than the one found above.
+            loose = search(replace(limits, holder=None))
+            near = Design(limits.nearest_directions(loose.phi), start.power)
+            optimum = refine_locally(self.scorer, near)
+            self._accept(optimum.design, optimum.score, loose.evaluated + optimum.evaluated)
         self._record(number, stage)
+
+    def _accept(self, design: Design, score: float, evaluated: int) -> None:
+        """Take a better design."""
+        self.evaluated += evaluated
+        if score > self.score:
+            self.design, self.score = design, score
 
     def finished(self, number: int, *, converged: bool) -> AlternatingResult:
         """Return the outcome, with powers of their own where the limits allow that."""
         if self.scorer.limits.continuous_power:
             optimum = refine_locally(self.scorer, self.design)
-            self.evaluated += optimum.evaluated
-            if optimum.score > self.score:
-                self.design, self.score = optimum.design, optimum.score
+            self._accept(optimum.design, optimum.score, optimum.evaluated)
             self._record(number, "power")
         return AlternatingResult(self.design, self.score, tuple(self.history), converged)
 

@@ -1,9 +1,10 @@
 """Where everything is: pad, fibers, facets and camera at any bend."""
 
 from render.geometry.bending import bend_frames, bend_points, curvature, unbend_points
-from render.geometry.holder import FiberHolder
+from render.geometry.holder import ALONG, FiberHolder, lit_offset
 from render.geometry.indenter import SHADOW_LENGTH, BoltHead, Imprint, bolt, pyramids
 from render.geometry.layout import (
+    FiberPoses,
     facet_normals,
     facets,
     fiber_edges,

@@ -1,124 +1,143 @@
-"""The wall that holds the fibers around the pad, and whether neighbors would meet in it.
+"""The wall that holds the fibers around the pad, and what holes for them leave of it.
 
-Seen from above: x across, y from base to tip (mm). All ends are at one height and all fibers have
-one tilt, so fibers that cross in this view would have to pass through each other. The flat pad is
-the tightest state: bending spreads the fibers of a side.
+Seen from above, walls stand along the left, tip and right edge and meet in miters at the corners.
+Their inner faces go through the fiber ends. All ends are at one height and all fibers have one
+tilt, so fibers that cross in this view would have to pass through each other. The flat pad is the
+tightest state: bending spreads the fibers of a side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry.layout import flat_fiber_poses
-from render.scene import HOLDER_THICKNESS, Scene
+from render.geometry.layout import fiber_edges, flat_fiber_poses
+from render.scene import HOLDER_THICKNESS, Edge, Scene
 
-WEB = 0.3
-"""What a drill or a printer must leave of the wall between two fibers, mm."""
+PLAY = 0.1
+"""mm by which a hole is wider than its fiber."""
+LEAST_WALL = 0.2
+"""mm that a drill or a printer must leave between two holes."""
 LEAST_SINE = 0.02
-"""Of the angle between fiber and edge; flatter fibers are followed as far as this one."""
+"""Of the angle between fiber and edge; flatter fibers are treated like this one."""
+ALONG: dict[Edge, Array] = {
+    "left": np.array([0.0, 1.0]),
+    "tip": np.array([1.0, 0.0]),
+    "right": np.array([0.0, -1.0]),
+}
+"""Which way fibers are numbered on an edge: left from base to tip, across, right back to the base.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class FiberHolder:
-    """A wall of even thickness whose inner face goes through the fiber ends of every edge.
+    """Walls of even thickness with a hole for every fiber.
 
-    Fibers that stand upright on their edge always fit, however close they are.
+    A border of the wall lies between two neighbors of one edge, and between a corner and the fiber
+    next to it. What is left there is measured along the edge, at the face where it is thinnest.
+    Upright fibers always fit, however close they are.
 
     Arguments:
-        position, along, inward: ``(fiber, 2)`` ends (mm) and unit vectors of `FiberPoses`.
-        thickness: mm, of the wall.
-        diameter: mm, of a fiber.
-        least: ``(fiber - 1,)`` mm, least distance between the axes of fiber i and fiber i + 1.
+        place: ``(fiber,)`` mm, the ends in the direction of `ALONG`.
+        turns: ``(fiber,)`` 1 where phi = 0 is that direction, -1 where it is the other.
+        first, last: ``(border,)`` the fibers before and after it, -1 for a corner.
+        corner: ``(border,)`` mm, where the inner faces meet, in the direction of `ALONG` of the
+            edge of the border's fiber; 0 between fibers.
+        thickness: mm, of the walls; hole: mm, diameter of the holes.
+        least: ``(border,)`` mm that must be left.
     """
 
-    position: Array
-    along: Array
-    inward: Array
+    place: Array
+    turns: Array
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    corner: Array
     thickness: float
-    diameter: float
+    hole: float
     least: Array
 
     @classmethod
     def of(cls, scene: Scene) -> FiberHolder:
         """Return the holder of a scene."""
-        poses, limits = flat_fiber_poses(scene), scene.constraints
-        thickness = HOLDER_THICKNESS if limits is None else limits.holder_thickness
-        flat = (poses.position[:, :2], poses.along[:, :2], poses.inward[:, :2])
-        free = cls(*flat, thickness, scene.fibers.diameter, np.zeros(scene.fibers.count - 1))
-        upright = free.distances(np.full(scene.fibers.count, np.pi / 2))
-        least = np.minimum(scene.fibers.diameter + WEB, upright - 1e-9)
-        return cls(*flat, thickness, scene.fibers.diameter, least)
+        limits, poses, edges = scene.constraints, flat_fiber_poses(scene), fiber_edges(scene)
+        way = np.array([ALONG[edge] for edge in edges])
+        borders = []
+        for i, edge in enumerate(edges):
+            half = scene.pad.width if edge == "tip" else scene.pad.length
+            end = half / 2 + lit_offset(scene)
+            starts, ends = i == 0 or edges[i - 1] != edge, edges[i + 1 : i + 2] != [edge]
+            if starts and edge != "left":
+                borders.append((-1, i, -end))
+            if not ends:
+                borders.append((i, i + 1, 0.0))
+            elif edge != "right":
+                borders.append((i, -1, end))
+        first, last, corner = np.array(borders, dtype=float).reshape(-1, 3).T
+        holder = cls(
+            place=(poses.position[:, :2] * way).sum(axis=1),
+            turns=(poses.along[:, :2] * way).sum(axis=1),
+            first=first.astype(np.int64),
+            last=last.astype(np.int64),
+            corner=corner,
+            thickness=HOLDER_THICKNESS if limits is None else limits.holder_thickness,
+            hole=scene.fibers.diameter + PLAY,
+            least=np.zeros(len(corner)),
+        )
+        upright = holder.walls(np.full(len(edges), np.pi / 2))
+        return replace(holder, least=np.minimum(LEAST_WALL, upright - 1e-9))
 
-    def outer_ends(self, phi: Array) -> Array:
-        """Return where the axes leave the wall, ``(..., fiber, 2)`` mm, for ``phi`` in rad."""
-        cos, sin = np.cos(phi)[..., None], np.sin(phi)[..., None]
-        length = self.thickness / np.maximum(sin, LEAST_SINE)
-        return np.asarray(self.position - length * (cos * self.along + sin * self.inward))
-
-    def distances(self, phi: Array) -> Array:
-        """Return the distances of neighboring axes inside the wall, ``(..., fiber - 1)`` mm.
-
-        The neighbor of a fiber is the next one around the pad, also at a corner; who does not
-        meet a neighbor meets nobody.
-        """
-        start = np.broadcast_to(self.position, (*phi.shape, 2))
-        end = self.outer_ends(phi)
-        first, second = (start[..., :-1, :], end[..., :-1, :]), (start[..., 1:, :], end[..., 1:, :])
-        ends = [_to_segment(point, second) for point in first]
-        ends += [_to_segment(point, first) for point in second]
-        return np.where(_cross(first, second), 0.0, np.minimum.reduce(ends))
+    def walls(self, phi: Array) -> Array:
+        """Return what is left at every border, ``(..., border)`` mm, for ``phi`` ``(..., F)``."""
+        sin = np.maximum(np.sin(phi), LEAST_SINE)
+        half, shift = self.hole / 2 / sin, -self.turns * np.cos(phi) / sin
+        walls = []
+        for depth in (0.0, self.thickness):
+            center = self.place + depth * shift
+            # A miter moves out by as much as it is deep; index -1 picks some fiber, not used.
+            begin = np.where(self.first < 0, self.corner - depth, (center + half)[..., self.first])
+            end = np.where(self.last < 0, self.corner + depth, (center - half)[..., self.last])
+            walls.append(end - begin)
+        return np.minimum(*walls)
 
     def slack(self, phi: Array) -> Array:
-        """Return by how much the distances exceed the least ones, ``(..., fiber - 1)`` mm."""
-        return self.distances(phi) - self.least
+        """Return by how much `walls` exceed the least ones, ``(..., border)`` mm."""
+        return self.walls(phi) - self.least
+
+    def crowded(self, phi: Array) -> NDArray[np.bool_]:
+        """Return which fibers are beside a wall that is too thin, ``(..., fiber)``."""
+        thin, beside = self.slack(phi) < 0.0, np.zeros(phi.shape, dtype=bool)
+        for border in range(len(self.least)):
+            for fiber in (self.first[border], self.last[border]):
+                if fiber >= 0:
+                    beside[..., fiber] |= thin[..., border]
+        return beside
 
     def problems(self, phi: Array) -> Iterator[str]:
-        """Yield which fibers of directions ``phi`` ``(fiber,)`` meet, one sentence each."""
-        distance = self.distances(phi)
-        for i in np.flatnonzero(distance < self.least):
+        """Yield where holes for directions ``phi`` ``(F,)`` leave too little, one sentence each."""
+        walls, degrees = self.walls(phi), np.degrees(phi)
+        for border in np.flatnonzero(walls < self.least):
+            fibers = [f for f in (self.first[border], self.last[border]) if f >= 0]
+            angles = " and ".join(f"{degrees[f]:.0f}" for f in fibers)
+            who = (
+                f"fibers {fibers[0]} and {fibers[1]} at {angles} deg meet"
+                if len(fibers) == 2
+                else f"fiber {fibers[0]} at {angles} deg meets the corner"
+            )
             yield (
-                f"fibers {i} and {i + 1} at {np.degrees(phi[i]):.0f} and "
-                f"{np.degrees(phi[i + 1]):.0f} deg leave {distance[i] - self.diameter:.2f} mm "
-                f"between them in a holder of {self.thickness:g} mm, needed: at least "
-                f"{self.least[i] - self.diameter:.2f} mm"
+                f"{who} in a holder {self.thickness:g} mm thick: {walls[border]:.2f} mm of wall "
+                f"are left, needed: at least {self.least[border]:.2f} mm"
             )
 
     @property
     def sentence(self) -> str:
         """What the holder asks of designs."""
-        return (
-            f"neighboring fibers leave {WEB:g} mm between them in a holder "
-            f"{self.thickness:g} mm thick"
-        )
+        return f"fibers do not meet in the holder around the pad, {self.thickness:g} mm thick"
 
 
-Segment = tuple[Array, Array]
-"""Both ends, ``(..., 2)`` each."""
-
-
-def _to_segment(point: Array, segment: Segment) -> Array:
-    """Return the distance of points ``(..., 2)`` from segments."""
-    start, way = segment[0], segment[1] - segment[0]
-    part = ((point - start) * way).sum(axis=-1) / (way**2).sum(axis=-1)
-    nearest = start + np.clip(part, 0.0, 1.0)[..., None] * way
-    return np.asarray(np.linalg.norm(point - nearest, axis=-1))
-
-
-def _cross(first: Segment, second: Segment) -> NDArray[np.bool_]:
-    """Return whether segments cross."""
-
-    def apart(segment: Segment, other: Segment) -> NDArray[np.bool_]:
-        """Return whether the ends of ``other`` lie on different sides of the line."""
-        way = segment[1] - segment[0]
-        sides = [
-            way[..., 0] * (end - segment[0])[..., 1] - way[..., 1] * (end - segment[0])[..., 0]
-            for end in other
-        ]
-        return np.asarray(sides[0] * sides[1] < 0.0)
-
-    return np.asarray(apart(first, second) & apart(second, first))
+def lit_offset(scene: Scene) -> float:
+    """Return the distance (mm) of fiber ends from the pad's edge."""
+    return scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)

@@ -166,10 +166,13 @@ def test_the_wiring_sheet_prints_on_a_page_of_its_own(chromium: Browser, report:
     sheet = pages[number]
     assert sheet.lstrip().startswith("Wiring sheet")
     place = r"(?:left|tip|right)\s+\S+\s+\S+"
-    rows = re.findall(rf"^(\d+)\s+{place}\s+(?:red|green|blue)\s+(\d+\.\d)°$", sheet, re.MULTILINE)
-    assert [int(fiber) for fiber, _ in rows] == list(range(20))
+    feed = r"(?:red|green|blue)\s+20\s+(\d+)\s+(\d+)"
+    rows = re.findall(rf"^(\d+)\s+{place}\s+{feed}\s+\d+\.\d°", sheet, re.MULTILINE)
+    assert [int(fiber) for fiber, _, _ in rows] == list(range(20))
+    assert [int(led) for _, led, _ in rows] == list(range(20))
+    assert [int(channel) // 3 for _, _, channel in rows] == list(range(20))
     assert "68471ad4c129ea4d" in sheet
-    assert sheet.rstrip().endswith("°")
+    assert "Searches keep to this" in sheet
     assert 0 < number < len(pages) - 1
     assert len(pages) < 9
 

@@ -97,6 +97,7 @@ def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explo
                 for stage in ("baseline", "colors", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
     texts = {"design.json", "baseline.json", "report.html", "result.json"}
+    texts |= {"mounted.json", "wiring.csv", "jig.stl"}
     assert names == pictures | texts | {"convergence.png"}
 
 
@@ -110,6 +111,34 @@ def test_again_with_the_same_seed_it_finds_the_same_design_and_prints_a_table(
     assert (target / "design.json").read_bytes() == before
     for word in ("Baseline", "Colors", "Optimized", "surrogate", "report.html"):
         assert word in again.out
+
+
+def test_the_wiring_of_a_design_can_be_made_for_another_board_and_step(
+    tactilux: Run, explored: Explored, small_scene: Path, small_model: Path
+) -> None:
+    design = explored.place / explored.result["design"]
+    words = ["wiring", design, "--scene", small_scene, "--model", small_model]
+    words += ["--step", 15, "--leds", "7,6,5,4,3,2,1,0", "--order", "grb", "--out", "sheet"]
+    done = tactilux(*words, "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result["problems"] == []
+    assert result["score"] == pytest.approx(explored.result["optimized"]["score"], rel=0.1)
+    sheet = Path("sheet")
+    assert {item.name for item in sheet.iterdir()} == {
+        "jig.stl", "mounted.json", "result.json", "wiring.csv", "wiring.html",
+    }  # fmt: skip
+    mounted = load_design_file(sheet / "mounted.json")
+    assert {angle % 15 for angle in np.round(mounted.angles_deg, 6)} == {0.0}
+    assert mounted.rating is not None
+    assert mounted.rating.score == pytest.approx(result["score"], abs=1e-3)
+    rows = (sheet / "wiring.csv").read_text().splitlines()
+    assert len(rows) == 1 + 8
+    assert "0.06 mm of the diffuser" in (sheet / "wiring.html").read_text()
+    again = tactilux(*words)
+    assert again.code == 0
+    assert "Angles are rounded to 15°" in again.out
+    assert tactilux("wiring", design, "--leds", "1,2", "--scene", small_scene).code == 2
 
 
 def test_the_searched_table_scores_as_the_model_does(small_model: Path) -> None:

@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from optimize.exploration import Stage
-from optimize.report import render_report, warnings
+from optimize.mounting import mount
+from optimize.report import render_report, warnings, wiring_context
 from surrogate.runtime import RankingTest
 
 RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0)
@@ -45,6 +46,7 @@ def report(stages: list[Stage], ranking: RankingTest = RELIABLE) -> str:
         confidence="90%",
         made="1 January 2026",
         verify_command="tactilux verify design.json",
+        wiring=wiring_context(mount(stages[-1].scene, stages[-1].design), stages[-1].title),
     )
 
 

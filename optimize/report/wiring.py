@@ -1,0 +1,205 @@
+"""The wiring sheet: what a builder needs on the bench, as a page, a picture, CSV and a jig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+
+from optimize.design import Rating, save_design
+from optimize.mounting import (
+    ErrorCost,
+    JigError,
+    Mounting,
+    drilling_jig,
+    stl_bytes,
+    wiring_csv,
+)
+from optimize.report.illustrations import INK, drawing, png_bytes
+from optimize.report.page import data_uri
+from render.describe import limit_sentences
+from render.files import write_bytes, write_text
+from render.geometry import FiberHolder, flat_fiber_poses, flat_sites, lit_offset
+
+CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
+AXES = 5.0
+"""mm, length of the drawn axes."""
+BEAM = 0.46
+"""Length of a drawn beam, in distances of neighbors: beams never cross."""
+
+
+def write_wiring(folder: Path, mounting: Mounting, rating: Rating | None = None) -> str:
+    """Write CSV, jig and the design as mounted into ``folder``; return why there is no jig."""
+    write_text(folder / CSV, wiring_csv(mounting))
+    save_design(folder / MOUNTED, mounting.design, mounting.scene, rating)
+    try:
+        write_bytes(folder / JIG, stl_bytes(drilling_jig(mounting.scene, mounting.design)))
+    except JigError as error:
+        return str(error)
+    return ""
+
+
+def wiring_files(design: Path, no_jig: str = "") -> str:
+    """Say what `write_wiring` wrote, and how the files of another step or board are made."""
+    jig = f"no jig ({no_jig})" if no_jig else f"{JIG} (a drilling jig for the angles above, in mm)"
+    return (
+        f"Beside this page: {CSV}, {MOUNTED} (the design with the angles above) and {jig}. "
+        f"For another step, other LEDs or another board: tactilux wiring {design} --help."
+    )
+
+
+def wiring_context(
+    mounting: Mounting, title: str, errors: Sequence[ErrorCost] = (), files: str = ""
+) -> dict[str, Any]:
+    """Return what the sheet's part of a page shows.
+
+    Arguments:
+        mounting: the design as mounted.
+        title: of the design.
+        errors: what errors of mounting cost.
+        files: a sentence about the files beside the page.
+    """
+    scene = mounting.scene
+    fibers = scene.fibers
+    tilt = np.degrees(fibers.tilt)
+    side = "towards the coating" if tilt >= 0 else "towards the camera"
+    facts = [
+        f"Every fiber: {fibers.diameter:g} mm in diameter, the center of its end at z = "
+        f"{fibers.height:g} mm and {fibers.gap:g} mm from the "
+        f"{'diffuser' if scene.diffuser else 'pad'}; its beam is tilted {abs(tilt):g}° {side}.",
+        f"All LEDs together draw {mounting.current:.0f} mA.",
+    ]
+    return {
+        "title": title,
+        "scheme": data_uri(png_bytes(wiring_drawing(mounting))),
+        "facts": facts,
+        "notes": [*_price(mounting), *_error_sentences(errors), *_freedom(mounting)],
+        "problems": mounting.problems,
+        "limits": list(limit_sentences(scene)),
+        "files": files,
+        "fibers": [
+            {
+                "number": str(row.fiber),
+                "edge": row.edge,
+                "x": f"{row.x_mm:.2f}",
+                "y": f"{row.y_mm:.2f}",
+                "color": row.color if row.power in (0.0, 1.0) else f"{row.color}, {row.power:.0%}",
+                "ink": INK[row.color],
+                "current": f"{row.current_ma:g}",
+                "led": str(row.led),
+                "channel": "" if row.channel is None else str(row.channel),
+                "angle": f"{row.angle_deg:.1f}°",
+                "leans": row.leans,
+            }
+            for row in mounting.fibers
+        ],
+    }
+
+
+def _price(mounting: Mounting) -> list[str]:
+    if mounting.score is None or mounting.score_found is None:
+        return [f"Angles are rounded to {mounting.step:g}°."] if mounting.step else []
+    texts = []
+    if mounting.step:
+        texts.append(
+            f"Angles are rounded to {mounting.step:g}°: the design scores {mounting.score:.1f} so, "
+            f"and {mounting.score_found:.1f} with angles as found; rounding takes "
+            f"{mounting.score_found - mounting.score:.2f} counts."
+        )
+    others = [
+        f"{step:g}° {price:.2f}" for step, price in mounting.prices.items() if step != mounting.step
+    ]
+    if others:
+        texts.append(f"What other steps would take, in counts: {', '.join(others)}.")
+    return texts
+
+
+def _error_sentences(errors: Sequence[ErrorCost]) -> list[str]:
+    if not errors:
+        return []
+    listed = "; ".join(f"{error.low:.1f} counts for {error.what}" for error in errors)
+    return [
+        "What errors in building cost: one sensor in ten loses more than the following, for a "
+        f"standard deviation as named: {listed}."
+    ]
+
+
+def _freedom(mounting: Mounting) -> list[str]:
+    if not mounting.colors_exchange:
+        return []
+    return [
+        "Red, green and blue may be exchanged with each other in all fibers at once: the score "
+        "knows no color by name."
+    ]
+
+
+def wiring_drawing(mounting: Mounting) -> Figure:
+    """Draw the holder from outside, tip up: axes, fibers as they lie in it, numbers and beams."""
+    scene, design = mounting.scene, mounting.design
+    poses, holder = flat_fiber_poses(scene), FiberHolder.of(scene)
+    beams = poses.directions(design.phi, 0.0)[:, :2]
+    position = poses.position[:, :2]
+    sine = np.maximum((beams * poses.inward[:, :2]).sum(axis=1), 0.2)[:, None]
+    back = position - beams * holder.thickness / sine
+    label = back - 1.5 * poses.inward[:, :2]
+    half = np.array([scene.pad.width, scene.pad.length]) / 2
+    edge = scene.diffuser.thickness if scene.diffuser else 0.0
+    inner, outer = half + lit_offset(scene), half + lit_offset(scene) + holder.thickness
+    low = np.minimum(label.min(axis=0), -outer) - 1.2
+    high = np.maximum(label.max(axis=0), outer) + 1.2
+    low[1] = min(float(label[:, 1].min()), -half[1]) - 1.2
+    apart = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    beam = float(np.clip(BEAM * apart.min(initial=8.0), 0.8, 3.4))
+    with drawing(4.2, 4.2 * (high[1] - low[1]) / (high[0] - low[0])) as figure:
+        axes = figure.subplots()
+        wall = [
+            (-outer[0], low[1]), (-outer[0], outer[1]), (outer[0], outer[1]), (outer[0], low[1]),
+            (inner[0], low[1]), (inner[0], inner[1]), (-inner[0], inner[1]), (-inner[0], low[1]),
+        ]  # fmt: skip
+        axes.add_patch(Polygon(wall, facecolor="#eef0f3", edgecolor="#b6bbc4", lw=0.6))
+        if edge:
+            frame = (2 * (half[0] + edge), 2 * half[1] + edge)
+            axes.add_patch(Rectangle((-half[0] - edge, -half[1]), *frame, color="#dfe2e7", lw=0))
+        axes.add_patch(
+            Rectangle(tuple(-half), *(2 * half), facecolor="#f6f7f9", edgecolor="#b6bbc4", lw=0.6)
+        )
+        sites = flat_sites(scene)
+        axes.plot(sites[:, 0], sites[:, 1], "o", ms=2.0, color="#b6bbc4")
+        _draw_axes(axes)
+        arrow = {"arrowstyle": "-|>", "lw": 1.2, "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
+        for i, color in enumerate(design.color_names):
+            ink = INK[color]
+            axes.plot(*zip(back[i], position[i], strict=True), color=ink, lw=3.0, alpha=0.85,
+                      solid_capstyle="butt")  # fmt: skip
+            axes.annotate(
+                "",
+                xy=tuple(position[i] + beam * beams[i]),
+                xytext=tuple(position[i]),
+                arrowprops={**arrow, "color": ink},
+            )
+            axes.text(*label[i], str(i), ha="center", va="center", fontsize=9.0)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes.set_aspect("equal")
+        axes.axis("off")
+    return figure
+
+
+def _draw_axes(axes: Any) -> None:
+    """Draw the origin with x, y and, out of the page, z."""
+    ink = "#1c1f24"
+    for way, name in (((AXES, 0.0), "x"), ((0.0, AXES), "y")):
+        axes.annotate(
+            "",
+            xy=way,
+            xytext=(0.0, 0.0),
+            arrowprops={"arrowstyle": "-|>", "color": ink, "lw": 0.9, "mutation_scale": 7,
+                        "shrinkA": 0, "shrinkB": 0},
+        )  # fmt: skip
+        axes.text(1.16 * way[0], 1.16 * way[1], name, ha="center", va="center", fontsize=9.0)
+    axes.plot(0.0, 0.0, "o", ms=7.0, mfc="white", mec=ink, mew=0.9)
+    axes.plot(0.0, 0.0, "o", ms=2.2, color=ink)
+    axes.text(-1.0, -1.3, "z", ha="center", va="center", fontsize=9.0)

@@ -1,0 +1,83 @@
+"""The drilling jig is one closed body with a hole along every fiber."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optimize.design import Design, baseline_design, limits_of
+from optimize.mounting import JigError, drilling_jig, stl_bytes
+from render.geometry import FiberHolder, flat_fiber_poses, lit_offset
+from render.scene import Scene, load_scene
+
+FINGER20 = load_scene("finger20")
+
+
+def printed(scene: Scene, design: Design) -> trimesh.Trimesh:
+    """Return the jig as another program reads its file."""
+    file = io.BytesIO(stl_bytes(drilling_jig(scene, design)))
+    mesh = trimesh.load_mesh(file, file_type="stl")
+    assert isinstance(mesh, trimesh.Trimesh)
+    return mesh
+
+
+def with_fibers(**counts: int) -> Scene:
+    return FINGER20.model_copy(update={"fibers": FINGER20.fibers.model_copy(update=counts)})
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_every_allowed_design_has_a_closed_jig_with_a_hole_for_every_fiber(seed: int) -> None:
+    phi = np.random.default_rng(seed).uniform(0.0, np.pi, 20)
+    allowed = limits_of(FINGER20).nearest_directions(phi)
+    mesh = printed(FINGER20, Design.of_colors(allowed, np.zeros(20, dtype=int)))
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.body_count == 1
+    assert mesh.euler_number == 2 - 2 * 20
+
+
+def test_its_volume_is_that_of_the_walls_less_the_holes() -> None:
+    design = baseline_design(FINGER20)
+    phi = design.phi + np.radians(np.resize([10.0, -15.0, 20.0], 20))
+    mesh = printed(FINGER20, Design(phi, design.power))
+    low, high = mesh.bounds
+    x, y, wall = 9.0 + lit_offset(FINGER20), 15.0 + lit_offset(FINGER20), 3.0
+    area = 2 * wall * (y + wall - low[1]) + 2 * x * wall
+    corners = 48  # a polygon stands for the circle
+    circle = 0.5 * corners * np.sin(2 * np.pi / corners) * (0.85 / 2) ** 2
+    holes = (circle * wall / np.sin(phi) / np.cos(FINGER20.fibers.tilt)).sum()
+    assert mesh.volume == pytest.approx(area * (high[2] - low[2]) - holes, rel=1e-5)
+    assert (low[0], high[0], high[1]) == pytest.approx((-x - wall, x + wall, y + wall))
+
+
+def test_the_rims_of_the_holes_lie_around_the_fibers() -> None:
+    limits, rng = limits_of(FINGER20), np.random.default_rng(4)
+    phi = limits.nearest_directions(rng.uniform(0.3, 2.8, 20))
+    mesh = printed(FINGER20, Design(phi, np.tile([1.0, 0.0, 0.0], (20, 1))))
+    poses = flat_fiber_poses(FINGER20)
+    beams = poses.directions(phi, FINGER20.fibers.tilt)
+    away = mesh.vertices[:, None] - poses.position
+    apart = np.linalg.norm(away - (away * beams).sum(-1, keepdims=True) * beams, axis=-1)
+    on_rim = np.abs(apart - 0.425) < 1e-4
+    assert (on_rim.sum(axis=0) >= 2 * 48).all()  # of the inner and the outer face
+
+
+def test_edges_without_fibers_are_plain_walls() -> None:
+    scene = with_fibers(tip=0, right=0)
+    mesh = printed(scene, baseline_design(scene))
+    assert mesh.is_watertight
+    assert mesh.euler_number == 2 - 2 * 8
+
+
+def test_fibers_that_meet_have_no_jig() -> None:
+    phi = np.full(20, np.pi / 2)
+    phi[3], phi[4] = np.radians(150.0), np.radians(30.0)
+    with pytest.raises(JigError, match="fibers 3 and 4 at 150 and 30 deg meet"):
+        drilling_jig(FINGER20, Design(phi, np.tile([1.0, 0.0, 0.0], (20, 1))))
+    assert list(FiberHolder.of(FINGER20).problems(phi))
