@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from optimize.design import Design, RatedDesign
     from optimize.reconstruction import CameraNoise, ErrorComparison
     from render.arrays import Array
-    from surrogate.runtime import Checker
 
 SEEDS = 8
 RENDER_SEED = 700
@@ -38,7 +37,11 @@ def run(
 ) -> None:
     """Recover surface normals from the colors, in degrees."""
     from optimize.design import open_rated
-    from optimize.reconstruction import CameraNoise, compare_reconstruction
+    from optimize.reconstruction import (
+        CameraNoise,
+        compare_reconstruction,
+        predicted_colors,
+    )
     from optimize.scoring import open_model
 
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
@@ -51,7 +54,7 @@ def run(
         designs = [candidate.baseline, candidate.design]
         if samples is None:
             checker = open_model(candidate.scene, model)
-            pairs = [_predicted(candidate, checker, design) for design in designs]
+            pairs = [predicted_colors(checker, candidate.scene, design) for design in designs]
             known = shown = pairs
         else:
             known, shown = _rendered(path, candidate, designs, samples, seed)
@@ -70,17 +73,6 @@ def run(
             print_json(stream, result)
         else:
             _print(stream, path, level, noise, found)
-
-
-def _predicted(candidate: RatedDesign, checker: Checker, design: Design) -> tuple[Array, Array]:
-    """Return colors of facets and pad as the surrogate predicts them, counts."""
-    import numpy as np
-
-    from optimize.scoring import predict_design
-
-    bends = np.array(candidate.scene.bending.angles)
-    output = predict_design(checker, design, bends)
-    return output["counts"], output["background"]
 
 
 def _rendered(

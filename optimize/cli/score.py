@@ -22,8 +22,8 @@ def run(
 ) -> None:
     """Rate a layout drawn by hand on the surrogate."""
     from optimize.design import dimmed_baseline, load_layout, save_design
-    from optimize.exploration import rate, rating_to_json
-    from optimize.report import clipping_warning, print_scores
+    from optimize.exploration import rate, stage_to_json
+    from optimize.report import clipping_warning, holder_warning, print_scores
     from optimize.scoring import open_model
     from surrogate.runtime import RankingTest
 
@@ -33,6 +33,7 @@ def run(
         first = rate(checker, sensor, "baseline", "Baseline", "", dimmed_baseline(sensor))
         found = rate(checker, sensor, "design", "Design", "", design)
         doubts = [advice] if (advice := RankingTest.of(checker.metadata).advice()) else []
+        doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:
             save_design(out, design, sensor, found.rating)
@@ -40,8 +41,8 @@ def run(
             result: dict[str, object] = {
                 "scene": sensor.name,
                 "scene_hash": sensor.hash,
-                "baseline": rating_to_json(first.rating),
-                "design": rating_to_json(found.rating),
+                "baseline": stage_to_json(first),
+                "design": stage_to_json(found),
                 "difference": found.rating.score - first.rating.score,
                 "warnings": doubts,
             }

@@ -5,5 +5,5 @@ from optimize.exploration.exploration import (
     Stage,
     explore,
     rate,
-    rating_to_json,
+    stage_to_json,
 )

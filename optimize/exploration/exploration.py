@@ -20,6 +20,7 @@ from optimize.design import (
     dimmed_baseline,
     limits_of,
 )
+from optimize.reconstruction import normal_error
 from optimize.scoring import TableScorer, predict_design, search_table
 from optimize.search import AlternatingResult, SearchStep, alternating_search
 from render.geometry import fiber_edges
@@ -40,6 +41,7 @@ class Stage(RatedDesign):
         counts: what the camera records, ``(bend, site, facet, 3)``.
         clipped: fraction of facets that saturate.
         domain_excess: 0 inside the surrogate's trained range, positive outside.
+        normal_error: mean error of recovered normals in degrees, see `optimize.reconstruction`.
     """
 
     key: str
@@ -49,6 +51,7 @@ class Stage(RatedDesign):
     counts: Array
     clipped: float
     domain_excess: float
+    normal_error: float
 
 
 class StudyResult(Protocol):
@@ -96,8 +99,8 @@ class Exploration:
         result: dict[str, object] = {
             "scene": self.scene.name,
             "scene_hash": self.scene.hash,
-            "baseline": rating_to_json(self.stages[0].rating),
-            "optimized": rating_to_json(self.stages[-1].rating),
+            "baseline": stage_to_json(self.stages[0]),
+            "optimized": stage_to_json(self.stages[-1]),
             "design": str(design),
             "report": str(report),
             "ranking": {"kendall_tau": self.ranking.tau, "reliable": self.ranking.reliable},
@@ -172,10 +175,16 @@ def rate(
         counts=output["counts"],
         clipped=float(clipped_fraction(output["counts"])),
         domain_excess=float(output["domain_excess"]),
+        normal_error=normal_error(scene, (output["counts"], output["background"])),
     )
 
 
-def rating_to_json(rating: Rating) -> dict[str, object]:
-    """Return the score with its parts as programs are told them."""
-    figures = {name: getattr(rating, name) for name in PARTS}
-    return {**figures, "interval": list(rating.interval), "level": rating.level}
+def stage_to_json(stage: Stage) -> dict[str, object]:
+    """Return score, parts and normal error of a design as programs are told them."""
+    rating = stage.rating
+    return {
+        **{name: getattr(rating, name) for name in PARTS},
+        "interval": list(rating.interval),
+        "level": rating.level,
+        "normal_error_deg": stage.normal_error,
+    }

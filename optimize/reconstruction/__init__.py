@@ -4,4 +4,6 @@ from optimize.reconstruction.normal_reconstruction import (
     CameraNoise,
     ErrorComparison,
     compare_reconstruction,
+    normal_error,
+    predicted_colors,
 )

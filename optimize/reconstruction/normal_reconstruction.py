@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.design import Array
-from optimize.scoring import student_factor
+from optimize.design import Array, Design
+from optimize.scoring import predict_design, student_factor
 from render.geometry import flat_sites
 from render.scene import Scene
+from surrogate.runtime import Checker
 
 HARMONICS = 3
 TILTS, AZIMUTHS = 24, 72
@@ -24,6 +25,8 @@ TILTS, AZIMUTHS = 24, 72
 SAMPLES = 64
 """Random normals per site and bend, for training and again for testing."""
 RIDGE = 1e-6
+SEEDS = 8
+"""Independent draws of normals and noise behind every figure."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +102,9 @@ def reconstruct(
         noise: of the camera, in the regressor's training and in all tests.
         seed: of normals and noise; the same seed shows two designs the same normals.
     """
-    rng = np.random.default_rng([seed, 9])
     learned, true = NormalColors(*known), NormalColors(*shown)
     bends, sites = known[0].shape[:2]
-    tilt, azimuth = _normals(rng, (bends, sites, SAMPLES))
+    rng, tilt, azimuth = _drawn(known, seed)
     colors = noise.recorded(true.at(tilt, azimuth), rng)
     slope = np.sin(scene.indenter.slope)
     target = _vectors(slope, tilt, azimuth)
@@ -166,6 +168,45 @@ def compare_reconstruction(
             first, second, mean, (mean - half_width, mean + half_width)
         )
     return comparisons
+
+
+def predicted_colors(checker: Checker, scene: Scene, design: Design) -> tuple[Array, Array]:
+    """Return what the surrogate says of facets and untouched pad, counts, without render noise."""
+    output = predict_design(checker, design, np.array(scene.bending.angles))
+    return output["counts"], output["background"]
+
+
+def normal_error(
+    scene: Scene,
+    colors: tuple[Array, Array],
+    noise: CameraNoise | None = None,
+    seeds: Sequence[int] = range(SEEDS),
+) -> float:
+    """Return the mean error of the lookup in degrees, shown what it learned from.
+
+    With ``colors`` of the surrogate or of the preview, which have no render noise, this is what
+    the light itself is worth; reports say it beside S.
+
+    Arguments:
+        scene: gives slope and sites.
+        colors: facets ``(B, S, K, 3)`` and untouched pad ``(B, S, 3)`` in counts.
+        noise: of the camera; a usual one unless given.
+        seeds: independent draws of normals and noise.
+    """
+    noise, learned = noise or CameraNoise(), NormalColors(*colors)
+    slope, shown, true = np.sin(scene.indenter.slope), [], []
+    for seed in seeds:
+        rng, tilt, azimuth = _drawn(colors, seed)
+        shown.append(noise.recorded(learned.at(tilt, azimuth), rng))
+        true.append(_vectors(slope, tilt, azimuth))
+    found = _look_up(learned, np.concatenate(shown, axis=2), slope)
+    return float(_angle(found, np.concatenate(true, axis=2)).mean())
+
+
+def _drawn(colors: tuple[Array, Array], seed: int) -> tuple[np.random.Generator, Array, Array]:
+    """Return random tilts and azimuths ``(B, S, SAMPLES)``, and the generator as it goes on."""
+    rng = np.random.default_rng([seed, 9])
+    return rng, *_normals(rng, (*colors[0].shape[:2], SAMPLES))
 
 
 def _normals(rng: np.random.Generator, shape: tuple[int, ...]) -> tuple[Array, Array]:

@@ -41,6 +41,11 @@ from render.metric import THESIS
 from surrogate.runtime import RankingTest
 
 DESIGN, BASELINE, REPORT = "design.json", "baseline.json", "report.html"
+LEGEND = (
+    "S = mean M - spreads, in counts of 255 (higher is better); M: how bright and how differently "
+    "colored the facets of a contact are. Normal error: degrees by which a reader misses surface "
+    "normals, without render noise. More: docs/score.md, and the report."
+)
 PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
 
 
@@ -235,15 +240,15 @@ def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> N
         "mean": "mean M",
         "spread_sites": "spread over sites",
         "spread_bends": "spread over bends",
-        "level": "level",
+        "normal_error": "normal error",
     }
     rows = [score_row(stage) for stage in stages]
     print_table(
         stream,
-        f"{stages[0].scene.name}, {stages[0].scene.hash}",
+        f"{stages[0].scene.name}, {stages[0].scene.hash}, level {stages[0].rating.level}",
         list(columns.values()),
         [[row[key] for key in columns] for row in rows],
-        words=("design", "level"),
+        below=LEGEND,
     )
 
 
@@ -255,8 +260,8 @@ def score_row(stage: Scored) -> dict[str, str]:
         "title": stage.title,
         "interval": f"{low:.1f} to {high:.1f}",
         **{part: f"{getattr(rating, part):.1f}" for part in PARTS},
+        "normal_error": f"{stage.normal_error:.2f}°",
         "clipped": f"{stage.clipped:.1%}" if stage.clipped else "none",
-        "level": rating.level,
     }
 
 

@@ -134,6 +134,7 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
             counts=rng.uniform(0, 255, (*shape, scene.indenter.faces, 3)),
             clipped=0.0,
             domain_excess=0.0,
+            normal_error=300.0 / score,
         )
         for (key, title, change), design, score in zip(texts, designs, scores, strict=True)
     ]

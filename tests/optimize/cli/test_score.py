@@ -166,3 +166,17 @@ def test_the_scale_is_the_same_at_every_effort_and_a_noisy_model_is_not_offered_
     scales["explore"] = (saved.settings.exposure, saved.settings.lam)
     for name, one in scales.items():
         assert one == pytest.approx((scale.exposure, scale.lam)), name
+
+
+def test_fibers_that_would_meet_in_their_holder_are_named(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    path = layout(
+        tmp_path,
+        scene=str(small_scene),
+        colors=BASELINE,
+        angles_deg=[170.0, 10.0, 90.0, 90.0, 90.0, 90.0, 90.0, 90.0],
+    )
+    done = tactilux("score", path, "--model", small_model, "--json")
+    assert done.code == 0, done.err
+    assert "fibers 0 and 1 at 170 and 10 deg meet" in " ".join(json.loads(done.out)["warnings"])
