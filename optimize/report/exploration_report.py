@@ -199,7 +199,7 @@ def render_report(
         "summary": summary(stages, ranking),
         "warnings": warnings(stages, ranking),
         "bends": bends,
-        "stages": [{**score_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
+        "stages": [{**_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
         "previews": [
             {
                 "title": stage.title,
@@ -242,7 +242,7 @@ def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> N
         "spread_bends": "spread over bends",
         "normal_error": "normal error",
     }
-    rows = [score_row(stage) for stage in stages]
+    rows = [_row(stage) for stage in stages]
     print_table(
         stream,
         f"{stages[0].scene.name}, {stages[0].scene.hash}, level {stages[0].rating.level}",
@@ -250,6 +250,10 @@ def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> N
         [[row[key] for key in columns] for row in rows],
         below=LEGEND,
     )
+
+
+def _row(stage: Stage) -> dict[str, str]:
+    return {**score_row(stage), "normal_error": f"{stage.normal_error:.2f}°"}
 
 
 def score_row(stage: Scored) -> dict[str, str]:
@@ -260,7 +264,6 @@ def score_row(stage: Scored) -> dict[str, str]:
         "title": stage.title,
         "interval": f"{low:.1f} to {high:.1f}",
         **{part: f"{getattr(rating, part):.1f}" for part in PARTS},
-        "normal_error": f"{stage.normal_error:.2f}°",
         "clipped": f"{stage.clipped:.1%}" if stage.clipped else "none",
     }
 

@@ -181,7 +181,7 @@ def wiring_drawing(mounting: Mounting) -> Figure:
                 xytext=tuple(position[i]),
                 arrowprops={**arrow, "color": ink},
             )
-            axes.text(*label[i], str(i), ha="center", va="center", fontsize=9.0)
+            axes.text(label[i, 0], label[i, 1], str(i), ha="center", va="center", fontsize=9.0)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set_aspect("equal")
         axes.axis("off")

@@ -101,7 +101,7 @@ class FiberHolder:
             begin = np.where(self.first < 0, self.corner - depth, (center + half)[..., self.first])
             end = np.where(self.last < 0, self.corner + depth, (center - half)[..., self.last])
             walls.append(end - begin)
-        return np.minimum(*walls)
+        return np.asarray(np.minimum(*walls))
 
     def slack(self, phi: Array) -> Array:
         """Return by how much `walls` exceed the least ones, ``(..., border)`` mm."""

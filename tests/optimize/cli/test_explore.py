@@ -70,6 +70,7 @@ def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored
         low, high = figures["interval"]
         assert low <= figures["score"] <= high
         assert figures["level"] == "surrogate"
+        assert 0.3 < figures["normal_error_deg"] < 20.0
         spreads = figures["spread_sites"] + figures["spread_bends"]
         assert figures["score"] == pytest.approx(figures["mean"] - spreads, rel=1e-4)
     assert result["optimized"]["score"] > result["baseline"]["score"]
