@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from render.scene import Scene
 
 MM, DEG = "mm", "deg"
@@ -69,10 +71,41 @@ CASES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+def random_case(number: int) -> dict[str, Any]:
+    """Return the changes of the case ``random NUMBER``: anywhere in the ranges of flat pads."""
+    rng = np.random.Generator(np.random.PCG64(number))
+
+    def between(low: float, high: float) -> float:
+        """Return a number whose logarithm is uniform."""
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    diameter, thickness = between(0.1, 3.0), rng.uniform(2.0, 8.0)
+    changes: dict[str, Any] = {
+        "pad.roughness": (float(rng.choice([0.0, 0.004, 0.01, 0.03, 0.1, 0.3])),),
+        "pad.index": (float(rng.choice([1.0, 1.2, 1.41, 1.7])),),
+        "pad.thickness": (thickness, MM),
+        "coating.albedo": (rng.uniform(0.2, 0.9),),
+        "fibers.diameter": (diameter, MM),
+        "fibers.gap": (between(max(0.05, 0.51 * diameter), 10.0), MM),
+        "fibers.height": (max(0.0, rng.uniform(-0.3, 1.0)) * thickness, MM),
+        "fibers.sigma_v": (between(1.0, 89.0), DEG),
+        "fibers.tilt": (rng.uniform(-20.0, 40.0), DEG),
+    }
+    if rng.random() < 0.3:
+        changes["diffuser"] = {
+            "thickness": (between(0.3, 3.0), MM),
+            "sigma_s": (float(rng.choice([0.0, between(0.05, 20.0)])), "1/mm"),
+            "sigma_a": (between(0.001, 0.3), "1/mm"),
+            "g": (rng.uniform(-0.3, 0.9),),
+        }
+    return changes
+
+
 def scene_of_case(case: str) -> Scene:
-    """Return the scene of a case: the base with its changes."""
+    """Return the scene of a case: the base with its changes; ``random N`` is one of many."""
+    changes = random_case(int(case[7:])) if case.startswith("random ") else CASES[case]
     content: dict[str, Any] = {part: dict(values) for part, values in BASE.items()}
-    for key, value in CASES[case].items():
+    for key, value in changes.items():
         part, _, name = key.partition(".")
         if name:
             content[part][name] = value
