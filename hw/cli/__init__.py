@@ -8,7 +8,16 @@ from __future__ import annotations
 
 import typer
 
-from hw.cli import calibrate, capture, check, demo, lights, linearity, wiring_sheet
+from hw.cli import (
+    calibrate,
+    capture,
+    check,
+    demo,
+    emulate,
+    lights,
+    linearity,
+    wiring_sheet,
+)
 from optimize.cli import app, main
 
 rig = typer.Typer(
@@ -25,6 +34,7 @@ rig.command("off")(lights.off)
 rig.command("capture")(capture.run)
 rig.command("calibrate")(calibrate.run)
 rig.command("linearity")(linearity.run)
+rig.command("emulate")(emulate.run)
 rig.command("demo")(demo.run)
 app.add_typer(rig)
 app.command("check")(check.run)

@@ -14,8 +14,9 @@ from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.progress import Progress
 
 if TYPE_CHECKING:
-    from optimize.design import Design
+    from render.arrays import Array
 
+Fiber = Annotated[int | None, Option(min=0, help="Light this fiber alone (default: all).")]
 UNTOLD_LEDS = 64
 """How many LEDs are switched off on a board that cannot say how many it has."""
 
@@ -40,6 +41,7 @@ def set_lights(
     path: DesignArgument,
     *,
     wiring: Wiring,
+    fiber: Fiber = None,
     seconds: Annotated[
         float | None, Option(min=0.0, help="How long (default: until Ctrl-C).")
     ] = None,
@@ -51,11 +53,11 @@ def set_lights(
     with reserved_stdout() as stream, interruptible():
         design = load_design_file(path).design
         with wiring.lights(len(design.phi)) as lights:
-            power = design.power * wiring.scale
+            power = only(fiber, design.power * wiring.scale)
             lights.set(power)
             ends = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
             note(
-                f"{lights.board.name}: {_lit(design)} of {len(design.phi)} fibers lit, "
+                f"{lights.board.name}: {_lit(power)} of {len(design.phi)} fibers lit, "
                 f"{lights.limits.current(power):.0f} mA, {ends}"
             )
             lights.hold(seconds)
@@ -81,7 +83,7 @@ def sweep_lights(
                 led = lights.channels.leds[fiber]
                 stream.write(f"fiber {fiber}, LED {led}: {names[fiber]}\n")
                 stream.flush()
-                bar(Progress(done + 1, _lit(design)))
+                bar(Progress(done + 1, _lit(design.power)))
         stream.write("All LEDs are off.\n")
 
 
@@ -108,5 +110,27 @@ def off(
         stream.write(f"{board.name}: all {board.leds} LEDs are off.\n")
 
 
-def _lit(design: Design) -> int:
-    return int((design.power.max(axis=1) > 0).sum())
+def only(fiber: int | None, power: Array) -> Array:
+    """Return ``power`` ``(fiber, 3)`` of one fiber alone, or as it is where none is named.
+
+    Raises:
+        PowerError: there is no such fiber, or the design leaves it dark.
+    """
+    from hw.errors import PowerError
+
+    if fiber is None:
+        return power
+    lit = power.any(axis=1).nonzero()[0].tolist()
+    if fiber not in lit:
+        raise PowerError(
+            f"--fiber {fiber} is not lit by this design, allowed: one of {lit}",
+            field="fiber",
+            value=fiber,
+        )
+    alone = 0.0 * power
+    alone[fiber] = power[fiber]
+    return alone
+
+
+def _lit(power: Array) -> int:
+    return int((power.max(axis=1) > 0).sum())

@@ -12,7 +12,10 @@ from hw.leds.adalight_board import AdalightBoard
 from hw.leds.board import Board
 from hw.leds.line_board import LineBoard
 from hw.leds.link import SerialLink
-from hw.leds.wled_board import WledBoard
+from hw.leds.wled_board import SerialWled, WledBoard
+from hw.leds.wled_web import WebWled
+
+WEB = ("http://", "https://")
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def open_board(
     """Return the board on ``port`` once it has said who it is.
 
     Arguments:
-        port: device path.
+        port: device path, or the ``http://`` address of a WLED.
         protocol: what it speaks.
         leds: how many LEDs are needed; an Adalight board cannot say how many it has.
         baud: bits per second; USB boards ignore it.
@@ -75,13 +78,24 @@ def open_board(
     Raises:
         PortError: no port, no permission, port taken, wrong device, or too few LEDs.
     """
-    link = SerialLink(port, baud=baud, timeout=timeout)
+    web = port.startswith(WEB)
+    if web and protocol is not ProtocolName.WLED:
+        raise PortError(
+            f"--protocol {protocol} is not spoken over a network, allowed at {port}: wled; add "
+            "--protocol wled, or name a serial --port",
+            field="protocol",
+            value=protocol.value,
+            allowed="wled",
+        )
+    link = WebWled(port, timeout=timeout) if web else SerialLink(port, baud=baud, timeout=timeout)
     try:
         board: Board
-        if protocol is ProtocolName.LINES:
+        if isinstance(link, WebWled):
+            board = WledBoard(link)
+        elif protocol is ProtocolName.LINES:
             board = LineBoard(link)
         elif protocol is ProtocolName.WLED:
-            board = WledBoard(link)
+            board = WledBoard(SerialWled(link))
         else:
             board = AdalightBoard(link, leds)
         if board.leds < leds:

@@ -1,13 +1,14 @@
-"""A WLED controller: its JSON API over the serial port (WLED 0.13 and later).
+"""A WLED controller: its JSON API over the serial port (WLED 0.13 and later), or the network.
 
-``"v": true`` in a request makes WLED answer with its state, which is our acknowledgement.
+Over the serial port ``"v": true`` in a request makes WLED answer with its state, which is our
+acknowledgement; over the network its state is asked for after each request.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from typing import Any
+from typing import Any, Protocol
 
 from hw.errors import LinkError, PortError, ProtocolError, UnpluggedError
 from hw.leds.board import Levels
@@ -21,15 +22,57 @@ LEDS_PER_REQUEST = 64
 TRIES = 2
 
 
+class WledLink(Protocol):
+    """How WLED is reached.
+
+    port: where it is. timeout: seconds that one answer may take.
+    """
+
+    port: str
+    timeout: float
+
+    def ask(self, request: dict[str, object], seconds: float) -> dict[str, Any]:
+        """Return the answer ``{"state": ..., "info": ...}`` to ``request``, within ``seconds``.
+
+        Raises:
+            LinkError: none came.
+        """
+
+    def close(self) -> None:
+        """Give the port back."""
+
+
+class SerialWled:
+    """WLED on an open serial line, which it takes over."""
+
+    def __init__(self, link: SerialLink) -> None:
+        self._link, self.port, self.timeout = link, link.port, link.timeout
+
+    def ask(self, request: dict[str, object], seconds: float) -> dict[str, Any]:
+        """Return the answer; anything else on the line is passed over."""
+        self._link.forget()
+        content = json.dumps({**request, "v": True}, separators=(",", ":"))
+        self._link.write(content.encode() + b"\n")
+        deadline = time.monotonic() + seconds
+        while True:
+            answer = _object_in(self._link.read_line(deadline))
+            if isinstance(answer.get("state"), dict) and isinstance(answer.get("info"), dict):
+                return answer
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._link.close()
+
+
 class WledBoard:
     """The driver of WLED.
 
     Arguments:
-        link: an open serial line; the board takes it over.
+        link: how it is reached; the board takes it over.
         start_seconds: how long WLED may take to answer.
     """
 
-    def __init__(self, link: SerialLink, *, start_seconds: float = START_SECONDS) -> None:
+    def __init__(self, link: WledLink, *, start_seconds: float = START_SECONDS) -> None:
         """Ask who is there.
 
         Raises:
@@ -51,13 +94,12 @@ class WledBoard:
                 "bri": 255,
                 "transition": 0,
                 "seg": {"id": SEGMENT, "on": True, "bri": 255, "i": [first, *colors]},
-                "v": True,
             }
             self._accepted(request)
 
     def keep_alive(self) -> None:
         """Ask for the state: WLED has no watchdog, but a lost link shows."""
-        self._ask({"v": True}, self._link.timeout)
+        self._link.ask({}, self._link.timeout)
 
     def close(self) -> None:
         """Give the port back."""
@@ -77,7 +119,7 @@ class WledBoard:
     def _retried(self, request: dict[str, object]) -> dict[str, Any]:
         for remaining in reversed(range(TRIES)):
             try:
-                return self._ask(request, self._link.timeout)
+                return self._link.ask(request, self._link.timeout)
             except UnpluggedError:
                 raise
             except LinkError:
@@ -85,31 +127,24 @@ class WledBoard:
                     raise
         raise AssertionError("unreachable")
 
-    def _ask(self, request: dict[str, object], seconds: float) -> dict[str, Any]:
-        """Return the answer ``{"state": ..., "info": ...}``; anything else is passed over."""
-        self._link.forget()
-        self._link.write(json.dumps(request, separators=(",", ":")).encode() + b"\n")
-        deadline = time.monotonic() + seconds
-        while True:
-            answer = _object_in(self._link.read_line(deadline))
-            if isinstance(answer.get("state"), dict) and isinstance(answer.get("info"), dict):
-                return answer
-
     def _identity(self, patience: float) -> dict[str, Any]:
         deadline = time.monotonic() + patience
         while time.monotonic() < deadline:
             try:
-                info: dict[str, Any] = self._ask({"v": True}, 1.0)["info"]
+                info: dict[str, Any] = self._link.ask({}, 1.0)["info"]
             except UnpluggedError:
                 raise
             except (LinkError, ProtocolError):
+                # A network without a controller refuses at once.
+                time.sleep(0.05)
                 continue
             count = info.get("leds", {}).get("count")
             if isinstance(info.get("ver"), str) and isinstance(count, int) and count > 0:
                 return info
         raise PortError(
             f"no WLED answers on {self._link.port}: choose another --port or --protocol, and see "
-            "that serial is on in WLED's sync settings",
+            "that the controller has power and, for a serial port, that serial is on in its sync "
+            "settings",
             field="port",
             value=self._link.port,
         )
