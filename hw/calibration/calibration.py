@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hw.calibrated_powers import FILE
 from hw.calibration.calibrated_scene import calibrated_toml
 from hw.calibration.calibration_report import render_report
 from hw.calibration.line_model import line_model
@@ -93,7 +94,7 @@ def calibrate_sets(
             **told(scene, found, additivity, confirmation),
         }
         write_text(work / "report.html", render_report(setup, result, found, measurements))
-        write_json(work / "calibration.json", result, indent=2)
+        write_json(work / FILE, result, indent=2)
         write_manifest(work, {"scene": result["scene"]})
     return result
 

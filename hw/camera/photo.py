@@ -27,7 +27,7 @@ def read_photo(path: Path) -> Array:
     """Return the photograph as counts ``(row, column, 3)``, red, green, blue, 0 to 255.
 
     PNG, JPEG and TIFF files, and ``.npy`` arrays of uint8, uint16 or float counts. The counts are
-    as the camera gave them: a gamma is not undone here.
+    as the camera gave them: a gamma is not undone here. An opaque alpha channel is dropped.
 
     Raises:
         CaptureError: unreadable, not a color image, or not finite.
@@ -102,6 +102,9 @@ def _picture(content: bytes) -> NDArray[np.uint8]:
             with Image.open(io.BytesIO(content)) as image:
                 if image.mode not in ("RGB", "RGBA"):
                     raise ValueError(f"its mode is {image.mode}, not RGB")
+                # A cut-out or an overlay: its colors are not those that the camera saw.
+                if image.mode == "RGBA" and image.getchannel("A").getextrema() != (255, 255):
+                    raise ValueError("it is transparent in places")
                 return np.asarray(image.convert("RGB"))
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
             raise ValueError("it is too large") from None

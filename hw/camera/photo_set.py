@@ -1,6 +1,7 @@
 """The photographs of a sweep: the dark frame, every fiber alone, all together; live or in a folder.
 
-A folder holds ``dark``, ``all`` and ``fiber-00``, ``fiber-01``, ... as PNG, JPEG or ``.npy``.
+A folder holds ``dark``, ``all`` and ``fiber-00``, ``fiber-01``, ... as PNG, JPEG or ``.npy``;
+``hw/README.md`` describes it.
 """
 
 from __future__ import annotations
@@ -142,6 +143,27 @@ def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) ->
             value=str(folder),
         )
     return loaded
+
+
+def save_photos(photos: dict[str, Array], out: Path) -> None:
+    """Write photographs, counts ``(row, column, 3)``, as 16-bit ``.npy`` files into a new folder.
+
+    Raises:
+        OutputError: the folder holds something else.
+    """
+    from optimize.ui.output import OutputError, fresh_directory, write_manifest
+
+    try:
+        with fresh_directory(out) as folder:
+            for name, photo in photos.items():
+                np.save(folder / f"{name}.npy", np.rint(photo * (65535 / 255)).astype(np.uint16))
+            write_manifest(folder, {"photographs": len(photos)})
+    except OSError as error:
+        raise OutputError(
+            f"{out} cannot be written ({error.strerror}): choose another place",
+            field="out",
+            value=str(out),
+        ) from None
 
 
 def check_dark(dark: Array, name: str) -> None:

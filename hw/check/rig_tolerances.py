@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,6 +46,10 @@ class RigTolerances:
     noise: Array = field(default_factory=lambda: np.array(0.25))
     fault: float = 0.0005
     alarm: float = 0.5
+
+    def with_powers(self, error: Array) -> RigTolerances:
+        """Return these for a rig whose powers are known with ``error`` ``(fiber,)``, and drift."""
+        return replace(self, power=min(self.power, float(np.hypot(error.max(), POWER_DRIFT))))
 
     def model_when_turned(self, turn: Array) -> Array:
         """Return the relative error of one site's light after a turn, ``(n,)`` for ``(n,)`` rad.

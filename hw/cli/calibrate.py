@@ -8,6 +8,7 @@ from typing import IO, Annotated, Any
 
 from typer import Option
 
+from hw.calibrated_powers import FILE
 from hw.cli.options import Gamma, Materials, Noise, Samples, SceneOption
 from optimize.cli.options import DesignOption, Json, ModelFolder
 from optimize.ui.console import print_json, reserved_stdout
@@ -92,4 +93,10 @@ def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
         )
     else:
         stream.write("Neither corrected nor confirmed by renders: --samples 1000 does both.\n")
-    stream.write(f"Scene: {result['scene']}\nReport: {result['report']}\n")
+    file = Path(result["scene"]).with_name(FILE)
+    stream.write(
+        f"Scene: {result['scene']}\nReport: {result['report']}\n"
+        f"Powers: {file}, which `tactilux check` and `tactilux hw set` take with --calibration\n"
+        f"Next: `tactilux train {result['scene']}` makes the calibrated scene's model, then "
+        f"`tactilux explore {result['scene']}`\n"
+    )

@@ -46,6 +46,7 @@ def run(
 ) -> None:
     """Photograph the dark, every fiber alone, and all together."""
     from hw.camera.opencv_camera import LockedSettings
+    from hw.camera.photo_set import save_photos
     from optimize.design import load_design
     from render.scene import load_scene
 
@@ -126,26 +127,3 @@ def live(
     for name, photo in photos.items():
         check_photo(photo, scene.camera.rows, scene.camera.columns, name)
     return photo_set(photos)
-
-
-def save_photos(photos: dict[str, Array], out: Path) -> None:
-    """Write photographs, counts ``(row, column, 3)``, as 16-bit ``.npy`` files into a new folder.
-
-    Raises:
-        OutputError: the folder holds something else.
-    """
-    import numpy as np
-
-    from optimize.ui.output import OutputError, fresh_directory, write_manifest
-
-    try:
-        with fresh_directory(out) as folder:
-            for name, photo in photos.items():
-                np.save(folder / f"{name}.npy", np.rint(photo * (65535 / 255)).astype(np.uint16))
-            write_manifest(folder, {"photographs": len(photos)})
-    except OSError as error:
-        raise OutputError(
-            f"{out} cannot be written ({error.strerror}): choose another place with --out",
-            field="out",
-            value=str(out),
-        ) from None

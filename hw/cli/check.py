@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Option
 
 from hw.cli.capture import live
-from hw.cli.options import Gamma, Lens, Noise
+from hw.cli.options import Calibrated, Gamma, Lens, Noise
 from hw.cli.wiring import Wiring, wired
 from hw.errors import CaptureError
 from optimize.cli.options import Bend, DesignOption, Json, ModelFolder, SceneName
@@ -46,6 +46,7 @@ def run(
     commissioned: Annotated[
         Path | None, Option("--commission", help="Write such a record from this sweep.")
     ] = None,
+    calibration: Calibrated = None,
     bend: Bend = 0.0,
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
@@ -57,6 +58,7 @@ def run(
     """Say whether the rig looks as designed (exit code 1: a fault)."""
     import numpy as np
 
+    from hw.calibrated_powers import calibrated_powers
     from hw.camera.photo_set import PhotoSet
     from hw.check.channel_order import check_order
     from hw.check.commission import commission, load_record
@@ -73,9 +75,10 @@ def run(
         scene = load_scene(scene_name)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         if (capture is None) == (camera is None):
+            problem = "nothing to look at" if camera is None else "two things to look at"
             raise CaptureError(
-                "nothing to look at: give either --capture with a photograph or the folder of a "
-                "sweep, or --camera with a number",
+                f"{problem}: give either --capture with a photograph or the folder of a sweep, or "
+                "--camera with a number",
                 field="capture",
             )
         checker = open_model(scene, model, threads=2)
@@ -100,6 +103,13 @@ def run(
             noise=noise / np.sqrt(pixels),
         )
         ratio = None if record is None else record.ratio
+        beside = design or (Path(scene_name) if Path(scene_name).is_file() else None)
+        powers = calibrated_powers(calibration, beside, scene.hash, scene.fibers.count)
+        if record is None and powers is not None:
+            # The record of a healthy rig holds its powers already.
+            ratio = np.broadcast_to(powers.power[:, None], prediction.nominal.shape)
+            known = known.with_powers(powers.error)
+            note(f"The fibers' powers are those of {powers.path}.")
         if isinstance(seen, PhotoSet):
             colors = seen.stacked(scene.fibers.count, spots.colors)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1))

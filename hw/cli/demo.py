@@ -36,6 +36,9 @@ def run(
     rays: Annotated[
         int, Option(min=2000, help="Light paths of photographs that are not rendered.")
     ] = 360_000,
+    keep: Annotated[
+        Path | None, Option(help="Folder for the rig's photographs and design, to try others on.")
+    ] = None,
     calibrate: Annotated[
         bool, Option(help="Also calibrate, on rendered photographs: the long part.")
     ] = True,
@@ -54,7 +57,7 @@ def run(
     from hw.emulator.rig import random_parameters, true_images
     from hw.emulator.session import BENDS, single_exposure, switched_on
     from hw.leds.fiber_lights import interruptible
-    from optimize.design import baseline_design
+    from optimize.design import baseline_design, save_design
     from optimize.scoring import open_model
     from optimize.ui.output import check_target
     from render.scene import load_scene
@@ -64,8 +67,12 @@ def run(
         scene = load_scene(scene_name)
         target = out or Path("runs") / f"{scene.name}-demo"
         check_target(target)
+        if keep is not None:
+            check_target(keep / "commission")
         checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
+        if keep is not None:
+            save_design(keep / "design.json", design, scene)
         truth = random_parameters(scene, seed)
         if calibrate:
             note(f"The whole demonstration takes {DURATION}; --no-calibrate leaves the long parts")
@@ -76,20 +83,21 @@ def run(
             correction = surrogate_correction(setup, checker)
             images = true_images(setup, truth, correction=correction, rays=rays)
         truth = replace(truth, gain=single_exposure(truth, images))
-        with switched_on(scene, design, truth, images) as rig:
+        with switched_on(scene, design, truth, images, keep) as rig:
             set_and_sweep(rig)
             checks = check_faults(rig, checker)
             sets: list[PhotoSet] = []
             if calibrate:
                 note("Photographing every fiber in white, half of them flat and half bent")
-                sets, additive = rig.calibration_sets(), rig.additive_set()
+                sets = rig.calibration_sets()
+            additive = [rig.additive_set()] if calibrate or keep else []
         result: dict[str, Any] = {}
         if calibrate:
             result = calibrate_sets(
                 scene_name,
                 sets,
                 BENDS,
-                linearity_sets=[additive],
+                linearity_sets=additive,
                 design=None,
                 model=model,
                 target=target,
@@ -104,6 +112,15 @@ def run(
             print_json(stream, result)
         else:
             _write(stream, checks, result)
+        if keep is not None:
+            of_scene = "" if scene_name == "finger20" else f" --scene {scene_name}"
+            note(
+                f"Kept in {keep}: design and sweeps, as `tactilux hw capture` writes them. Try\n"
+                f"  tactilux hw linearity {keep}/additive{of_scene}\n"
+                f"  tactilux check {scene_name} --capture {keep}/commission "
+                f"--commission {keep}/rig.npz\n"
+                f"  tactilux check {scene_name} --capture {keep}/fiber-4-dead --rig {keep}/rig.npz"
+            )
 
 
 def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, Any]) -> None:

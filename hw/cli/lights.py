@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
+from hw.cli.options import Calibrated
 from hw.cli.wiring import Baud, Port, SpokenProtocol, Wiring, wired
 from hw.leds import ProtocolName
 from optimize.cli.options import DesignArgument, Json
@@ -14,6 +16,7 @@ from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.progress import Progress
 
 if TYPE_CHECKING:
+    from optimize.design.design_file import DesignFile
     from render.arrays import Array
 
 Fiber = Annotated[int | None, Option(min=0, help="Light this fiber alone (default: all).")]
@@ -42,6 +45,7 @@ def set_lights(
     *,
     wiring: Wiring,
     fiber: Fiber = None,
+    calibration: Calibrated = None,
     seconds: Annotated[
         float | None, Option(min=0.0, help="How long (default: until Ctrl-C).")
     ] = None,
@@ -51,9 +55,10 @@ def set_lights(
     from optimize.design import load_design_file
 
     with reserved_stdout() as stream, interruptible():
-        design = load_design_file(path).design
+        file = load_design_file(path)
+        design, drive = file.design, _drive(file, path, calibration)
         with wiring.lights(len(design.phi)) as lights:
-            power = only(fiber, design.power * wiring.scale)
+            power = only(fiber, drive * wiring.scale)
             lights.set(power)
             ends = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
             note(
@@ -69,6 +74,7 @@ def sweep_lights(
     path: DesignArgument,
     *,
     wiring: Wiring,
+    calibration: Calibrated = None,
     seconds: Annotated[float, Option(min=0.0, help="How long each fiber is lit.")] = 0.5,
 ) -> None:
     """Light one fiber of a design after the other."""
@@ -76,10 +82,11 @@ def sweep_lights(
     from optimize.design import color_name, load_design_file
 
     with reserved_stdout() as stream, interruptible():
-        design = load_design_file(path).design
+        file = load_design_file(path)
+        design, drive = file.design, _drive(file, path, calibration)
         with wiring.lights(len(design.phi)) as lights, ProgressBar("Sweeping") as bar:
             names = [color_name(index) for index in design.colors]
-            for done, fiber in enumerate(sweep(lights, design.power * wiring.scale, seconds)):
+            for done, fiber in enumerate(sweep(lights, drive * wiring.scale, seconds)):
                 led = lights.channels.leds[fiber]
                 stream.write(f"fiber {fiber}, LED {led}: {names[fiber]}\n")
                 stream.flush()
@@ -110,6 +117,18 @@ def off(
         stream.write(f"{board.name}: all {board.leds} LEDs are off.\n")
 
 
+def _drive(file: DesignFile, path: Path, calibration: Path | None) -> Array:
+    """Return the power ``(fiber, 3)`` with which the fibers shine as the design says."""
+    from hw.calibrated_powers import calibrated_powers
+
+    power = file.design.power
+    found = calibrated_powers(calibration, path, file.scene_hash, len(power))
+    if found is None:
+        return power
+    note(f"Powers are evened out by {found.path}: all fibers dimmed to the weakest.")
+    return found.evened(power)
+
+
 def only(fiber: int | None, power: Array) -> Array:
     """Return ``power`` ``(fiber, 3)`` of one fiber alone, or as it is where none is named.
 
@@ -120,7 +139,7 @@ def only(fiber: int | None, power: Array) -> Array:
 
     if fiber is None:
         return power
-    lit = power.any(axis=1).nonzero()[0].tolist()
+    lit = [index for index, one in enumerate(power) if one.any()]
     if fiber not in lit:
         raise PowerError(
             f"--fiber {fiber} is not lit by this design, allowed: one of {lit}",

@@ -13,6 +13,10 @@ Lens = Annotated[
 ]
 Gamma = Annotated[float, Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")]
 Noise = Annotated[float, Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")]
+Calibrated = Annotated[
+    Path | None,
+    Option("--calibration", help="calibration.json (default: one beside the design or scene)."),
+]
 Samples = Annotated[
     int, Option(min=0, help="Light paths per fiber and cell of all renders (0: no renders).")
 ]

@@ -70,16 +70,16 @@ def check_faults(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
     noise = rig.truth.imperfections.noise / np.sqrt(spots.counts * FRAMES)
     known = rig_tolerances(sweep=True, starts=1, noise=noise)
 
-    def colors(camera: EmulatedCamera, power: Array) -> Array:
-        photos = rig.photos(camera, power, frames=FRAMES)
+    def colors(name: str, camera: EmulatedCamera, power: Array) -> Array:
+        photos = rig.photos(name, camera, power, frames=FRAMES)
         return photos.stacked(len(rig.design.phi), spots.colors)
 
-    healthy = colors(rig.camera(), rig.design.power)
+    healthy = colors("commission", rig.camera(), rig.design.power)
     record = commission(prediction, healthy, rig.scene.hash, 0.0)
     found = {}
     with ProgressBar("Checking") as bar:
         for number, (name, camera, power) in enumerate(_faulty(rig)):
-            found[name] = check_sweep(prediction, colors(camera, power), known, record.ratio)
+            found[name] = check_sweep(prediction, colors(name, camera, power), known, record.ratio)
             bar(Progress(number + 1, 4))
     return found
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera.photo_set import PhotoSet, photo_set, take_sweep
+from hw.camera.photo_set import PhotoSet, photo_set, save_photos, take_sweep
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import EmulatedCamera
 from hw.emulator.rig import TrueParameters
@@ -35,7 +35,16 @@ SINGLE_FIBER_COUNTS = 210.0
 
 @dataclass(eq=False)
 class EmulatedRig:
-    """An emulated rig, switched on; ``images`` are ``(bend, fiber, row, column)`` true radiance."""
+    """An emulated rig, switched on.
+
+    Arguments:
+        scene: what is known about it.
+        design: its directions and colors.
+        truth: what is not known.
+        images: ``(bend, fiber, row, column)`` true radiance per unit power.
+        board: its board; lights: of its fibers.
+        keep: folder for its photographs, None if they are not kept.
+    """
 
     scene: Scene
     design: Design
@@ -43,6 +52,7 @@ class EmulatedRig:
     images: NDArray[np.float32]
     board: EmulatedBoard
     lights: FiberLights
+    keep: Path | None = None
 
     def camera(self, bend: int = 0, truth: TrueParameters | None = None) -> EmulatedCamera:
         """Return the camera at a bend's index, with a fault where a changed ``truth`` has one."""
@@ -53,38 +63,48 @@ class EmulatedRig:
         )  # fmt: skip
 
     def photos(
-        self, camera: EmulatedCamera, power: Array, *, frames: int = 1, together: bool = False
+        self,
+        name: str,
+        camera: EmulatedCamera,
+        power: Array,
+        *,
+        frames: int = 1,
+        together: bool = False,
     ) -> PhotoSet:
-        """Return a sweep."""
+        """Return a sweep, which is also kept under its name."""
         taken = take_sweep(camera, self.lights, power, frames=frames, settle=0.0, together=together)
+        if self.keep is not None:
+            save_photos(taken, self.keep / name.replace(" ", "-"))
         return photo_set(taken)
 
     def calibration_sets(self) -> list[PhotoSet]:
         """Return 20 photographs in white, half of the fibers on the flat pad, half on the bent."""
         sets = []
-        for bend, fibers in enumerate(CALIBRATION_FIBERS):
+        for bend, (name, fibers) in enumerate(
+            zip(("flat", "bent"), CALIBRATION_FIBERS, strict=True)
+        ):
             power = np.zeros((len(self.design.phi), 3))
             power[fibers] = 1.0
-            sets.append(self.photos(self.camera(bend), power))
+            sets.append(self.photos(name, self.camera(bend), power))
         return sets
 
     def additive_set(self) -> PhotoSet:
         """Return a dim sweep in white and all fibers together, which tests linearity."""
         white = np.ones((len(self.design.phi), 3))
-        return self.photos(self.camera(0), ADDITIVE_SCALE * white, together=True)
+        return self.photos("additive", self.camera(0), ADDITIVE_SCALE * white, together=True)
 
 
 @contextlib.contextmanager
 def switched_on(
-    scene: Scene, design: Design, truth: TrueParameters, images: NDArray[np.float32]
+    scene: Scene,
+    design: Design,
+    truth: TrueParameters,
+    images: NDArray[np.float32],
+    keep: Path | None = None,
 ) -> Iterator[EmulatedRig]:
     """Plug the rig's board in and open its lights; all LEDs are off at the end.
 
-    Arguments:
-        scene: what is known about the rig.
-        design: its directions and colors.
-        truth: what is not known.
-        images: ``(bend, fiber, row, column)`` true radiance per unit power.
+    Arguments are those of `EmulatedRig`.
     """
     leds = scene.fibers.count
     with (
@@ -93,7 +113,7 @@ def switched_on(
     ):
         connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=leds)
         with FiberLights(connect, ChannelMap.straight(leds), SUPPLY) as lights:
-            yield EmulatedRig(scene, design, truth, images, board, lights)
+            yield EmulatedRig(scene, design, truth, images, board, lights, keep)
         if board.levels.any():
             raise AssertionError("an LED stayed on")
 

@@ -19,6 +19,16 @@ def test_a_png_keeps_its_channels_and_rows(tmp_path: Path) -> None:
     assert np.array_equal(read_photo(tmp_path / "a.png"), PIXELS)
 
 
+def test_an_opaque_alpha_channel_is_dropped(tmp_path: Path) -> None:
+    opaque = np.concatenate([PIXELS, np.full_like(PIXELS[..., :1], 255)], axis=-1)
+    Image.fromarray(opaque).save(tmp_path / "a.png")
+    assert np.array_equal(read_photo(tmp_path / "a.png"), PIXELS)
+    opaque[0, 0, 3] = 254
+    Image.fromarray(opaque).save(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match="transparent in places"):
+        read_photo(tmp_path / "a.png")
+
+
 @pytest.mark.parametrize(
     ("kind", "scale"), [(np.uint8, 1.0), (np.uint16, 257.0), (np.float32, 1.0)]
 )

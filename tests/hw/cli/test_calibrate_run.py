@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.camera.photo_set import PhotoSet
-from hw.cli.capture import save_photos
+from hw.calibrated_powers import calibrated_powers
+from hw.camera.photo_set import PhotoSet, save_photos
 from render.scene import load_scene, sources
 from tests.conftest import Run
 from tests.hw.calibration.toy import IMPERFECTIONS, PHOTOGRAPHED, taken, toy_model, toy_table
@@ -65,3 +65,9 @@ def test_photographs_become_a_calibrated_scene(
                      "--samples", "0", "--out", tmp_path / "out")  # fmt: skip
     assert again.code == 0
     assert "g and sigma_s cannot be separated" in again.out
+    assert f"Next: `tactilux train {calibrated}`" in again.out
+    # And the commands after it read what it wrote.
+    found = calibrated_powers(tmp_path / "out" / "calibration.json", None, scene.hash, 20)
+    assert found is not None
+    assert found.power.mean() == pytest.approx(1.0)
+    assert (found.error < 0.05).all()

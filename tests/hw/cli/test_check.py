@@ -90,6 +90,30 @@ def test_a_record_of_the_healthy_rig_is_made_and_used(
     assert json.loads(result.out)["counts_error"] < 0.5
 
 
+def test_calibrated_powers_tell_a_dim_fiber_from_one_that_was_built_weak(
+    tactilux: Run, tmp_path: Path, photographed: Photographed
+) -> None:
+    power = np.ones(20)
+    power[7] = 0.6
+    sweep = photographed(tmp_path / "sweep", power)
+    assert "Fiber 7 is dim" in tactilux("check", "--capture", sweep).out
+    content = {
+        "scene_hash": {"before": load_scene("finger20").hash},
+        "power": (power / power.mean()).tolist(),
+        "power_error": [0.01] * 20,
+    }
+    calibration = tmp_path / "calibration.json"
+    calibration.write_text(json.dumps(content))
+    known = tactilux("check", "--capture", sweep, "--calibration", calibration)
+    assert known.code == 0, known.out
+    assert f"powers are those of {calibration}" in known.err
+    power[7], power[3] = 1.0, 0.6
+    changed = photographed(tmp_path / "changed", power)
+    said = tactilux("check", "--capture", changed, "--calibration", calibration)
+    assert said.code == 1
+    assert "Fiber 3 is dim" in said.out
+
+
 def test_a_record_grows_with_every_healthy_start(
     tactilux: Run, tmp_path: Path, sweep: Path
 ) -> None:
@@ -145,7 +169,9 @@ def test_one_image_of_all_fibers_will_do(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "give either --capture"),
+        ((), "nothing to look at: give either --capture"),
+        (("--capture", "black.png", "--camera", "0"), "two things to look at: give either"),
+        (("--capture", "glassy.png"), "it is transparent in places"),
         (("--capture", "none.png"), "cannot be read"),
         (("--capture", "empty"), "holds no sweep"),
         (("--capture", "small.png"), "allowed: 360 x 600"),
@@ -170,6 +196,7 @@ def test_what_cannot_be_checked_raises_one_clear_error(
     image("small.png", 10, (36, 60))
     image("white.png", 255)
     image("black.png", 0)
+    Image.new("RGBA", (360, 600), (9, 9, 9, 254)).save(tmp_path / "glassy.png")
     image("some/fiber-03.png", 50)
     image("bright/dark.png", 90)
     image("bright/fiber-00.png", 90)
