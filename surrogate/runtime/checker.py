@@ -73,7 +73,8 @@ class Checker:
         """Return the model in ``path``, as :meth:`load`, for ``scene``.
 
         A model with a free material serves every scene that differs in the free quantities alone;
-        outside their trained range its ``domain_excess`` is positive.
+        outside their trained range its ``domain_excess`` is positive. They all have one scale, the
+        exposure and lambda of the scene that it was trained for, so that materials compare.
 
         Raises:
             ModelError: as :meth:`load`.
