@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,16 @@ from surrogate.export.model_card import Provenance, describe_model, write_card
 from surrogate.export.package import write_package
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.materials import MaterialRange
-from surrogate.model.preview_grid import MATERIALS, draw_material_grid, interpolation_error
+from surrogate.model.preview_grid import (
+    MATERIALS,
+    InterpolationError,
+    PreviewGrid,
+    draw_material_grid,
+    interpolation_error,
+)
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
+from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
 from surrogate.training.fit_time import FitTime
 from surrogate.training.render_plan import (
@@ -89,16 +97,17 @@ def train(
 ) -> Trained:
     """Make the model of ``scene`` in the folder ``out``; all its files appear together.
 
-    Deterministic for a seed, a number of samples and a processor type. Minutes are those of
-    everything, start-up and fit included; the samples and steps that they came to are kept in
-    ``run``, so that the same minutes make the same model again.
+    Deterministic for a seed, a number of samples and a processor type; ended at any instant, it
+    goes on when asked again. Minutes are those of everything, start-up and fit included; the
+    samples and steps that they came to are kept in ``run``, so that the same minutes make the same
+    model again.
 
     Arguments:
         scene: the sensor.
         out: model folder; an older model in it is replaced.
         seed: of renders, folds, networks and held-out designs.
         table: a reference table with background to fit to, instead of rendering one.
-        run: directory where an interrupted render goes on (default: beside ``out``); the
+        run: directory where interrupted renders and fits go on (default: beside ``out``); the
             finished table is ``reference.npz`` in it.
         config: nodes, samples and network.
         command: the command line, for the model card.
@@ -122,13 +131,7 @@ def train(
 
     report(Progress(0, 1, stage="preview"))
     scale = scene_scale(scene)
-    grid, left_out = draw_material_grid(
-        scene,
-        *config.preview_nodes,
-        materials=config.preview_materials,
-        progress=in_stage(progress, "preview"),
-    )
-    preview_error = interpolation_error(scene, grid)
+    grid, left_out, preview_error = _preview(scene, run / "fit", config, progress)
     report(Progress(1, 1, stage="preview"))
 
     reference = _reference(scene, table, run, seed, config, fit_time, progress)
@@ -146,6 +149,7 @@ def train(
         seed=seed,
         config=config.fit,
         time=fit_time,
+        folder=run / "fit",
     )
     fit = fit_residual(task, progress)
     fit_seconds = time.monotonic() - fitting
@@ -177,6 +181,46 @@ def _baseline_counts(scene: Scene, table: TransportTable) -> float:
     light = np.einsum("b,fbsk->fsk", at_bend, light)
     counts = table.exposure * np.einsum("fsk,fc->skc", light, baseline_power(scene))
     return float(np.percentile(counts, THESIS.exposure_percentile))
+
+
+def _preview(
+    scene: Scene, folder: Path, config: TrainConfig, progress: OnProgress | None
+) -> tuple[PreviewGrid, InterpolationError | None, InterpolationError]:
+    """Return the preview's grid, its error over a free material and that between its nodes.
+
+    A finished grid is kept in ``folder``.
+    """
+    about = scene.hash, scene.free, config.preview_nodes, config.preview_materials
+    parts = FinishedParts(folder, hashlib.sha256(repr(about).encode()).hexdigest())
+    kept = parts.load("preview")
+    if kept is not None:
+        free = MaterialRange.of(scene)
+        left_out, error = (
+            InterpolationError(*kept[name]) if name in kept else None
+            for name in ("left_out", "error")
+        )
+        floored, slopes = int(kept["floored"]), kept.get("slopes")
+        log, phi, bends = kept["log_transport"], kept["phi"], kept["bends"]
+        assert error is not None  # kept with every grid
+        return PreviewGrid(log, phi, bends, floored, slopes, free), left_out, error
+    grid, left_out = draw_material_grid(
+        scene,
+        *config.preview_nodes,
+        materials=config.preview_materials,
+        progress=in_stage(progress, "preview"),
+    )
+    error = interpolation_error(scene, grid)
+    named = {
+        "log_transport": grid.log_transport,
+        "phi": grid.phi,
+        "bends": grid.bends,
+        "floored": np.array(grid.floored),
+        "error": np.array(astuple(error)),
+    }
+    if grid.slopes is not None and left_out is not None:
+        named |= {"slopes": grid.slopes, "left_out": np.array(astuple(left_out))}
+    parts.save("preview", named)
+    return grid, left_out, error
 
 
 def _check(scene: Scene, table: TransportTable) -> None:

@@ -90,8 +90,8 @@ def run(
 
 def result_to_json(result: OvernightResult, target: Path) -> dict[str, object]:
     """Return what programs rely on; ``design`` is the path of the design that is handed over."""
-    from optimize.overnight.report import REPORT
     from optimize.overnight.result import DESIGNS
+    from optimize.overnight.run_directory import REPORT
     from optimize.overnight.status import status_of
 
     status = status_of(target)
@@ -120,8 +120,8 @@ def result_to_json(result: OvernightResult, target: Path) -> dict[str, object]:
 
 
 def _print(stream: IO[str], result: OvernightResult, target: Path) -> None:
-    from optimize.overnight.report import REPORT
     from optimize.overnight.result import DESIGNS
+    from optimize.overnight.run_directory import REPORT
 
     rows = [
         (

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from optimize.frontier.timed_levels import timed_levels
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import LoopOutcome, choose_winner
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.scoring import (
-    IntervalCheck,
-    check_interval,
     jackknife_se,
     predict_design,
     prediction_checked,
@@ -30,12 +27,18 @@ def conclude(
     hours: float | None,
 ) -> OvernightResult:
     """Return the night that is over."""
+    from optimize.frontier.timed_levels import timed_levels
+
     finalists = [_finalist(context, checker, evaluation, name) for name in evaluation.names]
     winner = choose_winner(evaluation)
     replicates = len(evaluation.renders.replicates)
     verdict = [
         *outcome(finalists, winner, replicates),
-        *comparisons(evaluation, winner),
+        *(
+            evaluation.comparison(other, winner)
+            for other in ("winner", "runner-up", "thesis", "colors")
+            if other in evaluation.names and other != winner
+        ),
         surrogate_sentence(finalists, winner),
         f"The verification loop stopped because {loop_outcome.reason}.",
     ]
@@ -115,25 +118,10 @@ def outcome(finalists: Sequence[Finalist], winner: str, replicates: int) -> list
     return sentences
 
 
-def comparisons(evaluation: FinalistEvaluation, winner: str) -> list[str]:
-    """Return how the design that is handed over compares with every other, but the baseline."""
-    others = [
-        name
-        for name in ("winner", "runner-up", "thesis", "colors")
-        if name in evaluation.names and name != winner
-    ]
-    return [evaluation.comparison(other, winner) for other in others]
-
-
-def prediction_check(entry: Finalist) -> IntervalCheck:
-    """Return what the renders say of the surrogate's 90 % interval."""
-    return check_interval(entry.predicted - entry.score, entry.predicted_reach, entry.se)
-
-
 def surrogate_sentence(finalists: Sequence[Finalist], winner: str) -> str:
     """Say how far the surrogate was off, and whether its intervals hold."""
     last = next(entry for entry in finalists if entry.key == winner)
-    checks = [prediction_check(entry) for entry in finalists]
+    checks = [entry.prediction_check for entry in finalists]
     untested = checks.count("cannot be tested")
     said = prediction_checked(last.predicted - last.score, last.predicted_reach, last.se)
     return (

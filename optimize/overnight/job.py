@@ -26,9 +26,14 @@ from optimize.overnight.design_stages import (
     thesis_design,
     verify_finalists,
 )
-from optimize.overnight.report import REPORT, write_report
 from optimize.overnight.result import OvernightResult, keep_scene
-from optimize.overnight.run_directory import RunError, check_run_directory, locked, writing
+from optimize.overnight.run_directory import (
+    REPORT,
+    RunError,
+    check_run_directory,
+    locked,
+    writing,
+)
 from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import RunRequest, Store
 from optimize.overnight.surrogate_stages import fit_model, pooled_table, render_table
@@ -116,6 +121,8 @@ def _work(
             log.note(f"{store.run} is finished: ask for more hours, or for another --out")
             result.save(store.run)  # whatever became of its files
             if not (store.run / REPORT).is_file():
+                from optimize.overnight.report import write_report
+
                 write_report(result, store.run)
             return result
     workers = make_workers()
@@ -183,5 +190,8 @@ def _run_stages(context: RunContext, hours: float | None) -> OvernightResult:
     context.log.stage("Report")
     result = conclude(context, checker, loop_outcome, evaluation, hours)
     result.save(context.store.run)
+    # Matplotlib takes half a second to import, which an attempt that ends before need not wait for.
+    from optimize.overnight.report import write_report
+
     write_report(result, context.store.run)
     return result

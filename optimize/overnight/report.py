@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 
 from optimize.frontier.plot import draw_levels
 from optimize.mounting import mount
-from optimize.overnight.conclusion import prediction_check
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
-from optimize.overnight.run_directory import RECORD
+from optimize.overnight.run_directory import RECORD, REPORT
 from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
 from optimize.report import (
     bend_titles,
@@ -37,7 +36,6 @@ from render.errors import SceneError
 from render.files import write_text
 from render.geometry import BoltHead
 
-REPORT = "report.html"
 HOLDS = {"holds": "yes", "does not hold": "no", "cannot be tested": "cannot tell"}
 
 
@@ -126,7 +124,7 @@ def _row(entry: Finalist) -> dict[str, str]:
         "score": _pm(entry.score, entry.se),
         "gain": gain,
         "predicted": _pm(entry.predicted, entry.predicted_reach),
-        "holds": HOLDS[prediction_check(entry)],
+        "holds": HOLDS[entry.prediction_check],
     }
 
 
@@ -146,12 +144,12 @@ def _bolt(result: OvernightResult) -> dict[str, Any]:
 
 def _color_errors(result: OvernightResult) -> str:
     """Say how far the surrogate's facet colors are from the renders, and how noisy those are."""
-    off, noise, lit = [], [], 0.5
-    for entry in result.finalists:
-        length = np.maximum(np.linalg.norm(entry.counts, axis=-1), lit)
-        off.append(np.linalg.norm(entry.predicted_counts - entry.counts, axis=-1) / length)
-        noise.append(np.linalg.norm(entry.counts_se, axis=-1) / length)
-    error, spread = np.concatenate(off).ravel(), np.concatenate(noise).ravel()
+    colors, noise, predicted = (
+        np.concatenate([getattr(entry, name).reshape(-1, 3) for entry in result.finalists])
+        for name in ("counts", "counts_se", "predicted_counts")
+    )
+    length = np.maximum(np.linalg.norm(colors, axis=-1), 0.5)
+    error, spread = (np.linalg.norm(e, axis=-1) / length for e in (predicted - colors, noise))
     return (
         f"Colors differ by {np.median(error):.1%} in the median and by up to "
         f"{np.quantile(error, 0.95):.1%} in 95% of cases; the renders' own noise is "

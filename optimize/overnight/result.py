@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from optimize.design import Array, Design, Rating, ScoreSettings, save_design
 from optimize.overnight.run_directory import RunError
-from optimize.scoring import student_factor
+from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
 from render.files import read_npz, write_npz, write_text
 from render.metric import clipped_fraction
@@ -81,13 +81,17 @@ class Finalist:
         return self.rating.score
 
     @property
+    def prediction_check(self) -> IntervalCheck:
+        """What the renders say of the surrogate's 90 % interval."""
+        return check_interval(self.predicted - self.score, self.predicted_reach, self.se)
+
+    @property
     def clipped(self) -> float:
         """Fraction of rendered facets that saturate the camera."""
         return float(clipped_fraction(self.counts))
 
 
 _FIGURES = ("key", "se", "gain", "gain_se", "predicted", "predicted_reach")
-_ARRAYS = ("phi", "power", "counts", "counts_se", "predicted_counts", "metric", "metric_se")
 _SHARED = ("replicates", "winner", "verdict", "trade", "facts")
 
 
@@ -167,7 +171,6 @@ class OvernightResult:
         for entry in self.finalists:
             path = run / DESIGNS / f"{entry.key}.json"
             save_design(path, entry.design, self.scene, entry.rating)
-        arrays = {f"{e.key}/{name}": _part(e, name) for e in self.finalists for name in _ARRAYS}
         content = {name: getattr(self, name) for name in _SHARED} | {
             "schema": SCHEMA,
             "scene_hash": self.scene.hash,
@@ -177,6 +180,8 @@ class OvernightResult:
                 for e in self.finalists
             ],
         }
+        parts = [vars(entry) | vars(entry.design) for entry in self.finalists]
+        arrays = {name: np.stack([part[name] for part in parts]) for name in _shapes(self.scene)}
         write_npz(run / NIGHT, arrays | {"night": np.array(json.dumps(content, allow_nan=False))})
 
     @classmethod
@@ -184,20 +189,26 @@ class OvernightResult:
         """Return the night in ``run``.
 
         Raises:
-            RunError: says in one sentence which file is missing, damaged or foreign.
+            RunError: says in one sentence what is missing, damaged or foreign.
         """
         path = run / NIGHT
         try:
             scene, arrays = load_scene(run / SCENE), read_npz(path)
-            content = json.loads(str(arrays["night"]))
+            content = json.loads(str(arrays.pop("night")))
             if (content.pop("schema"), content.pop("scene_hash")) != (SCHEMA, scene.hash):
                 raise ValueError(f"it is of another version, or of another scene than {SCENE}")
-            for entry in content["finalists"]:
-                found = {name: arrays[f"{entry['key']}/{name}"] for name in _ARRAYS}
-                entry["design"] = Design(found.pop("phi"), found.pop("power"))
-                entry |= found
-            night = _validated({"scene": scene, **content})
-            night.check()
+            keys = [entry["key"] for entry in content["finalists"]]
+            known = len(set(keys) & set(TITLES)) == len(keys) and content["winner"] in keys
+            if not known or keys[0] != "baseline":
+                raise ValueError(f"its finalists are {keys}, its winner {content['winner']}")
+            for name, shape in _shapes(scene).items():
+                array, wanted = arrays[name], (len(keys), *shape)
+                if array.dtype != float or array.shape != wanted or not np.isfinite(array).all():
+                    raise ValueError(f"{name} is not finite float64 of shape {wanted}")
+            for index, entry in enumerate(content["finalists"]):
+                entry |= {name: array[index] for name, array in arrays.items()}
+                entry["design"] = Design(entry.pop("phi"), entry.pop("power"))
+            return _validated({"scene": scene, **content})
         except (TactiluxError, KeyError, TypeError, AttributeError, ValueError) as error:
             raise RunError(
                 f"{path} is no finished night ({' '.join(str(error).split())}): a report needs a "
@@ -206,27 +217,14 @@ class OvernightResult:
                 field="run",
                 value=str(run),
             ) from None
-        return night
 
-    def check(self) -> None:
-        """Refuse what a report could not show.
 
-        Raises:
-            ValueError: names the finalist and the array.
-        """
-        keys = [entry.key for entry in self.finalists]
-        known = len(set(keys) & set(TITLES)) == len(keys)
-        if not known or keys[0] != "baseline" or self.winner not in keys:
-            raise ValueError(f"its finalists are {keys}, its winner {self.winner}")
-        sites = (len(self.scene.bending.angles), self.scene.sites.count)
-        cells, fibers = (*sites, self.scene.indenter.faces, 3), self.scene.fibers.count
-        for entry in self.finalists:
-            for name in _ARRAYS:
-                array = _part(entry, name)
-                shape = {"phi": (fibers,), "power": (fibers, 3), "metric": sites,
-                         "metric_se": sites}.get(name, cells)  # fmt: skip
-                if array.dtype != float or array.shape != shape or not np.isfinite(array).all():
-                    raise ValueError(f"{name} of {entry.key} is not finite float64 {shape}")
+def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
+    """Return the shape of every array of a finalist."""
+    fibers, sites = scene.fibers.count, (len(scene.bending.angles), scene.sites.count)
+    cells = (*sites, scene.indenter.faces, 3)
+    colors = dict.fromkeys(("counts", "counts_se", "predicted_counts"), cells)
+    return {"phi": (fibers,), "power": (fibers, 3), **colors, "metric": sites, "metric_se": sites}
 
 
 _RESULT = TypeAdapter(OvernightResult)
@@ -246,8 +244,3 @@ def keep_scene(run: Path, name_or_path: str | Path) -> None:
     text = scene_text(name_or_path)
     if not (run / SCENE).is_file() or (run / SCENE).read_text(encoding="utf-8") != text:
         write_text(run / SCENE, text)
-
-
-def _part(entry: Finalist, name: str) -> Array:
-    of_design = name in ("phi", "power")
-    return np.asarray(getattr(entry.design if of_design else entry, name))

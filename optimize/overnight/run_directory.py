@@ -12,7 +12,7 @@ from pathlib import Path
 from optimize.ui.output import check_target
 from render.errors import TactiluxError
 
-RECORD, LOCK, LOG = "run.sqlite", "lock", "log.txt"
+RECORD, LOCK, LOG, REPORT = "run.sqlite", "lock", "log.txt", "report.html"
 """The record of a run directory, see ``optimize.overnight.store``; without it there is no run."""
 
 

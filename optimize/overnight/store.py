@@ -265,7 +265,7 @@ _WORDS = {
 
 def _sweep(run: Path) -> None:
     """Take away what a killed process had not finished writing."""
-    for folder in (run, run / RENDERS, run / STATES, run / TABLE):
+    for folder in (run, run / RENDERS, run / STATES, run / TABLE, run / TABLE / "fit"):
         for item in folder.glob(".*"):
             if TEMPORARY.fullmatch(item.name):
                 shutil.rmtree(item) if item.is_dir() else item.unlink()

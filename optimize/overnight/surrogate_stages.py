@@ -8,7 +8,6 @@ was logged is not fitted again; a damaged one is, and comes out the same.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -199,7 +198,6 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
     config = TrainConfig()
     steps = context.amount("fit", lambda _: {"steps": _affordable_steps(context, table())})["steps"]
     network = replace(config.fit.network, steps=steps)
-    began = time.monotonic()
     train(
         # The table is of the scene's own material, whatever it leaves free.
         context.scene.model_copy(update={"free": None}),
@@ -212,8 +210,7 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
         progress=context.progress,
     )
     digest = sha256((folder / MODEL_FILE).read_bytes())
-    context.decide("model", lambda: {"sha256": digest, "seconds": time.monotonic() - began})
-    refitted = _whole(context, context.decided("model")["sha256"])
+    refitted = _whole(context, context.decide("model", lambda: {"sha256": digest})["sha256"])
     if refitted is None:
         raise ModelError(
             f"{folder} was fitted again to the same renders and came out different: this is "

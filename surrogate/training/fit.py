@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -14,6 +16,7 @@ from torch import nn
 from render.arrays import Array
 from render.progress import Clock, OnProgress, in_stage
 from render.scene import Scene
+from surrogate.model.networks import RidgeEnsemble
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.conformal import (
     Comparison,
@@ -38,10 +41,13 @@ from surrogate.training.evaluation import (
     RandomDesigns,
     random_designs,
 )
+from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit_time import FitTime
 from surrogate.training.mlp import NetworkConfig, fit_networks, one_thread
 from surrogate.training.ridge import fit_ridge
 
+VERSION = 1
+"""Of the fit: finished parts of another one are made anew."""
 SPLIT_FOLDS = 3
 """Folds when whole fiber positions, directions or bends are left out."""
 
@@ -115,6 +121,7 @@ class FitTask:
         seed: of folds, networks and held-out designs; the same seed gives the same fit.
         config: how it is fitted.
         time: what the networks' steps have to fit into; all of them without.
+        folder: where finished parts are kept, so that a fit goes on; None keeps none.
     """
 
     scene: Scene
@@ -126,6 +133,18 @@ class FitTask:
     seed: int
     config: FitConfig
     time: FitTime | None = None
+    folder: Path | None = None
+
+    @cached_property
+    def parts(self) -> FinishedParts:
+        """What is finished of it."""
+        digest = hashlib.sha256()
+        for array in (self.cells.transport, self.cells.error, self.grid.log_transport, self.bends):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        versions = torch.__version__, np.__version__, VERSION
+        about = self.scene.hash, self.exposure, self.lam, self.seed, self.config, versions
+        digest.update(repr(about).encode())
+        return FinishedParts(self.folder, digest.hexdigest())
 
     @cached_property
     def rows(self) -> RegressionData:
@@ -209,22 +228,30 @@ def _fit(task: FitTask, progress: OnProgress | None) -> Fit:
     both = _ensembles(task, progress)
     preview = np.exp(rows.log_preview)
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
+
+    def errors(level: str, transport: Callable[[], Array], made: str = "") -> LevelErrors:
+        return task.parts.value(
+            f"errors-{level}{made}", LevelErrors, lambda: evaluation.errors(level, transport())
+        )
+
     levels = (
-        evaluation.errors("noise of the reference", _noisy(task)),
-        evaluation.errors("preview", preview),
-        evaluation.errors("preview, one factor", preview * factor),
-        evaluation.errors("ridge", task.predicted(both.ridge)),
-        evaluation.errors("network", task.predicted(both.network)),
+        errors("noise of the reference", lambda: _noisy(task)),
+        errors("preview", lambda: preview),
+        errors("preview, one factor", lambda: preview * factor),
+        errors("ridge", lambda: task.predicted(both.ridge)),
+        errors("network", lambda: task.predicted(both.network), f"-{both.steps}"),
     )
     better = levels[-1].facet_rms < levels[-2].facet_rms
     kind, model = ("network", both.network) if better else ("ridge", both.ridge)
+    # What the parts from here on are made of.
+    made = f"{kind}-{both.steps}"
 
     def refit(split: Split, later: int) -> nn.Module:
         out, count = split.fold, split.members
         if better:
             shorter = task.config.network.shorter(2)
-            return _train(task, out, count, f"split by {split.name}", shorter, progress, later)
-        return fit_ridge(rows, out, count, both.penalty)
+            return _train(task, out, count, f"split by {split.name}", shorter, progress, later)[0]
+        return _ridge(task, f"ridge split by {split.name}", out, count, both.penalty)
 
     members = task.residuals(model)
     residual, deviation = out_of_fold(members, task.fold), members - members.mean(axis=0)
@@ -239,10 +266,12 @@ def _fit(task: FitTask, progress: OnProgress | None) -> Fit:
         residual=model,
         kind=kind,
         spread=(b0, b1),
-        quantiles=conformal(compared(evaluation)),
-        coverage=_coverage(task, compared),
+        quantiles=task.parts.value(
+            f"quantiles-{made}", Quantiles, lambda: conformal(compared(evaluation))
+        ),
+        coverage=_coverage(task, made, compared),
         levels=levels,
-        splits=_splits(task, refit),
+        splits=_splits(task, made, refit),
         unreliable=int((~cells.reliable).sum()),
         cells=int(cells.reliable.size),
         noise=float(rows.noise.median()),
@@ -251,25 +280,33 @@ def _fit(task: FitTask, progress: OnProgress | None) -> Fit:
 
 @dataclass(frozen=True)
 class _Ensembles:
-    """Ridge with the penalty that is best out of fold, and networks."""
+    """Ridge with the penalty that is best out of fold, and networks with their steps."""
 
     penalty: float
     ridge: nn.Module
     network: nn.Module
+    steps: int
 
 
 def _ensembles(task: FitTask, progress: OnProgress | None) -> _Ensembles:
     config, fold, overall = task.config, task.fold, task.overall
-    clock = Clock(1, progress, "ridge")
-    clock.skip(0)
-    ridges = [(p, fit_ridge(task.rows, fold, config.members, p)) for p in config.penalties]
-    penalty, ridge = min(
-        ridges, key=lambda item: overall.errors("ridge", task.predicted(item[1])).facet_rms
-    )
-    clock.tick()
+    clock, ridges = Clock(len(config.penalties), progress, "ridge"), []
+    for penalty in config.penalties:
+        name = f"ridge-{penalty:g}"
+        model = _ridge(task, name, fold, config.members, penalty)
+        found = task.parts.value(
+            f"errors-{name}",
+            LevelErrors,
+            lambda model=model: overall.errors("ridge", task.predicted(model)),  # type: ignore[misc]
+        )
+        ridges.append((found.facet_rms, penalty, model))
+        clock.tick()
+    _, penalty, ridge = min(ridges, key=lambda item: item[0])
     splits = len(task.splits)
-    network = _train(task, fold, config.members, "networks", config.network, progress, splits)
-    return _Ensembles(penalty, ridge, network)
+    network, steps = _train(
+        task, fold, config.members, "networks", config.network, progress, splits
+    )
+    return _Ensembles(penalty, ridge, network, steps)
 
 
 def _train(
@@ -280,16 +317,28 @@ def _train(
     network: NetworkConfig,
     progress: OnProgress | None,
     later: int,
-) -> nn.Module:
-    """Return networks; where time decides their steps, ``later`` splits need some of it too."""
+) -> tuple[nn.Module, int]:
+    """Return networks and steps; where time decides these, ``later`` splits need some of it too."""
     told = in_stage(progress, name)
-    if task.time is None:
-        return fit_networks(task.rows, where, members, network, task.seed, told)
-    steps = task.time.steps(name, network.steps, members=members, splits=later)
-    began = time.monotonic()
-    made = fit_networks(task.rows, where, members, replace(network, steps=steps), task.seed, told)
-    task.time.took(steps, members, time.monotonic() - began)
-    return made
+    steps, told = network.steps, in_stage(progress, name)
+    if task.time is not None:
+        steps = task.time.steps(name, network.steps, members=members, splits=later)
+    network, part = replace(network, steps=steps), f"{name}-{steps}"
+    fresh, began = task.parts.load(part) is None, time.monotonic()
+    made = fit_networks(task.rows, where, members, network, task.seed, told, task.parts, part)
+    if task.time is not None and fresh:
+        task.time.took(steps, members, time.monotonic() - began)
+    return made, steps
+
+
+def _ridge(
+    task: FitTask, name: str, where: np.ndarray, members: int, penalty: float
+) -> RidgeEnsemble:
+    def fit() -> dict[str, np.ndarray]:
+        return {"weight": fit_ridge(task.rows, where, members, penalty).weight.numpy()}
+
+    kept = task.parts.arrays(name, fit)
+    return RidgeEnsemble(torch.tensor(kept["weight"]), task.rows.x.shape[1])
 
 
 def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
@@ -306,21 +355,27 @@ def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
     return np.asarray(out)
 
 
-def _splits(task: FitTask, refit: Callable[[Split, int], nn.Module]) -> tuple[LevelErrors, ...]:
+def _splits(
+    task: FitTask, made: str, refit: Callable[[Split, int], nn.Module]
+) -> tuple[LevelErrors, ...]:
     """Return the errors when whole fiber positions, inner directions, bends or materials are out.
 
     ``refit`` takes a split and the number of those that follow, and returns an ensemble.
     """
     errors = []
     for number, split in enumerate(task.splits, start=1):
-        held_out = np.asarray(split.fold >= 0)
-        members = task.residuals(refit(split, len(task.splits) - number))
-        residual = out_of_fold(members, split.fold)
-        bends = np.flatnonzero(held_out.any(axis=(0, 1))) if split.name == "bend" else task.bends
-        designs = task.designs(np.asarray(held_out.any(axis=2)), 1)
-        transport = np.exp(task.rows.log_preview + residual)
-        evaluation = task.evaluation(designs, held_out, bends)
-        errors.append(evaluation.errors(f"unseen {split.name}", transport))
+
+        def unseen(split: Split = split, later: int = len(task.splits) - number) -> LevelErrors:
+            held_out = np.asarray(split.fold >= 0)
+            residual = out_of_fold(task.residuals(refit(split, later)), split.fold)
+            by_bend = split.name == "bend"
+            bends = np.flatnonzero(held_out.any(axis=(0, 1))) if by_bend else task.bends
+            designs = task.designs(np.asarray(held_out.any(axis=2)), 1)
+            transport = np.exp(task.rows.log_preview + residual)
+            evaluation = task.evaluation(designs, held_out, bends)
+            return evaluation.errors(f"unseen {split.name}", transport)
+
+        errors.append(task.parts.value(f"errors-unseen {split.name}-{made}", LevelErrors, unseen))
     return tuple(errors)
 
 
@@ -344,16 +399,20 @@ def _spread(task: FitTask, residual: Array, deviation: Array) -> tuple[float, fl
 
 
 def _coverage(
-    task: FitTask, compared: Callable[[HeldOutEvaluation], Comparison]
+    task: FitTask, made: str, compared: Callable[[HeldOutEvaluation], Comparison]
 ) -> Coverage | None:
     """Return the coverage of designs whose cells had no part in the conformal factors.
 
     The pairs of fiber and direction are dealt to two halves like a chessboard (twins together);
     factors from designs of one half are tried on designs of the other, both ways.
     """
-    cells = task.cells
-    if len(cells.phi) < 2:
+    if len(task.cells.phi) < 2:
         return None
+    return task.parts.value(f"coverage-{made}", Coverage, lambda: _covered(task, compared))
+
+
+def _covered(task: FitTask, compared: Callable[[HeldOutEvaluation], Comparison]) -> Coverage:
+    cells = task.cells
     white = np.asarray((cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0)
     halves: tuple[np.ndarray, ...] = (white, ~white)
     everywhere = np.ones(cells.group.shape, dtype=bool)

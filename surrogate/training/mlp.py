@@ -17,7 +17,12 @@ from surrogate.model.facet_basis import SIZE
 from surrogate.model.features import FEATURE_NAMES
 from surrogate.model.networks import NetworkEnsemble
 from surrogate.training.dataset import RegressionData, expand
+from surrogate.training.finished_parts import FinishedParts
 
+SAVE_SECONDS = 2.0
+"""Between states that are kept of networks in training."""
+MOMENTS = ("exp_avg", "exp_avg_sq")
+"""What Adam keeps of every weight."""
 TRIAL_STEPS = 60
 """Steps that are timed, to see how long one takes."""
 
@@ -51,24 +56,36 @@ def fit_networks(
     config: NetworkConfig,
     seed: int,
     progress: OnProgress | None = None,
+    parts: FinishedParts | None = None,
+    name: str = "networks",
 ) -> NetworkEnsemble:
     """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
 
     Minimizes the weighted gamma deviance (:func:`deviance`).
-    ``progress`` is told of every 100 steps.
+    ``progress`` is told of every 100 steps. ``parts`` keeps weights, moments of Adam, random state
+    and the rows still to come as ``name``, every ``SAVE_SECONDS`` and at the end; there it goes on.
     """
+    parts = parts or FinishedParts(None, "")
     generator = torch.Generator().manual_seed(seed)
     outputs = rows.basis.shape[1]
     net = NetworkEnsemble(members, rows.x.shape[1], config.width, outputs, generator)
     optimizer = torch.optim.AdamW(net.parameters(), lr=config.rate, weight_decay=config.decay)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, config.steps))
     index = rows.fold_rows(fold)
     seen = (index[None] != torch.arange(members)[:, None]).float()
     weight = seen[..., None] * rows.weight
     weight = weight / weight.mean(dim=(1, 2), keepdim=True)
     order = torch.zeros(0, dtype=torch.long)
-    clock = Clock(config.steps, progress)
-    for step in range(config.steps):
+    clock, begin, saved = Clock(config.steps, progress), 0, time.monotonic()
+    kept = parts.load(name)
+    if kept is not None:
+        begin, order = _restore(net, optimizer, generator, kept)
+        clock.skip(begin)
+    for step in range(begin, config.steps):
+        if time.monotonic() - saved > SAVE_SECONDS:
+            parts.save(name, _state(net, optimizer, generator, order, step))
+            saved = time.monotonic()
+        for group in optimizer.param_groups:
+            group["lr"] = config.rate * _rate(step, config.steps)
         if len(order) < config.batch:
             order = torch.cat([order, torch.randperm(len(rows.x), generator=generator)])
         take, order = order[: config.batch], order[config.batch :]
@@ -78,10 +95,44 @@ def fit_networks(
         optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-        schedule.step()
         if (step + 1) % 100 == 0:
             clock.tick(100)
+    if begin < config.steps:
+        parts.save(name, _state(net, optimizer, generator, order, config.steps))
     return net
+
+
+def _state(
+    net: NetworkEnsemble,
+    optimizer: torch.optim.AdamW,
+    generator: torch.Generator,
+    order: Tensor,
+    step: int,
+) -> dict[str, np.ndarray]:
+    """Return all that the steps from ``step`` on depend on."""
+    state = {"step": np.array(step), "order": order.numpy(), "rng": generator.get_state().numpy()}
+    for name, weight in net.named_parameters():
+        state[name] = weight.detach().numpy()
+        for moment in MOMENTS if step else ():
+            state[f"{name}.{moment}"] = optimizer.state[weight][moment].numpy()
+    return state
+
+
+def _restore(
+    net: NetworkEnsemble,
+    optimizer: torch.optim.AdamW,
+    generator: torch.Generator,
+    state: dict[str, np.ndarray],
+) -> tuple[int, Tensor]:
+    """Take up what `_state` returned; return its step and the rows still to come."""
+    step = int(state["step"])
+    generator.set_state(torch.tensor(state["rng"]))
+    for name, weight in net.named_parameters():
+        weight.data.copy_(torch.tensor(state[name]))
+        if step:
+            moments = {moment: torch.tensor(state[f"{name}.{moment}"]) for moment in MOMENTS}
+            optimizer.state[weight] = {"step": torch.tensor(float(step)), **moments}
+    return step, torch.tensor(state["order"])
 
 
 def seconds_per_step(directions: int, normals: int, members: int, config: NetworkConfig) -> float:

@@ -21,7 +21,6 @@ from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
-from surrogate.training.dataset import NOISE_FLOOR, cell_features, preview_checker, smooth_noise
 
 CELLS = 40_000
 """Cells that are treated at once: some 70 MB of products."""
@@ -67,6 +66,9 @@ class Refitter:
 
     def __init__(self, scene: Scene, grid: PreviewGrid) -> None:
         """Keep what turns directions and bends into inputs and basis functions."""
+        # Torch takes seconds to import, and `NewRenders` are made without a refit too.
+        from surrogate.training.dataset import preview_checker
+
         self._checker = preview_checker(scene, grid)
 
     def features(self, phi: Array, bends: Array) -> tuple[Array, Array]:
@@ -74,6 +76,8 @@ class Refitter:
 
         Rows run over ``(design, fiber, bend, site)`` for ``phi`` ``(design, fiber)`` rad.
         """
+        from surrogate.training.dataset import cell_features
+
         x, basis, _ = cell_features(self._checker, phi, bends)
         rows = x.double().numpy()
         return np.concatenate([np.ones((len(rows), 1)), rows], axis=1), basis.double().numpy()
@@ -118,6 +122,8 @@ class Refitter:
         return ResidualCorrection(best[2], best[3], best[1], sum(block.cells for block in blocks))
 
     def _normal_equations(self, run: NewRenders) -> _NormalEquations:
+        from surrogate.training.dataset import NOISE_FLOOR, smooth_noise
+
         mean = run.replicates.mean(axis=0)
         if not (np.isfinite(mean).all() and np.isfinite(run.predicted).all()):
             raise TableError(

@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,7 +30,9 @@ from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import bend_range
-from surrogate.training.dataset import TrainingCells, training_cells
+
+if TYPE_CHECKING:  # torch comes with the cells
+    from surrogate.training.dataset import TrainingCells
 
 PLAN, RENDERS = "plan.json", "reference"
 """The plan and the folder of the renders in the folder of a run."""
@@ -197,6 +199,8 @@ class ReferenceData:
 
     def cells(self, scene: Scene) -> TrainingCells:
         """Return the training cells."""
+        from surrogate.training.dataset import training_cells
+
         return training_cells(scene, self.tables, self.materials)
 
     @property

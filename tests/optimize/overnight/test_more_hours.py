@@ -87,7 +87,7 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
         """Draw nothing, because nobody reads it, in the time that is set aside for it."""
         workers.now += REPORT_SECONDS
 
-    monkeypatch.setattr("optimize.overnight.job.write_report", write_report)
+    monkeypatch.setattr("optimize.overnight.report.write_report", write_report)
     run = tmp_path / "run"
 
     def night(seconds: float) -> OvernightResult:

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.image import imread
 
 from optimize.design import Design
-from optimize.overnight.conclusion import outcome, prediction_check, surrogate_sentence
+from optimize.overnight.conclusion import outcome, surrogate_sentence
 from optimize.overnight.report import convergence, render_report, warnings
 from optimize.overnight.result import OvernightResult
 from optimize.report import bolt_pictures
@@ -109,7 +109,7 @@ def test_an_interval_that_the_renders_cannot_test_is_not_said_to_hold(
     finished_night: OvernightResult,
 ) -> None:
     noisy = changed(finished_night, "winner", se=60.0)
-    assert prediction_check(noisy.best) == "cannot be tested"
+    assert noisy.best.prediction_check == "cannot be tested"
     said = summary(noisy)[-1]
     assert "it held for 4, and for 1 the renders are too noisy to tell" in said
 

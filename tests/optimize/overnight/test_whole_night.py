@@ -91,7 +91,7 @@ def test_status_tells_a_program_that_it_is_finished(tactilux: Run, tiny_night: T
 def test_a_finished_night_with_a_damaged_file_is_mended_from_its_renders(
     tactilux: Run, tiny_night: TinyNight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("optimize.overnight.job.write_report", lambda result, run: None)
+    monkeypatch.setattr("optimize.overnight.report.write_report", lambda result, run: None)
     monkeypatch.setattr("optimize.overnight.context.FIT_STEPS", (FIT_STEPS, FIT_STEPS))
     run = tmp_path / "run"
     shutil.copytree(tiny_night.run, run)

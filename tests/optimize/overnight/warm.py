@@ -88,7 +88,7 @@ class WarmProgram:
 def _run(question: dict[str, Any]) -> None:
     """Be the program."""
     import optimize.overnight.context
-    import optimize.overnight.job
+    import optimize.overnight.report
     from hw.cli import main
 
     for number, name in ((1, "out"), (2, "err")):
@@ -97,7 +97,7 @@ def _run(question: dict[str, Any]) -> None:
     time.time = lambda: real() + ahead
     optimize.overnight.context.FIT_STEPS = (FIT_STEPS, FIT_STEPS)
     if not question["report"]:
-        optimize.overnight.job.write_report = lambda result, run: run
+        optimize.overnight.report.write_report = lambda result, run: run
     sys.argv = ["tactilux", *question["words"]]
     code = 0
     try:
