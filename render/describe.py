@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from render.geometry import MIN_ROUGHNESS, FiberHolder
+from render.geometry import FiberHolder
 from render.scene import EDGES, Constraints, FreeRanges, Quantity, Scene, Tolerances
 
 
@@ -153,8 +153,7 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.pad.roughness == 0.0:
         yield (
             "rough refraction",
-            f"pad.roughness is 0, the outer faces are smooth; "
-            f"renders take {MIN_ROUGHNESS:g} for it",
+            "pad.roughness is 0, the outer faces are smooth",
         )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"

@@ -15,13 +15,16 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
+from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
 from render.cells.guiding import FacetGuiding, FiberGlow
+from render.cells.lamp_aim import LampAim
+from render.cells.lamp_connections import Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import camera_origin, facets, fiber_poses
-from render.optics.pad_scene import pad_scene, with_min_roughness
+from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -39,6 +42,33 @@ The rest falls to near ones, which make the colors.
 """
 CAMERA_STRIDE = 40
 """Events by which the camera subpaths of one lane are apart."""
+CAMERA_EVENTS, CLEAR_CAMERA_EVENTS = 16, 19
+"""Events that a camera subpath may take, on milky pads and on clear ones.
+
+What the bound costs is measured in tests/validation.
+"""
+MILKY_DEPTH = 6.0
+"""Optical depth from which on a diffuser hides its lamps: e^-6 of their light comes through."""
+CLEAR_ROUGHNESS = 0.05
+"""Roughness below which the faces of a milky pad are too smooth for connections alone."""
+AIMED_MAX, AIMED_MIN = 0.8, 0.1
+"""What of the guided directions is aimed at the lamp itself, on clear pads and on milky ones."""
+
+
+def diffuser_depth(scene: Scene) -> float:
+    """Return the optical depth of the diffuser, straight through; 0 without one."""
+    layer = scene.diffuser
+    return 0.0 if layer is None else (layer.sigma_s + layer.sigma_a) * layer.thickness
+
+
+def lamps_are_seen(scene: Scene) -> bool:
+    """Return whether camera subpaths should look for the lamps themselves.
+
+    Through a thick diffuser they would not find them, and light subpaths find everything that they
+    could, as long as the faces are rough enough. Right either way: what is left out of the
+    strategies is left out of their weights.
+    """
+    return diffuser_depth(scene) < MILKY_DEPTH or scene.pad.roughness < CLEAR_ROUGHNESS
 
 
 @dataclass(frozen=True)
@@ -92,28 +122,64 @@ class PadSampler:
 
     def __init__(self, scene: Scene, phi: Array, bend: float, indented: bool) -> None:
         """Load the pad; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad."""
-        scene = with_min_roughness(scene)
         self.scene = scene
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi, bend)
         self.glow = FiberGlow(scene, bend)
         self.mirror = LowerFaceMirror(scene, bend)
         self.target = CoatingTarget(scene, bend, self.mirror)
+        smooth = scene.pad.roughness == 0.0 and scene.pad.index != 1.0
+        self.images = BoxImages(scene) if smooth and not self.mirror.curved else None
+        # A bent mirror has no exact image: camera subpaths find what comes out of volumes over it.
+        self.volume_ends = smooth and self.mirror.curved and scene.diffuser is not None
+        self.seen = lamps_are_seen(scene)
+        self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
+        self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
+
+    def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
+        """Return where the coating sends camera subpaths to find ``fiber``."""
+        aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(self.scene))))
+        return FacetGuiding(self.glow, fiber, self.aim, aimed)
+
+    def lamp(self, fiber: mi.UInt32) -> Lamp | None:
+        """Return the lamps of ``fiber`` where camera subpaths look for them."""
+        return Lamp(self.light, fiber, self.scene.pad.index == 1.0) if self.seen else None
 
     def camera_subpath(
         self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
-        first: mi.UInt32, guiding: FacetGuiding,
+        first: mi.UInt32, guiding: FacetGuiding, lamp: Lamp | None,
     ) -> FacetSubpath:  # fmt: skip
         """Trace camera subpaths through positions on a film of ``size`` (columns, rows)."""
         o, d = pixel_rays(self.scene, column, row, *size)
-        return trace_facet_subpath(self.pad, o, d, stream, first, guiding, self.mirror)
+        return trace_facet_subpath(
+            self.pad,
+            o,
+            d,
+            stream,
+            first,
+            guiding,
+            self.mirror,
+            self.images,
+            lamp,
+            self.events,
+            self.volume_ends,
+        )
 
     def light_vertices(
         self, point: mi.Point3f, normal: mi.Vector3f, fiber: mi.UInt32, stream: Stream, paths: int
     ) -> DrawnVertices:
         """Trace light subpaths; one vertex of each is drawn for ``point`` of the coating."""
         return trace_light_subpaths(
-            self.pad, self.target, point, normal, self.light, fiber, stream, paths
+            self.pad,
+            self.target,
+            point,
+            normal,
+            self.light,
+            fiber,
+            stream,
+            paths,
+            self.seen,
+            self.volume_ends,
         )
 
 
@@ -202,13 +268,22 @@ class CellSampler(PadSampler):
         film = self.scene.camera
         row = pixel // film.columns
         column = pixel - row * film.columns
-        guiding = FacetGuiding(self.glow, fiber)
+        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         subpath = self.camera_subpath(
             mi.Float(column) + x, mi.Float(row) + y, (film.columns, film.rows), camera, first + 1,
-            guiding,
+            guiding, lamp,
         )  # fmt: skip
         return radiance_per_node(
-            self.pad, vertices, lane, subpath, light, face, guiding, self.mirror
+            self.pad,
+            vertices,
+            lane,
+            subpath,
+            light,
+            face,
+            guiding,
+            self.mirror,
+            self.images,
+            lamp,
         )
 
 
@@ -245,10 +320,10 @@ class PictureSampler(PadSampler):
         fiber = dr.gather(mi.UInt32, self._fiber, chosen)
         column = dr.minimum(mi.UInt32(x * self.width), self.width - 1)
         row = dr.minimum(mi.UInt32(y * self.height), self.height - 1)
-        guiding = FacetGuiding(self.glow, fiber)
+        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         subpath = self.camera_subpath(
             x * self.width, y * self.height, (self.width, self.height), camera, mi.UInt32(1),
-            guiding,
+            guiding, lamp,
         )  # fmt: skip
         dr.eval(subpath)
         coated = subpath.facet.weight > 0
@@ -257,7 +332,16 @@ class PictureSampler(PadSampler):
         vertices = self.light_vertices(point, normal, fiber, light, PICTURE_LIGHT_PATHS)
         lane = dr.arange(mi.UInt32, dr.width(fiber))
         value = radiance_per_node(
-            self.pad, vertices, lane, subpath, light, mi.UInt32(0), guiding, self.mirror
+            self.pad,
+            vertices,
+            lane,
+            subpath,
+            light,
+            mi.UInt32(0),
+            guiding,
+            self.mirror,
+            self.images,
+            lamp,
         )[0]
         scale = self.lit * self.bins
         colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]

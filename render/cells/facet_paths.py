@@ -17,10 +17,12 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from render.cells.box_images import BoxImages, ImageChain
+from render.cells.lamp_connections import Lamp, MetLamp
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.paths.connect import connect_vertices, mirror_connection
-from render.paths.vertex import Vertex, empty_vertex, has_wide_lobe
+from render.paths.vertex import RATIO_MAX, Vertex, empty_vertex, has_wide_lobe
 from render.paths.walk import (
     GuidingDistribution,
     begin_subpath,
@@ -30,8 +32,8 @@ from render.paths.walk import (
 from render.sampling.proposals import LIGHT_EVENTS
 from render.sampling.streams import Numbers, Stream
 
-CAMERA_EVENTS = 16
-"""Events that one subpath may take; what the bound costs is measured in tests/validation."""
+JOINED_STRIDE = 1024
+"""Events by which the numbers of vertices that are joined to a lamp are apart."""
 
 
 @dataclass
@@ -39,25 +41,29 @@ class FacetSubpath:
     """The kept vertices of a camera subpath (weight 0 where there is none).
 
     ``glossy_first`` says that ``glossy`` follows the facet directly, so that a mirror connection
-    could have found it too; ``end_mirrored`` is the density ratio of that for the vertex before
-    ``end``.
+    could have found it too. ``met`` is where the subpath passed through a lamp.
     """
 
     facet: Vertex
     glossy: Vertex
     end: Vertex
     glossy_first: mi.Bool
-    end_mirrored: mi.Float
+    met: MetLamp
 
 
 @dr.syntax
 def trace_facet_subpath(
     scene: mi.Scene, o: mi.Point3f, d: mi.Vector3f, stream: Stream, first: mi.UInt32,
-    guiding: GuidingDistribution, mirror: LowerFaceMirror,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror, images: BoxImages | None,
+    lamp: Lamp | None, events: int, volume_ends: bool,
 ) -> FacetSubpath:  # fmt: skip
-    """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``."""
+    """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``.
+
+    With a ``lamp`` they go on behind the second diffuse surface, until they leave the pad for good.
+    """
     # --------------------------- Configure loop state ----------------------------
     facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()  # what is kept
+    met = MetLamp.none()
     free = stream.event(first)[0]
     state = begin_subpath(
         o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free
@@ -65,34 +71,60 @@ def trace_facet_subpath(
     event = first + 1  # where the stream of numbers is
     active = dr.full(mi.Bool, True, dr.width(o))  # lanes under way
     behind = mi.Bool(False)  # whether the facet has been met
-    glossies = mi.Float(0.0)  # glossy vertices so far
-    glossy_first, end_mirrored = mi.Bool(False), mi.Float(0.0)
+    # Glossy vertices and ends so far, and lamps.
+    glossies, ends, lamps = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+    glossy_first = mi.Bool(False)
     # Of the vertex before: whether it is the first glossy one after the facet, and where it is.
     follows, before, before_n, before_d_vcm = (
         mi.Bool(False), dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0)
     )  # fmt: skip
+    after_delta = mi.Bool(False)  # whether the last vertex behind the facet is a delta face
+    chain = ImageChain.closed()  # smooth mirrors behind the facet
     while active:
+        segment, begin = MetLamp.of(state, before), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
-        v.terminal = v.terminal | (v.diffuse & behind)
+        choose_glossy, choose_end, choose_lamp, _ = stream.event(event + events)
+        if lamp is not None:
+            segment.depth = state.depth
+            length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
+            passed = active & behind & lamp.light.passed(
+                lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
+            )  # fmt: skip
+            lamps += dr.select(passed, 1.0, 0.0)
+            met = dr.select(passed & (choose_lamp * lamps < 1.0), segment, met)
+        else:
+            v.terminal = v.terminal | (v.diffuse & behind)
         # Up to the facet only one strategy exists: there are no sums to carry.
         v.d_vcm = dr.select(behind, v.d_vcm, 0.0)
         v.d_vc = dr.select(behind, v.d_vc, 0.0)
+        # A mirror connection could have found the vertex before this one, whatever comes next.
+        if arrived & follows & has_wide_lobe(v):
+            mirrored = before_d_vcm * mirror.area_density(facet.p, before, before_n, v.p)
+            v.d_vcm = dr.minimum(v.d_vcm * (1.0 + mirrored), RATIO_MAX)
+        # So could an image connection the one that follows the facet over smooth mirrors.
+        if images is not None:
+            following, imaged = images.arrive(chain, v, state, facet, has_wide_lobe(v))
+            v.d_vcm = dr.select(arrived & (imaged > 0), dr.minimum(imaged, RATIO_MAX), v.d_vcm)
+            chain = dr.select(arrived, following, chain)
         absorbed = arrived & v.terminal
         # ------------------------------ Keep vertices -----------------------------
         # A volume behind the facet is left to light subpaths; one before it is what is seen.
-        end = dr.select(absorbed & ~(v.volume & behind), v, end)
+        # Reservoirs of size 1: every end and every glossy vertex are kept with the same chance.
+        is_end = arrived & dr.select(behind, v.diffuse, v.volume)
+        if volume_ends:
+            # Over a delta face light subpaths cannot be connected: it ends here.
+            is_end |= arrived & v.volume & after_delta
+            after_delta = dr.select(arrived, behind & v.delta, after_delta)
+        ends += dr.select(is_end, 1.0, 0.0)
+        end = dr.select(is_end & (choose_end * ends < 1.0), v, end)
         is_facet = arrived & v.diffuse & ~behind
         facet = dr.select(is_facet, v, facet)
-        # Reservoir of size 1: every glossy vertex is kept with the same probability.
         is_glossy = arrived & behind & ~v.terminal & ~v.delta & ~v.diffuse
         glossies += dr.select(is_glossy, 1.0, 0.0)
-        number = stream.event(event + CAMERA_EVENTS)[0]
-        kept = is_glossy & (number * glossies < 1.0)
+        kept = is_glossy & (choose_glossy * glossies < 1.0)
         glossy = dr.select(kept, v, glossy)
-        is_first = is_glossy & (glossies == 1.0)
+        is_first = is_glossy & (glossies == 1.0) & (ends == 0.0)
         glossy_first = dr.select(kept, is_first, glossy_first)
-        if absorbed & follows:
-            end_mirrored = before_d_vcm * mirror.area_density(facet.p, before, before_n, v.p)
         follows = dr.select(arrived, is_first, follows)
         before = dr.select(arrived, v.p, before)
         before_n = dr.select(arrived, v.n, before_n)
@@ -103,18 +135,27 @@ def trace_facet_subpath(
         state, alive = sample_scattering(
             state, v, mi.TransportMode.Radiance, stream.event(event), going, guiding
         )
-        active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + CAMERA_EVENTS)
+        if images is not None:
+            refracted = dr.dot(v.n, state.d) * dr.dot(v.n, v.wi) < 0
+            chain.open &= ~(arrived & refracted)
+            started = ImageChain.closed()
+            started.open, started.d_vcm = mi.Bool(True), mi.Float(state.d_vcm)
+            chain = dr.select(is_facet, started, chain)
+        active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     glossy.weight = glossies
-    return FacetSubpath(facet, glossy, end, glossy_first, end_mirrored)
+    end.weight = ends
+    met.weight = lamps
+    return FacetSubpath(facet, glossy, end, glossy_first, met)
 
 
 @dr.syntax
 def radiance_per_node(
     scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
     offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror,
+    images: BoxImages | None, lamp: Lamp | None,
 ) -> list[mi.Float]:  # fmt: skip
-    """Return, per direction node, what the light vertices of ``lane`` send to the camera.
+    """Return, per direction node, what the lamp and its light vertices of ``lane`` send.
 
     ``offset`` keeps the random numbers of several camera subpaths of one lane apart.
     """
@@ -125,18 +166,30 @@ def radiance_per_node(
     while path < last:
         drawn = light.read(path, lane)
         numbers = stream.event((path + 1) * LIGHT_EVENTS - 1 - offset)
-        radiance = _connect(scene, drawn, camera, numbers, drawn.contribution > 0, guiding, mirror)
+        radiance = _connect(
+            scene, drawn, camera, numbers, drawn.contribution > 0, guiding, mirror, images
+        )
         for j in range(len(sums)):
             weight = dr.gather(mi.Float, light.weight[j], light.index(path, lane))
             sums[j] += radiance * weight
         path += 1
+    if lamp is not None:
+        found = [lamp.met(camera.met)]
+        # A bare coating sees the lamp; in a pad only its faces do.
+        last_vertices = [camera.facet, camera.end] if lamp.bare else [camera.glossy]
+        for i in range(len(last_vertices)):
+            numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
+            found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
+        for values in found:
+            for j in range(len(sums)):
+                sums[j] += values[j]
     return sums
 
 
 @dr.syntax
 def _connect(
     scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
-    guiding: GuidingDistribution, mirror: LowerFaceMirror,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror, images: BoxImages | None,
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
@@ -156,12 +209,12 @@ def _connect(
             a.p, camera.glossy.p, camera.glossy.n, y.p
         )
     other = dr.select(to_end, camera.end, camera.glossy)
-    end_mirrored = dr.select(to_end, camera.end_mirrored, 0.0)
-    light += 2.0 * dr.mean(
-        connect_vertices(scene, y, other, active, guiding, extra=mirrored, mirrored=end_mirrored)
-    )
-    # ------------------------------ Over the lower face ---------------------------
-    direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
-    density = mirror.density(a.p, y.p, direction)
-    reflected = mirror_connection(scene, y, a, direction, density, wide, guiding=guiding)
+    light += 2.0 * dr.mean(connect_vertices(scene, y, other, active, guiding, extra=mirrored))
+    # ------------------------------ Over mirrors ----------------------------------
+    if images is not None:
+        reflected = images.connect(scene, y, a, numbers[0], wide, guiding)
+    else:
+        direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
+        density = mirror.density(a.p, y.p, direction)
+        reflected = mirror_connection(scene, y, a, direction, density, wide, guiding=guiding)
     return light + dr.mean(reflected)

@@ -10,6 +10,8 @@ solid angle). A line that misses a node's disk weighs zero for that node.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -24,6 +26,23 @@ from render.optics.fiber_profile import (
     truncated_mass,
 )
 from render.scene import Scene
+
+COSINE_MIN = 1e-4
+"""Least cosine between a beam and a line that counts as crossing its end face."""
+
+
+@dataclass
+class LampRay:
+    """What one line carries (a Dr.Jit PyTree).
+
+    ``radiance`` per direction node in 1/(mm^2 sr); ``emitted`` the density with which ``sample``
+    draws the line, per projected area and solid angle; ``joined`` that of directions to points of
+    ``towards``, per solid angle at the point that the line was asked for.
+    """
+
+    radiance: list[mi.Float]
+    emitted: mi.Float
+    joined: mi.Float
 
 
 class FiberLight:
@@ -64,24 +83,48 @@ class FiberLight:
         origin = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
         return mi.Point3f(origin), frame.to_world(local)
 
-    def weights(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> list[mi.Float]:
-        """Return, per node, radiance over mixture density for rays ``(o, d)``."""
+    def ray(self, fiber: mi.UInt32, p: mi.Point3f, d: mi.Vector3f) -> LampRay:
+        """Return what the lines through ``p`` along ``d``, the way of the light, carry."""
         radius, sigma_v, peak, norm = (self._constant(i) for i in range(4))
-        radiance, mixture = [], mi.Float(0.0)
-        offset = o - self._center(fiber)
+        radiance, mixture, joined = [], mi.Float(0.0), mi.Float(0.0)
+        offset = p - self._center(fiber)
         for j in range(self.nodes):
             beam = self._beam(fiber, mi.UInt32(j))
             cos = dr.dot(beam, d)
             # Where the line meets the node's disk, seen from the disk's center.
-            hit = offset - d * (dr.dot(offset, beam) / cos)
+            distance = dr.dot(offset, beam) / cos
+            hit = offset - d * distance
             # The node that drew the ray must count as hit in spite of rounding.
-            inside = (cos > 1e-4) & (dr.squared_norm(hit) <= dr.square(radius * 1.0001))
+            inside = (cos > COSINE_MIN) & (dr.squared_norm(hit) <= dr.square(radius * 1.0001))
             theta = dr.unit_angle(mi.Vector3f(beam), mi.Vector3f(d))
             radiance.append(dr.select(inside, peak * falloff(theta, sigma_v), 0.0))
             mixture += dr.select(inside, density(theta, sigma_v, norm) / cos, 0.0)
-        mixture = mixture / (self.nodes * dr.pi * dr.square(radius))
-        scale = dr.select(mixture > 0, dr.rcp(mixture), 0.0)
-        return [value * scale for value in radiance]
+            joined += dr.select(inside & (distance > 0), dr.square(distance) / cos, 0.0)
+        share = 1.0 / (self.nodes * dr.pi * dr.square(radius))
+        return LampRay(radiance, mixture * share, joined * share)
+
+    def weights(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> list[mi.Float]:
+        """Return, per node, radiance over mixture density for rays ``(o, d)``."""
+        ray = self.ray(fiber, o, d)
+        scale = dr.select(ray.emitted > 0, dr.rcp(ray.emitted), 0.0)
+        return [value * scale for value in ray.radiance]
+
+    def towards(
+        self, fiber: mi.UInt32, p: mi.Point3f, pick: mi.Float, square: mi.Point2f
+    ) -> mi.Point3f:
+        """Return points on the end face, of a node drawn by ``pick``; uniform in its area."""
+        node = dr.minimum(mi.UInt32(pick * self.nodes), self.nodes - 1)
+        frame = mi.Frame3f(self._beam(fiber, node))
+        disk = self._constant(0) * mi.warp.square_to_uniform_disk_concentric(square)
+        return mi.Point3f(self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0)))
+
+    def passed(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f, end: mi.Float) -> mi.Bool:
+        """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face."""
+        offset = self._center(fiber) - o
+        ahead = dr.dot(offset, d)
+        radius = self._constant(0)
+        miss = dr.squared_norm(offset - ahead * d)
+        return (miss <= dr.square(radius * 1.0001)) & (ahead > -radius) & (ahead < end)
 
     def _constant(self, index: int) -> mi.Float:
         return dr.gather(mi.Float, self.constants, mi.UInt32(index))

@@ -15,12 +15,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.cells.lamp_aim import LampAim
 from render.geometry import fiber_poses
 from render.paths.vertex import Vertex
 from render.scene import Scene
 
-GUIDED_FRACTION = 0.5
-"""Probability of guided directions; the rest follow the coating's BSDF."""
+GUIDED_FRACTION, AIMED_GUIDED_FRACTION = 0.5, 0.8
+"""Probability of guided directions, without and with an aim; the rest follow the coating's BSDF."""
 LOGISTIC_SCALE = 1.0
 """Scale (mm) of the logistic distribution along the edge; its standard deviation is 1.8 mm."""
 
@@ -67,24 +68,42 @@ class FiberGlow:
 
 @dataclass
 class FacetGuiding:
-    """The glow of each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet."""
+    """The glow of each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet.
+
+    With an ``aim``, ``aimed`` of the guided directions go to the lamp itself.
+    """
 
     glow: FiberGlow
     fiber: mi.UInt32
+    aim: LampAim | None = None
+    aimed: float = 0.0
+
+    @property
+    def fraction(self) -> float:
+        """Probability of guided directions."""
+        return GUIDED_FRACTION if self.aim is None else AIMED_GUIDED_FRACTION
 
     def applies(self, v: Vertex) -> mi.Bool:
-        """Return whether ``v`` is a facet: diffuse, and not the end of the subpath."""
+        """Return whether ``v`` is on the coating, and not the end of the subpath."""
         return v.diffuse & ~v.terminal
 
     def selected(self, v: Vertex, number: mi.Float) -> mi.Bool:
         """Return whether this number picks the guided direction."""
-        return self.applies(v) & (number < GUIDED_FRACTION)
+        return self.applies(v) & (number < self.fraction)
 
-    def sample(self, v: Vertex, x: mi.Float, y: mi.Float) -> mi.Vector3f:
-        """Return a direction towards the fiber's glow."""
-        return self.glow.sample(self.fiber, v.p, x, y)
+    def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
+        """Return a direction towards the fiber's glow, or the lamp, for a ``number`` selected."""
+        glow = self.glow.sample(self.fiber, v.p, x, y)
+        if self.aim is None:
+            return glow
+        pick = number / (self.fraction * self.aimed)
+        aimed = self.aim.sample(self.fiber, v.p, pick, x, y)
+        return dr.select(pick < 1.0, aimed, glow)
 
     def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
         guided = self.glow.density(self.fiber, v.p, direction)
-        return (1.0 - GUIDED_FRACTION) * pdf + GUIDED_FRACTION * guided
+        if self.aim is not None:
+            aimed = self.aim.density(self.fiber, v.p, direction)
+            guided = (1.0 - self.aimed) * guided + self.aimed * aimed
+        return (1.0 - self.fraction) * pdf + self.fraction * guided

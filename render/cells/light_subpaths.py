@@ -172,10 +172,15 @@ class CoatingTarget:
 
 def trace_light_subpaths(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
-    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
+    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int, met: bool,
+    volume_ends: bool,
 ) -> DrawnVertices:  # fmt: skip
-    """Return drawn vertices for the ``point`` of the coating that each lane looks at."""
-    records = _trace(scene, target, point, normal, light, fiber, stream, paths)
+    """Return drawn vertices for the ``point`` of the coating that each lane looks at.
+
+    ``met`` says that camera subpaths meet lamps and are joined to them; ``volume_ends`` that they
+    end in volumes behind delta faces.
+    """
+    records = _trace(scene, target, point, normal, light, fiber, stream, paths, met, volume_ends)
     dr.eval(records)
     lanes = dr.width(fiber)
     lane = dr.arange(mi.UInt32, paths * lanes) % lanes
@@ -188,7 +193,8 @@ def trace_light_subpaths(
 @dr.syntax
 def _trace(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
-    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
+    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int, met: bool,
+    volume_ends: bool,
 ) -> DrawnVertex:  # fmt: skip
     """Trace and draw; one loop runs all light subpaths of a lane one after the other.
 
@@ -212,6 +218,8 @@ def _trace(
     drawn_weight, total = mi.Float(0.0), mi.Float(0.0)  # its target weight, and the sum of all
     records = _allocated(drawn, lanes * paths)
     fresh = dr.full(mi.Bool, True, lanes)  # lanes that begin a path
+    first = mi.Bool(fresh)  # lanes whose path has no vertex yet
+    from_volume = mi.Bool(False)  # lanes whose last vertex is in a volume
     active = mi.Bool(fresh)
     while active:
         if fresh:
@@ -220,19 +228,32 @@ def _trace(
             # The paths of a lane divide the direction nodes among themselves.
             stratum = (mi.Float(path) + pick_node) / mi.Float(last)
             o, d = light.sample(fiber, stratum, (u, v_angle), mi.Point2f(x, y))
-            # Light comes from outside the scene's surfaces: connecting to the fiber end itself, or
-            # hitting it by chance, are no strategies here, hence both sums start at 0.
+            # Eq. 32: camera subpaths may meet the lamp. Otherwise both sums start at 0.
+            d_vc = mi.Float(0.0)
+            if met:
+                emitted = light.ray(fiber, o, d).emitted
+                d_vc = dr.select(emitted > 0, dr.rcp(emitted), 0.0)
             state = begin_subpath(
-                o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free
+                o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), d_vc, free
             )
             event = path * LIGHT_EVENTS + 2
             before_wide = mi.Bool(False)
             total = mi.Float(0.0)
+            first, from_volume = mi.Bool(True), mi.Bool(False)
         state, v, arrived, escaped = trace_segment(scene, state, active)
-        v.terminal = v.terminal | v.diffuse
-        # Camera subpaths never sample a volume vertex: no strategy competes for it.
+        if met:
+            # Eq. 31, at the first vertex: camera subpaths that end there are joined to the lamp.
+            if arrived & first:
+                through = dr.mean(dr.exp(-state.depth))
+                v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
+            first = first & ~arrived
+        else:
+            v.terminal = v.terminal | v.diffuse
+        # Camera subpaths never sample a volume vertex from one that could be connected to it: no
+        # strategy competes for it here.
+        volume_d_vcm = v.d_vcm
         v.d_vcm = dr.select(v.volume, 0.0, v.d_vcm)
-        v.d_vc = dr.select(v.volume, 0.0, v.d_vc)
+        v.d_vc = dr.select(v.volume | (from_volume & ~v.delta), 0.0, v.d_vc)
         # --------------------- Draw the vertex, or keep another one ---------------
         weight = target.weight(v, before_wide, point, normal, arrived & ~v.delta)
         total += weight
@@ -244,6 +265,10 @@ def _trace(
         before = dr.select(arrived, v.p, before)
         before_wide = dr.select(arrived, arrived & has_wide_lobe(v), before_wide)
         # --------------------------- Scatter, or end the path ---------------------
+        if volume_ends:
+            # From a delta face they do.
+            v.d_vcm = dr.select(v.volume, volume_d_vcm, v.d_vcm)
+        from_volume = dr.select(arrived, v.volume, from_volume)
         state, alive = sample_scattering(
             state, v, mi.TransportMode.Importance, stream.event(event), arrived
         )

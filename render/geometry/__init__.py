@@ -14,7 +14,7 @@ from render.geometry.layout import (
     mirrored_fibers,
     pyramid,
 )
-from render.geometry.microfacets import MIN_ROUGHNESS, Floats, fresnel, sample_rough_face
+from render.geometry.microfacets import Floats, fresnel, sample_rough_face
 from render.geometry.refraction import distance_to_coating, refract_into_pad
 from render.geometry.symmetry import is_mirror_symmetric, mirror_image, with_mirror_images
 from render.geometry.visibility import (

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.floating[Any]]
 """float32 for photons, float64 for geometry."""
-MIN_ROUGHNESS = 0.01
-"""Beckmann roughness that stands for a smooth face where light is joined over it."""
 
 
 class FaceSample(NamedTuple):

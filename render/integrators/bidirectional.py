@@ -2,7 +2,8 @@
 
 ``pssmlt``: primary sample space Metropolis light transport (Kelemen et al. 2002) over a
 bidirectional path sampler with multiple importance sampling (Veach 1997), for scenes of surfaces
-and homogeneous media (``render.integrators.supported_content`` says what is not). ``bdpt`` is the same sampler without Metropolis: plain Monte Carlo.
+and homogeneous media (``render.integrators.supported_content`` says what is not). ``bdpt`` is the
+same sampler without Metropolis: plain Monte Carlo.
 
 Parameters, named as in Mitsuba 0.6 where it has them:
 

@@ -13,19 +13,8 @@ from typing import Any
 import mitsuba as mi
 import trimesh
 
-from render.geometry import MIN_ROUGHNESS
 from render.geometry.meshes import pad_meshes
 from render.scene import Scene
-
-
-def with_min_roughness(scene: Scene) -> Scene:
-    """Return ``scene`` with outer faces that the cell sampler can join light over.
-
-    More than half of a smooth pad's light comes mirrored in its lower face, and no join finds a
-    mirror image that is exact. Slopes of 0.4 deg (``MIN_ROUGHNESS``) stand for such a face.
-    """
-    rough = max(scene.pad.roughness, MIN_ROUGHNESS)
-    return scene.model_copy(update={"pad": scene.pad.model_copy(update={"roughness": rough})})
 
 
 def outer_face(scene: Scene) -> dict[str, Any]:

@@ -103,21 +103,17 @@ def connect_vertices(
     active: mi.Bool,
     guiding: GuidingDistribution | None = None,
     extra: mi.Float | float = 0.0,
-    mirrored: mi.Float | float = 0.0,
     glossy: float = 1.0,
 ) -> mi.Spectrum:
     """Return the MIS-weighted contribution of connecting light vertex ``y`` to camera vertex ``z``.
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
-    ``extra`` is the density ratio of a further strategy to this one; ``mirrored`` that of mirror
-    connections to the camera subpath that ends before ``z``. ``glossy`` is what a connection counts
-    between a glossy ``z`` and a ``y`` in a volume or on a diffuse surface.
+    ``extra`` is the density ratio of a further strategy to this one. ``glossy`` is what a
+    connection counts between a glossy ``z`` and a ``y`` in a volume or on a diffuse surface.
     """
     active = active & (y.weight > 0) & (z.weight > 0)
     depth, clear = optical_depth(scene, y, z, active)
-    light = connection_contribution(
-        y, z, dr.exp(-depth), active & clear, guiding, extra, mirrored, glossy
-    )
+    light = connection_contribution(y, z, dr.exp(-depth), active & clear, guiding, extra, glossy)
     return light * y.weight * z.weight
 
 
@@ -128,7 +124,6 @@ def connection_contribution(
     active: mi.Bool,
     guiding: GuidingDistribution | None = None,
     extra: mi.Float | float = 0.0,
-    mirrored: mi.Float | float = 0.0,
     glossy: float = 1.0,
 ) -> mi.Spectrum:
     """Return what ``connect_vertices`` does for a known transmittance between the vertices."""
@@ -149,10 +144,9 @@ def connection_contribution(
     # Eqs. 40 and 41, the strategies before y and those behind z.
     light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.d_vcm + y.d_vc * r_y))
     camera_ratio = light_density * (z.d_vcm + z.d_vc * r_z)
-    further = extra + light_density * z.d_vcm * mirrored
     # Eq. 37, with a weight for this strategy.
     strategy = dr.select(has_wide_lobe(y) & ~has_wide_lobe(z), glossy, 1.0)
-    mis = strategy / (strategy + light_ratio + camera_ratio + further)
+    mis = strategy / (strategy + light_ratio + camera_ratio + extra)
     return dr.select(active, value * transmittance * mis, 0.0)
 
 

@@ -43,8 +43,8 @@ class GuidingDistribution(Protocol):
     def selected(self, v: Vertex, number: mi.Float) -> mi.Bool:
         """Return whether this number picks the guided direction."""
 
-    def sample(self, v: Vertex, x: mi.Float, y: mi.Float) -> mi.Vector3f:
-        """Return a guided world direction."""
+    def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
+        """Return a guided world direction; ``number`` is the one that was ``selected``."""
 
     def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture."""
@@ -202,7 +202,7 @@ def sample_scattering(
     weight = dr.select(v.volume, mi.Spectrum(phase_weight), weight * shading_factor(v, wo, mode))
     if guiding is not None:
         applies = guiding.applies(v)
-        wo = dr.select(guiding.selected(v, lobe), guiding.sample(v, x, y), wo)
+        wo = dr.select(guiding.selected(v, lobe), guiding.sample(v, lobe, x, y), wo)
         value, unguided_pdf, guided_reverse = evaluate_scattering(v, wo, mode, active & applies)
         mixture_pdf = guiding.mixture_pdf(v, wo, unguided_pdf)
         pdf = dr.select(applies, mixture_pdf, pdf)

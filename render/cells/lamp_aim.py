@@ -1,0 +1,191 @@
+"""Directions from the coating at a fiber end, as it is seen through the faces of the pad.
+
+On a clear pad most light of a facet comes straight from the lamp: refracted once at the outer face,
+perhaps reflected before in the lower face or in walls. Where the faces are smooth no connection
+finds these ways, and a cosine-distributed direction meets a lamp of half a millimeter once in a
+thousand times. So a direction is aimed at the lamp: unfolded over the mirrors (image method) and
+bent by Snell's law at the outer face, drawn from a heavy-tailed lobe as wide as the lamp and the
+roughness of the face make it. The lobe is a guide: what it misses other directions find,
+with the density of all of them together in the MIS weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.cells.lower_face_mirror import LowerFaceMirror
+from render.geometry import fiber_poses
+from render.paths.reflection_lobe import ReflectionLobe
+from render.scene import Scene
+
+LOBE_RADIUS = 0.7
+"""Scale of the lobe at the lamp, in units of the lamp's radius."""
+MIN_WIDTH = 5e-4
+"""Least width of a lobe, rad: float32 resolves directions to 1e-7."""
+GRAZING_COSINE = 0.05
+"""Least cosine of refraction in widths: they vanish where light leaves along the face."""
+NEWTON_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Way:
+    """How light comes from the lamp, and the ``share`` of the directions that aim so.
+
+    Reflected in a ``wall`` beside it (-1, 1: which; 0: none), in the ``opposite`` one, in the lower
+    face (``mirrored``), or through the lower face from ``below``.
+    """
+
+    share: float
+    wall: int = 0
+    opposite: bool = False
+    mirrored: bool = False
+    below: bool = False
+
+
+class LampAim:
+    """Aimed directions on one pad at one bend."""
+
+    def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
+        """Upload the lamps; ``bend`` in radians."""
+        poses = fiber_poses(scene, bend)
+        foot = poses.position + scene.fibers.gap * poses.inward
+        margin = scene.diffuser.thickness if scene.diffuser else 0.0
+        # Where the walls beside a lamp are, along its edge; planes for a flat pad only.
+        half = np.array([scene.pad.width / 2 + margin, scene.pad.length / 2, 0.0])
+        low, high = -half, half + [0.0, margin, 0.0]
+        ends = np.stack([poses.along * low, poses.along * high]).sum(axis=-1)
+        start = (poses.along * foot).sum(axis=-1)
+        across = (np.abs(poses.inward) * (high - low)).sum(axis=-1)
+        walls = np.column_stack([(np.sort(ends, axis=0) - start).T, across])
+        self.walls = mi.Float(walls.astype(np.float32).ravel())
+        self.mirror = mirror
+        radius = scene.fibers.diameter / 2
+        lowest = poses.position[:, 2].min() - radius if bend == 0.0 else np.inf
+        ways = [Way(0.4), Way(0.3, mirrored=True)]
+        if not mirror.curved:
+            both = (False, True)
+            ways += [Way(0.05, wall=w, mirrored=m) for w in (-1, 1) for m in both]
+            ways += [Way(0.02, w, True, mirrored=m) for w in (-1, 0, 1) for m in both]
+        if lowest < 0.0:
+            ways.append(Way(0.2, below=True))
+        total = sum(way.share for way in ways)
+        self.ways = [replace(way, share=way.share / total) for way in ways]
+        frames = np.stack([foot, poses.along, poses.inward, poses.position], axis=1)
+        self.frames = mi.Float(frames.astype(np.float32).ravel())
+        slope = scene.pad.roughness / np.sqrt(2.0)
+        self.constants = mi.Float([radius, scene.pad.index, slope])
+        dr.make_opaque(self.frames, self.walls, self.constants)
+
+    def sample(
+        self, fiber: mi.UInt32, a: mi.Point3f, pick: mi.Float, x: mi.Float, y: mi.Float
+    ) -> mi.Vector3f:
+        """Return directions from points ``a`` at the end of ``fiber``; ``pick`` draws the way."""
+        wall, opposite = mi.Float(0.0), mi.Bool(False)
+        mirrored, below = mi.Bool(False), mi.Bool(False)
+        total = 0.0
+        for way in self.ways:
+            chosen = pick >= total
+            wall = dr.select(chosen, float(way.wall), wall)
+            opposite = dr.select(chosen, way.opposite, opposite)
+            mirrored = dr.select(chosen, way.mirrored, mirrored)
+            below = dr.select(chosen, way.below, below)
+            total += way.share
+        lobe, unfold = self._lobe(fiber, a, wall, opposite, mirrored, below)
+        return unfold(lobe.sample(x, y))
+
+    def density(self, fiber: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
+        """Return the density per solid angle with which ``sample`` finds ``direction``."""
+        total = mi.Float(0.0)
+        for way in self.ways:
+            lobe, unfold = self._lobe(
+                fiber, a, mi.Float(way.wall), mi.Bool(way.opposite), mi.Bool(way.mirrored),
+                mi.Bool(way.below),
+            )  # fmt: skip
+            total += way.share * lobe.density(unfold(direction))
+        return total
+
+    def _lobe(
+        self, fiber: mi.UInt32, a: mi.Point3f, wall: mi.Float, opposite: mi.Bool,
+        mirrored: mi.Bool, below: mi.Bool,
+    ) -> tuple[ReflectionLobe, _Unfold]:  # fmt: skip
+        """Return the lobe about the lamp as seen from the unfolded ``a``, and the unfolding."""
+        foot, along, inward, lamp = (
+            dr.gather(mi.Vector3f, self.frames, 4 * fiber + i) for i in range(4)
+        )
+        radius, index, slope = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(3))
+        # Through the lower face: what of the lamp is below the pad.
+        up = mi.Vector3f(0.0, 0.0, 1.0)
+        foot = dr.select(below, mi.Vector3f(lamp.x, lamp.y, 0.0), foot)
+        inward = dr.select(below, up, inward)
+        lamp.z = dr.select(below, dr.minimum(lamp.z, -0.5 * radius), lamp.z)
+        # ------------------------- Image of the point ----------------------------------
+        end = dr.gather(mi.Float, self.walls, 3 * fiber + dr.select(wall > 0, mi.UInt32(1), 0))
+        by_wall = wall != 0
+        aside = 2.0 * (end - dr.dot(mi.Vector3f(a) - foot, along))
+        seen = a + dr.select(by_wall, aside, 0.0) * along
+        far = dr.gather(mi.Float, self.walls, 3 * fiber + 2)
+        ahead = 2.0 * (far - dr.dot(mi.Vector3f(a) - foot, inward))
+        seen += dr.select(opposite, ahead, 0.0) * inward
+        image, normal = self.mirror.image(seen, mi.Point3f(foot))
+        seen = dr.select(mirrored, image, seen)
+        unfold = _Unfold([(along, by_wall), (inward, opposite), (normal, mirrored)])
+        # ------------------------- Snell's law at the face -----------------------------
+        inside = dr.maximum(dr.dot(mi.Vector3f(seen) - foot, inward), 1e-3)
+        outside = dr.maximum(-dr.dot(lamp - foot, inward), 1e-4)
+        across = lamp - mi.Vector3f(seen)
+        across -= dr.dot(across, inward) * inward
+        reach = dr.norm(across)
+        across = across / dr.maximum(reach, 1e-6)
+        # Newton's method, from the paraxial ray within the critical angle. An aim need not be
+        # exact, only the same every time.
+        critical = inside * dr.rsqrt(dr.maximum(dr.square(index) - 1.0, 1e-6))
+        lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
+        for _ in range(NEWTON_STEPS):
+            rest = reach - lateral
+            near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
+            distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
+            excess = index * lateral * near - rest * distant
+            slope_in = index * dr.square(inside) * near * near * near
+            slope_out = dr.square(outside) * distant * distant * distant
+            lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
+        before, after = dr.hypot(lateral, inside), dr.hypot(reach - lateral, outside)
+        axis = (lateral * across - inside * inward) / before
+        # ------------------------- Widths ----------------------------------------------
+        cos_in, cos_out = inside / before, dr.maximum(outside / after, GRAZING_COSINE)
+        # What the lamp's plane moves by per angle, in and across the plane of incidence.
+        moved_in = before * cos_out / cos_in + after * index * cos_in / cos_out
+        moved_across = before + after * index
+        rough = 2.0 * (index - 1.0) * slope * after
+        size = dr.sqrt(dr.square(LOBE_RADIUS * radius) + dr.square(rough))
+        blur = dr.select(mirrored, 1.4 * slope, 0.0)
+        wide, narrow = (dr.hypot(size / moved, blur) for moved in (moved_in, moved_across))
+        sideways = dr.cross(axis, inward)
+        other = dr.select(dr.abs(inward.x) > 0.9, mi.Vector3f(0, 1, 0), mi.Vector3f(1, 0, 0))
+        sideways = dr.select(dr.squared_norm(sideways) > 1e-8, dr.normalize(sideways), other)
+        ahead = dr.normalize(dr.cross(sideways, axis))
+        lobe = ReflectionLobe(
+            axis, ahead, dr.cross(axis, ahead),
+            dr.maximum(wide, MIN_WIDTH), dr.maximum(narrow, MIN_WIDTH),
+        )  # fmt: skip
+        return lobe, unfold
+
+
+@dataclass
+class _Unfold:
+    """Reflects directions in the mirrors of a way (normal, whether it has it); the same both ways.
+
+    The mirrors of one way are at right angles, so their order does not matter.
+    """
+
+    mirrors: list[tuple[mi.Vector3f, mi.Bool]]
+
+    def __call__(self, direction: mi.Vector3f) -> mi.Vector3f:
+        """Return the reflected directions."""
+        for normal, applies in self.mirrors:
+            onto = 2.0 * dr.dot(direction, normal) * normal
+            direction = direction - dr.select(applies, onto, 0.0)
+        return direction

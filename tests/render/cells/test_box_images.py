@@ -1,0 +1,113 @@
+"""Images over the smooth faces of a flat pad: their places, their choice and what they carry."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from render.cells.box_images import IMAGES, BoxImages
+from render.paths.vertex import Vertex, empty_vertex
+from tests.oracles.pads import scene_of_case
+
+
+def on_coating(mono: ModuleType, place: list[float], count: int = 1) -> Vertex:
+    v = empty_vertex()
+    v.p = mono.Point3f(*[mono.Float([c] * count) for c in place])
+    v.n = mono.Normal3f(0, 0, -1)
+    v.diffuse, v.weight = mono.Bool(True), mono.Float(1.0)
+    return v
+
+
+@pytest.fixture(scope="module")
+def images(mono: ModuleType) -> BoxImages:
+    return BoxImages(scene_of_case("smooth"))
+
+
+A, Y = [1.0, 2.0, 4.5], [-6.0, -3.0, 4.5]
+
+
+def test_an_image_lies_behind_its_mirrors_and_twice_mirrored_is_the_point(
+    mono: ModuleType, images: BoxImages
+) -> None:
+    p = mono.Point3f(*Y)
+    # x over the wall at -10, y over none, z over the lower face.
+    image = mono.UInt32(1 + 3 * 0 + 9)
+    np.testing.assert_allclose(np.array(images.point(image, p)).ravel(), [-14.0, -3.0, -4.5])
+    np.testing.assert_allclose(
+        np.array(images.point(image, images.point(image, p))).ravel(), Y, atol=1e-5
+    )
+
+
+def test_images_are_drawn_with_the_probability_that_is_stated(
+    mono: ModuleType, images: BoxImages
+) -> None:
+    count = 1 << 16
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    number = mono.Float(np.random.default_rng(3).random(count).astype(np.float32))
+    drawn, stated = images.draw(a, y, number)
+    drawn, stated = np.array(drawn), np.array(stated)
+    assert drawn.min() >= 1
+    total = 0.0
+    for image in range(1, IMAGES):
+        probability = float(
+            dr.slice(
+                images.probability(mono.UInt32(image), on_coating(mono, A), on_coating(mono, Y))
+            )
+        )
+        total += probability
+        error = np.sqrt(probability * (1 - probability) / count)
+        assert abs((drawn == image).mean() - probability) < 4.5 * error + 1e-5
+        np.testing.assert_allclose(stated[drawn == image], probability, rtol=1e-4)
+    assert total == pytest.approx(1.0, rel=1e-5)
+
+
+def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
+    mono: ModuleType, images: BoxImages
+) -> None:
+    from render.cells.guiding import FacetGuiding, FiberGlow
+    from render.optics.pad_scene import pad_scene
+
+    scene = scene_of_case("smooth")
+    pad: Any = pad_scene(scene, 0.0, False)
+    bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
+    count = 1 << 14
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    for v in (a, y):
+        v.bsdf = mono.BSDFPtr(bsdf)
+        v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
+        v.wi = mono.Vector3f(0.0, 0.0, -1.0)
+        v.beta = mono.Spectrum(1.0)
+        v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
+    number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
+    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
+    found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
+    values = np.array(found, dtype=np.float64).ravel()
+
+    def fresnel(cosine: float) -> float:
+        squared = 1 - scene.pad.index**2 * (1 - cosine**2)
+        if squared <= 0:
+            return 1.0
+        out, n = np.sqrt(squared), scene.pad.index
+        s = (n * cosine - out) / (n * cosine + out)
+        p = (cosine - n * out) / (cosine + n * out)
+        return float((s**2 + p**2) / 2)
+
+    # Every image that the box has, in closed form; both cosines are that to the normal, z.
+    total = 0.0
+    half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
+    for x in (Y[0], -2 * half_width - Y[0], 2 * half_width - Y[0]):
+        for along in (Y[1], -2 * half_length - Y[1], 2 * half_length - Y[1]):
+            # Without the lower face the way would lie in the coating.
+            span = np.array([x, along, -Y[2]]) - A
+            d = span / np.linalg.norm(span)
+            reflected = fresnel(abs(d[2]))
+            reflected *= fresnel(abs(d[0])) if x != Y[0] else 1.0
+            reflected *= fresnel(abs(d[1])) if along != Y[1] else 1.0
+            total += (0.5 / np.pi) ** 2 * d[2] ** 2 * reflected / (span @ span)
+    error = values.std() / np.sqrt(count)
+    assert error < 0.02 * total
+    assert abs(values.mean() - total) < 4 * error

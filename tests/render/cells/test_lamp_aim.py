@@ -1,0 +1,94 @@
+"""Directions are aimed at lamps with the density that they state, and most of them meet one."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from render.cells.fiber_light import FiberLight
+from render.cells.lamp_aim import LampAim
+from render.cells.lower_face_mirror import LowerFaceMirror
+from render.geometry import facets
+from render.scene import Scene
+from tests.oracles.pads import scene_of_case
+
+COUNT = 1 << 18
+
+
+def aim_of(scene: Scene, bend: float = 0.0) -> LampAim:
+    return LampAim(scene, bend, LowerFaceMirror(scene, bend))
+
+
+def lanes(mono: ModuleType, point: np.ndarray, count: int) -> Any:
+    return mono.Point3f(np.repeat(point[:, None], count, axis=1).astype(np.float32))
+
+
+def numbers(mono: ModuleType, count: int, seed: int) -> list[Any]:
+    rng = np.random.default_rng(seed)
+    return [mono.Float(rng.random(count).astype(np.float32)) for _ in range(3)]
+
+
+@pytest.mark.parametrize("case", ["smooth", "rough 0.1", "no face", "half below"])
+@pytest.mark.parametrize("bend", [0.0, np.pi / 2])
+def test_the_density_is_that_of_the_aimed_directions(
+    mono: ModuleType, case: str, bend: float
+) -> None:
+    scene = scene_of_case(case)
+    aim = aim_of(scene, bend)
+    a = lanes(mono, facets(scene, bend).centroid[1, 2], COUNT)
+    fiber = mono.UInt32(np.zeros(COUNT, dtype=np.uint32))
+    pick, x, y = numbers(mono, COUNT, 1)
+    drawn = aim.sample(fiber, a, pick, x, y)
+    density = aim.density(fiber, a, drawn)
+    dr.eval(drawn, density)
+    drawn, density = np.array(drawn).T, np.array(density, dtype=np.float64)
+    assert np.isfinite(density).all()
+    assert (density > 0).all()
+    # Over any region, the mean of 1 / density is the region's solid angle.
+    axis = drawn[density.argmax()]
+    for degrees in (1.0, 3.0, 10.0):
+        inside = drawn @ axis > np.cos(np.radians(degrees))
+        solid_angle = np.where(inside, 1 / density, 0.0)
+        error = solid_angle.std() / np.sqrt(COUNT)
+        expected = 2 * np.pi * (1 - np.cos(np.radians(degrees)))
+        assert abs(solid_angle.mean() - expected) < 4 * error + 1e-3 * expected
+
+
+def test_a_third_of_the_directions_through_no_face_meet_the_lamp(mono: ModuleType) -> None:
+    scene = scene_of_case("no face")
+    light = FiberLight(scene, np.full((2, 1), np.pi / 2), 0.0)
+    a = lanes(mono, facets(scene, 0.0).site_position[1], COUNT)
+    fiber = mono.UInt32(np.zeros(COUNT, dtype=np.uint32))
+    # The first way is the direct one.
+    _, x, y = numbers(mono, COUNT, 2)
+    drawn = aim_of(scene).sample(fiber, a, dr.zeros(mono.Float, COUNT), x, y)
+    meets = np.array(light.passed(fiber, a, drawn, mono.Float(np.inf)))
+    assert meets.mean() > 1 / 3
+
+
+def test_directions_follow_snells_law_to_the_center_of_the_lamp(mono: ModuleType) -> None:
+    scene = scene_of_case("far lamp")
+    aim = aim_of(scene)
+    a = facets(scene, 0.0).site_position[1]
+    fiber = mono.UInt32([0])
+    # The axis of the direct lobe: the radius of the t distribution is 0 for the number 0.
+    zero = mono.Float([0.0])
+    d = np.array(aim.sample(fiber, lanes(mono, a, 1), zero, zero, zero), dtype=np.float64)[:, 0]
+    wall = -scene.pad.width / 2
+    at_wall = a + d * (wall - a[0]) / d[0]
+    tangential = scene.pad.index * d[1:]
+    out = np.array([-np.sqrt(1 - tangential @ tangential), *tangential])
+    lamp = np.array(light_center(scene))
+    arrived = at_wall + out * (lamp[0] - at_wall[0]) / out[0]
+    np.testing.assert_allclose(arrived, lamp, atol=2e-3)
+
+
+def light_center(scene: Scene) -> list[float]:
+    from render.geometry import fiber_poses
+
+    center: list[float] = fiber_poses(scene, 0.0).position[0].tolist()
+    return center

@@ -1,0 +1,66 @@
+"""Lamps that are met and lamps that are joined share the light of a bare coating without a rest."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from render.cells import lamp_connections
+from render.geometry import facets, fiber_poses
+from render.reference import render_transport
+from render.scene import Scene
+from tests.oracles.pads import scene_of_case
+
+PHI = 1.2
+
+
+def radiance_of_sites(scene: Scene) -> np.ndarray:
+    """Return ``(fiber, site)`` of direct light alone, by integration over the lamps' disks."""
+    sigma, radius = scene.fibers.sigma_v, scene.fibers.diameter / 2
+    flux, _ = quad(
+        lambda t: np.exp(-((t / (2 * sigma)) ** 2)) * np.cos(t) * np.sin(t), 0, np.pi / 2
+    )
+    peak = 1 / (2 * np.pi * flux * np.pi * radius**2)
+    poses, places = fiber_poses(scene, 0.0), facets(scene, 0.0)
+    beams = poses.directions(np.full(scene.fibers.count, PHI), scene.fibers.tilt)
+    # Equal areas of the disk.
+    ring, turn = np.meshgrid((np.arange(40) + 0.5) / 40, 2 * np.pi * np.arange(40) / 40)
+    result = []
+    for position, beam in zip(poses.position, beams, strict=True):
+        x = np.cross(beam, [0.0, 0.0, 1.0])
+        x /= np.linalg.norm(x)
+        offset = np.cos(turn)[..., None] * x + np.sin(turn)[..., None] * np.cross(beam, x)
+        points = position + radius * np.sqrt(ring)[..., None] * offset
+        span = places.site_position[:, None, None] - points
+        distance = np.linalg.norm(span, axis=-1)
+        cosine = (span @ beam) / distance
+        facing = -(span * places.site_normal[:, None, None]).sum(axis=-1) / distance
+        light = peak * np.exp(-((np.arccos(cosine) / (2 * sigma)) ** 2)) * cosine * facing
+        irradiance = (light / distance**2).mean(axis=(1, 2)) * np.pi * radius**2
+        result.append(irradiance * scene.coating.albedo / np.pi)
+    return np.array(result)
+
+
+@pytest.mark.parametrize("left_out", [None, "met", "joined"])
+def test_a_bare_coating_has_the_light_of_the_closed_form(
+    mono: ModuleType, monkeypatch: pytest.MonkeyPatch, left_out: str | None
+) -> None:
+    if left_out is not None:
+        whole = getattr(lamp_connections.Lamp, left_out)
+        monkeypatch.setattr(
+            lamp_connections.Lamp, left_out, lambda *given: [0.0 * v for v in whole(*given)]
+        )
+    scene = scene_of_case("no face")
+    estimate = render_transport(scene, np.array([PHI]), np.array([0.0]), samples=300)
+    truth = radiance_of_sites(scene)
+    found = estimate.background_replicates[:, :, 0, 0].sum(axis=(1, 2)) / truth.sum()
+    ratio, error = found.mean(), found.std(ddof=1) / np.sqrt(len(found))
+    assert error < 0.03
+    if left_out is None:
+        assert abs(ratio - 1.0) < 3.5 * error
+    else:
+        # Either way alone is but a part: their weights add up to one.
+        assert ratio < 1.0 - 3.5 * error
