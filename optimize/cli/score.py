@@ -23,7 +23,7 @@ def run(
     """Rate a layout drawn by hand on the surrogate."""
     from optimize.design import dimmed_baseline, load_layout, save_design
     from optimize.exploration import rate, stage_to_json
-    from optimize.report import clipping_warning, holder_warning, print_scores
+    from optimize.report import clipping_warning, doubted_gain, holder_warning, print_scores
     from optimize.scoring import open_model
     from surrogate.runtime import RankingTest
 
@@ -32,7 +32,8 @@ def run(
         checker = open_model(sensor, model)
         first = rate(checker, sensor, "baseline", "Baseline", "", dimmed_baseline(sensor))
         found = rate(checker, sensor, "design", "Design", "", design)
-        doubts = [advice] if (advice := RankingTest.of(checker.metadata).advice()) else []
+        ranking = RankingTest.of(checker.metadata)
+        doubts = [] if ranking.reliable else [ranking.advice()]
         doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:
@@ -52,11 +53,12 @@ def run(
             stream.write(f"Note: {doubt}\n")
         print_scores(stream, (first, found), checker.coverage)
         gain = found.rating.score - first.rating.score
-        better = "better" if gain > 0 else "worse"
-        apart = abs(gain) > 2.0 * checker.score_half_width
+        doubt = doubted_gain(design, ranking)
+        if not doubt and abs(gain) <= 2.0 * checker.score_half_width:
+            doubt = "the intervals overlap"
         stream.write(
-            f"The design scores {abs(gain):.1f} {better} than the baseline"
-            f"{'' if apart else ', which the intervals cannot tell from a tie'}.\n"
+            f"The design scores {abs(gain):.1f} {'better' if gain > 0 else 'worse'} than the "
+            f"baseline{f', but {doubt}' if doubt else ''}.\n"
         )
         if out is not None:
             stream.write(f"Design: {out}\n")

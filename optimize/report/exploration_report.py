@@ -14,7 +14,7 @@ from typing import IO, Any, Protocol
 
 import numpy as np
 
-from optimize.design import PARTS, Rating, save_design
+from optimize.design import PARTS, Design, Rating, save_design
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.report.illustrations import (
@@ -268,6 +268,13 @@ def score_row(stage: Scored) -> dict[str, str]:
     }
 
 
+def doubted_gain(design: Design, ranking: RankingTest) -> str:
+    """Return why a better score of ``design`` on the surrogate is not a gain; usually nothing."""
+    if not ranking.reliable:
+        return "the surrogate has not shown that it can rank designs"
+    return "one color lights everything, which tells no azimuth" if design.monochrome else ""
+
+
 def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
     """Return the outcome in words: how much better, where it comes from, how sure it is.
 
@@ -275,15 +282,11 @@ def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
     """
     first, last = stages[0].rating, stages[-1].rating
     gain = last.score - first.score
-    if stages[-1].design.monochrome or not ranking.reliable:
-        why = (
-            "the surrogate has not shown that it can rank designs"
-            if not ranking.reliable
-            else "one color lights everything, which tells no azimuth"
-        )
+    doubt = doubted_gain(stages[-1].design, ranking)
+    if doubt:
         return [
             f"The surrogate says {last.score:.1f} for the optimized design and {first.score:.1f} "
-            f"for the baseline, but {why}: this is not a gain."
+            f"for the baseline, but {doubt}: this is not a gain."
         ]
     sentences = [
         f"The optimized design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "

@@ -67,6 +67,14 @@ def test_the_baseline_drawn_by_hand_scores_as_the_baseline(
     assert result["difference"] == 0.0
 
 
+def test_one_color_everywhere_is_not_called_better_without_a_but(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    path = layout(tmp_path, colors="r" * 8, angles_deg=90)
+    said = tactilux("score", path, "--scene", small_scene, "--model", small_model).out
+    assert "but one color lights everything, which tells no azimuth" in " ".join(said.split())
+
+
 def test_all_problems_of_a_layout_are_named_at_once(small_scene: Path, tmp_path: Path) -> None:
     path = layout(tmp_path, colors=["red", "pink"], angles_deg=[1, 200, "x"], note=1, power=[2])
     with pytest.raises(DesignError) as caught:
