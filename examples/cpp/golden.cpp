@@ -3,6 +3,8 @@
 //   g++ -std=c++17 golden.cpp -o golden -I<onnxruntime>/include -L<onnxruntime>/lib -lonnxruntime
 //   ./golden [MODEL_FOLDER]
 //
+// Where <onnxruntime> comes from is in ../README.md: libonnxruntime-dev, or a release's archive.
+//
 // Compare checker.onnx with checker.sha256 first (sha256sum -c checker.sha256): an altered model
 // gives plausible numbers.
 

@@ -1,6 +1,6 @@
 """From a fisheye photograph to the scene's pinhole (OpenCV's fisheye model).
 
-The lens is a TOML file, as `cv2.fisheye.calibrate` finds it::
+The lens is a TOML file (``hw/README.md``), as `cv2.fisheye.calibrate` finds it::
 
     columns = 640
     rows = 480

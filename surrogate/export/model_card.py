@@ -177,10 +177,18 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
         [
             f"# Surrogate of {metadata.scene}",
             "",
+            "In a robot: what the camera should see under its lighting design, of the untouched "
+            "pad and of facets that are pressed into it; the start-up check compares photographs "
+            "with it. It does not read tactile images.",
+            "",
             "Predicts the camera colors of every facet, with a spread, the metric and the score "
             "of a lighting design, from the preview and a residual that was learned from renders "
             "of the reference (level 2: bidirectional path tracing with multiple importance "
             "sampling).",
+            "",
+            "## Axes",
+            "",
+            *(f"- {name}: {text}" for name, text in metadata.axes.items()),
             "",
             "## How it was made",
             "",

@@ -28,6 +28,26 @@ UNITS = {
     "score": "camera counts",
     "domain_excess": "fraction of the trained range, 0 inside",
 }
+AXES = {
+    "fiber": "around the pad, seen with the tip up: left edge from base to tip, tip edge from left "
+    "to right, right edge from tip to base",
+    "phi": "(batch, fiber): 0 towards the tip on the sides and towards +x at the tip; pi/2 is "
+    "straight into the pad",
+    "power": "(batch, fiber, channel)",
+    "bend": "(batch, bend): total angle of the pad",
+    "site": "row by row from the base, each row from -x to +x",
+    "facet": "the normal of facet i of n leans by 2 pi i / n from the tip's direction, towards +x",
+    "channel": "red, green, blue",
+    "counts": "(batch, bend, site, facet, channel)",
+    "counts_spread": "(batch, bend, site, facet, channel)",
+    "background": "(batch, bend, site, channel)",
+    "metric": "(batch, bend, site)",
+    "score": "(batch)",
+    "domain_excess": "(batch)",
+}
+"""What the axes of inputs and outputs are, and how they are counted."""
+_LATER = {"material", "axes"}
+"""Properties that models of an earlier version lack, and that have a default."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +74,7 @@ class ModelMetadata:
         material: the free material: ``names``, ``low``, ``high`` and ``nominal`` of the quantities,
             the ``rendered`` materials, and the ``family`` hash of the scenes that it holds for;
             empty where nothing is free.
-        units, licence, schema: constants of this format.
+        axes, units, licence, schema: constants of this format.
     """
 
     scene: str
@@ -77,6 +97,7 @@ class ModelMetadata:
     residual: dict[str, Any]
     units: dict[str, str]
     material: dict[str, Any] = field(default_factory=dict)
+    axes: dict[str, str] = field(default_factory=AXES.copy)
     licence: str = LICENCE
     schema: str = SCHEMA
 
@@ -121,7 +142,7 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
         content: dict[str, Any] = {
             item.name: props[item.name] if item.name in texts else json.loads(props[item.name])
             for item in fields(ModelMetadata)
-            if item.name != "material" or "material" in props  # older models fix theirs
+            if item.name not in _LATER or item.name in props
         }
         metadata = ModelMetadata(**content)
         _ = metadata.metric

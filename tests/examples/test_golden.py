@@ -102,6 +102,41 @@ def test_the_python_example_names_a_file_that_is_missing(tmp_path: Path, missing
     assert_one_sentence(run(*PYTHON, folder=folder))
 
 
+def baseline(folder: Path) -> Path:
+    """Write the baseline design of the shipped scene."""
+    from optimize.design import baseline_design, save_design
+    from render.scene import load_scene
+
+    scene = load_scene("finger20")
+    save_design(folder / "design.json", baseline_design(scene), scene)
+    return folder / "design.json"
+
+
+def test_a_design_of_ones_own_is_rated_as_the_program_does(tmp_path: Path) -> None:
+    from optimize.design import baseline_design
+    from render.scene import load_scene
+    from surrogate.runtime import Checker
+
+    said = run(sys.executable, EXAMPLES / "python" / "design.py", baseline(tmp_path))
+    assert said.returncode == 0, said.stderr
+    design, bends = baseline_design(load_scene("finger20")), np.radians([0.0, 45.0, 90.0])
+    found = Checker.load(MODEL).run(design.phi[None], design.power[None], bends)
+    lines = said.stdout.splitlines()
+    assert lines[0] == f"finger20: score {found['score'][0]:.1f} counts, domain excess 0"
+    first = " ".join(f"{count:3.0f}" for count in found["background"][0, 0, 0])
+    assert lines[1].startswith(f"bend 0 deg, untouched pad by site (red green blue): {first};")
+    assert len(lines) == 2 + len(bends)
+
+
+def test_a_design_for_another_scene_is_refused(tmp_path: Path) -> None:
+    path = baseline(tmp_path)
+    path.write_text(path.read_text().replace("68471ad4c129ea4d", "0" * 16))
+    said = run(sys.executable, EXAMPLES / "python" / "design.py", path)
+    assert said.returncode == 1
+    assert "they must match" in said.stderr
+    assert said.stderr.count("\n") == 1
+
+
 @pytest.fixture
 def javascript() -> tuple[object, ...]:
     if not node():
