@@ -16,13 +16,6 @@ if TYPE_CHECKING:
     from render.scene import Scene
     from surrogate.runtime import Checker
 
-TITLES = {
-    "baseline": "Baseline",
-    "thesis": "Thesis procedure",
-    "winner": "Verification loop",
-    "runner-up": "Its runner-up",
-}
-
 
 def run(
     scene_name: SceneName = "finger20",
@@ -49,13 +42,12 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Search with renders deciding: propose, render, refit."""
+    from optimize.report import doubts, write_optimization
     from optimize.ui.output import check_target
     from optimize.verification import (
         OptimizeConfig,
-        optimization_to_json,
         optimize,
         reference_renders,
-        write_optimization,
     )
     from render.reference import ensure_llvm
     from render.scene import load_scene
@@ -85,18 +77,15 @@ def run(
                 on_round=lambda done: bar.note(_round_text(done)),
                 on_candidate=lambda *at: bar.note(_candidate_text(*at)),
             )
-        result = optimization_to_json(scene, found, target)
-        write_optimization(scene, found, target, result)
+            bar.note("  drawing pictures and the report")
+            result = write_optimization(scene, found, checker, target)
         if as_json:
             print_json(stream, result)
         else:
             _print(stream, scene, found)
-            if found.design.monochrome:
-                stream.write(
-                    "Note: The optimum is monochrome: the weight of the color term does not "
-                    "reward color differences in this scene.\n"
-                )
-            stream.write(f"Design: {result['design']}\n")
+            for doubt in doubts(scene, found):
+                stream.write(f"Note: {doubt}\n")
+            stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
 
 
 def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | None:
@@ -138,6 +127,8 @@ def _candidate_text(done: int, limit: int, best: float) -> str:
 
 
 def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
+    from optimize.report import TITLES, conclusions
+
     finalists, rows = found.finalists, []
     for name in finalists.names:
         score = finalists.score(name).score
@@ -154,18 +145,8 @@ def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
         ("design", "score S", "95% interval", "over baseline", "renders", "render s", "wall s"),
         rows,
     )
-    for first, second in (
-        ("baseline", found.winner),
-        ("runner-up", "winner"),
-        ("thesis", "winner"),
-    ):
-        if {first, second} <= set(finalists.names):
-            stream.write(finalists.comparison(first, second) + "\n")
-    if found.loop is not None:
-        stream.write(f"The loop stopped because {found.loop.reason}.\n")
-    if found.loop is not None and found.thesis is not None:
-        ratio = found.thesis.seconds / max(found.loop.seconds, 1e-9)
-        stream.write(f"The thesis procedure took {ratio:.1f} times the loop's render seconds.\n")
+    for sentence in conclusions(found):
+        stream.write(f"{sentence}\n")
     if found.loop is not None and found.training_seconds is not None:
         stream.write(
             f"Training the surrogate, once for all designs of the scene, took "

@@ -22,6 +22,12 @@ from optimize.report.illustrations import (
     png_bytes,
     scheme,
 )
+from optimize.report.optimization_report import (
+    TITLES,
+    conclusions,
+    doubts,
+    write_optimization,
+)
 from optimize.report.page import (
     bend_titles,
     clipping_warning,

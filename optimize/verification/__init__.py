@@ -18,7 +18,6 @@ from optimize.verification.optimization import (
     OptimizeConfig,
     optimization_to_json,
     optimize,
-    write_optimization,
 )
 from optimize.verification.thesis import thesis_on_table
 from optimize.verification.verification_loop import (

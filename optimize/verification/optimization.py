@@ -13,10 +13,8 @@ from optimize.design import (
     ScoreSettings,
     dimmed_baseline,
     limits_of,
-    save_design,
 )
 from optimize.scoring import JackknifeEstimate, RankAgreement, search_table
-from optimize.ui.output import fresh_directory, write_manifest
 from optimize.verification.design_renders import (
     FinalistEvaluation,
     RenderDesigns,
@@ -37,7 +35,6 @@ from render.scene import Scene
 from surrogate.runtime import Checker
 
 OptimizationMethod = Literal["loop", "thesis", "both"]
-DESIGN, BASELINE, THESIS = "design.json", "baseline.json", "thesis.json"
 THESIS_SEED, FINAL_SEED = 800, 900
 """Added to the render seeds of a loop's seed."""
 
@@ -175,29 +172,14 @@ def _run_loop(
     return loop.run(report)
 
 
-def write_optimization(
-    scene: Scene, outcome: Optimization, target: Path, result: dict[str, object]
-) -> None:
-    """Write designs and record into ``target``, which they replace together."""
-    with fresh_directory(target, keep=DESIGN) as folder:
-        for name, design in zip(
-            outcome.finalists.names, outcome.finalists.renders.designs, strict=True
-        ):
-            file = {"baseline": BASELINE, "thesis": THESIS, "runner-up": "runner-up.json"}
-            if name == outcome.winner:
-                file[name] = DESIGN
-            save_design(folder / file[name], design, scene, outcome.finalists.score(name).rating)
-        write_manifest(folder, result)
-
-
-def optimization_to_json(scene: Scene, outcome: Optimization, target: Path) -> dict[str, object]:
-    """Return what programs rely on; ``design`` is the path of the design that is handed over."""
+def optimization_to_json(scene: Scene, outcome: Optimization, design: Path) -> dict[str, object]:
+    """Return what programs rely on; ``design`` is where the design lies that is handed over."""
     finalists = outcome.finalists
     result: dict[str, object] = {
         "scene": scene.name,
         "scene_hash": scene.hash,
         "level": "reference",
-        "design": str(target / DESIGN),
+        "design": str(design),
         "finalists": {
             name: {
                 "score": _estimate(finalists.score(name).score),

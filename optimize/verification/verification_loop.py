@@ -25,6 +25,7 @@ from optimize.scoring import (
     TableScorer,
     rank_agreement,
 )
+from optimize.ui.console import counted
 from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
@@ -197,7 +198,7 @@ class VerificationLoop:
     def run(self, report: Callable[[LoopRound], None] | None = None) -> LoopResult:
         """Return the designs that renders found best; ``report`` is called after every round."""
         rounds: list[LoopRound] = []
-        reason = f"the {self.config.rounds} rounds ran out"
+        reason = f"{counted(self.config.rounds, 'round')} did not settle it"
         for number in range(1, self.config.rounds + 1):
             proposals = self.proposals(number)
             if not proposals:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,18 @@ def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     assert saved.rating.level == "reference"
     assert saved.rating.score == result["finalists"]["winner"]["score"]["value"]
     assert {item.name for item in tmp_path.iterdir()} == {"run", "run-renders"}
+    assert {item.name for item in (tmp_path / "run").iterdir()} == {
+        "baseline.json", "design.json", "runner-up.json", "result.json", "report.html",
+        "wiring.csv", "mounted.json", "jig.stl",
+    }  # fmt: skip
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert result["report"] == "run/report.html"
+    for title in ("Baseline", "Verification loop", "Its runner-up", "Wiring sheet"):
+        assert title in page
+    assert f"{saved.rating.score:.1f} ± " in page
+    assert "Round 1, " in page
+    assert all(warning in unescape(page) for warning in result["warnings"])
+    assert not re.search(r"<script|<link|@import|url\(|https?://", page)
 
     again = tactilux(*command)
     assert again.code == 0, again.err

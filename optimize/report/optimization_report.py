@@ -1,0 +1,179 @@
+"""The result of the search in which renders decide: designs, the report, and what a builder needs.
+
+It is written together, all at once or not at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from optimize.design import Array, Design, Rating, save_design
+from optimize.mounting import mount, mounting_error_costs, surrogate_score
+from optimize.reconstruction import normal_error, predicted_colors
+from optimize.report.exploration_report import DESIGN, REPORT, score_row
+from optimize.report.illustrations import design_pictures
+from optimize.report.page import (
+    clipping_warning,
+    holder_warning,
+    monochrome_warning,
+    render_page,
+    stage_pictures,
+)
+from optimize.report.wiring import wiring_context, wiring_files, write_wiring
+from optimize.ui.output import fresh_directory, write_manifest
+from optimize.ui.provenance import package_versions
+from optimize.verification import LoopRound, Optimization, optimization_to_json
+from render.files import write_text
+from render.scene import Scene
+from surrogate.runtime import Checker
+
+FILES = {"baseline": "baseline.json", "thesis": "thesis.json", "runner-up": "runner-up.json"}
+TITLES = {
+    "baseline": "Baseline",
+    "thesis": "Thesis procedure",
+    "winner": "Verification loop",
+    "runner-up": "Its runner-up",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Rendered:
+    """A finalist as its renders show it."""
+
+    key: str
+    title: str
+    design: Design
+    rating: Rating
+    clipped: float
+    metric: Array
+    counts: Array
+
+
+def write_optimization(
+    scene: Scene, outcome: Optimization, checker: Checker | None, target: Path
+) -> dict[str, object]:
+    """Write designs, record, report and wiring into ``target``; return the result for programs.
+
+    Arguments:
+        scene: the sensor.
+        outcome: what was found.
+        checker: the surrogate, which prices rounding and says degrees; the thesis can do without.
+        target: an earlier result in it is replaced, or kept under a number where it found another
+            design.
+    """
+    finalists = outcome.finalists
+    with fresh_directory(target, keep=DESIGN) as folder:
+        for name, design in zip(finalists.names, finalists.renders.designs, strict=True):
+            file = DESIGN if name == outcome.winner else FILES[name]
+            save_design(folder / file, design, scene, finalists.score(name).rating)
+        score = None if checker is None else surrogate_score(checker, scene)
+        mounting = mount(scene, outcome.design, score)
+        no_jig = write_wiring(folder, mounting)
+        wiring = wiring_context(
+            mounting,
+            TITLES[outcome.winner],
+            () if checker is None else mounting_error_costs(checker, scene, mounting.design),
+            wiring_files(target / DESIGN, no_jig),
+        )
+        write_text(folder / REPORT, _page(scene, outcome, checker, wiring))
+        result = optimization_to_json(scene, outcome, target / DESIGN)
+        result["report"] = str(target / REPORT)
+        result["warnings"] = doubts(scene, outcome)
+        write_manifest(folder, result)
+    return result
+
+
+def conclusions(outcome: Optimization) -> list[str]:
+    """Return what the finalists' renders say, and why the search ended, as sentences."""
+    finalists, sentences = outcome.finalists, []
+    pairs = (("baseline", outcome.winner), ("runner-up", "winner"), ("thesis", "winner"))
+    for first, second in pairs:
+        if {first, second} <= set(finalists.names):
+            sentences.append(finalists.comparison(first, second))
+    if outcome.loop is not None:
+        sentences.append(f"The loop stopped because {outcome.loop.reason}.")
+    if outcome.loop is not None and outcome.thesis is not None:
+        ratio = outcome.thesis.seconds / max(outcome.loop.seconds, 1e-9)
+        sentences.append(f"The thesis procedure took {ratio:.1f} times the loop's render seconds.")
+    return sentences
+
+
+def doubts(scene: Scene, outcome: Optimization) -> list[str]:
+    """Return what makes the design that is handed over doubtful; usually nothing."""
+    clipped = outcome.finalists.score(outcome.winner).clipped
+    texts = holder_warning(scene, outcome.design) + monochrome_warning(outcome.design)
+    return texts + clipping_warning(clipped)
+
+
+def _page(
+    scene: Scene, outcome: Optimization, checker: Checker | None, wiring: dict[str, object]
+) -> str:
+    shown = [_rendered(outcome, name) for name in outcome.finalists.names]
+    pictures = dict(design_pictures(scene, shown))
+    rows = []
+    for entry in shown:
+        score = outcome.finalists.score(entry.key).score
+        row = {**score_row(entry), **stage_pictures(pictures, entry.key)}
+        row |= {"score": f"{score.value:.1f} ± {score.se:.1f}", "gain": "–", "error": "–"}
+        row["best"] = "best" if entry.key == outcome.winner else ""
+        if entry.key != "baseline":
+            gain = outcome.finalists.difference("baseline", entry.key)
+            row["gain"] = f"{gain.value:+.1f} ± {gain.se:.1f}"
+        if checker is not None:
+            colors = predicted_colors(checker, scene, entry.design)
+            row["error"] = f"{normal_error(scene, colors):.2f}°"
+        rows.append(row)
+    seconds = outcome.finalists.renders.seconds
+    facts = [
+        ("Scene", f"{scene.name}, {scene.hash}"),
+        ("Level", "2, reference (bidirectional, MIS)"),
+        ("Finalists' renders", f"{seconds:.0f} s, {len(outcome.finalists.renders.replicates)} "
+         "replicates"),
+        *((f"Seconds of the {name}", f"{wall:.0f}") for name, wall in outcome.wall.items()),
+        ("Versions", ", ".join(f"{n} {v}" for n, v in package_versions("mitsuba").items())),
+    ]  # fmt: skip
+    context = {
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "bends": scene.bending.angles,
+        "lam": f"{outcome.finalists.settings.lam:.4g}",
+        "conclusions": conclusions(outcome),
+        "warnings": doubts(scene, outcome),
+        "stages": rows,
+        "rounds": [_round_row(done) for done in (outcome.loop.rounds if outcome.loop else ())],
+        "wiring": wiring,
+        "facts": facts,
+    }
+    return render_page("optimization.html.j2", context)
+
+
+def _rendered(outcome: Optimization, name: str) -> _Rendered:
+    finalists, index = outcome.finalists, outcome.finalists.names.index(name)
+    design, settings = finalists.renders.designs[index], finalists.settings
+    transport = finalists.renders.replicates[:, index].mean(axis=0)
+    score = finalists.score(name)
+    return _Rendered(
+        key=name,
+        title=TITLES[name],
+        design=design,
+        rating=score.rating,
+        clipped=score.clipped,
+        metric=settings.metric(transport, design.power),
+        counts=settings.counts(transport, design.power),
+    )
+
+
+def _round_row(done: LoopRound) -> dict[str, str]:
+    """Return a round as text: what was rendered, and whether the surrogate ranked it rightly."""
+    said = [
+        f"{entry.role} {measured.score.value:.1f} (predicted {entry.score:.1f})"
+        for entry, measured in zip(done.proposals, done.scores, strict=True)
+    ]
+    return {
+        "number": str(done.number),
+        "designs": "; ".join(said),
+        "ranking": done.agreement.shown,
+        "refitted": done.refitted.shown,
+        "seconds": f"{done.seconds:.0f}",
+    }
