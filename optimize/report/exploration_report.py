@@ -292,6 +292,10 @@ def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
         f"The optimized design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "
         f"so the surrogate predicts a gain of {gain:.1f} ({gain / abs(first.score):+.0%})."
     ]
+    sentences.append(
+        f"A reader of its colors misses surface normals by {stages[-1].normal_error:.2f}° on "
+        f"average; with the baseline, by {stages[0].normal_error:.2f}°."
+    )
     steps = [
         f"{late.rating.score - early.rating.score:+.1f} by {late.change}"
         for early, late in pairwise(stages)
@@ -315,6 +319,11 @@ def warnings(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
         texts.append(
             "The intervals of baseline and optimized design overlap: at this level the gain is "
             "not certain, and only a verification can tell."
+        )
+    if last.rating.score > first.rating.score and last.normal_error > first.normal_error:
+        texts.append(
+            f"S rose, but normals are read worse, off by {last.normal_error:.2f}° instead of "
+            f"{first.normal_error:.2f}°: the score misleads here (docs/score.md says by what)."
         )
     texts += holder_warning(last.scene, last.design)
     texts += monochrome_warning(last.design)

@@ -193,10 +193,17 @@ def _frame(scene: Scene) -> tuple[float, float, float, float]:
     return left, right, bottom, top
 
 
+def beam_length(scene: Scene) -> float:
+    """Return how long (mm) beams are drawn: so short that those of neighbors never cross."""
+    ends = flat_fiber_poses(scene).position
+    apart = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    return float(np.clip(0.49 * apart.min(initial=8.0), 0.8, 3.4))
+
+
 def scheme(scene: Scene, design: Design) -> Figure:
     """Draw the pad from outside, tip up, with every fiber's color, number and direction."""
     poses = flat_fiber_poses(scene)
-    beams = poses.directions(design.phi, 0.0)
+    beams, length = poses.directions(design.phi, 0.0), beam_length(scene)
     half = np.array([scene.pad.width, scene.pad.length]) / 2
     edge = scene.diffuser.thickness if scene.diffuser else 0.0
     margin = edge + scene.fibers.gap + 3.2
@@ -224,7 +231,7 @@ def scheme(scene: Scene, design: Design) -> Figure:
             ink = INK[color]
             axes.annotate(
                 "",
-                xy=tuple((at + 3.4 * beam)[:2]),
+                xy=tuple((at + length * beam)[:2]),
                 xytext=tuple(at[:2]),
                 arrowprops={"arrowstyle": "-|>", "color": ink, "lw": 1.3, "mutation_scale": 7},
             )

@@ -19,7 +19,7 @@ from optimize.mounting import (
     stl_bytes,
     wiring_csv,
 )
-from optimize.report.illustrations import INK, drawing, png_bytes
+from optimize.report.illustrations import INK, beam_length, drawing, png_bytes
 from optimize.report.page import data_uri
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
@@ -28,8 +28,6 @@ from render.geometry import FiberHolder, flat_fiber_poses, flat_sites, lit_offse
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
 AXES = 5.0
 """mm, length of the drawn axes."""
-BEAM = 0.46
-"""Length of a drawn beam, in distances of neighbors: beams never cross."""
 
 
 def write_wiring(folder: Path, mounting: Mounting, rating: Rating | None = None) -> str:
@@ -106,9 +104,9 @@ def _price(mounting: Mounting) -> list[str]:
     texts = []
     if mounting.step:
         texts.append(
-            f"Angles are rounded to {mounting.step:g}°: the design scores {mounting.score:.1f} so, "
-            f"and {mounting.score_found:.1f} with angles as found; rounding takes "
-            f"{mounting.score_found - mounting.score:.2f} counts."
+            f"Angles are rounded to {mounting.step:g}°: on the surrogate the design scores "
+            f"{mounting.score:.1f} so, and {mounting.score_found:.1f} with angles as found; "
+            f"rounding takes {mounting.score_found - mounting.score:.2f} counts."
         )
     others = [
         f"{step:g}° {price:.2f}" for step, price in mounting.prices.items() if step != mounting.step
@@ -152,8 +150,7 @@ def wiring_drawing(mounting: Mounting) -> Figure:
     low = np.minimum(label.min(axis=0), -outer) - 1.2
     high = np.maximum(label.max(axis=0), outer) + 1.2
     low[1] = min(float(label[:, 1].min()), -half[1]) - 1.2
-    apart = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    beam = float(np.clip(BEAM * apart.min(initial=8.0), 0.8, 3.4))
+    beam = beam_length(scene)
     with drawing(4.2, 4.2 * (high[1] - low[1]) / (high[0] - low[0])) as figure:
         axes = figure.subplots()
         wall = [

@@ -76,6 +76,21 @@ def test_the_summary_says_how_much_was_won_and_by_what(sample_stages: StageMaker
     assert "+12.0 by the color search and +8.0 by the fiber directions" in html
 
 
+def test_degrees_stand_beside_the_score(sample_stages: StageMaker) -> None:
+    html = report(sample_stages(30, 42, 50))
+    assert "misses surface normals by 6.00° on average; with the baseline, by 10.00°" in html
+    assert re.findall(r"<td>(\d+\.\d\d)°</td></tr>", html) == ["10.00", "7.14", "6.00"]
+    assert "What the figures mean" in html
+
+
+def test_a_score_that_rises_while_normals_are_read_worse_is_doubted(
+    sample_stages: StageMaker,
+) -> None:
+    stages = sample_stages(30, 40, 50)
+    stages[-1] = replace(stages[-1], normal_error=12.0)
+    assert any("S rose, but normals are read worse" in text for text in warnings(stages, RELIABLE))
+
+
 def test_a_sure_gain_needs_no_warning(sample_stages: StageMaker) -> None:
     assert warnings(sample_stages(30, 40, 50), RELIABLE) == []
 

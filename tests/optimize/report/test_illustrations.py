@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from optimize.design import baseline_design
-from optimize.report import convergence, encode_srgb, facet_strip, metric_strip, png_bytes, scheme
+from optimize.design import Design, baseline_design, limits_of
+from optimize.mounting import mount
+from optimize.report import (
+    convergence,
+    encode_srgb,
+    facet_strip,
+    metric_strip,
+    png_bytes,
+    scheme,
+    wiring_drawing,
+)
 from optimize.search import SearchStep
 from render.geometry import flat_sites
 from render.scene import Scene
@@ -56,3 +67,26 @@ def test_the_convergence_plot_has_one_mark_for_every_step(finger20: Scene) -> No
     lines = convergence(steps).axes[0].lines
     marked = sorted(float(x) for line in lines[1:] for x in np.asarray(line.get_xdata()))
     assert marked == [step.seconds for step in steps]
+
+
+def test_drawn_beams_of_neighbors_never_cross_and_labels_stay_clear(finger20: Scene) -> None:
+    limits, rng = limits_of(finger20), np.random.default_rng(6)
+    phi = limits.nearest_directions(rng.uniform(0.0, np.pi, 20))
+    design = Design.of_colors(phi, np.arange(20) % 3)
+    axes = wiring_drawing(mount(finger20, design, step=0.0)).axes[0]
+    arrows = [np.array([note.xyann, note.xy]) for note in axes.texts if hasattr(note, "xyann")]
+    beams, (x, y) = arrows[2:], arrows[:2]
+    assert [x[0].tolist(), y[0].tolist()] == [[0.0, 0.0], [0.0, 0.0]]
+    assert x[1][0] > 0 == x[1][1]
+    assert y[1][1] > 0 == y[1][0]
+    assert len(beams) == 20
+    for first, second in pairwise(beams):
+        reach = np.linalg.norm(first[1] - first[0]) + np.linalg.norm(second[1] - second[0])
+        assert reach < np.linalg.norm(first[0] - second[0])
+    labels = {text.get_text(): np.array(text.get_position()) for text in axes.texts
+              if text.get_text().isdigit()}  # fmt: skip
+    assert sorted(map(int, labels)) == list(range(20))
+    for place in labels.values():
+        for start, end in beams:
+            along = np.clip(np.dot(place - start, end - start) / np.sum((end - start) ** 2), 0, 1)
+            assert np.linalg.norm(place - start - along * (end - start)) > 1.0
