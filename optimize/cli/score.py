@@ -57,8 +57,8 @@ def run(
         if not doubt and abs(gain) <= 2.0 * checker.score_half_width:
             doubt = "the intervals overlap"
         stream.write(
-            f"The design scores {abs(gain):.1f} {'better' if gain > 0 else 'worse'} than the "
-            f"baseline{f', but {doubt}' if doubt else ''}.\n"
+            f"The design scores {gain:+.1f} against the baseline"
+            f"{f', but {doubt}' if doubt else ''}.\n"
         )
         if out is not None:
             stream.write(f"Design: {out}\n")

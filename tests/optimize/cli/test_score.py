@@ -55,7 +55,7 @@ def test_colors_and_angles_are_enough(
     again = tactilux("score", "rated.json", "--scene", small_scene, "--model", small_model)
     assert again.code == 0, again.err
     assert f"{saved.rating.score:.1f}" in again.out
-    assert "than the baseline" in again.out
+    assert "against the baseline" in again.out
 
 
 def test_the_baseline_drawn_by_hand_scores_as_the_baseline(
