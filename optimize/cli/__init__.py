@@ -50,20 +50,11 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command("explore")(explore.run)
-app.command("score")(score.run)
-app.command("verify")(verify.run)
-app.command("optimize")(optimize.run)
-app.command("sensitivity")(sensitivity.run)
-app.command("reconstruct")(reconstruct.run)
-app.command("train")(train.run)
-app.command("frontier")(frontier.run)
-app.command("overnight")(overnight.run)
-app.command("status")(status.run)
-app.command("render")(render.run)
-app.command("describe")(describe.run)
-app.command("report")(report.run)
-app.command("colors")(colors.run)
+for _command in (
+    explore, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight, status,
+    render, describe, report, colors,
+):  # fmt: skip
+    app.command(_command.__name__.rpartition(".")[2])(_command.run)
 
 
 def _print_version(wanted: bool) -> None:
