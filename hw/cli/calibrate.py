@@ -72,7 +72,6 @@ def run(
 
 def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
     """Write the fitted values and where everything is."""
-
     from hw.calibrated_powers import FILE
 
     for row in result["material"].values():

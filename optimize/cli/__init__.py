@@ -86,7 +86,7 @@ def main() -> None:
         if end.code == 130 and not isinstance(broken, KeyboardInterrupt):
             _interrupted(end)
         raise
-    except Exception as error:
+    except BaseException as error:
         if interruption(error) is not None:
             _interrupted(error)
         sentence = _sentence(error)
@@ -105,7 +105,7 @@ def _refuse(sentence: str | None) -> NoReturn:
     sys.exit(2)
 
 
-def _sentence(error: Exception) -> str | None:
+def _sentence(error: BaseException) -> str | None:
     """Return what a user reads instead of a traceback; None for a mistake of the program."""
     if isinstance(error, TactiluxError):
         return str(error)
