@@ -41,7 +41,8 @@ validation-long: export VALIDATION_FLAGS = --capture no
 validation-long: $(FULL) ## The same with more samples and more cases (hours); see RESULTS.md
 	$(MAKE) $(VALIDATIONS)
 	$(BIN)/python -m pytest tests/optimize/overnight/test_kills.py \
-		tests/optimize/overnight/test_whole_night.py
+		tests/optimize/overnight/test_whole_night.py \
+		tests/optimize/overnight/test_progress.py
 
 # A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
 # have come and gone in one.

@@ -108,9 +108,8 @@ def outcome(finalists: Sequence[Finalist], winner: str, replicates: int) -> list
             f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
         )
     before, after = first.rating, last.rating
-    over_bends = ""
-    if len(last.metric) > 1:
-        over_bends = f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
+    over_bends = f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
+    over_bends = over_bends if len(last.metric) > 1 else ""
     sentences.append(
         f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
         f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
@@ -153,7 +152,6 @@ def _facts(
     hours: float | None,
 ) -> tuple[tuple[str, str], ...]:
     store, scene, status = context.store, context.scene, status_of(context.store.run)
-    table = context.decided("table")
     passes = sum(len(store.decided(f"{n}/table")["seeds"]) for n in range(1, context.number + 1))
     asked = f"{context.samples} samples" if context.samples is not None else f"{hours:g} h"
     versions = package_versions("mitsuba", "drjit", "torch", "onnxruntime", "numpy")
@@ -164,7 +162,10 @@ def _facts(
         ("Time worked", f"{store.spent() / 3600:.3f} h"),
         ("Rendering", f"{status.render_seconds:.0f} s in {status.evaluations} renders"),
         ("Workers", str(context.renders.workers.count)),
-        ("Transport table", f"{passes} passes, {table['samples']} samples per cell in the last"),
+        (
+            "Transport table",
+            f"{passes} passes, {context.decided('table')['samples']} samples per cell in the last",
+        ),
         ("Rounds", str(len(loop_outcome.rounds))),
         ("Final verification", f"{len(evaluation.renders.replicates)} replicates"),
         ("Surrogate", sha256((store.run / "model" / MODEL_FILE).read_bytes())),

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -35,7 +35,7 @@ REPORT_SECONDS = 8.0
 """What the end of a night takes: measuring finalists and writing files and report."""
 FIT_STEPS = (200, 10_000)
 """Fewest and most steps of the networks."""
-MIN_SAMPLES = 4
+MIN_SAMPLES, UNIT_SAMPLES = 4, 64
 MIN_SHARE = 0.02
 """Part of the time that a round, or a batch of the final verification, gets at least, even where
 the stages before have used it up: with fewer paths its answer would be noise."""
@@ -57,17 +57,11 @@ def fixed_amounts(samples: int) -> dict[str, dict[str, int]]:
     }
 
 
-def samples_within(cost: RenderCost, unit: Sequence[RenderJob], per: int, seconds: float) -> int:
-    """Return the samples per cell whose jobs take ``seconds``.
-
-    Arguments:
-        cost: of a job and of its samples.
-        unit: the jobs of ``per`` samples per cell.
-        per: that number.
-        seconds: of all workers together.
-    """
+def samples_within(cost: RenderCost, unit: Sequence[RenderJob], seconds: float) -> int:
+    """Return the samples per cell that take ``seconds``; ``unit`` are jobs of `UNIT_SAMPLES`."""
     together = seconds * min(cost.workers, len(unit))
-    return cost.samples_within(together, [job.samples / per for job in unit], MIN_SAMPLES)
+    renders = [job.samples / UNIT_SAMPLES for job in unit]
+    return cost.samples_within(together, renders, MIN_SAMPLES)
 
 
 @dataclass
@@ -97,7 +91,7 @@ class RunContext:
     until: float
     began: float
     cost: RenderCost | None = None
-    best: dict[str, Any] | None = field(default=None)
+    best: dict[str, Any] | None = None
 
     @property
     def bends(self) -> Array:

@@ -104,13 +104,14 @@ class DaskWorkers:
             return
         count = workers or 1
         self.threads = max(1, len(os.sched_getaffinity(0)) // count)
-        settings = {
-            "distributed.scheduler.worker-ttl": f"{WORKER_TTL}s",
-            "distributed.scheduler.allowed-failures": ATTEMPTS,
-            "distributed.admin.low-level-log-length": 100,
-            "distributed.worker.memory.terminate": False,
-        }
-        dask.config.set(settings)
+        dask.config.set(
+            {
+                "distributed.scheduler.worker-ttl": f"{WORKER_TTL}s",
+                "distributed.scheduler.allowed-failures": ATTEMPTS,
+                "distributed.admin.low-level-log-length": 100,
+                "distributed.worker.memory.terminate": False,
+            }
+        )
         self.cluster = LocalCluster(
             n_workers=count,
             threads_per_worker=1,

@@ -20,6 +20,7 @@ from optimize.overnight.context import (
     OVERTIME_SHARE,
     REPORT_SECONDS,
     TIME_USED,
+    UNIT_SAMPLES,
     RunContext,
     design_of,
     samples_within,
@@ -148,7 +149,12 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
         ]
         done = loop.render(number, proposals)
         rounds.append(done)
-        _log_round(context, done)
+        context.log.note(f"Round {number}: {done.agreement.shown}")
+        for entry, measured in zip(proposals, done.scores, strict=True):
+            context.log.note(
+                f"  {entry.role}: predicted {entry.score:.2f}, rendered {measured.score.value:.2f} "
+                f"± {measured.score.se:.2f}"
+            )
         best = max((measured.score for measured in done.scores), key=lambda score: score.value)
         context.keep_best("reference", best.value, best.interval(), f"round {number}")
 
@@ -161,20 +167,12 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
 def _affordable_rounds(context: RunContext, cost: RenderCost, start: Design) -> dict[str, int]:
     phi, _ = distinct_directions([dimmed_baseline(context.scene), start])
     seeds = min(MAX_ROUND_SEEDS, -(-cost.workers // (2 * len(context.bends))))
-    unit = transport_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+    unit = transport_jobs(
+        context.scene, phi, context.bends, samples=UNIT_SAMPLES, seeds=list(range(seeds))
+    )
     seconds = max(ROUND_SHARE * context.seconds_until(LOOP_UNTIL), context.least_seconds)
-    samples = samples_within(cost, unit, 64, seconds)
+    samples = samples_within(cost, unit, seconds)
     return {"samples": samples, "rounds": MAX_ROUNDS, "seeds": seeds}
-
-
-def _log_round(context: RunContext, done: RenderedRound) -> None:
-    context.log.note(f"Round {done.number}: {done.agreement.shown}")
-    for entry, measured in zip(done.proposals, done.scores, strict=True):
-        score = measured.score
-        context.log.note(
-            f"  {entry.role}: predicted {entry.score:.2f}, rendered {score.value:.2f} "
-            f"± {score.se:.2f}"
-        )
 
 
 def _candidate_of(content: dict[str, Any]) -> Candidate:
@@ -251,10 +249,12 @@ def _affordable_batch(
     phi, _ = distinct_directions(designs)
     jobs = 2 * len(context.bends)
     seeds = -(-2 * cost.workers // jobs) if cost.workers > jobs else 1
-    unit = transport_jobs(context.scene, phi, context.bends, samples=64, seeds=list(range(seeds)))
+    unit = transport_jobs(
+        context.scene, phi, context.bends, samples=UNIT_SAMPLES, seeds=list(range(seeds))
+    )
     free = (context.seconds_until(1.0) - REPORT_SECONDS) / MIN_BATCHES
     seconds = max(context.least_seconds, min(2 * cost.fixed * jobs, free))
-    return {"samples": samples_within(cost, unit, 64, seconds), "seeds": seeds}
+    return {"samples": samples_within(cost, unit, seconds), "seeds": seeds}
 
 
 def _pooled(parts: Sequence[DesignRenders], seeds: int) -> DesignRenders:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable
+from contextlib import closing
 from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any
@@ -35,7 +36,7 @@ from optimize.overnight.run_directory import (
     writing,
 )
 from optimize.overnight.run_log import RunLog
-from optimize.overnight.store import RunRequest, Store
+from optimize.overnight.store import Request, Store
 from optimize.overnight.surrogate_stages import fit_model, pooled_table, render_table
 from optimize.overnight.workers import StoredRenders, Workers
 from optimize.ui.signals import Signals, Stopped
@@ -79,13 +80,13 @@ def overnight(
     check_run_directory(run)
     with writing(run):
         run.mkdir(parents=True, exist_ok=True)
-        with locked(run), RunLog(run, lines) as log:
+        with locked(run), closing(RunLog(run, lines)) as log:
             signals, store, ended = Signals(), None, "error"
             try:
                 with signals.caught():
                     store = Store(run, _request(scene, seed, samples), log.note)
                     keep_scene(run, scene_name)
-                    result = _work(scene, store, hours, make_workers, signals, log)
+                    result = _work(scene, store, hours, samples, seed, make_workers, signals, log)
                 ended = "finished"
                 return result
             except Stopped:
@@ -97,15 +98,18 @@ def overnight(
                     store.close(ended)
 
 
-def _request(scene: Scene, seed: int, samples: int | None) -> RunRequest:
-    limits = scene.model_dump_json(include={"constraints"})
-    return RunRequest(scene.hash, hashlib.sha256(limits.encode()).hexdigest()[:16], seed, samples)
+def _request(scene: Scene, seed: int, samples: int | None) -> Request:
+    limits = hashlib.sha256(scene.model_dump_json(include={"constraints"}).encode()).hexdigest()
+    request: Request = {"the scene of hash": scene.hash, "constraints of hash": limits[:16]}
+    return request | {"--seed": seed, "--samples": samples}
 
 
 def _work(
     scene: Scene,
     store: Store,
     hours: float | None,
+    samples: int | None,
+    seed: int,
     make_workers: Callable[[], Workers],
     signals: Signals,
     log: RunLog,
@@ -132,8 +136,8 @@ def _work(
             store=store,
             renders=StoredRenders(store, workers, signals),
             log=log,
-            seed=store.request.seed,
-            samples=store.request.samples,
+            seed=seed,
+            samples=samples,
             until=math.inf if hours is None else 3600 * hours,
             **period,
         )
@@ -162,12 +166,10 @@ def _turn(store: Store, hours: float | None) -> tuple[int, dict[str, Any]]:
             factor = 0.0 if hours is None else 3600 * hours / spent
             if factor <= EXTEND_FACTOR:
                 break
-            number, extension = period["number"], period["extension"]
-            if factor >= REFINE_FACTOR:
-                more = {"number": number + 1, "extension": 0, "began": spent}
-            else:
-                more = period | {"extension": extension + 1}
-            store.decide(f"turn {turn + 1}", partial(dict, more))
+            refined = {"number": period["number"] + 1, "extension": 0, "began": spent}
+            extended = period | {"extension": period["extension"] + 1}
+            chosen = refined if factor >= REFINE_FACTOR else extended
+            more = store.decide(f"turn {turn + 1}", partial(dict, chosen))
         turn, period = turn + 1, more
     return turn, period
 

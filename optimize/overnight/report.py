@@ -175,10 +175,13 @@ MARKS = {
 def convergence(result: OvernightResult) -> Figure:
     """Draw every rendered score step by step, with 95 % intervals and predictions."""
     names = list(dict.fromkeys(point.step for point in result.steps))
+    marks = dict.fromkeys(("best", result.winner), "the surrogate's best") | {
+        "baseline": "baseline"
+    }
     with drawing(WIDTH, HEIGHT) as figure:
         axes = figure.subplots()
         for label, (tone, left) in MARKS.items():
-            mine = [point for point in result.steps if _mark(point, result.winner) == label]
+            mine = [point for point in result.steps if marks.get(point.role, "others") == label]
             # Side by side, so that the marks of a step do not cover each other.
             before = [sum(q.step == p.step for q in mine[:i]) for i, p in enumerate(mine)]
             at = [names.index(p.step) + left + 0.1 * b for p, b in zip(mine, before, strict=True)]
@@ -201,12 +204,6 @@ def convergence(result: OvernightResult) -> Figure:
         figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False,
                       fontsize=8, columnspacing=1.0, handletextpad=0.3)  # fmt: skip
     return figure
-
-
-def _mark(step: ConvergencePoint, winner: str) -> str:
-    if step.role == "baseline":
-        return "baseline"
-    return "the surrogate's best" if step.role in ("best", winner) else "others"
 
 
 def score_scatter(result: OvernightResult) -> Figure:

@@ -34,7 +34,6 @@ TITLES = {
 """What finalists are called, by their keys, which name files."""
 
 StandardError = Annotated[float, Field(ge=0.0)]
-Trade = tuple[str, float, float, float, float, float]
 _CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -138,12 +137,8 @@ class OvernightResult:
     winner: str
     verdict: tuple[str, ...]
     steps: tuple[ConvergencePoint, ...]
-    trade: tuple[Trade, ...]
+    trade: tuple[tuple[str, float, float, float, float, float], ...]
     facts: tuple[tuple[str, str], ...]
-
-    def of(self, key: str) -> Finalist | None:
-        """Return the finalist of that key, or None if the night had none."""
-        return next((entry for entry in self.finalists if entry.key == key), None)
 
     @property
     def best(self) -> Finalist:

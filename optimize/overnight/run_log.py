@@ -37,11 +37,7 @@ class RunLog:
         self._shown = self._logged = 0.0
         self.record: Callable[[str, Progress], None] = lambda *_: None
 
-    def __enter__(self) -> RunLog:
-        """Say what there is to say."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         """Take the bar away and close the log."""
         self._bar.close()
         self._log.close()

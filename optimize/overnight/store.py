@@ -24,7 +24,7 @@ import sqlite3
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import datetime
 from io import BytesIO
 from pathlib import Path
@@ -61,33 +61,21 @@ CREATE TABLE progress (
 """
 
 
-@dataclass(frozen=True)
-class RunRequest:
-    """What a run directory is for; another seed, or a fixed amount of work, is another run.
-
-    Arguments:
-        scene_hash: of the sensor; limits: of its constraints, which change designs but no light.
-        seed: of everything.
-        samples: of the transport table per cell; None where hours set the amount of work.
-    """
-
-    scene_hash: str
-    limits: str
-    seed: int
-    samples: int | None
+Request = dict[str, str | int | None]
+"""What a run directory is for, in words; for anything else asked for, another is needed."""
 
 
 class Store:
     """An open run directory, see the module; only the holder of its lock may open it."""
 
-    def __init__(self, run: Path, request: RunRequest, note: Callable[[str], None]) -> None:
+    def __init__(self, run: Path, request: Request, note: Callable[[str], None]) -> None:
         """Open or begin the record of ``run``; ``note`` is told of damaged renders.
 
         Raises:
             RunError: the directory is for something else or of another version.
             sqlite3.DatabaseError: the record is damaged.
         """
-        self.run, self.request, self.note = run, request, note
+        self.run, self.note = run, note
         self._began = self._beat = time.monotonic()
         if not (run / RECORD).exists():
             _create(run, request)
@@ -204,10 +192,10 @@ class Store:
         self.state(job).unlink(missing_ok=True)
 
 
-def _create(run: Path, request: RunRequest) -> None:
+def _create(run: Path, request: Request) -> None:
     """Write an empty record beside its place and rename it: no reader meets one without tables."""
     temporary = temporary_name(run / RECORD)
-    meta = {"schema": SCHEMA, "tactilux": program_version(), "request": asdict(request)}
+    meta = {"schema": SCHEMA, "tactilux": program_version(), "request": request}
     with closing(sqlite3.connect(temporary)) as db:
         db.executescript(_TABLES)
         rows = [(name, json.dumps(value)) for name, value in meta.items()]
@@ -217,7 +205,7 @@ def _create(run: Path, request: RunRequest) -> None:
     sync_folder(run)
 
 
-def check_request(run: Path, db: sqlite3.Connection, wanted: RunRequest | None) -> None:
+def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> None:
     """Refuse a record of another version or another request; ``wanted`` None takes any request.
 
     Raises:
@@ -243,24 +231,16 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: RunRequest | None) 
         )
     if wanted is None:
         return
-    for name, value in asdict(wanted).items():
+    for name, value in wanted.items():
         there = meta["request"].get(name)
         if there != value:
             raise RunError(
-                f"{run} is a run with {_WORDS[name]} {there}, asked for is {value}: choose "
+                f"{run} is a run with {name} {there}, asked for is {value}: choose "
                 "another directory with --out, or ask for the same again",
                 field=name,
                 value=value,
                 allowed=str(there),
             )
-
-
-_WORDS = {
-    "scene_hash": "the scene of hash",
-    "limits": "constraints of hash",
-    "seed": "--seed",
-    "samples": "--samples",
-}
 
 
 def _sweep(run: Path) -> None:

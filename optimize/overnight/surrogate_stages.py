@@ -9,6 +9,7 @@ was logged is not fitted again; a damaged one is, and comes out the same.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from optimize.overnight.context import (
     OVERTIME_SHARE,
     TABLE_UNTIL,
     TIME_USED,
+    UNIT_SAMPLES,
     RunContext,
     samples_within,
 )
@@ -126,11 +128,11 @@ def _render_passes(context: RunContext) -> dict[str, Any]:
 
 
 def _affordable_passes(context: RunContext, cost: RenderCost) -> dict[str, int]:
-    unit = _jobs(context, 64, [0])
+    unit = _jobs(context, UNIT_SAMPLES, [0])
     work = max(context.seconds_until(TABLE_UNTIL), 1.0) * cost.workers
     shared = -(-MIN_PASSES * cost.workers // len(unit)) if cost.workers > 1 else 0
     passes = max(MIN_PASSES, shared, round(work / (JOB_SECONDS * len(unit))))
-    samples = samples_within(cost, unit, 64, work / passes / min(cost.workers, len(unit)))
+    samples = samples_within(cost, unit, work / passes / min(cost.workers, len(unit)))
     return {"passes": passes, "samples": samples}
 
 
@@ -190,8 +192,6 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
         if fitted is not None:
             return fitted
         context.log.note(f"{folder} is missing or damaged: the surrogate is fitted again")
-        for item in folder.glob("*") if folder.is_dir() else ():
-            item.unlink()
     from surrogate.train import TrainConfig, train
 
     context.stage("Surrogate", "surrogate")
@@ -223,12 +223,10 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
 def _whole(context: RunContext, digest: str) -> Checker | None:
     """Return the model in the run directory if it is the one of that SHA-256."""
     folder = context.store.run / MODEL
-    try:
-        if sha256((folder / MODEL_FILE).read_bytes()) != digest:
-            return None
-        return Checker.load(folder, context.scene.hash)
-    except (OSError, ModelError):
-        return None
+    with suppress(OSError, ModelError):
+        if sha256((folder / MODEL_FILE).read_bytes()) == digest:
+            return Checker.load(folder, context.scene.hash)
+    return None
 
 
 def _affordable_steps(context: RunContext, table: TransportTable) -> int:

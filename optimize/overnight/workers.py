@@ -42,12 +42,10 @@ class Workers(Protocol):
         state: Callable[[RenderJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
-        """Yield the results as they come, in any order.
+        """Yield the results of ``jobs`` as they come, in any order.
 
-        Arguments:
-            jobs: what is rendered.
-            state: where an unfinished job can be kept.
-            tick: told of samples as they are made; called every second at least while waiting.
+        ``state`` says where an unfinished job can be kept; ``tick`` is told of samples as they are
+        made, and called every second at least while waiting.
         """
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from optimize.overnight.run_directory import RECORD
-from optimize.overnight.store import STATES, RunRequest, Store
+from optimize.overnight.store import STATES, Store
 from optimize.overnight.workers import FinishedJob, LocalWorker, StoredRenders
 from optimize.ui.signals import Signals
 from render.chebyshev import chebyshev_nodes
@@ -64,7 +64,7 @@ def test_what_logging_and_scheduling_add_to_renders(
     scene = load_scene("finger20")
     phi, bends = chebyshev_nodes(11, 0.0, np.pi), np.array(scene.bending.angles)
     jobs = transport_jobs(scene, phi, bends, samples=SAMPLES, seeds=[1])
-    store = Store(tmp_path, RunRequest(scene.hash, "", 0, SAMPLES), lambda text: None)
+    store = Store(tmp_path, {"--samples": SAMPLES}, lambda text: None)
     workers = Timed()
     runner = StoredRenders(store, workers, Signals())
     began = time.perf_counter()

@@ -1,17 +1,18 @@
-"""Kills a whole night of the tiny sensor again and again, for real, and says how long it took.
+"""Kills a whole night of the tiny sensor again and again, for real, and says what that cost.
 
 Every attempt is a new process that imports all it needs, as a user's is. Lifetimes are drawn evenly
-from 0 to twice the mean, which is a given part of what the unbroken night takes here: 10 s where
-that takes half a minute.
+from 0 to twice the mean. Seconds are those of the processor that an attempt has used: on a machine
+with nothing else to do they are those on the wall.
 
-Usage: killed_nights.py FOLDER SEED
+Usage: killed_nights.py FOLDER SEED MEAN_LIFE
 """
 
 from __future__ import annotations
 
 import json
+import math
+import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -20,44 +21,49 @@ from pathlib import Path
 
 from tests.optimize.overnight.tiny import start, write_tiny
 
-MEAN_LIFE = 1 / 3
-"""Mean lifetime of an attempt, in units of the unbroken night."""
 SAMPLES = 8
-MAX_ATTEMPTS = 100
+MAX_ATTEMPTS = 60
 
 
-def attempt(scene: Path, run: Path, life: float | None) -> bool:
-    """Let one attempt live for ``life`` seconds, or to its end; return whether it came there."""
-    process = start("overnight", scene, "--out", run, "--samples", SAMPLES)
-    try:
-        _, said = process.communicate(timeout=life)
-    except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        return False
+def used(process: subprocess.Popen[str]) -> float:
+    """Return the processor seconds of all threads of a process that runs."""
+    fields = (
+        Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    )
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def attempt(scene: Path, run: Path, life: float) -> tuple[bool, float]:
+    """Let an attempt live for ``life`` seconds; return whether it ended itself, and its seconds."""
+    with run.with_suffix(".txt").open("a", encoding="utf-8") as said:
+        process = start("overnight", scene, "--out", run, "--samples", SAMPLES, output=said)
+    seconds = 0.0
+    while process.poll() is None:
+        try:
+            seconds = used(process)
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if seconds >= life:
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            return False, seconds
+        time.sleep(0.01)
     if process.returncode:
-        raise SystemExit(f"an attempt failed: {said}")
-    return True
+        raise SystemExit(f"an attempt failed: {run.with_suffix('.txt').read_text()}")
+    return True, seconds
 
 
 def main() -> None:
-    """Run an unbroken night and one that is killed; print seconds and attempts as JSON."""
-    folder, rng = Path(sys.argv[1]), random.Random(int(sys.argv[2]))
+    """Run an unbroken night and one that is killed; print their seconds and the lives as JSON."""
+    folder, rng, mean = Path(sys.argv[1]), random.Random(int(sys.argv[2])), float(sys.argv[3])
     scene = write_tiny(folder)
-    # Once for the caches of compiled kernels, which every night after the first one finds.
-    attempt(scene, folder / "first", None)
-    shutil.rmtree(folder / "first")
-    began = time.monotonic()
-    attempt(scene, folder / "unbroken", None)
-    unbroken = time.monotonic() - began
+    _, unbroken = attempt(scene, folder / "unbroken", math.inf)
     lives: list[float] = []
-    began = time.monotonic()
-    while len(lives) < MAX_ATTEMPTS:
-        lives.append(rng.uniform(0.0, 2 * MEAN_LIFE * unbroken))
-        if attempt(scene, folder / "broken", lives[-1]):
-            break
-    broken = time.monotonic() - began
-    print(json.dumps({"unbroken": unbroken, "broken": broken, "attempts": len(lives)}))
+    done = False
+    while not done and len(lives) < MAX_ATTEMPTS:
+        done, seconds = attempt(scene, folder / "broken", rng.uniform(0.0, 2 * mean))
+        lives.append(seconds)
+    print(json.dumps({"done": done, "unbroken": unbroken, "broken": sum(lives), "lives": lives}))
 
 
 if __name__ == "__main__":

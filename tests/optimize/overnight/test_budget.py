@@ -18,12 +18,12 @@ def jobs_of(scene: Scene, samples: int) -> list[RenderJob]:
 @pytest.mark.parametrize("seconds", [30.0, 300.0, 3000.0])
 def test_samples_fill_the_seconds_that_they_are_asked_for(finger20: Scene, seconds: float) -> None:
     cost = RenderCost(0.7, 2e-5)
-    chosen = samples_within(cost, jobs_of(finger20, 64), 64, seconds)
+    chosen = samples_within(cost, jobs_of(finger20, 64), seconds)
     assert cost.seconds(jobs_of(finger20, chosen)) == pytest.approx(seconds, rel=0.1)
 
 
 def test_without_time_the_least_is_rendered(finger20: Scene) -> None:
-    assert samples_within(RenderCost(1.0, 1e-3), jobs_of(finger20, 64), 64, -5.0) == MIN_SAMPLES
+    assert samples_within(RenderCost(1.0, 1e-3), jobs_of(finger20, 64), -5.0) == MIN_SAMPLES
 
 
 def test_a_fixed_amount_of_work_grows_with_what_is_asked_for() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from matplotlib.image import imread
 from optimize.design import Design
 from optimize.overnight.conclusion import outcome, surrogate_sentence
 from optimize.overnight.report import convergence, render_report, warnings
-from optimize.overnight.result import OvernightResult
+from optimize.overnight.result import Finalist, OvernightResult
 from optimize.report import bolt_pictures
 from render.errors import SceneError
 
@@ -33,6 +33,12 @@ def changed(night: OvernightResult, key: str, **values: Any) -> OvernightResult:
 
 def won_by(night: OvernightResult, gain: float, se: float) -> OvernightResult:
     return changed(night, "winner", gain=gain, gain_se=se, score=night.finalists[0].score + gain)
+
+
+def drawn_of(scene: object, entries: Sequence[Finalist]) -> list[tuple[str, bytes]]:
+    """Return empty pictures of all finalists."""
+    kinds = ("scheme", "metric", "facets")
+    return [(f"{kind}-{entry.key}", b"") for entry in entries for kind in kinds]
 
 
 def summary(night: OvernightResult) -> list[str]:
@@ -225,6 +231,24 @@ def test_the_report_ends_with_the_time_of_more_workers(
     for row in ("1 2:00:00 1", "2 1:01:40 1.9", "8 18:20 6.5", "64 6:40 18"):
         assert f" {row} " in text
     assert "other work does not shrink" in text
+
+
+@pytest.mark.parametrize("se", [0.4, 60.0])
+def test_table_and_sentence_judge_intervals_by_one_rule(
+    finished_night: OvernightResult, monkeypatch: pytest.MonkeyPatch, se: float
+) -> None:
+    # Pictures take seconds, and none is looked at.
+    monkeypatch.setattr("optimize.overnight.report.bolt_pictures", lambda *_: [[], []])
+    monkeypatch.setattr("optimize.overnight.report.design_pictures", drawn_of)
+    winner = finished_night.best
+    night = changed(finished_night, "winner", predicted=winner.score + 3.0, se=se)
+    html = render_report(replace(night, steps=(), trade=()))
+    cells = re.findall(r'<td class="extra">(yes|no|cannot tell)</td>', html)
+    assert len(cells) == len(night.finalists)
+    said = summary(night)[-1]
+    assert f"it held for {cells.count('yes')}" in said
+    assert ("does not hold" in said) == (cells[-2] == "no")
+    assert ("too noisy to tell" in said) == ("cannot tell" in cells)
 
 
 def test_colors_that_won_nothing_get_no_part_of_the_gain(finished_night: OvernightResult) -> None:

@@ -26,7 +26,7 @@ from optimize.overnight.run_directory import (
     writing,
 )
 from optimize.overnight.status import status_of
-from optimize.overnight.store import RENDERS, Store
+from optimize.overnight.store import RENDERS, Request, Store
 from optimize.ui.output import OutputError
 from render.reference import RenderJob, RenderResult
 from render.scene import Scene
@@ -192,20 +192,20 @@ def test_time_is_that_of_all_attempts_and_does_not_follow_the_clock_on_the_wall(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"scene_hash": "0" * 16}, "the scene of hash"),
-        ({"limits": "x"}, "constraints"),
-        ({"seed": 5}, "--seed 0, asked for is 5"),
-        ({"samples": None}, "--samples 8, asked for is None"),
+        ({"the scene of hash": "0" * 16}, "the scene of hash"),
+        ({"constraints of hash": "x"}, "constraints of hash None, asked for is x"),
+        ({"--seed": 5}, "--seed 0, asked for is 5"),
+        ({"--samples": None}, "--samples 8, asked for is None"),
     ],
 )
 def test_a_run_of_something_else_is_refused_and_left_alone(
-    opened: Opener, scene: Scene, tmp_path: Path, change: dict[str, object], words: str
+    opened: Opener, scene: Scene, tmp_path: Path, change: Request, words: str
 ) -> None:
     opened()
     opened.close()
     before = contents(tmp_path)
     with pytest.raises(RunError, match=words):
-        Store(tmp_path, replace(request_of(scene), **change), print)  # type: ignore[arg-type]
+        Store(tmp_path, request_of(scene) | change, print)
     assert contents(tmp_path) == before
 
 
@@ -303,10 +303,10 @@ def test_a_database_of_something_else_is_refused(tmp_path: Path, scene: Scene) -
 HOLD = """
 import sys, pathlib
 from optimize.overnight.run_directory import locked
-from optimize.overnight.store import RunRequest, Store
+from optimize.overnight.store import Store
 run = pathlib.Path(sys.argv[1])
 with locked(run):
-    Store(run, RunRequest("", "", 0, 8), print)
+    Store(run, {}, print)
     print("held", flush=True)
     sys.stdin.readline()
 """

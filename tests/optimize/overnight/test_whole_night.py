@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import random
 import re
@@ -19,10 +18,9 @@ import pytest
 from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RENDERS
-from render.files import read_npz
 from tests.long import LONG
 from tests.optimize.overnight.conftest import SAMPLES, TinyNight
-from tests.optimize.overnight.tiny import rows
+from tests.optimize.overnight.tiny import outcome
 from tests.optimize.overnight.warm import FIT_STEPS, WarmProgram, WarmRun
 
 ENDED_IN = (("Surrogate", signal.SIGTERM), ("Round 2", signal.SIGKILL))
@@ -33,30 +31,15 @@ DAY = 86400.0
 Run = Callable[..., Any]
 
 
-def outcome(run: Path) -> dict[str, object]:
-    """Return everything of a run but the seconds that it took."""
-    files = ["model/checker.onnx", "table/reference.npz", "scene.toml"]
-    files += [f"{DESIGNS}/{path.name}" for path in sorted((run / DESIGNS).iterdir())]
-    files += [f"{RENDERS}/{path.name}" for path in sorted((run / RENDERS).iterdir())]
-    arrays = read_npz(run / NIGHT)
-    night = json.loads(str(arrays.pop("night")))
-    kept = ("scene_hash", "replicates", "finalists", "winner", "verdict", "steps")
-    decisions = rows(run, "SELECT name, value FROM decisions ORDER BY name")
-    return {
-        **{name: hashlib.sha256((run / name).read_bytes()).hexdigest() for name in files},
-        **{name: array.tobytes() for name, array in arrays.items()},
-        **{name: night[name] for name in kept},
-        "decisions": [r for r in decisions if not re.search("/model$|^finished", str(r[0]))],
-        "evaluations": rows(run, "SELECT key, sha256 FROM evaluations ORDER BY key"),
-    }
-
-
 def test_the_night_is_complete_and_its_files_load(tiny_night: TinyNight) -> None:
     night = OvernightResult.load(tiny_night.run)
     keys = [entry.key for entry in night.finalists]
     assert keys == ["baseline", "colors", "thesis", "winner", "runner-up"]
     assert all(np.isfinite(entry.score) and entry.se > 0 for entry in night.finalists)
     assert night.winner in keys
+    for entry in night.finalists:
+        parts = entry.rating.mean - entry.rating.spread_sites - entry.rating.spread_bends
+        assert entry.score == pytest.approx(parts, abs=1e-9)
     assert [step.step for step in night.steps[:: len(night.steps) - 1]] == ["round 1", "final"]
     assert (tiny_night.run / "report.html").stat().st_size > 10_000
     assert not [path for path in tiny_night.run.rglob("*") if path.suffix in (".pkl", ".pickle")]

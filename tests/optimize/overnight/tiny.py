@@ -5,17 +5,23 @@ Used by tests and by the processes that tests start and kill.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+import re
 import sqlite3
 import subprocess
 import sys
 from importlib import resources
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
+from optimize.overnight.result import DESIGNS, NIGHT
 from optimize.overnight.run_directory import RECORD
-from optimize.overnight.store import RunRequest
+from optimize.overnight.store import RENDERS, Request
+from render.files import read_npz
 from render.reference import RenderJob, transport_jobs
 from render.scene import Scene, load_scene
 
@@ -54,9 +60,9 @@ def vars_of(job: RenderJob) -> dict[str, object]:
     return {name: getattr(job, name) for name in RenderJob.__dataclass_fields__}
 
 
-def request_of(scene: Scene) -> RunRequest:
+def request_of(scene: Scene) -> Request:
     """Return what a run of ``scene`` with a fixed amount of work is for."""
-    return RunRequest(scene.hash, "", 0, 8)
+    return {"the scene of hash": scene.hash, "--seed": 0, "--samples": 8}
 
 
 def command(*words: object) -> list[str]:
@@ -64,17 +70,13 @@ def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "hw.cli", *map(str, words)]
 
 
-def start(*words: object, **options: object) -> subprocess.Popen[str]:
-    """Start the program in a process of its own."""
+def start(*words: object, output: IO[str] | None = None) -> subprocess.Popen[str]:
+    """Start the program in a process of its own; what it says goes into pipes, or to ``output``."""
+    to = subprocess.PIPE if output is None else output
     return subprocess.Popen(
-        command(*words),
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,  # type: ignore[call-overload]
-    )
+        command(*words), cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=to,
+        stderr=to, text=True,
+    )  # fmt: skip
 
 
 def tiny_scene(folder: Path) -> Scene:
@@ -89,3 +91,21 @@ def rows(run: Path, query: str) -> list[tuple[object, ...]]:
         return db.execute(query).fetchall()
     finally:
         db.close()
+
+
+def outcome(run: Path) -> dict[str, object]:
+    """Return everything of a run but the seconds that it took."""
+    files = ["model/checker.onnx", "table/reference.npz", "scene.toml"]
+    files += [f"{DESIGNS}/{path.name}" for path in sorted((run / DESIGNS).iterdir())]
+    files += [f"{RENDERS}/{path.name}" for path in sorted((run / RENDERS).iterdir())]
+    arrays = read_npz(run / NIGHT)
+    night = json.loads(str(arrays.pop("night")))
+    kept = ("scene_hash", "replicates", "finalists", "winner", "verdict", "steps")
+    decisions = rows(run, "SELECT name, value FROM decisions ORDER BY name")
+    return {
+        **{name: hashlib.sha256((run / name).read_bytes()).hexdigest() for name in files},
+        **{name: array.tobytes() for name, array in arrays.items()},
+        **{name: night[name] for name in kept},
+        "decisions": [r for r in decisions if not re.search("/model$|^finished", str(r[0]))],
+        "evaluations": rows(run, "SELECT key, sha256 FROM evaluations ORDER BY key"),
+    }

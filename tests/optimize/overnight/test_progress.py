@@ -1,0 +1,37 @@
+"""A night makes progress whatever interrupts it: killed every ten seconds, it ends bit-equal."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.long import LONG
+from tests.optimize.overnight.tiny import ROOT, outcome
+
+MEAN_LIFE = 10.0
+MOST = 3.0
+"""What a night that is killed so often may take, in units of an unbroken one."""
+
+
+@pytest.mark.skipif(not LONG, reason="kills a whole night for minutes: TACTILUX_LONG=1")
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_night_that_is_killed_every_ten_seconds_ends_bit_equal_in_three_times_its_time(
+    tmp_path: Path, seed: int
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.optimize.overnight.killed_nights", str(tmp_path), str(seed),
+         str(MEAN_LIFE)],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    print(done.stdout)
+    assert found["done"]
+    assert len(found["lives"]) > 2
+    assert outcome(tmp_path / "broken") == outcome(tmp_path / "unbroken")
+    assert found["broken"] < MOST * found["unbroken"]
