@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Literal
 
-from typer import Option
+from typer import BadParameter, Option
 
 from optimize.cli.options import Json, ModelFolder, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
@@ -38,18 +39,26 @@ def run(
         int, Option(min=1, help="Samples per cell and seed of the finalists' renders.")
     ] = 192,
     final_seeds: Annotated[int, Option(min=1, help="Seeds of the finalists' renders.")] = 2,
+    minutes: Annotated[
+        float | None, Option(min=0.1, help="Time for everything, instead of samples; the loop's.")
+    ] = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
     """Search with renders deciding: propose, render, refit."""
+    began = time.monotonic()
+    if minutes is not None and method != "loop":
+        raise BadParameter("--minutes is for --method loop: the thesis's procedure takes its time")
     from optimize.report import doubts, write_optimization
     from optimize.ui.output import check_target
     from optimize.verification import (
         OptimizeConfig,
+        RenderDesigns,
+        TimedRenders,
         optimize,
         reference_renders,
     )
-    from render.reference import ensure_llvm
+    from render.reference import TimeBudget, ensure_llvm
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
@@ -67,10 +76,16 @@ def run(
         checkpoint = target.parent / f"{target.name}-renders"
         note(f"Renders are kept in {checkpoint}; interrupted, the same command goes on from there")
         with ProgressBar("Rendering") as bar:
+            render: RenderDesigns = reference_renders(scene, checkpoint, bar)
+            if minutes is not None:
+                budget = TimeBudget.of_minutes(minutes, began)
+                render = TimedRenders(
+                    scene, budget, rounds=rounds, checkpoint=checkpoint, progress=bar
+                )
             found = optimize(
                 scene,
                 checker,
-                reference_renders(scene, checkpoint, bar),
+                render,
                 OptimizeConfig(
                     method, samples, final_samples, final_seeds, rounds, generations, seed
                 ),

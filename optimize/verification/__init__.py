@@ -4,6 +4,7 @@ from optimize.verification.design_proposals import Proposal
 from optimize.verification.design_renders import (
     DesignRenders,
     FinalistEvaluation,
+    RenderDesigns,
     distinct_directions,
     reference_renders,
 )
@@ -20,6 +21,7 @@ from optimize.verification.optimization import (
     optimize,
 )
 from optimize.verification.thesis import thesis_on_table
+from optimize.verification.timed_renders import TimedRenders
 from optimize.verification.verification_loop import (
     CONVERGED,
     Candidate,

@@ -135,6 +135,8 @@ def distinct_directions(designs: Sequence[Design]) -> tuple[Array, np.ndarray]:
     return np.stack(kept, axis=1), np.array(node)
 
 
+FINALISTS = "the finalists"
+"""Title of their renders."""
 PLURAL = ("colors",)
 """Names of finalists that stand for several things."""
 
@@ -191,6 +193,6 @@ def evaluate_finalists(
         [design for _, design in finalists],
         samples=samples,
         seeds=seeds,
-        title="the finalists",
+        title=FINALISTS,
     )
     return FinalistEvaluation(tuple(name for name, _ in finalists), renders, settings)
