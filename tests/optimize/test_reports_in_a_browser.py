@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from optimize.design import Design, baseline_design
+from optimize.design import Design, ScoreSettings, baseline_design
 from optimize.exploration import Exploration, rate
-from optimize.report import write_exploration
+from optimize.report import write_exploration, write_optimization
+from optimize.scoring import search_table
 from optimize.search import AlternatingResult, SearchStep
+from optimize.verification import DesignRenders, FinalistEvaluation, Optimization
 from render.scene import Scene
 from surrogate.runtime import Checker
 
@@ -128,6 +130,40 @@ def explore_report(
     target = tmp_path_factory.mktemp("explore") / "run"
     write_exploration(found, target, MODEL, lambda: 4.0)
     return target / "report.html"
+
+
+@pytest.fixture(scope="module")
+def optimize_report(
+    finger20: Scene, finger20_checker: Checker, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Return the report of finalists whose renders are the surrogate's table with noise."""
+    table, rng = search_table(finger20_checker), np.random.default_rng(8)
+    base = baseline_design(finger20)
+    designs = (base, Design.of_colors(base.phi, np.arange(20) // 4 % 3))
+    light = np.stack([table.at(design.phi) for design in designs])
+    noisy = light * (1.0 + 0.01 * rng.standard_normal((4, *light.shape)))
+    renders = DesignRenders(designs, noisy, noisy.mean(axis=-1), 60.0)
+    settings = ScoreSettings(finger20_checker.exposure, finger20_checker.lam)
+    finalists = FinalistEvaluation(("baseline", "thesis"), renders, settings)
+    outcome = Optimization(None, None, {"thesis": 60.0}, finalists, None)
+    target = tmp_path_factory.mktemp("optimize") / "run"
+    write_optimization(finger20, outcome, finger20_checker, target)
+    return target / "report.html"
+
+
+@pytest.mark.parametrize("screen", SCREENS)
+def test_the_report_of_an_optimization_fits_the_screen_and_shows_its_pictures(
+    chromium: Browser, optimize_report: Path, screen: str
+) -> None:
+    seen = look(chromium, optimize_report, screen)
+    assert seen.page <= 0
+    assert seen.wide == []
+    assert screen == "small phone" or seen.scrolled == []
+    assert seen.small == []
+    assert screen == "small phone" or seen.blank == []
+    assert seen.pictures == 2 * 3 + 1
+    assert seen.requests == []
+    assert seen.complaints == []
 
 
 @pytest.fixture(params=["night_report", "explore_report"])
