@@ -200,7 +200,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             f"- training data: SHA-256 {metadata.training_data_hash}",
             f"- sources: {metadata.git_revision}",
             "- versions: " + ", ".join(f"{k} {v}" for k, v in metadata.versions.items()),
-            f"- licence: {metadata.licence}",
+            f"- license: {metadata.licence}",
             "",
             "Reference renderer:",
             "",
