@@ -1,0 +1,143 @@
+"""Level 2 on pads of all kinds against analog photons: every facet and untouched site, absolutely.
+
+From the command line, with ratios and z scores per case:
+``python -m tests.validation.test_clear_pads [--samples N] [--photons N] [CASE ...]``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from render.errors import RenderError
+from render.reference import render_transport
+from tests.long import LONG
+from tests.oracles.analog_cells import AnalogScene
+from tests.oracles.mesh_cells import BentScene
+from tests.oracles.pads import CASES, scene_of_case
+from tests.validation.film import not_too_many
+
+PHI = 1.2
+SAMPLES = 4000 if LONG else 400
+PHOTONS = 64_000_000 if LONG else 3_000_000
+REPLICATES = 16
+
+FAST = ("rim rough 0.1",)
+WHOLE = (*FAST, "rim no face", "rim rough 0.1 bent 45", "rim rough 0.1 bent 90")
+
+
+class Comparison(NamedTuple):
+    """Cells over analog cells: the ratio of sums with its error, and a z score per cell."""
+
+    ratio: float
+    error: float
+    median: float
+    z: np.ndarray
+    p: np.ndarray
+    cell_error: float
+    oracle_error: float
+
+
+def compare(replicates: np.ndarray, se: np.ndarray, oracle: np.ndarray) -> Comparison:
+    """Hold rendered cells against the oracle's.
+
+    Arguments:
+        replicates: ``(replicate, cell)`` rendered.
+        se: ``(cell,)`` their stated standard errors.
+        oracle: ``(batch, cell)`` of analog photons.
+    """
+    seen = np.isfinite(replicates).all(axis=0) & np.isfinite(oracle).all(axis=0)
+    replicates, se, oracle = replicates[:, seen], se[seen], oracle[:, seen]
+    T, truth = replicates.mean(axis=0), oracle.mean(axis=0)
+    truth_se = stats.sem(oracle, axis=0)
+    # Where few photons arrive, their spread says little of the error.
+    known = truth_se < 0.25 * truth
+    if not known.any():
+        known = truth > 0
+    z = ((T - truth) / np.hypot(se, truth_se))[known]
+    sums, truths = replicates.sum(axis=1), oracle.sum(axis=1)
+    ratio = sums.mean() / truths.mean()
+    return Comparison(
+        ratio=float(ratio),
+        error=float(
+            ratio * np.hypot(stats.sem(sums) / sums.mean(), stats.sem(truths) / truths.mean())
+        ),
+        median=float(np.median(T[known] / truth[known])),
+        z=z,
+        p=2 * stats.t.sf(np.abs(z), min(len(replicates), len(oracle)) - 1),
+        cell_error=float(np.median(se[known] / truth[known])),
+        oracle_error=float(np.median(truth_se[known] / truth[known])),
+    )
+
+
+def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[Comparison]:
+    """Render a case, trace it, and return the comparison of its facets and of its sites."""
+    scene = scene_of_case(case)
+    if scene.diffuser and scene.diffuser.sigma_s:
+        photons //= 4
+    phi = np.array([PHI])
+    began = time.perf_counter()
+    bend = scene.bending.angles[0]
+    estimate = render_transport(
+        scene, phi, np.array([bend]), samples=samples, replicates=REPLICATES
+    )
+    rendered = time.perf_counter()
+    found = []
+    for name, replicates, se in (
+        ("facets", estimate.replicates, estimate.se),
+        ("sites", estimate.background_replicates, estimate.background_se),
+    ):
+        indented = name == "facets"
+        analog = BentScene(scene, bend, indented) if bend else AnalogScene(scene, indented)
+        oracle = np.concatenate(
+            [analog.cells(f, PHI, photons).replicates for f in range(scene.fibers.count)], axis=1
+        )
+        result = compare(replicates.reshape(REPLICATES, -1), se.ravel(), oracle)
+        found.append(result)
+        print(
+            f"{case:28s} {name:6s} ratio {result.ratio:.4f} +- {result.error:.4f} "
+            f"({(result.ratio - 1) / result.error:+6.1f} sigma); per cell: "
+            f"median {result.median:.3f}, error {result.cell_error:6.1%} "
+            f"(oracle {result.oracle_error:.1%}), rms z {np.sqrt((result.z**2).mean()):6.2f}, "
+            f"largest {np.abs(result.z).max():6.1f}, "
+            f"beyond 95 %: {(result.p < 0.05).mean():4.0%}",
+            flush=True,
+        )
+    print(
+        f"{'':28s} render {rendered - began:.1f} s, oracle {time.perf_counter() - rendered:.1f} s",
+        flush=True,
+    )
+    return found
+
+
+@pytest.mark.parametrize("case", WHOLE if LONG else FAST)
+def test_facets_and_sites_are_as_bright_as_analog_photons_say(case: str) -> None:
+    for result in compared(case):
+        assert abs(result.ratio - 1) < 3.5 * result.error + 0.002
+        assert result.error < 0.05
+        assert result.p.min() * result.p.size > 1e-3
+        assert not_too_many(result.p)
+        assert np.median(np.abs(result.z)) < 1.5
+
+
+def main() -> None:
+    """Compare the cases that are named, or all of them."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join([*CASES, "random N"]))
+    parser.add_argument("--samples", type=int, default=SAMPLES)
+    parser.add_argument("--photons", type=int, default=PHOTONS)
+    chosen = parser.parse_args()
+    for case in chosen.cases or CASES:
+        try:
+            compared(case, chosen.samples, chosen.photons)
+        except RenderError as error:
+            print(f"{case:28s} {error}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
