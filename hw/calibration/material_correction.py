@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -23,8 +23,8 @@ from hw.calibration.log_ratio import LogRatios
 from hw.calibration.material import EXPONENTS, terms
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.model_error import ErrorModes, kernel, modes_of
+from hw.calibration.pad_light import MaterialRender
 from hw.calibration.reference_lines import ReferenceLines, frame_positions
-from hw.calibration.reference_renders import MaterialRender
 from hw.errors import CalibrationError
 from render.arrays import Array
 
@@ -169,37 +169,8 @@ def _inverse(matrix: Array) -> tuple[Array, float]:
     return lower + np.tril(lower, -1).T, float(np.log(np.diag(root)).sum())
 
 
-@dataclass(frozen=True, eq=False)
 class MaterialCorrection:
-    """The corrected table, and how wrong it may still be.
-
-    Arguments:
-        table: corrected.
-        lit: numbers of the fibers that renders say something about, for each bend.
-        bends: what they say.
-    """
-
-    table: MaterialTable
-    lit: list[list[int]]
-    bends: list[BendCorrection | None]
-
-    def modes(self, material: Array) -> ErrorModes:
-        """Return log errors that the corrected table may still have at ``(4,)`` material."""
-        shape, modes = self.table.coefficients.shape[2:], []
-        for lit, bend in zip(self.lit, self.bends, strict=True):
-            of_lit = np.zeros((0, 0, shape[1])) if bend is None else bend.modes(material)
-            modes.append(np.zeros((len(of_lit), *shape)))
-            modes[-1][:, lit] = of_lit
-        return tuple(modes)
-
-
-def material_correction(
-    table: MaterialTable,
-    renders: Sequence[MaterialRender],
-    read: NDArray[np.bool_],
-    lines: ReferenceLines,
-) -> MaterialCorrection:
-    """Return the table as ``renders`` correct it.
+    """A table as renders correct it, ``table``, and how wrong it may still be.
 
     Arguments:
         table: drawn by the preview.
@@ -208,20 +179,41 @@ def material_correction(
             is rendered otherwise than it is drawn, and nothing there is asked for.
         lines: of the scene.
     """
-    materials = np.stack([render.material for render in renders])
-    drawn = [np.where(read, table.log_light(material), np.nan) for material in materials]
-    lit = [np.nonzero(points.any(axis=1))[0].tolist() for points in read]
-    coefficients = table.coefficients.copy()
-    bends: list[BendCorrection | None] = [None] * len(lit)
-    for bend, fibers in enumerate(lit):
-        data = [
-            [
-                light.log_ratios(bend, fiber, lines.position[fiber], log_light[bend, fiber])
-                for fiber in fibers
-            ]
-            for (_, light), log_light in zip(renders, drawn, strict=True)
-        ]
-        if fibers:
-            correction = bends[bend] = BendCorrection(data, materials)
-            coefficients[:, bend, fibers] += correction.coefficients().swapaxes(0, 1)
-    return MaterialCorrection(replace(table, coefficients=coefficients), lit, bends)
+
+    def __init__(
+        self,
+        table: MaterialTable,
+        renders: Sequence[MaterialRender],
+        read: NDArray[np.bool_],
+        lines: ReferenceLines,
+    ) -> None:
+        """Correct the fibers that photographs show, bend by bend."""
+        materials = np.stack([render.material for render in renders])
+        drawn = [np.where(read, table.log_light(material), np.nan) for material in materials]
+        coefficients = table.coefficients.copy()
+        self._bends: list[tuple[list[int], BendCorrection | None]] = []
+        for bend, points in enumerate(read):
+            lit, correction = np.nonzero(points.any(axis=1))[0].tolist(), None
+            if lit:
+                data = [
+                    [
+                        light.log_ratios(bend, fiber, lines.position[fiber], log_light[bend, fiber])
+                        for fiber in lit
+                    ]
+                    for (_, light), log_light in zip(renders, drawn, strict=True)
+                ]
+                correction = BendCorrection(data, materials)
+                coefficients[:, bend, lit] += correction.coefficients().swapaxes(0, 1)
+            self._bends.append((lit, correction))
+        self.table = replace(table, coefficients=coefficients)
+
+    def modes(self, material: Array) -> ErrorModes:
+        """Return log errors that the corrected table may still have at ``(4,)`` material."""
+        shape, modes = self.table.coefficients.shape[2:], []
+        for lit, correction in self._bends:
+            of_lit = (
+                np.zeros((0, 0, shape[1])) if correction is None else correction.modes(material)
+            )
+            modes.append(np.zeros((len(of_lit), *shape)))
+            modes[-1][:, lit] = of_lit
+        return tuple(modes)

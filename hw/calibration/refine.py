@@ -17,12 +17,11 @@ import numpy as np
 
 from hw.calibration.line_model import LineModel
 from hw.calibration.material import HIGH, LOW, Material
-from hw.calibration.material_correction import material_correction
+from hw.calibration.material_correction import MaterialCorrection
 from hw.calibration.measurement import Measurement
 from hw.calibration.model_error import field_modes
-from hw.calibration.pad_light import PadLight, render_pad_light
+from hw.calibration.pad_light import MaterialRender, PadLight, reference_renders, render_pad_light
 from hw.calibration.reference_lines import ReferenceLines, Setup
-from hw.calibration.reference_renders import MaterialRender, reference_renders
 from hw.calibration.rig_fit import Calibration, fit_rig
 from render.arrays import Array
 from render.progress import OnProgress, in_stage
@@ -124,7 +123,7 @@ def _refit(
     read = np.zeros(model.table.coefficients.shape[1:], dtype=np.bool_)
     for one in measurements:
         read[one.bend, one.fiber] = one.used
-    correction = material_correction(model.table, renders, read, setup.lines)
+    correction = MaterialCorrection(model.table, renders, read, setup.lines)
     uncorrected = field_modes(np.full(len(read), UNCORRECTED_ERROR), len(setup.phi))
     # The table is corrected as it was drawn, without the surrogate.
     no_surrogate = np.zeros_like(model.log_correction)

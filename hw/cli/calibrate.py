@@ -8,7 +8,6 @@ from typing import IO, Annotated, Any
 
 from typer import Option
 
-from hw.calibrated_powers import FILE
 from hw.cli.options import Gamma, Materials, Noise, Samples, SceneOption
 from optimize.cli.options import DesignOption, Json, ModelFolder
 from optimize.ui.console import print_json, reserved_stdout
@@ -73,6 +72,8 @@ def run(
 
 def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
     """Write the fitted values and where everything is."""
+    from hw.calibrated_powers import FILE
+
     for row in result["material"].values():
         value = f"{row['value']:.4g} {row['unit']}".rstrip()
         interval = "{:.4g} to {:.4g}".format(*row["interval"])

@@ -50,20 +50,11 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command("explore")(explore.run)
-app.command("score")(score.run)
-app.command("verify")(verify.run)
-app.command("optimize")(optimize.run)
-app.command("sensitivity")(sensitivity.run)
-app.command("reconstruct")(reconstruct.run)
-app.command("train")(train.run)
-app.command("frontier")(frontier.run)
-app.command("overnight")(overnight.run)
-app.command("status")(status.run)
-app.command("render")(render.run)
-app.command("describe")(describe.run)
-app.command("report")(report.run)
-app.command("colors")(colors.run)
+for _command in (
+    explore, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight, status,
+    render, describe, report, colors,
+):  # fmt: skip
+    app.command(_command.__name__.rpartition(".")[2])(_command.run)
 
 
 def _print_version(wanted: bool) -> None:
@@ -95,7 +86,7 @@ def main() -> None:
         if end.code == 130 and not isinstance(broken, KeyboardInterrupt):
             _interrupted(end)
         raise
-    except Exception as error:
+    except BaseException as error:
         if interruption(error) is not None:
             _interrupted(error)
         sentence = _sentence(error)
@@ -114,7 +105,7 @@ def _refuse(sentence: str | None) -> NoReturn:
     sys.exit(2)
 
 
-def _sentence(error: Exception) -> str | None:
+def _sentence(error: BaseException) -> str | None:
     """Return what a user reads instead of a traceback; None for a mistake of the program."""
     if isinstance(error, TactiluxError):
         return str(error)

@@ -2,21 +2,51 @@
 
 from __future__ import annotations
 
+import io
 import math
+import re
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Option
+from typer import BadParameter, Option
 
-from optimize.cli.options import Bend, DesignOption, SceneName
+from optimize.cli.options import Bend, DesignOption, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, reserved_stdout
+from render.errors import RenderError
 
 if TYPE_CHECKING:
     from optimize.design import Design
     from render.arrays import Array
+    from render.geometry import Imprint
     from render.scene import Scene
 
-SAMPLES = 128  # samples per pixel at level 2, at a third of the camera's resolution: some minutes
+SAMPLES = 256
+"""Samples per pixel at level 2: about a minute, and 4 % of noise on the coating of `finger20`
+once it is smoothed."""
+SHRINK = 3
+"""How many times fewer columns and rows than the camera's a picture at level 2 has by default."""
+SIZES = 16, 4096
+PICTURES, DATA = (".png", ".jpg", ".jpeg"), (".npz", ".exr")
+"""Files for eyes, and files of linear radiance without smoothing and exposure."""
+PRESSED = ("none", "pyramids", "ball", "bolt")
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    """Return width and height.
+
+    Raises:
+        BadParameter: ``text`` is not of the form 120x200.
+    """
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
+    if not found or not all(SIZES[0] <= int(side) <= SIZES[1] for side in found.groups()):
+        raise BadParameter(
+            f"--size {text!r}, allowed: width x height in pixels, {SIZES[0]} to {SIZES[1]} each, "
+            "such as 240x400"
+        )
+    return int(found[1]), int(found[2])
 
 
 def run(
@@ -26,57 +56,157 @@ def run(
     level: Annotated[
         Literal["preview", "reference"], Option(help="Which renderer draws.")
     ] = "preview",
-    out: Annotated[Path | None, Option(help="PNG file to write.")] = None,
+    press: Annotated[
+        str, Option(help="What is pressed in: none, pyramids, ball, bolt, or an STL file in mm.")
+    ] = "pyramids",
+    size: Annotated[str | None, Option(help="Width x height in pixels, such as 240x400.")] = None,
+    mirror: Annotated[
+        bool, Option("--mirror", help="The mirror image: the skin from outside, as in reports.")
+    ] = False,
+    samples: Annotated[
+        int | None, Option(min=1, help=f"Level reference: per pixel (default: {SAMPLES}).")
+    ] = None,
+    minutes: Annotated[
+        float | None, Option(min=0.1, help="Level reference: time for everything, instead.")
+    ] = None,
+    seed: Seed = 1,
+    out: Annotated[
+        Path | None, Option(help="File to write: .png, .jpg; .npz, .exr for linear radiance.")
+    ] = None,
 ) -> None:
     """Draw what the camera sees."""
+    began = time.monotonic()
+    wanted = _size(size)
+    if samples is not None and minutes is not None:
+        raise BadParameter("give --samples or --minutes, not both")
+    if level == "preview" and (samples is not None or minutes is not None):
+        raise BadParameter("--samples and --minutes are for --level reference: a preview has none")
     import numpy as np
 
     from optimize.design import baseline_design, load_design, load_design_file
-    from optimize.report import picture_png
     from optimize.ui.output import check_file, write_result
     from render.metric import THESIS
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        path = out or Path(f"{scene.name}-{level}-{bend:g}deg.png")
-        check_file(path)
+        path = Path(f"{scene.name}-{level}-{bend:g}deg.png") if out is None else out
+        check_file(path, PICTURES + DATA)
+        imprint = _imprint(scene, press)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         rating = None if design is None else load_design_file(design).rating
-        draw = _preview if level == "preview" else _reference
-        radiance = draw(scene, lighting, math.radians(bend))
+        if level == "preview":
+            columns, rows = wanted or (scene.camera.columns, scene.camera.rows)
+            light = _preview(scene, lighting, math.radians(bend), columns, rows, press, imprint)
+            arrays, coated = {"radiance": light}, light.sum(axis=-1) > 0
+        else:
+            from render.reference import TimeBudget, ensure_llvm, render_image, smoothed
+
+            ensure_llvm()
+            camera = scene.camera
+            columns, rows = wanted or (camera.columns // SHRINK, camera.rows // SHRINK)
+            with ProgressBar("Render") as bar:
+                picture = render_image(
+                    scene,
+                    lighting.phi,
+                    lighting.power,
+                    math.radians(bend),
+                    width=columns,
+                    height=rows,
+                    samples=samples or SAMPLES,
+                    seed=seed,
+                    indented=press != "none",
+                    imprint=imprint,
+                    budget=None if minutes is None else TimeBudget.of_minutes(minutes, began),
+                    progress=bar,
+                )
+            shown = smoothed(picture)
+            note(
+                f"Noise of a pixel: {picture.noise:.0%}, and {shown.noise:.1%} smoothed over "
+                "pixels nearby that see the same face."
+            )
+            light, arrays = shown.radiance, {"radiance": picture.radiance, "se": picture.se}
+            coated = picture.coated
         if rating is None:
-            bright = float(np.percentile(radiance, THESIS.exposure_percentile))
+            # Of what is lit, however much of the picture the pad fills.
+            lit = light[coated]
+            bright = float(np.percentile(lit, THESIS.exposure_percentile)) if lit.size else 0.0
             exposure = THESIS.exposure_counts / bright if bright > 0 else 1.0
             note("No rated design gives the exposure, so this picture is exposed for itself.")
         else:
             exposure = rating.settings.exposure
-        write_result(path, picture_png(radiance * exposure / THESIS.count_max))
+        # Renderers draw the skin from outside; the camera looks from within.
+        turned = slice(None) if mirror else slice(None, None, -1)
+        if path.suffix.lower() in DATA:
+            arrays = {name: values[:, turned] for name, values in arrays.items()}
+            content = _data(path, {**arrays, "exposure": exposure})
+        else:
+            content = _encoded(path, light[:, turned] * exposure / THESIS.count_max)
+        write_result(path, content)
         stream.write(f"{path}\n")
 
 
-def _preview(scene: Scene, design: Design, bend: float) -> Array:
+def _imprint(scene: Scene, press: str) -> Imprint | None:
+    """Return what is pressed in; None for nothing and for the pyramids."""
+    from render.geometry import ball, body_of_file, bolt
+
+    if press in ("none", "pyramids"):
+        return None
+    if press in ("ball", "bolt"):
+        return ball(scene) if press == "ball" else bolt(scene)
+    if not Path(press).is_file():
+        raise RenderError(
+            f"--press {press!r} is no file, allowed: {', '.join(PRESSED)} or a mesh file",
+            field="press",
+            value=press,
+        )
+    return body_of_file(scene, Path(press))
+
+
+def _preview(
+    scene: Scene,
+    design: Design,
+    bend: float,
+    columns: int,
+    rows: int,
+    press: str,
+    imprint: Imprint | None,
+) -> Array:
     from render.preview import Preview
 
-    with Preview(scene) as preview:
+    with Preview(scene, imprint=imprint) as preview:
         picture = preview.picture(
-            design.phi, design.power, bend, scene.camera.columns, scene.camera.rows
+            design.phi, design.power, bend, columns, rows, indented=press != "none"
         )
     return picture.astype(float)
 
 
-def _reference(scene: Scene, design: Design, bend: float) -> Array:
-    from render.reference import render_image
+def _encoded(path: Path, linear: Array) -> bytes:
+    """Return an image file of linear values, 1 being full white."""
+    from optimize.report import encode_srgb, picture_png
 
-    with ProgressBar("Render") as bar:
-        picture = render_image(
-            scene,
-            design.phi,
-            design.power,
-            bend,
-            width=scene.camera.columns // 3,
-            height=scene.camera.rows // 3,
-            samples=SAMPLES,
-            progress=bar,
-        )
-    return picture.radiance
+    if path.suffix.lower() == ".png":
+        return picture_png(linear)
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(encode_srgb(linear)).save(stream, format="JPEG", quality=92)
+    return stream.getvalue()
+
+
+def _data(path: Path, arrays: dict[str, Array | float]) -> bytes:
+    """Return a file of linear radiance; ``.npz`` has its standard error and the exposure too."""
+    import numpy as np
+
+    if path.suffix.lower() == ".npz":
+        stream = io.BytesIO()
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
+        return stream.getvalue()
+    from render.reference import mitsuba
+
+    mi = mitsuba()
+    written = mi.MemoryStream()
+    picture = mi.Bitmap(np.ascontiguousarray(arrays["radiance"], dtype=np.float32))
+    picture.write(written, mi.Bitmap.FileFormat.OpenEXR)
+    content: bytes = written.raw_buffer()
+    return content

@@ -64,7 +64,6 @@ def alternating_search(
     *,
     edges: Sequence[str] | None = None,
     seed: int = 0,
-    tolerance: float = TOLERANCE,
     max_rounds: int = MAX_ROUNDS,
     progress: Callable[[SearchStep], None] | None = None,
 ) -> AlternatingResult:
@@ -79,7 +78,6 @@ def alternating_search(
             it breaks the limits, the nearest allowed design is taken.
         edges: the side of each fiber, for the tied search; None skips that stage.
         seed: of the random starts and of CMA-ES; every round draws anew.
-        tolerance: a round that gains less than this fraction of the score ends the search.
         max_rounds: the search ends unconverged after so many rounds.
         progress: called after every stage.
     """
@@ -102,7 +100,7 @@ def alternating_search(
             search.take_directions(number, "tied", groups, seed + number)
         if steerable:
             search.take_directions(number, "free", None, seed + number)
-        if search.score - before < tolerance * abs(before):
+        if search.score - before < TOLERANCE * abs(before):
             return search.finished(number, converged=True)
     return search.finished(max_rounds, converged=False)
 

@@ -6,7 +6,7 @@ import itertools
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -77,15 +77,25 @@ def write_manifest(folder: Path, result: dict[str, object]) -> None:
     write_json(folder / MANIFEST, {**result, "files": names}, indent=2)
 
 
-def check_file(path: Path) -> None:
+def check_file(path: Path, kinds: Sequence[str] = ()) -> None:
     """Refuse a name that no file can have, before any work is done.
 
+    Arguments:
+        path: of the file.
+        kinds: endings of names, where they say what is written.
+
     Raises:
-        OutputError: ``path`` is a directory, or nothing can be written where it is.
+        OutputError: ``path`` is a directory, has another ending, or nothing can be written there.
     """
     if path.is_dir():
         raise OutputError(
             f"{path} is a directory: name a file with --out", field="out", value=str(path)
+        )
+    if kinds and path.suffix.lower() not in kinds:
+        raise OutputError(
+            f"{path} does not end with a kind of file, allowed: {', '.join(kinds)}",
+            field="out",
+            value=str(path),
         )
     if not path.exists():
         _check_place(path)

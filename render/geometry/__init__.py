@@ -2,7 +2,16 @@
 
 from render.geometry.bending import bend_frames, bend_points, curvature, unbend_points
 from render.geometry.holder import ALONG, FiberHolder, lit_offset
-from render.geometry.indenter import SHADOW_LENGTH, BoltHead, Imprint, bolt, pyramids
+from render.geometry.indenter import (
+    SHADOW_LENGTH,
+    BoltHead,
+    Imprint,
+    ball,
+    body_of_file,
+    bolt,
+    imprint_depth,
+    pyramids,
+)
 from render.geometry.layout import (
     FiberPoses,
     facet_normals,

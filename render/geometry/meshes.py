@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.bending import bend_points
+from render.geometry.indenter import Imprint, imprint_depth
 from render.geometry.layout import facets, flat_sites, pyramid
 from render.scene import Scene
 
@@ -27,6 +28,9 @@ Index = NDArray[np.int64]
 
 MAX_ROW_STEP = 0.5
 """Longest step (mm) between y-lines of a bent pad: chords of an arc of 19 mm sag by 2 um."""
+
+IMPRINT_STEP = 0.08
+"""Longest step (mm) of the grid of a coating that a body is pressed into."""
 
 
 class ColumnMaterial(IntEnum):
@@ -177,6 +181,23 @@ def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
         outer_diffuser,
         interface,
     )
+
+
+def imprinted_coating(scene: Scene, bend: float, imprint: Imprint) -> trimesh.Trimesh:
+    """Return the coating with a body pressed in, as a fine grid; normals point into the pad.
+
+    Its border lies in that of the untouched coating (``pad_meshes``), at the corners exactly.
+    """
+    x, y = (
+        np.linspace(-0.5 * side, 0.5 * side, int(np.ceil(side / IMPRINT_STEP)) + 1)
+        for side in (scene.pad.width, scene.pad.length)
+    )
+    grid = PadGrid(x, y, np.array([scene.pad.thickness]), np.zeros((0, 0), dtype=np.int64))
+    points = grid.points.copy()
+    inner = (np.abs(points[:, 0]) < x[-1]) & (np.abs(points[:, 1]) < y[-1])
+    points[inner, 2] -= imprint_depth(imprint, points[inner, 0], points[inner, 1])
+    faces = grid.level(np.ones((len(y) - 1, len(x) - 1), dtype=bool), 0)
+    return _mesh(bend_points(scene, points, bend), faces)
 
 
 def _mesh(points: Array, faces: Index) -> trimesh.Trimesh:

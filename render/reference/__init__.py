@@ -4,7 +4,7 @@ from render.reference.budget import TimeBudget, render_within, samples_per_pass,
 from render.reference.cost import RenderCost, measure_render_cost, trial_cost
 from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
 from render.reference.llvm import VARIANT, ensure_llvm, mitsuba
-from render.reference.picture import render_image
+from render.reference.picture import Picture, render_image, smoothed
 from render.reference.transport import (
     JobRunner,
     TransportEstimate,

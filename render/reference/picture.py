@@ -4,27 +4,44 @@ Fiber and film position are primary dimensions; the estimator is that of the tra
 guiding and mirror connections work here too, and independent samples are the cheapest. Colors are
 superposed inside one render, since materials do not depend on the channel. Made for the coating:
 the glow of the diffuser's own faces beside it converges slowly.
+
+A pixel alone stays noisy for long, since every sample lights one fiber. What is seen in a pixel is
+known without noise, though: where the coating is, and how it is inclined. ``smoothed`` takes the
+mean over pixels nearby that see a face of the same inclination (the cross bilateral filter of
+Eisemann and Durand 2004), so that edges of what is pressed in stay sharp.
 """
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.errors import RenderError
+from render.geometry import Imprint, camera_rays, refract_into_pad
+from render.geometry.meshes import imprinted_coating, pad_meshes
 from render.progress import Clock, OnProgress
+from render.reference.budget import TimeBudget
 from render.reference.llvm import VARIANT, mitsuba
 from render.scene import Scene
 
 LANES = 16384
 REPLICATES = 8
+SMOOTH_PIXELS, SMOOTH_NORMAL = 2.5, 0.1
+"""Standard deviations of the weights of ``smoothed``: in pixels, and in length of the difference of
+unit normals."""
 
 
 @dataclass(frozen=True)
 class Picture:
     """Linear radiance ``(row, column, rgb)`` and its standard error, float64.
+
+    ``normal`` ``(row, column, 3)`` is that of the coating in the middle of the pixel; 0 beside it.
 
     Drawn with pad x to the right and the tip up, as one looks at the finger from the coating's
     side: the mirror image of what the camera's sensor records.
@@ -32,6 +49,19 @@ class Picture:
 
     radiance: Array
     se: Array
+    normal: Array
+
+    @property
+    def coated(self) -> NDArray[np.bool_]:
+        """Pixels ``(row, column)`` that see the coating."""
+        return np.asarray((self.normal != 0).any(axis=-1))
+
+    @property
+    def noise(self) -> float:
+        """Median relative standard error of pixels of the coating, of the sum over the colors."""
+        light, error = self.radiance.sum(axis=-1), np.sqrt((self.se**2).sum(axis=-1))
+        lit = self.coated & (light > 0)
+        return float(np.median(error[lit] / light[lit])) if lit.any() else 0.0
 
 
 def render_image(
@@ -45,6 +75,8 @@ def render_image(
     samples: int = 64,
     seed: int = 1,
     indented: bool = True,
+    imprint: Imprint | None = None,
+    budget: TimeBudget | None = None,
     progress: OnProgress | None = None,
 ) -> Picture:
     """Render a design at one bend.
@@ -59,6 +91,8 @@ def render_image(
         samples: per pixel.
         seed: of all random numbers.
         indented: pressed by the pyramids, or untouched.
+        imprint: what is pressed in instead of the pyramids.
+        budget: the time, instead of samples.
         progress: called after every pass over all lanes.
 
     Raises:
@@ -71,12 +105,92 @@ def render_image(
     from render.cells.cell_sampler import PictureSampler
     from render.sampling.monte_carlo import MonteCarlo
 
-    sampler = PictureSampler(scene, phi, power, bend, indented, width, height)
+    pyramids = indented and imprint is None
+    sampler = PictureSampler(scene, phi, power, bend, pyramids, width, height)
+    if imprint is None:
+        coating = pad_meshes(scene, bend, pyramids).coating
+    else:
+        coating = imprinted_coating(scene, bend, imprint)
+        sampler.pad = _pad_with(sampler.scene, bend, coating)
     run = MonteCarlo(sampler, LANES, REPLICATES, seed)
     total = max(1, round(samples * width * height / LANES))
     clock = Clock(total, progress)
-    while run.done < total:
+    while run.done < total if budget is None else _another_pass(budget, run.done, clock):
         run.sample(1)
-        clock.tick()
+        if budget is None:
+            clock.tick()
+        elif progress is not None:
+            progress(budget.progress())
     images = run.estimate().reshape(REPLICATES, height, width, 3)[:, :, ::-1]
-    return Picture(images.mean(axis=0), images.std(axis=0, ddof=1) / np.sqrt(REPLICATES))
+    return Picture(
+        images.mean(axis=0),
+        images.std(axis=0, ddof=1) / np.sqrt(REPLICATES),
+        _seen_normals(scene, bend, coating, width, height)[:, ::-1],
+    )
+
+
+def smoothed(picture: Picture) -> Picture:
+    """Return the picture with every pixel the weighted mean of those like it.
+
+    Weights fall with the distance in the picture and with the difference of the normals. They do
+    not depend on the radiance, so that nothing is hidden because it is bright.
+    """
+    reach = int(np.ceil(2.5 * SMOOTH_PIXELS))
+    rows, columns = picture.coated.shape
+    ring = ((reach, reach), (reach, reach), (0, 0))
+    inside = np.pad(np.ones((rows, columns)), ring[:2])
+    normal, light, variance = (
+        np.pad(part, ring) for part in (picture.normal, picture.radiance, picture.se**2)
+    )
+    total = np.zeros((rows, columns))
+    mean, noise = np.zeros((rows, columns, 3)), np.zeros((rows, columns, 3))
+    for down in range(2 * reach + 1):
+        for right in range(2 * reach + 1):
+            part = np.s_[down : down + rows, right : right + columns]
+            away = ((down - reach) ** 2 + (right - reach) ** 2) / SMOOTH_PIXELS**2
+            turned = ((normal[part] - picture.normal) ** 2).sum(axis=-1) / SMOOTH_NORMAL**2
+            weight = inside[part] * np.exp(-0.5 * (away + turned))
+            total += weight
+            mean += weight[..., None] * light[part]
+            noise += weight[..., None] ** 2 * variance[part]
+    whole = total[..., None]
+    return Picture(mean / whole, np.sqrt(noise) / whole, picture.normal)
+
+
+def _another_pass(budget: TimeBudget, done: int, clock: Clock) -> bool:
+    """Say whether more of one more pass fits into the time than not."""
+    return not done or budget.left() > 0.5 * clock.seconds() / done
+
+
+def _pad_with(scene: Scene, bend: float, coating: Any) -> Any:
+    """Return the loaded Mitsuba scene of the unlit pad with that coating."""
+    import mitsuba as mi
+
+    from render.optics.pad_scene import pad_shapes
+
+    with tempfile.TemporaryDirectory(prefix="tactilux-") as name:
+        shapes = pad_shapes(scene, bend, False, Path(name))
+        path = Path(shapes["coating"]["filename"])
+        path.write_bytes(coating.export(file_type="ply", vertex_normal=False))
+        return mi.load_dict({"type": "scene", **shapes})
+
+
+def _seen_normals(scene: Scene, bend: float, coating: Any, width: int, height: int) -> Array:
+    """Return the normals ``(row, column, 3)`` where the middles of pixels meet the coating."""
+    import mitsuba as mi
+
+    rays = refract_into_pad(scene, bend, *camera_rays(scene, width, height))
+    entry, direction = rays.entry.reshape(-1, 3), rays.direction.reshape(-1, 3)
+    with tempfile.TemporaryDirectory(prefix="tactilux-") as name:
+        path = Path(name) / "coating.ply"
+        path.write_bytes(coating.export(file_type="ply", vertex_normal=False))
+        shape = {"type": "ply", "filename": str(path), "face_normals": True}
+        alone = mi.load_dict({"type": "scene", "coating": shape})
+    met = alone.ray_intersect_preliminary(
+        mi.Ray3f(
+            mi.Point3f(entry.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32))
+        )
+    )
+    found = np.array(met.is_valid()) & rays.inside.ravel()
+    normal = np.where(found[:, None], coating.face_normals[np.array(met.prim_index) * found], 0.0)
+    return np.asarray(normal.reshape(height, width, 3))

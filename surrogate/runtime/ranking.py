@@ -5,7 +5,7 @@ says how well both agree. Where the reference is noisy no model can agree with i
 learn from it: then more samples are needed. For normally distributed scores tau is
 ``(2 / pi) asin(r)`` with their correlation r (Greiner 1909), and noise of the variance q relative
 to that of the true scores leaves ``r = 1 / sqrt(1 + q)`` with a perfect model; q falls as one over
-the number of samples.
+the number of samples, or more slowly where few light paths carry most of the light.
 """
 
 from __future__ import annotations
@@ -71,13 +71,12 @@ class RankingTest:
                 "The renders are good enough, so more samples will not help: the preview is too "
                 "far from them in this scene; let renders decide (tactilux optimize)."
             )
-        least = "at least " if self.factor == MOST else "about "
         times = _rounded(self.factor)
-        said += f"Its renders are too noisy: train with {least}{times} times the samples"
+        said += f"Its renders are too noisy: train with at least {times} times the samples"
         if self.samples is None or self.minutes is None:
             return said + "."
         return said + (
-            f" (--samples {_rounded(self.factor * self.samples)}, {least}"
+            f" (--samples {_rounded(self.factor * self.samples)}, some "
             f"{_rounded(self.factor * self.minutes)} minutes of rendering at the same pace)."
         )
 

@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from hw.calibration.material import sobol_materials, terms
-from hw.calibration.material_correction import MaterialCorrection, material_correction
+from hw.calibration.material_correction import MaterialCorrection
 from hw.calibration.material_table import MaterialTable
-from hw.calibration.pad_light import BLOCKS, PadLight
+from hw.calibration.pad_light import BLOCKS, MaterialRender, PadLight
 from hw.calibration.reference_lines import frame_positions, in_frame, reference_lines
-from hw.calibration.reference_renders import MaterialRender
 from render.arrays import Array
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, toy
@@ -52,7 +51,7 @@ def corrected(
     renders = [
         render(scene, one, size, noise, 100 * seed + number) for number, one in enumerate(materials)
     ]
-    return material_correction(table, renders, read(LIT), reference_lines(scene))
+    return MaterialCorrection(table, renders, read(LIT), reference_lines(scene))
 
 
 def read(lit: list[list[int]]) -> NDArray[np.bool_]:
@@ -125,7 +124,7 @@ def test_fibers_that_were_not_rendered_are_not_corrected(
 
 def test_a_bend_without_renders_is_left_as_it_is(scene: Scene, table: MaterialTable) -> None:
     renders = [render(scene, MATERIALS[0], 1.0, 0.05, 0)]
-    found = material_correction(table, renders, read([LIT[0], []]), reference_lines(scene))
+    found = MaterialCorrection(table, renders, read([LIT[0], []]), reference_lines(scene))
     np.testing.assert_array_equal(found.table.coefficients[:, 1], table.coefficients[:, 1])
     assert found.modes(NEW)[1].shape[0] == 0
 

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from hw.calibration.material import Material, sobol_materials
-from hw.calibration.pad_light import PadLight
+from hw.calibration.pad_light import MaterialRender, PadLight, reference_renders
 from hw.calibration.reference_lines import Setup
-from hw.calibration.reference_renders import MaterialRender, reference_renders
 from render.progress import Progress
 from render.scene import Scene
 

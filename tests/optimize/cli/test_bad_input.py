@@ -196,6 +196,23 @@ def test_a_result_directory_with_other_files(
     assert "left alone" in sentence
 
 
+def test_a_place_that_takes_no_result_is_refused_before_the_work(
+    refused: Callable[..., str],
+    small_scene: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def worked(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("render.preview.Preview.__init__", worked)
+    (tmp_path / "folder").mkdir()
+    assert "is a directory" in refused("render", small_scene, "--out", tmp_path / "folder")
+    assert "is a directory" in refused("render", small_scene, "--out", "")
+    assert "cannot be created" in refused("render", small_scene, "--out", "/dev/null/picture.png")
+    assert "cannot be created" in refused("train", small_scene, "--out", "/dev/null/model")
+
+
 def test_tables_that_colors_cannot_use(refused: Callable[..., str], tmp_path: Path) -> None:
     assert "does not exist" in refused("colors", "nowhere.npz")
     (tmp_path / "text.npz").write_text("no zip")

@@ -129,6 +129,20 @@ def test_what_the_machine_does_is_one_sentence(
     assert said.err.count("\n") == 1
 
 
+def test_a_signal_while_the_commands_are_put_together_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise Terminated
+
+    monkeypatch.setattr("typer.main.get_command", interrupt)
+    monkeypatch.setattr(sys, "argv", ["tactilux", "describe"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 143
+    assert capfd.readouterr().err == "tactilux: interrupted\n"
+
+
 def test_a_signal_that_comes_in_a_destructor_is_raised_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

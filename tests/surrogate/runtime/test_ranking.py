@@ -35,7 +35,7 @@ def test_a_noisy_reference_asks_for_more_samples_and_says_how_long_they_take(
     assert not found.reliable
     advice = found.advice()
     assert "Kendall's tau is 0.40, needed: 0.85" in advice
-    words = r"about (\S+) times the samples \(--samples (\d+), about (\S+) minutes"
+    words = r"at least (\S+) times the samples \(--samples (\d+), some (\S+) minutes"
     told = [float(number) for number in re.search(words, advice).groups()]
     assert told == pytest.approx([found.factor, 200 * found.factor, 6 * found.factor], rel=0.05)
 
