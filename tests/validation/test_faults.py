@@ -39,7 +39,7 @@ PLACES = {"as it is": "result", "a device": "/dev/full", "below a device": "/dev
           "not for us": "/proc/nothing", "a folder with files": "models"}  # fmt: skip
 """What OUT may be."""
 FAULTS = ("", *STREAMS, *PREPARED, *ENVIRONMENT)
-LONGEST = 40.0
+LONGEST = 40.0 if LONG else 8.0
 """Seconds until a signal comes, at most; until then a command that takes longer is stopped."""
 
 
