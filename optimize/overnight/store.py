@@ -196,12 +196,16 @@ def _create(run: Path, request: Request) -> None:
     """Write an empty record beside its place and rename it: no reader meets one without tables."""
     temporary = temporary_name(run / RECORD)
     meta = {"schema": SCHEMA, "tactilux": program_version(), "request": request}
-    with closing(sqlite3.connect(temporary)) as db:
-        db.executescript(_TABLES)
-        rows = [(name, json.dumps(value)) for name, value in meta.items()]
-        db.executemany("INSERT INTO meta VALUES (?, ?)", rows)
-        db.commit()
-    os.replace(temporary, run / RECORD)
+    try:
+        with closing(sqlite3.connect(temporary)) as db:
+            db.executescript(_TABLES)
+            rows = [(name, json.dumps(value)) for name, value in meta.items()]
+            db.executemany("INSERT INTO meta VALUES (?, ?)", rows)
+            db.commit()
+        os.replace(temporary, run / RECORD)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
     sync_folder(run)
 
 

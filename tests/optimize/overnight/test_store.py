@@ -292,6 +292,20 @@ def test_a_reader_never_meets_a_record_without_its_tables(
     assert not any(looks)
 
 
+def test_a_record_that_has_no_room_leaves_nothing(
+    tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full(sqlite3.Connection):
+        def commit(self) -> None:
+            raise sqlite3.OperationalError("database or disk is full")
+
+    connect = partial(sqlite3.connect, factory=Full)
+    monkeypatch.setattr("optimize.overnight.store.sqlite3.connect", connect)
+    with pytest.raises(sqlite3.OperationalError):
+        Store(tmp_path, request_of(scene), print)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_database_of_something_else_is_refused(tmp_path: Path, scene: Scene) -> None:
     (tmp_path / RECORD).touch()
     with pytest.raises(RunError, match="is not the record of a run"):
