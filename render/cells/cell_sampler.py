@@ -20,7 +20,7 @@ from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_face
 from render.cells.fiber_light import FiberLight
 from render.cells.guiding import FacetGuiding, FiberGlow
 from render.cells.lamp_aim import LampAim
-from render.cells.lamp_connections import Lamp
+from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import camera_origin, facets, fiber_poses
@@ -145,6 +145,12 @@ class PadSampler:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""
         return Lamp(self.light, fiber, self.scene.pad.index == 1.0) if self.seen else None
 
+    def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
+        """Return the subpaths that find lamps behind smooth faces."""
+        if self.images is None or lamp is None or self.aim is None:
+            return None
+        return AimedSubpaths(lamp, self.aim, guiding)
+
     def camera_subpath(
         self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
         first: mi.UInt32, guiding: FacetGuiding, lamp: Lamp | None,
@@ -161,6 +167,7 @@ class PadSampler:
             self.mirror,
             self.images,
             lamp,
+            self.aimed(guiding, lamp),
             self.events,
             self.volume_ends,
         )
@@ -284,6 +291,7 @@ class CellSampler(PadSampler):
             self.mirror,
             self.images,
             lamp,
+            self.aimed(guiding, lamp),
         )
 
 
@@ -342,6 +350,7 @@ class PictureSampler(PadSampler):
             self.mirror,
             self.images,
             lamp,
+            self.aimed(guiding, lamp),
         )[0]
         scale = self.lit * self.bins
         colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]

@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.cells.box_images import BoxImages, ImageChain
-from render.cells.lamp_connections import Lamp, MetLamp
+from render.cells.lamp_connections import AIMED_EVENTS, AimedSubpaths, Lamp, MetLamp
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.paths.connect import connect_vertices, mirror_connection
@@ -55,7 +55,7 @@ class FacetSubpath:
 def trace_facet_subpath(
     scene: mi.Scene, o: mi.Point3f, d: mi.Vector3f, stream: Stream, first: mi.UInt32,
     guiding: GuidingDistribution, mirror: LowerFaceMirror, images: BoxImages | None,
-    lamp: Lamp | None, events: int, volume_ends: bool,
+    lamp: Lamp | None, aimed: AimedSubpaths | None, events: int, volume_ends: bool,
 ) -> FacetSubpath:  # fmt: skip
     """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``.
 
@@ -80,6 +80,7 @@ def trace_facet_subpath(
     )  # fmt: skip
     after_delta = mi.Bool(False)  # whether the last vertex behind the facet is a delta face
     chain = ImageChain.closed()  # smooth mirrors behind the facet
+    share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
     while active:
         segment, begin = MetLamp.of(state, before), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -91,6 +92,7 @@ def trace_facet_subpath(
                 lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
             )  # fmt: skip
             lamps += dr.select(passed, 1.0, 0.0)
+            segment.beta *= dr.select(ends == 0.0, share, 1.0)
             met = dr.select(passed & (choose_lamp * lamps < 1.0), segment, met)
         else:
             v.terminal = v.terminal | (v.diffuse & behind)
@@ -141,6 +143,9 @@ def trace_facet_subpath(
             started = ImageChain.closed()
             started.open, started.d_vcm = mi.Bool(True), mi.Float(state.d_vcm)
             chain = dr.select(is_facet, started, chain)
+        if aimed is not None:
+            straight = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
+            share = dr.select(is_facet, straight, share)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     glossy.weight = glossies
@@ -153,7 +158,7 @@ def trace_facet_subpath(
 def radiance_per_node(
     scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
     offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror,
-    images: BoxImages | None, lamp: Lamp | None,
+    images: BoxImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None,
 ) -> list[mi.Float]:  # fmt: skip
     """Return, per direction node, what the lamp and its light vertices of ``lane`` send.
 
@@ -180,6 +185,9 @@ def radiance_per_node(
         for i in range(len(last_vertices)):
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
+        if aimed is not None:
+            number = (last + 1) * LIGHT_EVENTS - 4 * JOINED_STRIDE + offset * 2 * AIMED_EVENTS
+            found.append(aimed.light(scene, camera.facet, stream, number))
         for values in found:
             for j in range(len(sums)):
                 sums[j] += values[j]

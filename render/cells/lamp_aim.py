@@ -47,7 +47,10 @@ class Way:
 
 
 class LampAim:
-    """Aimed directions on one pad at one bend."""
+    """Aimed directions on one pad at one bend.
+
+    ``main_ways`` are those of most light, straight and over the lower face.
+    """
 
     def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
         """Upload the lamps; ``bend`` in radians."""
@@ -74,6 +77,7 @@ class LampAim:
             ways.append(Way(0.2, below=True))
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
+        self.main_ways = self.ways[:2]
         frames = np.stack([foot, poses.along, poses.inward, poses.position], axis=1)
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         slope = scene.pad.roughness / np.sqrt(2.0)
@@ -101,12 +105,28 @@ class LampAim:
         """Return the density per solid angle with which ``sample`` finds ``direction``."""
         total = mi.Float(0.0)
         for way in self.ways:
-            lobe, unfold = self._lobe(
-                fiber, a, mi.Float(way.wall), mi.Bool(way.opposite), mi.Bool(way.mirrored),
-                mi.Bool(way.below),
-            )  # fmt: skip
-            total += way.share * lobe.density(unfold(direction))
+            total += way.share * self.way_density(fiber, a, way, direction)
         return total
+
+    def sample_way(
+        self, fiber: mi.UInt32, a: mi.Point3f, way: Way, x: mi.Float, y: mi.Float
+    ) -> mi.Vector3f:
+        """Return directions of one way."""
+        lobe, unfold = self._lobe_of(fiber, a, way)
+        return unfold(lobe.sample(x, y))
+
+    def way_density(
+        self, fiber: mi.UInt32, a: mi.Point3f, way: Way, direction: mi.Vector3f
+    ) -> mi.Float:
+        """Return the density per solid angle with which ``sample_way`` finds ``direction``."""
+        lobe, unfold = self._lobe_of(fiber, a, way)
+        return lobe.density(unfold(direction))
+
+    def _lobe_of(self, fiber: mi.UInt32, a: mi.Point3f, way: Way) -> tuple[ReflectionLobe, _Unfold]:
+        return self._lobe(
+            fiber, a, mi.Float(way.wall), mi.Bool(way.opposite), mi.Bool(way.mirrored),
+            mi.Bool(way.below),
+        )  # fmt: skip
 
     def _lobe(
         self, fiber: mi.UInt32, a: mi.Point3f, wall: mi.Float, opposite: mi.Bool,
