@@ -13,7 +13,7 @@ from typer import BadParameter, Option
 
 from optimize.cli.options import Bend, DesignOption, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, reserved_stdout
-from render.errors import RenderError
+from render.errors import GraphicsError, RenderError, TableError
 
 if TYPE_CHECKING:
     from optimize.design import Design
@@ -81,9 +81,8 @@ def run(
         raise BadParameter("give --samples or --minutes, not both")
     if level == "preview" and (samples is not None or minutes is not None):
         raise BadParameter("--samples and --minutes are for --level reference: a preview has none")
-    import numpy as np
 
-    from optimize.design import baseline_design, load_design, load_design_file
+    from optimize.design import baseline_design, load_design
     from optimize.ui.output import check_file, write_result
     from render.metric import THESIS
     from render.scene import load_scene
@@ -94,7 +93,6 @@ def run(
         check_file(path, PICTURES + DATA)
         imprint = _imprint(scene, press)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
-        rating = None if design is None else load_design_file(design).rating
         if level == "preview":
             columns, rows = wanted or (scene.camera.columns, scene.camera.rows)
             light = _preview(scene, lighting, math.radians(bend), columns, rows, press, imprint)
@@ -127,14 +125,7 @@ def run(
             )
             light, arrays = shown.radiance, {"radiance": picture.radiance, "se": picture.se}
             coated = picture.coated
-        if rating is None:
-            # Of what is lit, however much of the picture the pad fills.
-            lit = light[coated]
-            bright = float(np.percentile(lit, THESIS.exposure_percentile)) if lit.size else 0.0
-            exposure = THESIS.exposure_counts / bright if bright > 0 else 1.0
-            note("No rated design gives the exposure, so this picture is exposed for itself.")
-        else:
-            exposure = rating.settings.exposure
+        exposure = _exposure(scene, light[coated])
         # Renderers draw the skin from outside; the camera looks from within.
         turned = slice(None) if mirror else slice(None, None, -1)
         if path.suffix.lower() in DATA:
@@ -144,6 +135,24 @@ def run(
             content = _encoded(path, light[:, turned] * exposure / THESIS.count_max)
         write_result(path, content)
         stream.write(f"{path}\n")
+
+
+def _exposure(scene: Scene, lit: Array) -> float:
+    """Return the scene's exposure, so that its pictures compare; else the one of what is ``lit``.
+
+    ``lit`` ``(pixel, 3)`` is the light of the pad, however much of the picture it fills.
+    """
+    import numpy as np
+
+    from render.metric import THESIS
+    from render.scale import scene_scale
+
+    try:
+        return scene_scale(scene).exposure
+    except (TableError, GraphicsError):
+        note("The preview of the baseline gives no exposure: this picture is exposed for itself.")
+    bright = float(np.percentile(lit, THESIS.exposure_percentile)) if lit.size else 0.0
+    return THESIS.exposure_counts / bright if bright > 0 else 1.0
 
 
 def _imprint(scene: Scene, press: str) -> Imprint | None:

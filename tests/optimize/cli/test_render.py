@@ -13,6 +13,8 @@ import trimesh
 from PIL import Image
 
 from render.files import read_npz
+from render.scale import scene_scale
+from render.scene import load_scene
 
 Run = Callable[..., Any]
 SIZE = ("--size", "36x60")
@@ -43,7 +45,7 @@ def test_the_kind_of_file_follows_its_name(tactilux: Run, tmp_path: Path) -> Non
         assert (tmp_path / f"x{ending}").read_bytes().startswith(start)
     linear = read_npz(tmp_path / "x.npz")
     assert linear["radiance"].shape == (60, 36, 3)
-    assert linear["exposure"] > 0
+    assert linear["exposure"] == scene_scale(load_scene("finger20")).exposure
 
 
 @pytest.mark.parametrize(
