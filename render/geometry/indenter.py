@@ -8,14 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from render.arrays import Array
 from render.errors import SceneError
 from render.geometry.layout import facet_normals, flat_sites, pyramid
 from render.scene import Scene
+
+if TYPE_CHECKING:
+    import trimesh
 
 SHADOW_LENGTH = 4.0
 """How far from its center a body's shadow is drawn, in units of its radius or its depth."""
@@ -141,6 +144,9 @@ def body_of_file(scene: Scene, path: Path) -> Imprint:
     Raises:
         SceneError: the file is no body, or the pad is too small for it.
     """
+    # A robot has no trimesh, and presses no file.
+    import trimesh
+
     try:
         mesh = trimesh.load_mesh(path)
         points = np.asarray(mesh.convex_hull.vertices, dtype=np.float64)
