@@ -31,8 +31,6 @@ WIDTH, HEIGHT = 96, 160
 BLOCK = 8
 COATED = np.s_[48:, 16:80]
 SEEDS = 8
-# Whose starts are paid for by luminance samples too.
-CHAINS = 4096
 INTEGRATORS = ("volpath", "bdpt", "pssmlt")
 SAMPLES = (10_000, 100_000, 1_000_000, 10_000_000)
 
@@ -82,8 +80,8 @@ def pictures(
         plugin: Any = mi.load_dict({"type": integrator, **depth})
         began = time.perf_counter()
         total = np.zeros((HEIGHT, WIDTH))
-        # In parts, so that no wavefront outgrows the memory.
-        parts = max(1, samples // 64)
+        # In parts, so that no wavefront of Mitsuba's own outgrows the memory.
+        parts = max(1, samples // 64) if integrator == "volpath" else 1
         for part in range(parts):
             image = np.array(plugin.render(lit, seed=seed * 1000 + part, spp=samples // parts))
             total += image[..., 0] / parts
@@ -102,20 +100,26 @@ def pictures(
 def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
     """Return the relative standard deviation of the mean intensity per luminance samples."""
     from render.integrators.film_sampler import FilmSampler
-    from render.integrators.normalization import Normalization
+    from render.integrators.mixed_run import LANES
     from render.integrators.subpaths import PathLimits
+    from render.integrators.vertex_cache import SHARED_PATHS
+    from render.sampling.monte_carlo import monte_carlo_replicates
 
     sampler = FilmSampler(lit, lit.sensors()[0], PathLimits())
-    weights = np.full((sampler.bins, sampler.channels), 1.0 / (sampler.bins * sampler.channels))
     rows = []
     for wanted in SAMPLES:
         samples = min(wanted, most)
-        intensities = []
-        for seed in range(SEEDS):
-            normalization = Normalization(sampler, samples, CHAINS, 2, seed)
-            normalization.pilot()
-            intensities.append(normalization.means(weights).mean())
-        means = np.array(intensities)
+        passes = -(-samples // LANES)
+        lanes = -(-samples // passes)
+        sharing = sampler.sharing(lanes, 2, SHARED_PATHS)
+        means = np.array(
+            [
+                monte_carlo_replicates(
+                    sharing, lanes=lanes, passes=passes, replicates=2, seed=seed
+                ).mean()
+                for seed in range(SEEDS)
+            ]
+        )
         spread = float(means.std(ddof=1) / means.mean())
         # The last one is the standard error of a standard deviation from so few seeds.
         rows.append(

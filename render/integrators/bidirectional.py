@@ -1,25 +1,21 @@
 """The Mitsuba integrators ``pssmlt`` and ``bdpt``.
 
-``pssmlt``: primary sample space Metropolis light transport (Kelemen et al. 2002) over a
-bidirectional path sampler with multiple importance sampling (Veach 1997), for scenes of surfaces
-and homogeneous media (``render.integrators.supported_content`` says what is not). ``bdpt`` is the
-same sampler without Metropolis: plain Monte Carlo.
+``bdpt``: a bidirectional path sampler with multiple importance sampling (Veach 1997) by plain
+Monte Carlo, for scenes of surfaces and homogeneous media (what is not supported:
+``render.integrators.supported_content``). ``pssmlt``: the same samples, and Markov chains in
+primary sample space (Kelemen et al. 2002) where a pilot finds that they lower the error
+(``render.integrators.mixed_run``).
 
 Parameters, named as in Mitsuba 0.6 where it has them:
 
 - ``max_depth`` (-1): greatest number of path edges; ``rr_depth`` (5).
-- ``luminance_samples`` (100000), ``p_large`` (0.6), ``chains`` (16384): Metropolis only.
+- ``p_large`` (0.6), ``chains`` (16384, at most): Metropolis only.
+- ``chains_only`` (false): Metropolis alone, for comparison; then ``luminance_samples`` (100000)
+  plain samples, which are not deposited, fix its brightness.
 - ``replicates`` (8): independent groups, for the error bars.
 - ``error_bars`` (false): append one channel per color with the standard error of each pixel.
 
-Samples per pixel are mutations per pixel. Pixels are box-filtered.
-
-Metropolis flattens its target by a smoothed pilot image. It still costs more than ``bdpt`` where
-paths are well sampled: on the slab scene of tests/validation (64 samples per pixel, 8x8 blocks,
-squared relative error x seconds) it was 0.27, 0.14 and 0.16 at ``p_large`` 0.3, 0.6 and 0.9,
-against 0.02 for a ``bdpt`` whose lanes shared nothing, and 0.013 now. Raise ``luminance_samples``
-with the samples: an eighth is a pilot, some start the chains, the rest fixes b
-(``render.integrators.normalization``).
+Samples per pixel count plain samples and mutations. Pixels are box-filtered.
 """
 
 from __future__ import annotations
@@ -29,28 +25,17 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from render.arrays import Array
 from render.errors import RenderError
 from render.integrators.film_sampler import FilmSampler
-from render.integrators.normalization import Normalization
+from render.integrators.mixed_run import LANES, MixedRun
 from render.integrators.subpaths import PathLimits
 from render.integrators.vertex_cache import SHARED_PATHS
 from render.sampling.monte_carlo import monte_carlo_replicates
-from render.sampling.pssmlt import ChainSettings, MarkovChains
+from render.sampling.pssmlt import ChainSettings
 
-CHUNK = 8
-"""Mutations between updates of the normalization."""
-LANES = 1 << 18
-"""Lanes of one pass; every pass is traced anew."""
-NORMALIZATION_GAIN = 8.0
-"""What a sample of ``Normalization`` is worth in plain ones, or less: 10 to 20 on the slab."""
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
-KERNEL_SAMPLES = 256.0
-"""Samples under the kernel that smooths the pilot."""
-LEVEL_MIN = 0.02
-"""Least level of the smoothed pilot, relative to the mean."""
 
 
 class Bidirectional(mi.SamplingIntegrator):
@@ -114,19 +99,8 @@ def _number(seed: Any) -> int:
     return int(value)
 
 
-def _level(pilot: Array, samples: float) -> Array:
-    """Return the smoothed ``pilot`` ``(row, column)`` of so many samples, with dark parts lifted.
-
-    The chains then visit all pixels alike; where it is 0 everywhere, the bootstrap says so.
-    """
-    # About KERNEL_SAMPLES under the kernel, and a few pixels at least.
-    width = max(3.0, np.sqrt(KERNEL_SAMPLES * pilot.size / (4 * np.pi * samples)))
-    level = gaussian_filter(pilot, width, mode="nearest")
-    return np.asarray(np.maximum(level, LEVEL_MIN * pilot.mean()) + np.finfo(np.float32).tiny)
-
-
 class PSSMLT(Bidirectional):
-    """Primary sample space Metropolis light transport."""
+    """Primary sample space Metropolis light transport, where it lowers the error of ``bdpt``."""
 
     def __init__(self, props: Any) -> None:
         """Read the Metropolis parameters."""
@@ -134,24 +108,15 @@ class PSSMLT(Bidirectional):
         self.luminance_samples = int(props.get("luminance_samples", 100_000))
         self.p_large = float(props.get("p_large", 0.6))
         self.chains = int(props.get("chains", 16384))
+        self.chains_only = bool(props.get("chains_only", False))
 
     def replicate_images(self, sampler: FilmSampler, seed: int, spp: int) -> Array:
-        """Run the chains; the target is luminance over that of a smoothed pilot image."""
+        """Divide the samples between plain ones and chains."""
         settings = ChainSettings(
             self.chains, self.luminance_samples, self.p_large, self.replicates, seed
         )
-        chains = MarkovChains(sampler, settings)
-        normalization = Normalization(
-            sampler, self.luminance_samples, self.chains, self.replicates, seed
-        )
-        weights = np.array([1.0] if sampler.channels == 1 else [0.2126, 0.7152, 0.0722])
-        pilot = (normalization.pilot() @ weights).reshape(sampler.height, sampler.width)
-        flat = weights / _level(pilot, normalization.for_pilot).reshape(-1, 1)
-        chains.bootstrap(flat, normalization.for_starts)
-        worth = NORMALIZATION_GAIN * normalization.for_estimate / self.replicates
-        chains.add_estimates(normalization.means(flat), worth)
-        chains.sample(CHUNK * max(1, round(spp * sampler.bins / settings.chains / CHUNK)))
-        return chains.estimate()
+        run = MixedRun(sampler, settings, spp * sampler.bins)
+        return run.sample_chains_only() if self.chains_only else run.sample()
 
     def to_string(self) -> str:
         """Describe the integrator."""

@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.arrays import Array
 from render.integrators.connections import connect_subpaths
 from render.integrators.emitters import Emission
 from render.integrators.mirror_connections import MirrorSet
@@ -65,11 +64,10 @@ class FilmSampler:
         numbers = camera.event(mi.UInt32(0))
         lanes = dr.width(numbers[0])
         position = mi.Point2f(numbers[0], numbers[1])
-        weight = mi.Float(1.0)
         shared = self.groups is not None
         projection_weight = PROJECTION_WEIGHT if shared else 1.0
         if self.groups is not None:
-            position, weight = self.groups.film_positions(numbers, self.height)
+            position = self.groups.film_positions(numbers, self.height)
         # The first event of the walk itself uses one number.
         aperture = mi.Point2f(*camera.event(mi.UInt32(1))[1:3])
         ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, aperture)
@@ -92,7 +90,7 @@ class FilmSampler:
             SHARED_VERTICES if shared else UNSHARED_VERTICES,
         )  # fmt: skip
         # From memory, each camera subpath can look at light subpaths of other lanes.
-        dr.eval(camera_subpath, light_vertices, position, weight)
+        dr.eval(camera_subpath, light_vertices, position)
         # ------------------------------ Connections -----------------------------------
         cache = LightVertexCache(light_vertices, self.groups or LaneGroups(lanes, lanes, 1))
         connected = connect_subpaths(
@@ -107,17 +105,15 @@ class FilmSampler:
         projected *= projected_weight
         # A film position has density 1, a pixel the probability 1 / bins.
         radiance = camera_subpath.radiance + connected
-        here = [value * weight * self.bins for value in radiance]
+        here = [value * self.bins for value in radiance]
         there = [value * self.bins for value in projected]
         size = mi.Vector2f(self.width, self.height)
         return [Splat(self._pixel(position * size), here), Splat(self._pixel(where), there)]
 
-    def sharing(
-        self, lanes: int, groups: int, paths: int, density: Array | None = None
-    ) -> FilmSampler:
+    def sharing(self, lanes: int, groups: int, paths: int) -> FilmSampler:
         """Return this sampler for plain Monte Carlo, whose lanes share as in ``LaneGroups``."""
         other = copy(self)
-        other.groups = LaneGroups(lanes, groups, paths, density)
+        other.groups = LaneGroups(lanes, groups, paths)
         return other
 
     def _pixel(self, position: mi.Point2f) -> mi.UInt32:

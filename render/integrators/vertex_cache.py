@@ -19,7 +19,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.arrays import Array
 from render.integrators.resampling import LightProxies
 from render.integrators.subpaths import LightVertex, LightVertices
 from render.sampling.streams import Numbers
@@ -41,48 +40,26 @@ class LaneGroups:
     of the group's light subpaths.
     """
 
-    def __init__(self, lanes: int, groups: int, paths: int, density: Array | None = None) -> None:
-        """Upload the numbers: literal ones would be compiled into the kernels.
-
-        Film positions follow ``density`` ``(row, column)`` of cells, all positive, that fill the
-        film; without one they are uniform.
-        """
+    def __init__(self, lanes: int, groups: int, paths: int) -> None:
+        """Upload the numbers: literal ones would be compiled into the kernels."""
         self.lanes, self.groups, self.paths = (mi.UInt32(n) for n in (lanes, groups, paths))
         dr.make_opaque(self.lanes, self.groups, self.paths)
         self.count = groups
         self.lane = dr.arange(mi.UInt32, lanes)
-        self.edges: mi.Float | None = None
-        self.cells = (0, 0) if density is None else density.shape
-        if density is not None:
-            edges = np.append(0.0, np.cumsum(density / density.sum()))
-            edges[-1] = 1.0
-            self.edges = mi.Float(edges.astype(np.float32))
 
-    def film_positions(self, numbers: Numbers, height: int) -> tuple[mi.Point2f, mi.Float]:
-        """Return film positions in [0, 1)^2, and 1 / their density, for three uniform numbers.
+    def film_positions(self, numbers: Numbers, height: int) -> mi.Point2f:
+        """Return uniform film positions in [0, 1)^2 for uniform numbers.
 
-        ``height`` is the number of pixel rows, along which strata of a uniform density run.
+        ``height`` is the number of pixel rows, along which the strata run.
         """
-        x, y, z = numbers[:3]
+        x, y = numbers[:2]
         place, members = self.lane // self.groups, self.members(self.lane)
-        if self.edges is None:
-            # (place + x) / members of all rows; whole rows are counted in integers, which keeps
-            # all bits of x.
-            before = place * height // members
-            part = (mi.Float(place * height - before * members) + x * height) / mi.Float(members)
-            row = dr.floor(part)
-            return mi.Point2f(part - row, (mi.Float(before) + row + y) / height), mi.Float(1.0)
-        edges = self.edges
-        rows, columns = self.cells
-        at = dr.minimum((mi.Float(place) + x) / mi.Float(members), 1.0 - 2.0**-24)
-        cell = dr.binary_search(
-            0, rows * columns - 1, lambda i: dr.gather(mi.Float, edges, mi.UInt32(i) + 1) <= at
-        )
-        probability = dr.gather(mi.Float, edges, cell + 1) - dr.gather(mi.Float, edges, cell)
-        row = cell // columns
-        column = mi.Float(cell - row * columns)
-        position = mi.Point2f((column + z) / columns, (mi.Float(row) + y) / rows)
-        return position, 1.0 / (probability * (rows * columns))
+        # (place + x) / members of all rows; whole rows are counted in integers, which keeps all
+        # bits of x.
+        before = place * height // members
+        part = (mi.Float(place * height - before * members) + x * height) / mi.Float(members)
+        row = dr.floor(part)
+        return mi.Point2f(part - row, (mi.Float(before) + row + y) / height)
 
     def partner(self, lane: mi.UInt32, k: mi.UInt32) -> mi.UInt32:
         """Return the lane whose light subpath is the ``k``-th partner of ``lane``; itself first.

@@ -14,7 +14,9 @@ from scipy import stats
 
 from tests.long import LONG
 
-METROPOLIS = {"chains": 4096, "luminance_samples": 1 << 20 if LONG else 1 << 15}
+METROPOLIS = {
+    "chains": 4096, "luminance_samples": 1 << 20 if LONG else 1 << 15, "chains_only": True,
+}  # fmt: skip
 
 
 def camera(

@@ -16,7 +16,7 @@ import pytest
 from render.errors import RenderError
 from tests.validation.film import camera, diffuse, gray
 
-SMALL = {"chains": 1024, "luminance_samples": 4096}
+SMALL = {"chains": 1024, "luminance_samples": 4096, "chains_only": True}
 
 
 def lit_plane(mono: ModuleType, **parts: Any) -> Any:
@@ -156,7 +156,9 @@ def test_luminance_samples_too_few_to_see_any_light_are_named_with_their_value(
             "bsdf": diffuse(mono, 0.5),
         },
     )  # fmt: skip
-    few = mono.load_dict({"type": "pssmlt", "chains": 16, "luminance_samples": 16})
+    few = mono.load_dict(
+        {"type": "pssmlt", "chains": 16, "luminance_samples": 16, "chains_only": True}
+    )
     with pytest.raises(RenderError, match=r"luminance_samples = 16: .* raise it") as caught:
         few.render(scene, spp=1)
     assert caught.value.value == 16

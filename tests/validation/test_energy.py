@@ -11,7 +11,7 @@ import pytest
 from render.errors import RenderError
 from render.scene import load_scene
 
-SMALL = {"chains": 1024, "luminance_samples": 8192}
+SMALL = {"chains": 1024, "luminance_samples": 8192, "chains_only": True}
 
 
 def closed_box(mono: ModuleType, wall: dict[str, Any], intensity: float = 5.0) -> Any:
@@ -58,9 +58,11 @@ def test_metropolis_says_that_it_found_no_light_in_a_closed_box(mono: ModuleType
         render(mono, closed_box(mono, WALLS[1]), "pssmlt")
 
 
-def test_a_light_of_intensity_zero_gives_exactly_nothing(mono: ModuleType) -> None:
+@pytest.mark.parametrize("kind", ["bdpt", "pssmlt"])
+def test_a_light_of_intensity_zero_is_named(mono: ModuleType, kind: str) -> None:
     scene = closed_box(mono, {"type": "dielectric"}, intensity=0.0)
-    assert (render(mono, scene, "bdpt") == 0).all()
+    with pytest.raises(RenderError, match=r"'lamp'.* emits nothing"):
+        render(mono, scene, kind)
 
 
 def test_a_pad_whose_fibers_are_all_off_is_not_rendered() -> None:

@@ -25,7 +25,7 @@ from tests.validation.test_extremes_cells import edited
 REPLICATES = 8
 RUNS = 48 if LONG else 10
 FEW: dict[str, dict[str, int]] = {
-    "bdpt": {}, "pssmlt": {"chains": 2048, "luminance_samples": 16384},
+    "bdpt": {}, "pssmlt": {"chains": 2048, "luminance_samples": 16384, "chains_only": True},
 }  # fmt: skip
 
 

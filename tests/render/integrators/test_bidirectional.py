@@ -11,7 +11,7 @@ import pytest
 from render.errors import RenderError
 
 SIZE = 8
-CHAINS = {"chains": 4096, "luminance_samples": 16384}
+CHAINS = {"chains": 4096, "luminance_samples": 16384, "chains_only": True}
 POINT = np.array([0.6, 0.3, 2.0])
 
 

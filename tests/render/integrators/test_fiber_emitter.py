@@ -102,7 +102,8 @@ def test_path_bdpt_and_pssmlt_agree_on_what_the_emitter_lights(mono: ModuleType)
     truth, error = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(8)
     assert truth.mean() > 0
     for kind in ("bdpt", "pssmlt"):
-        chains = {"chains": 4096, "luminance_samples": 32768} if kind == "pssmlt" else {}
+        alone = {"chains": 4096, "luminance_samples": 32768, "chains_only": True}
+        chains = alone if kind == "pssmlt" else {}
         integrator = mono.load_dict({"type": kind, "error_bars": True, **chains})
         image = np.array(mono.render(scene, integrator=integrator, spp=512))
         score = (image[..., :1] - truth) / np.hypot(image[..., 1:], error)

@@ -1,0 +1,123 @@
+"""Plain samples and chains in one run: who gets the work, and what comes of it."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.render.integrators.test_bidirectional import lambert, plane, sensor
+
+REPLICATES = 8
+
+
+@pytest.fixture
+def small(mono: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let pilots be made in runs of a few thousand samples, with some hundred chains."""
+    from render.integrators import mixed_run
+
+    monkeypatch.setattr(mixed_run, "PILOT_MIN", 1 << 14)
+    monkeypatch.setattr(mixed_run, "LANES", 1 << 14)
+    monkeypatch.setattr(mixed_run, "PILOT_FRACTION", 1 / 64)
+
+
+def run(scene: Any, spp: int, seed: int = 1, chains: int = 4096) -> tuple[Any, np.ndarray]:
+    """Return a mixed run and its images ``(replicate, pixel, channel)``."""
+    from render.integrators.film_sampler import FilmSampler
+    from render.integrators.mixed_run import MixedRun
+    from render.integrators.subpaths import PathLimits
+    from render.sampling.pssmlt import ChainSettings
+
+    sampler = FilmSampler(scene, scene.sensors()[0], PathLimits())
+    settings = ChainSettings(chains, 16384, 0.3, REPLICATES, seed)
+    mixed = MixedRun(sampler, settings, spp * sampler.bins)
+    return mixed, mixed.sample()
+
+
+def under_glass(mono: ModuleType) -> Any:
+    """Return a floor under a smooth pane, lit by a small disk: only a lucky camera finds it."""
+    transform = mono.ScalarTransform4f()
+    black = {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}}
+    return mono.load_dict(
+        {
+            "type": "scene",
+            "sensor": sensor(mono, [0, 0, 4]),
+            "floor": {
+                "type": "rectangle", "to_world": transform.scale(9), "bsdf": {"type": "diffuse"},
+            },
+            "pane": {
+                "type": "cube", "to_world": transform.translate([0, 0, 0.5]).scale([9, 9, 0.2]),
+                "bsdf": {"type": "dielectric"},
+            },
+            "lamp": {
+                "type": "disk", "bsdf": black,
+                "to_world": transform.translate([0, 3, 2.5]).rotate([1, 0, 0], 180).scale(0.5),
+                "emitter": {"type": "area", "radiance": {"type": "uniform", "value": 90.0}},
+            },
+        }
+    )  # fmt: skip
+
+
+def test_a_run_too_short_for_a_pilot_is_that_of_bdpt_bit_for_bit(mono: ModuleType) -> None:
+    scene = plane(mono)
+    image, plain = (
+        np.array(mono.load_dict({"type": kind}).render(scene, seed=5, spp=64))
+        for kind in ("pssmlt", "bdpt")
+    )
+    np.testing.assert_array_equal(image, plain)
+
+
+@pytest.mark.usefixtures("small")
+def test_where_plain_samples_do_well_chains_get_no_more_than_their_pilot_and_count_nothing(
+    mono: ModuleType,
+) -> None:
+    from render.integrators.mixed_run import PILOT_MUTATIONS
+
+    mixed, images = run(plane(mono), 2048)
+    assert mixed.chains is not None
+    assert mixed.chains.done == PILOT_MUTATIONS
+    assert mixed.chain_share() < 0.25
+    np.testing.assert_array_equal(images, mixed.plain.estimate())
+    error = images.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
+    score = np.abs(images.mean(axis=0)[:, 0] - lambert().ravel()) / error[:, 0]
+    assert (score < 2.365).mean() > 0.85
+
+
+@pytest.mark.usefixtures("small")
+def test_where_light_is_hard_to_find_chains_get_more_work_and_the_picture_is_that_of_bdpt(
+    mono: ModuleType,
+) -> None:
+    from render.integrators.mixed_run import PILOT_MUTATIONS
+    from render.integrators.vertex_cache import SHARED_PATHS
+    from render.sampling.monte_carlo import monte_carlo_replicates
+
+    mixed, images = run(under_glass(mono), 4096)
+    assert mixed.chains is not None
+    assert mixed.chains.done > PILOT_MUTATIONS
+
+    plain = monte_carlo_replicates(
+        mixed.sampler.sharing(1 << 18, REPLICATES, SHARED_PATHS), lanes=1 << 18, passes=2,
+        replicates=REPLICATES, seed=7,
+    )  # fmt: skip
+    ours, truth = (x.mean(axis=(1, 2)) for x in (images, plain))
+    bar = np.hypot(ours.std(ddof=1), truth.std(ddof=1)) / np.sqrt(REPLICATES)
+    assert abs(ours.mean() - truth.mean()) < 4 * bar
+    assert bar < 0.1 * truth.mean()
+
+
+@pytest.mark.usefixtures("small")
+def test_a_seed_divides_the_work_in_the_same_way_again(mono: ModuleType) -> None:
+    scene = under_glass(mono)
+    (first, image), (second, again) = (run(scene, 1024, seed=3) for _ in range(2))
+    assert first.chain_share() == second.chain_share()
+    np.testing.assert_array_equal(image, again)
+
+
+@pytest.mark.usefixtures("small")
+def test_without_light_in_the_bootstrap_plain_samples_go_on_alone(mono: ModuleType) -> None:
+    scene = plane(mono, light={"type": "point", "position": [0, 0, -1], "intensity": 3.0})
+    mixed, images = run(scene, 512)
+    assert mixed.chains is None
+    assert (images == 0).all()
