@@ -27,8 +27,8 @@ from render.reference import (
 )
 from surrogate.runtime import Checker
 
-SCORING_FRACTION = 0.01
-"""Part of the time that scores with their error bars take, after the renders."""
+SCORING_SECONDS, SCORING_FRACTION = 1.0, 0.01
+"""What scores with their error bars take after the renders: seconds, and a part of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ def verification_within(
         ]
 
         def scoring() -> float:
-            return SCORING_FRACTION * budget.seconds
+            return SCORING_SECONDS + SCORING_FRACTION * budget.seconds
 
         units = render_within(jobs, budget, folder, reserve=scoring, progress=progress)
         return VerificationPlan(samples=units * each, per_pass=each, **wanted)

@@ -33,8 +33,8 @@ from render.scene import Scene
 
 FINALISTS_WEIGHT = 2.0
 """Time of the finalists' renders, in units of that of a round."""
-REPORT_FRACTION = 0.05
-"""Part of the time for scores, pictures and the report at the end."""
+REPORT_SECONDS, REPORT_FRACTION = 5.0, 0.05
+"""What scores, pictures and the report take at the end: seconds, and a part of the time."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class TimedRenders:
         """Return the budget that ends with this call's part of the time."""
         spent = self.budget.spent()
         search, free = spent - self._ended, self.budget.left()
-        free -= REPORT_FRACTION * self.budget.seconds
+        free -= REPORT_SECONDS + REPORT_FRACTION * self.budget.seconds
         parts = 1.0
         if title != FINALISTS:
             self.rounds -= 1
