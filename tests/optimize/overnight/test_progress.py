@@ -19,7 +19,7 @@ MOST = 3.0
 
 
 @pytest.mark.skipif(not LONG, reason="kills a whole night for minutes: TACTILUX_LONG=1")
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_night_that_is_killed_every_ten_seconds_ends_bit_equal_in_three_times_its_time(
     tmp_path: Path, seed: int
 ) -> None:
