@@ -150,7 +150,10 @@ def _exposure(scene: Scene, lit: Array) -> float:
     try:
         return scene_scale(scene).exposure
     except (TableError, GraphicsError):
-        note("The preview of the baseline gives no exposure: this picture is exposed for itself.")
+        note(
+            "The preview of the baseline gives no exposure: the brightest parts of this picture "
+            f"are set to {THESIS.exposure_counts:g} counts, and compare with no other."
+        )
     bright = float(np.percentile(lit, THESIS.exposure_percentile)) if lit.size else 0.0
     return THESIS.exposure_counts / bright if bright > 0 else 1.0
 
