@@ -24,7 +24,7 @@ from tests.oracles.pads import scene_of_case
 
 PHI = 1.2
 REPLICATES = 8
-PADS = ("rim rough 0.1",)
+PADS = ("rim rough 0.1", "smooth") + (("rim", "rough 0.03", "half below") if LONG else ())
 SEEDS = 20 if LONG else 6
 PHOTONS = 32_000_000 if LONG else 2_000_000
 ERROR = 0.1

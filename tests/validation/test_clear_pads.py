@@ -27,8 +27,8 @@ SAMPLES = 4000 if LONG else 400
 PHOTONS = 64_000_000 if LONG else 3_000_000
 REPLICATES = 16
 
-FAST = ("rim rough 0.1",)
-WHOLE = (*FAST, "rim no face", "rim rough 0.1 bent 45", "rim rough 0.1 bent 90")
+FAST = ("smooth", "rough 0.03", "no face", "half below", "rim rough 0.1")
+WHOLE = (*CASES, *(f"random {number}" for number in range(24)))
 
 
 class Comparison(NamedTuple):
