@@ -30,7 +30,7 @@ class RenderCost:
     Example:
         >>> cost = RenderCost.fitted((8, 200), (2.0, 50.0))
         >>> cost.per_sample, cost.samples_within(152.0, [1.0, 1.0])
-        (0.25, 200)
+        (0.25, 304)
 
     Arguments:
         fixed: seconds of a job that do not depend on its samples.
