@@ -35,11 +35,11 @@ from render.sampling.pssmlt import ChainSettings, MarkovChains
 
 LANES = 1 << 18
 """Lanes of one pass; every pass is traced anew."""
-PILOT_MIN = 1 << 20
+PILOT_MIN = 1 << 21
 """Samples below which a pilot of chains would cost too much of the time."""
 PILOT_MUTATIONS = 4
 """Mutations of each chain in a pilot."""
-PILOT_FRACTION = 1 / 128
+PILOT_FRACTION = 1 / 256
 """Chains per sample of the whole run, at most: a pilot then takes about a tenth of it."""
 STARTS_PER_CHAIN = 4
 """Bootstrap samples for each chain."""
