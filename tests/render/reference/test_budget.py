@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,6 +88,13 @@ def unit_jobs(scene: Scene, seconds: float, seeds: int = 1) -> list[RenderJob]:
     )
 
 
+@pytest.fixture
+def no_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Invented machines leave no dead scenes, and looking for them takes a second each time."""
+    monkeypatch.setattr("render.reference.budget.gc", SimpleNamespace(collect=lambda: 0))
+
+
+@pytest.mark.usefixtures("no_scenes")
 @pytest.mark.parametrize("minutes", [0.3, 1.5, 10.0, 60.0])
 @pytest.mark.parametrize(
     "speed", [steady(20_000.0), steady(2_000_000.0), busy_later], ids=["slow", "fast", "busy"]
@@ -104,6 +112,7 @@ def test_a_time_is_kept_within_a_tenth_on_machines_that_nobody_timed(
         assert read_npz(tmp_path / f"{finished.name}.npz")["estimate"] == finished.iterations
 
 
+@pytest.mark.usefixtures("no_scenes")
 def test_a_reserve_that_turns_out_smaller_is_used_and_a_larger_one_is_kept(tmp_path: Path) -> None:
     jobs, used = unit_jobs(load_scene("finger20"), 60.0), {}
     for name, later in (("smaller", 5.0), ("larger", 30.0)):
@@ -119,6 +128,7 @@ def test_a_reserve_that_turns_out_smaller_is_used_and_a_larger_one_is_kept(tmp_p
     assert used == pytest.approx({"smaller": 60.0, "larger": 60.0}, abs=6.0)
 
 
+@pytest.mark.usefixtures("no_scenes")
 def test_a_round_that_comes_late_is_given_up_for_the_one_before(tmp_path: Path) -> None:
     machine = Machine(lambda now: 100_000.0 if now < 1040.0 else 200.0)
     jobs = unit_jobs(load_scene("finger20"), 60.0)
@@ -132,6 +142,7 @@ def test_a_round_that_comes_late_is_given_up_for_the_one_before(tmp_path: Path) 
     assert sum(done) == machine.passes > units * sum(job.iterations for job in jobs)
 
 
+@pytest.mark.usefixtures("no_scenes")
 def test_more_time_adds_to_what_is_there_and_less_renders_nothing(tmp_path: Path) -> None:
     machine, jobs = Machine(steady(100_000.0)), unit_jobs(load_scene("finger20"), 60.0)
 
