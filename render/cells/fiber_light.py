@@ -37,7 +37,7 @@ class LampRay:
 
     ``radiance`` per direction node in 1/(mm^2 sr); ``emitted`` the density with which ``sample``
     draws the line, per projected area and solid angle; ``joined`` that of directions to points of
-    ``towards``, per solid angle at the point that the line was asked for.
+    ``sample_position``, per solid angle at the point that the line was asked for.
     """
 
     radiance: list[mi.Float]
@@ -76,12 +76,9 @@ class FiberLight:
     ) -> tuple[mi.Point3f, mi.Vector3f]:  # fmt: skip
         """Return origin and direction of rays drawn from the mixture over nodes."""
         sigma_v, norm = self._constant(1), self._constant(3)
-        node = dr.minimum(mi.UInt32(pick * self.nodes), self.nodes - 1)
-        frame = mi.Frame3f(self._beam(fiber, node))
+        origin, frame = self.sample_position(fiber, pick, square)
         local = sample_direction(direction[0], direction[1], sigma_v, norm)
-        disk = self._constant(0) * mi.warp.square_to_uniform_disk_concentric(square)
-        origin = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
-        return mi.Point3f(origin), frame.to_world(local)
+        return origin, frame.to_world(local)
 
     def ray(self, fiber: mi.UInt32, p: mi.Point3f, d: mi.Vector3f) -> LampRay:
         """Return what the lines through ``p`` along ``d``, the way of the light, carry."""
@@ -109,14 +106,18 @@ class FiberLight:
         scale = dr.select(ray.emitted > 0, dr.rcp(ray.emitted), 0.0)
         return [value * scale for value in ray.radiance]
 
-    def towards(
-        self, fiber: mi.UInt32, p: mi.Point3f, pick: mi.Float, square: mi.Point2f
-    ) -> mi.Point3f:
-        """Return points on the end face, of a node drawn by ``pick``; uniform in its area."""
+    def sample_position(
+        self, fiber: mi.UInt32, pick: mi.Float, square: mi.Point2f
+    ) -> tuple[mi.Point3f, mi.Frame3f]:
+        """Return points on the end face, uniform in its area, and the frame about its beam.
+
+        ``pick`` draws the direction node that the face belongs to.
+        """
         node = dr.minimum(mi.UInt32(pick * self.nodes), self.nodes - 1)
         frame = mi.Frame3f(self._beam(fiber, node))
         disk = self._constant(0) * mi.warp.square_to_uniform_disk_concentric(square)
-        return mi.Point3f(self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0)))
+        point = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
+        return mi.Point3f(point), frame
 
     def passed(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f, end: mi.Float) -> mi.Bool:
         """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face."""

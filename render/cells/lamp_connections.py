@@ -94,7 +94,7 @@ class Lamp:
         """Return, per direction node, the light of the lamp joined to camera vertex ``z``."""
         pick, x, y, _ = numbers
         active = (z.weight > 0) & ~z.volume & ~z.delta
-        point = self.light.towards(self.fiber, z.p, pick, mi.Point2f(x, y))
+        point, _ = self.light.sample_position(self.fiber, pick, mi.Point2f(x, y))
         span = point - z.p
         w = span * dr.rsqrt(dr.maximum(dr.squared_norm(span), 1e-20))
         ray = self.light.ray(self.fiber, z.p, -w)

@@ -7,16 +7,13 @@ import pytest
 from scipy import stats
 
 from render.geometry import (
-    camera_origin,
-    facet_masks,
     facets,
     fiber_poses,
     flat_sites,
-    pixel_directions,
 )
 from render.scene import Scene, load_scene
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
-from tests.oracles.test_analog_tracer import irradiance
+from tests.oracles.quadrature import facet_radiance, irradiance
 
 
 def without_faces(albedo: float) -> Scene:
@@ -51,25 +48,14 @@ def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> 
     scene, fiber, phi = without_faces(1e-4), 2, 1.3
     analog = AnalogScene(scene, views=5000)
     cells = analog.cells(fiber, phi, 4_000_000)
-    lamp, masks, place = analog_lamp(scene, fiber, phi), facet_masks(scene, 0.0), facets(scene, 0.0)
-    truth = []
-    for site in range(scene.sites.count):
-        for facet in range(scene.indenter.faces):
-            pixels = masks.of(site, facet)
-            rays = pixel_directions(
-                scene, masks.columns, masks.rows,
-                pixels % masks.columns + 0.5, pixels // masks.columns + 0.5,
-            )  # fmt: skip
-            corner, normal = place.corners[site, facet, 0], place.normal[site, facet]
-            to_plane = (corner - camera_origin(scene)) @ normal
-            points = camera_origin(scene) + rays * (to_plane / (rays @ normal))[:, None]
-            truth.append(1e-4 / np.pi * irradiance(points, normal, lamp).mean())
+    lamp = analog_lamp(scene, fiber, phi)
+    truth = facet_radiance(scene, 0.0, lamp)
     # Facets that look at the lamp are in no other pyramid's shadow here.
-    lit = np.array(truth) > 0.3 * max(truth)
+    lit = truth > 0.3 * truth.max()
     assert lit.sum() > 5
     z = (cells.T - truth)[lit] / cells.se[lit]
     assert np.abs(z).max() < 4.5
-    sums, expected = cells.replicates[:, lit].sum(axis=1), np.array(truth)[lit].sum()
+    sums, expected = cells.replicates[:, lit].sum(axis=1), truth[lit].sum()
     assert stats.sem(sums) < 0.02 * expected
     assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
 

@@ -6,7 +6,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from tests.oracles.analog_cells import bin_areas
 from tests.oracles.analog_tracer import (
@@ -27,6 +26,7 @@ from tests.oracles.analog_tracer import (
     trace_photons,
     trace_views,
 )
+from tests.oracles.quadrature import irradiance
 
 N = 1.41
 
@@ -171,27 +171,6 @@ def test_a_narrow_beam_lands_where_snell_says() -> None:
     assert (grid.sum(axis=0) * x).sum() == pytest.approx(landing[0], abs=0.01)
     assert (grid.sum(axis=1) * y).sum() == pytest.approx(landing[1], abs=0.01)
     assert tally.sum() == pytest.approx(1 - reflectance(np.arccos(beam[0])), abs=0.002)
-
-
-def irradiance(point: np.ndarray, normal: np.ndarray, source: Lamp) -> np.ndarray:
-    """Return power per area at ``point`` ``(..., 3)`` in 1/mm^2 by quadrature over the lamp."""
-    flux, _ = quad(
-        lambda t: np.exp(-((t / (2 * source.sigma_v)) ** 2)) * np.cos(t) * np.sin(t), 0, np.pi / 2
-    )
-    peak = 1 / (2 * np.pi * flux) / (np.pi * source.radius**2)
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    total = np.zeros(point.shape[:-1])
-    for u, w in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
-        for at in 2 * np.pi * (np.arange(16) + 0.5) / 16:
-            r = source.radius * np.sqrt(u)
-            place = source.center + source.frame @ [r * np.cos(at), r * np.sin(at), 0.0]
-            span = point - place
-            distance = np.linalg.norm(span, axis=-1)
-            off = np.clip(span @ source.frame[:, 2] / distance, -1, 1)
-            arriving = np.maximum(-(span @ normal) / distance, 0) * np.maximum(off, 0)
-            radiance = peak * np.exp(-((np.arccos(off) / (2 * source.sigma_v)) ** 2))
-            total += w / 16 * np.pi * source.radius**2 * radiance * arriving / distance**2
-    return total
 
 
 @pytest.mark.parametrize("sigma_v", [10.0, 30.0, 89.0])

@@ -6,42 +6,25 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from render.cells import lamp_connections
-from render.geometry import facets, fiber_poses
+from render.geometry import facets
 from render.reference import render_transport
 from render.scene import Scene
+from tests.oracles.analog_cells import analog_lamp
 from tests.oracles.pads import scene_of_case
+from tests.oracles.quadrature import irradiance
 
 PHI = 1.2
 
 
 def radiance_of_sites(scene: Scene) -> np.ndarray:
-    """Return ``(fiber, site)`` of direct light alone, by integration over the lamps' disks."""
-    sigma, radius = scene.fibers.sigma_v, scene.fibers.diameter / 2
-    flux, _ = quad(
-        lambda t: np.exp(-((t / (2 * sigma)) ** 2)) * np.cos(t) * np.sin(t), 0, np.pi / 2
-    )
-    peak = 1 / (2 * np.pi * flux * np.pi * radius**2)
-    poses, places = fiber_poses(scene, 0.0), facets(scene, 0.0)
-    beams = poses.directions(np.full(scene.fibers.count, PHI), scene.fibers.tilt)
-    # Equal areas of the disk.
-    ring, turn = np.meshgrid((np.arange(40) + 0.5) / 40, 2 * np.pi * np.arange(40) / 40)
-    result = []
-    for position, beam in zip(poses.position, beams, strict=True):
-        x = np.cross(beam, [0.0, 0.0, 1.0])
-        x /= np.linalg.norm(x)
-        offset = np.cos(turn)[..., None] * x + np.sin(turn)[..., None] * np.cross(beam, x)
-        points = position + radius * np.sqrt(ring)[..., None] * offset
-        span = places.site_position[:, None, None] - points
-        distance = np.linalg.norm(span, axis=-1)
-        cosine = (span @ beam) / distance
-        facing = -(span * places.site_normal[:, None, None]).sum(axis=-1) / distance
-        light = peak * np.exp(-((np.arccos(cosine) / (2 * sigma)) ** 2)) * cosine * facing
-        irradiance = (light / distance**2).mean(axis=(1, 2)) * np.pi * radius**2
-        result.append(irradiance * scene.coating.albedo / np.pi)
-    return np.array(result)
+    """Return ``(fiber, site)`` of direct light alone, by quadrature over the lamps' disks."""
+    place = facets(scene, 0.0)
+    normal = place.site_normal[0]  # of a flat pad, everywhere
+    lamps = [analog_lamp(scene, fiber, PHI) for fiber in range(scene.fibers.count)]
+    arriving = [irradiance(place.site_position, normal, lamp) for lamp in lamps]
+    return scene.coating.albedo / np.pi * np.array(arriving)
 
 
 @pytest.mark.parametrize("left_out", [None, "met", "joined"])
