@@ -8,7 +8,7 @@ the value and what is allowed.
 
 >>> import numpy as np, tactilux
 >>> scene = tactilux.load_scene("finger20")
->>> scene.fibers.count, scene.sites.count, scene.indenter.faces
+>>> scene.lamp_count, scene.sites.count, scene.indenter.faces
 (20, 15, 10)
 >>> baseline = tactilux.baseline_design(scene)
 >>> baseline.color_names[:2], float(np.degrees(baseline.phi[0]))
@@ -19,7 +19,7 @@ the value and what is allowed.
 >>> said["counts"].shape  # (design, bend, site, facet, channel)
 (1, 3, 15, 10, 3)
 >>> round(float(said["score"][0]))
-237
+234
 
 The preview (level 0), the surrogate (`Checker`, level 1) and the reference (`render_transport`,
 level 2) predict the same array::
@@ -134,7 +134,7 @@ def __dir__() -> list[str]:
 
 
 def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
-    """Return the surrogate of ``scene``, level 1.
+    """Return the surrogate of ``scene``, level 1, or its preview, level 0, where there is none.
 
     Arguments:
         scene: the sensor.
@@ -142,7 +142,7 @@ def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
             or as shipped).
 
     Raises:
-        ModelError: there is none, or it is altered, corrupt or of another scene.
+        ModelError: there is none in ``folder``, or it is altered, corrupt or of another scene.
     """
     from optimize.scoring import open_model
 

@@ -62,7 +62,7 @@ def sensor() -> Any:
     from render.optics.lit_scene import lit_scene
 
     scene = load_scene("finger20")
-    count = scene.fibers.count
+    count = scene.lamp_count
     return lit_scene(
         scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
     )

@@ -30,7 +30,7 @@ ENOUGH = 200.0
 def anchors(scene: tactilux.Scene, model: tactilux.Checker) -> dict[str, Stage]:
     """Return the designs of the page, rated, by the name of their picture."""
     usable = tactilux.baseline_design(scene)
-    straight, fibers = usable.phi, np.arange(scene.fibers.count)
+    straight, fibers = usable.phi, np.arange(scene.lamp_count)
     designs = {
         "poor": tactilux.Design.of_colors(straight, fibers % 3),
         "usable": usable,

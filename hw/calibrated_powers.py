@@ -33,7 +33,7 @@ class CalibratedPowers:
     error: Array
 
     def evened(self, drive: Array) -> Array:
-        """Return the drive with which the fibers shine as ``drive`` ``(fiber, 3)`` says.
+        """Return the drive with which the fibers shine as ``drive`` ``(fiber, color)`` says.
 
         None is driven harder: all are dimmed to the weakest that is lit.
         """
@@ -49,11 +49,8 @@ def calibrated_powers(
 
     A file that was not named counts only if it is of the same rig.
 
-    Arguments:
-        given: file that was named.
-        beside: the scene or the design, where it is a file.
-        scene_hash: of the scene that the design is for: before or after calibration.
-        fibers: of that scene.
+    ``beside`` is the scene or the design, where it is a file; ``scene_hash`` and ``fibers`` are
+    those of the scene that the design is for, before or after calibration.
 
     Raises:
         CalibrationError: ``given`` is no calibration, or that of another rig.
@@ -81,15 +78,12 @@ def _load(path: Path, scene_hash: str, fibers: int) -> CalibratedPowers:
         raise CalibrationError(
             f"{path} is not a {FILE}: give the one that `tactilux hw calibrate` wrote",
             field="calibration",
-            value=str(path),
         )
     if scene_hash not in hashes or len(power) != fibers:
         raise CalibrationError(
             f"{path} is the calibration of another scene (hash {', '.join(sorted(hashes))}), "
             f"allowed: of {scene_hash}; calibrate this rig",
             field="calibration",
-            value=str(path),
-            allowed=scene_hash,
         )
     # The file holds half-widths of 95 % intervals.
     error = error / (1.96 * power)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from render.geometry import FiberHolder
-from render.scene import EDGES, Constraints, FreeRanges, Quantity, Scene, Tolerances
+from render.geometry import RULE, FiberHolder, camera_coverage, counted_sites
+from render.scene import EDGES, RIM_EDGES, Constraints, FreeRanges, Quantity, Scene, Tolerances
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Description:
     """A scene in plain words.
 
     ``axes`` is the size of every axis of the transport (fiber, bend, site, facet); ``cells`` and
-    ``background_cells`` count its numbers per direction node.
+    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count.
     """
 
     scene: str
@@ -45,6 +45,7 @@ class Description:
     axes: dict[str, int]
     cells: int
     background_cells: int
+    seen: str
     left_out: tuple[OmittedPart, ...]
     limits: tuple[str, ...] = ()
     tolerances: tuple[str, ...] = ()
@@ -70,6 +71,7 @@ class Description:
                 *rows,
                 f"cells per direction node: {axes} = {self.cells}, "
                 f"and {self.background_cells} of the untouched pad",
+                f"seen by the camera: {self.seen} ({RULE})",
                 "left out, and why:",
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
                 *_listed("limits of designs:", self.limits),
@@ -82,14 +84,15 @@ class Description:
 def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Description:
     """Return the description of a scene.
 
-    Arguments:
-        scene: the validated scene.
-        origins: the source of every value, from `render.scene.schema.sources` of the same file.
+    ``origins`` has the source of every value, from `render.scene.schema.sources` of the same file.
+
+    Raises:
+        SceneError: the camera sees no site whole.
     """
     axes = {
-        "fiber": scene.fibers.count,
+        "fiber": scene.lamp_count,
         "bend": len(scene.bending.angles),
-        "site": scene.sites.count,
+        "site": len(counted_sites(scene)),
         "facet": scene.indenter.faces,
     }
     cells = math.prod(axes.values())
@@ -100,6 +103,7 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         axes=axes,
         cells=cells,
         background_cells=cells // scene.indenter.faces,
+        seen=camera_coverage(scene).sentence,
         left_out=tuple(OmittedPart(what, why) for what, why in _left_out(scene)),
         limits=tuple(limit_sentences(scene)),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
@@ -109,9 +113,11 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
 
 def limit_sentences(scene: Scene) -> Iterator[str]:
     """Yield what every search of designs for ``scene`` keeps to."""
-    yield FiberHolder.of(scene).sentence
+    holder = FiberHolder.of(scene)
+    if len(holder.least):
+        yield holder.sentence
     if scene.constraints is not None:
-        yield from scene.constraints.sentences()
+        yield from scene.constraints.sentences(scene.palette)
 
 
 def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
@@ -123,11 +129,22 @@ def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> It
         content, key = getattr(part, name), f"{prefix}{name}"
         if isinstance(content, Constraints | Tolerances | FreeRanges):
             continue  # told in sentences of their own
+        if name == "colors" and content is not None:
+            for color in content:
+                key = f"colors.{color.name}"
+                yield Value(key, color.response, "", origins.get(key, ""))
+            continue
         if isinstance(content, BaseModel):
             yield from _values(content, origins, f"{key}.")
         elif prefix and content is not None:
-            unit = next((item.unit for item in info.metadata if isinstance(item, Quantity)), "")
+            # The annotations of an optional value are those of the first of its types.
+            said = [*info.metadata, *(m for t in get_args(info.annotation) for m in _metadata(t))]
+            unit = next((item.unit for item in said if isinstance(item, Quantity)), "")
             yield Value(key, _in_file_units(content, unit), unit, origins.get(key, ""))
+
+
+def _metadata(kind: Any) -> tuple[Any, ...]:
+    return getattr(kind, "__metadata__", ())
 
 
 def _in_file_units(content: Any, unit: str) -> Any:
@@ -155,12 +172,24 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
             "rough refraction",
             "pad.roughness is 0, the outer faces are smooth",
         )
+        if (
+            scene.diffuser is not None
+            and scene.diffuser.sigma_s > 0
+            and 0.0 in scene.bending.angles
+        ):
+            yield (
+                "light scattered in the diffuser that comes over two facing walls of the flat pad",
+                "level 2 has no connection over both where they are smooth: dim facets lacked 10 "
+                "to 28 % of their light; give pad.roughness the value that the faces have",
+            )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
-    yield "lens distortion", "images are dewarped, the camera is a pinhole"
+    kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"
+    yield "lens distortion", f"images are dewarped, the camera is {kind}"
     yield "color axis of the transport", "no material depends on the color channel"
     if len(scene.bending.angles) == 1:
         yield "bend axis", "one bending angle is declared"
-    for edge in EDGES:
-        if getattr(scene.fibers, edge) == 0:
-            yield f"light from the {edge} edge", f"fibers.{edge} is 0"
+    for edge in RIM_EDGES if scene.fibers is not None else EDGES:
+        if not any(row.edge == edge and row.size for row in scene.lamp_rows):
+            named = f"fibers.{edge} is 0" if scene.fibers else "no row is on it"
+            yield f"light from the {edge} edge", named

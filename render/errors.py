@@ -6,17 +6,13 @@ from __future__ import annotations
 class TactiluxError(Exception):
     """Base of every error that a user can cause and can mend.
 
-    The message is one sentence that ends with the next step. Commands print it on stderr
-    and exit with code 2.
+    The message is one sentence that holds value and range and ends with the next step; ``field``
+    is what it is about. Commands print it on stderr and exit with code 2.
     """
 
-    def __init__(
-        self, message: str, *, field: str = "", value: object = None, allowed: str = ""
-    ) -> None:
+    def __init__(self, message: str, *, field: str = "") -> None:
         super().__init__(message)
         self.field = field
-        self.value = value
-        self.allowed = allowed
 
 
 class SceneError(TactiluxError):

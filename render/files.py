@@ -131,7 +131,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         with np.load(path, allow_pickle=False) as stored:
             return {name: np.asarray(stored[name]) for name in stored.files}
     except FileNotFoundError:
-        raise TableError(f"{path} does not exist", field="table", value=str(path)) from None
+        raise TableError(f"{path} does not exist", field="table") from None
     # What damaged or forged archives raise, from an unknown compression to an absurd shape.
     except (
         OSError,
@@ -145,9 +145,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         zipfile.BadZipFile,
         zlib.error,
     ) as error:
-        raise TableError(
-            f"{path} is not a readable .npz file: {error}", field="table", value=str(path)
-        ) from None
+        raise TableError(f"{path} is not a readable .npz file: {error}", field="table") from None
 
 
 def read_or_drop(path: Path, *names: str) -> dict[str, np.ndarray] | None:

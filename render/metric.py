@@ -5,7 +5,8 @@ and dtype. Only operations that both libraries share are used, so that one text 
 training (the derivatives are finite everywhere) and the exported ONNX graph. NaN propagates:
 clipping is written with ``where``, because the Clip operator of some runtimes swallows NaN.
 
-Axes: fiber F, bend B, site S, facet K, color channel 3; ``...`` are any batch axes.
+Axes: fiber F, bend B, site S, facet K, color channel C (3 of most cameras, but any number here);
+``...`` are any batch axes.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ class MetricConfig:
 
 
 THESIS = MetricConfig()
+MIN_HUE = 1e-9
+"""Mean M_phi of a baseline; what is below is the rounding of lights that have one hue."""
 RETIRED = {"color_distance": "euclidean", "zero_colour": "zero"}
 """Conventions that files of earlier versions name, each with the only value that it ever had."""
 
@@ -61,10 +64,10 @@ class Score:
 
 
 def image_counts(transport: Any, power: Any, exposure: Any, config: MetricConfig = THESIS) -> Any:
-    """Return the camera's counts ``(..., B, S, K, 3)``: light adds up, is exposed, then clips.
+    """Return the camera's counts ``(..., B, S, K, C)``: light adds up, is exposed, then clips.
 
     ``counts = min(max(exposure * sum_f power_f T_f, 0), count_max)`` (thesis 4.3.1), with
-    ``transport`` ``(..., F, B, S, K)`` and ``power`` ``(..., F, 3)``.
+    ``transport`` ``(..., F, B, S, K)`` and ``power`` ``(..., F, C)``.
     """
     xp = _namespace(transport)
     counts = exposure * xp.einsum("...fbsk,...fc->...bskc", transport, power)
@@ -79,7 +82,7 @@ def clip_counts(counts: Any, config: MetricConfig = THESIS) -> Any:
 
 
 def clipped_fraction(counts: Any, config: MetricConfig = THESIS) -> Any:
-    """Return the fraction ``(...)`` of facets of ``counts`` ``(..., B, S, K, 3)`` that clip.
+    """Return the fraction ``(...)`` of facets of ``counts`` ``(..., B, S, K, C)`` that clip.
 
     A facet counts as clipped when any of its channels has reached ``count_max``.
     """
@@ -90,7 +93,7 @@ def clipped_fraction(counts: Any, config: MetricConfig = THESIS) -> Any:
 
 
 def metric_terms(counts: Any, config: MetricConfig = THESIS) -> tuple[Any, Any]:
-    """Return M_theta and M_phi, each ``(...)``, of ``counts`` ``(..., K, 3)`` (eq. 4.6).
+    """Return M_theta and M_phi, each ``(...)``, of ``counts`` ``(..., K, C)`` (eq. 4.6).
 
     ``M_theta = mean_i |c_i| - std_i |c_i|`` and
     ``M_phi = mean_i d(c_hat_i, c_hat_i+1) - std_i d(c_hat_i, c_hat_i+1)``.
@@ -105,13 +108,13 @@ def metric_terms(counts: Any, config: MetricConfig = THESIS) -> tuple[Any, Any]:
 
 
 def site_metric(counts: Any, lam: Any, config: MetricConfig = THESIS) -> Any:
-    """Return ``M = M_theta + lam M_phi``, ``(...)``, of ``counts`` ``(..., K, 3)`` (eq. 4.6)."""
+    """Return ``M = M_theta + lam M_phi``, ``(...)``, of ``counts`` ``(..., K, C)`` (eq. 4.6)."""
     intensity, hue = metric_terms(counts, config)
     return intensity + lam * hue
 
 
 def pairwise_metric(counts: Any, config: MetricConfig = THESIS) -> Any:
-    """Return the slow first metric, ``(...)``, over all facet pairs of ``(..., K, 3)`` (eq. 4.5).
+    """Return the slow first metric, ``(...)``, over all facet pairs of ``(..., K, C)`` (eq. 4.5).
 
     ``M = mean_{i != j} d(c_i, c_j) - std_{i != j} d(c_i, c_j)``.
     """
@@ -134,7 +137,7 @@ def design_score(metric: Any, config: MetricConfig = THESIS) -> Score:
 def choose_exposure(
     baseline_radiance: np.ndarray, bend0_index: int = 0, config: MetricConfig = THESIS
 ) -> float:
-    """Return the scene's exposure in counts per unit of ``baseline_radiance`` ``(B, S, K, 3)``.
+    """Return the scene's exposure in counts per unit of ``baseline_radiance`` ``(B, S, K, C)``.
 
     It puts the 99.5th percentile (over sites, facets and channels) of the baseline design at
     bend 0 at 230 counts.
@@ -148,7 +151,6 @@ def choose_exposure(
             f"the baseline design's brightest facets have radiance {level:g}, allowed: finite and "
             "above 0; check that the fibers light the sites",
             field="exposure",
-            value=level,
         )
     return config.exposure_counts / level
 
@@ -157,18 +159,17 @@ def choose_lambda(counts: np.ndarray, config: MetricConfig = THESIS) -> float:
     """Return the weight of M_phi that makes both terms of eq. (4.6) weigh equally.
 
     ``lam = mean_{p,b} M_theta / mean_{p,b} M_phi`` for the baseline's ``counts``
-    ``(B, S, K, 3)``.
+    ``(B, S, K, C)``.
 
     Raises:
         TableError: when either mean is not a positive number, so that no weight does it.
     """
     intensity, hue = (float(term.mean()) for term in metric_terms(counts, config))
-    if not (np.isfinite(intensity) and np.isfinite(hue) and intensity > 0.0 and hue > 0.0):
+    if not (np.isfinite(intensity) and np.isfinite(hue) and intensity > 0.0 and hue > MIN_HUE):
         raise TableError(
             f"the baseline design has mean M_theta = {intensity:g} and M_phi = {hue:g}, allowed: "
             "both above 0; choose a baseline whose sides have different colors",
             field="lam",
-            value=(intensity, hue),
         )
     return intensity / hue
 
@@ -183,7 +184,7 @@ def _namespace(array: Any) -> ModuleType:
 
 
 def _polar(vectors: Any) -> tuple[Any, Any]:
-    """Return length ``(...)`` and direction ``(..., 3)`` of ``(..., 3)``; null stays null.
+    """Return length ``(...)`` and direction ``(..., C)`` of ``(..., C)``; null stays null.
 
     Scaled by the largest component, so that float32 neither under- nor overflows, and safe at 0
     for derivatives.
@@ -206,7 +207,6 @@ def _std(values: Any, config: MetricConfig) -> Any:
             f"a spread over {values.shape[-1]} values with ddof = {config.ddof} is undefined, "
             "allowed: more values than ddof; use ddof = 0",
             field="ddof",
-            value=config.ddof,
         )
     deviation = values - values.mean(-1)[..., None]
     variance = (deviation * deviation).sum(-1) / (values.shape[-1] - config.ddof)

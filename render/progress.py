@@ -17,6 +17,7 @@ class Progress:
         seconds: spent so far.
         eta_seconds: to come; None where nobody knows.
         stage: what is being worked on; empty where it is only one thing.
+        note: a sentence that stays for the person who waits; usually empty.
     """
 
     done: float
@@ -24,6 +25,7 @@ class Progress:
     seconds: float = 0.0
     eta_seconds: float | None = None
     stage: str = ""
+    note: str = ""
 
 
 OnProgress = Callable[[Progress], None]
@@ -35,14 +37,13 @@ def in_stage(report: OnProgress | None, stage: str) -> OnProgress | None:
     return None if report is None else lambda at: report(replace(at, stage=stage))
 
 
-class Clock:
-    """Counts units of work and says how long the rest will take.
+def without_notes(report: OnProgress | None) -> OnProgress | None:
+    """Return what tells ``report`` of everything but notes."""
+    return None if report is None else lambda at: report(replace(at, note=""))
 
-    Arguments:
-        total: units in all.
-        report: told after every count.
-        stage: what the work is called.
-    """
+
+class Clock:
+    """Counts units of work and says how long the rest will take."""
 
     def __init__(self, total: int, report: OnProgress | None, stage: str = "") -> None:
         self.total, self.report, self.stage = total, report, stage

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import fiber_edges
 from render.metric import THESIS, MetricConfig, choose_exposure, choose_lambda, image_counts
-from render.scene import COLORS, Scene
+from render.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -35,17 +34,19 @@ class ScoreScale:
 
 
 def baseline_power(scene: Scene) -> Array:
-    """Return the power ``(fiber, 3)`` of the baseline design: one color per edge (thesis 5.1)."""
-    index = [COLORS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
-    return np.asarray(np.eye(3)[index])
+    """Return the baseline's light ``(fiber, channel)``: one color per edge (thesis 5.1)."""
+    palette = scene.palette
+    lights = np.vstack([palette.matrix, np.zeros(len(palette.channels))])  # -1, the last, is off
+    return lights[[palette.index(color) for color in scene.baseline_colors()]]
 
 
 def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
     """Return the scale of ``scene``: its baseline at full power, phi = pi/2, in the preview.
 
     The 99.5th percentile of its counts at the least bend is 230, and both terms of eq. (4.6) weigh
-    equally over all bends. Constraints, tolerances and free ranges change nothing, as they have no
-    part in the hash.
+    equally over all bends. Where all LEDs look alike but for brightness, as to a camera of one
+    channel, hue says nothing and lambda is 0. Constraints, tolerances and free ranges change
+    nothing, as they have no part in the hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw the preview.
@@ -55,21 +56,24 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
 
     with Preview(scene) as preview:
         transport, _ = preview.transport(np.array([math.pi / 2]), np.array(scene.bending.angles))
-    return scale_of(transport[:, 0], baseline_power(scene), int(np.argmin(scene.bending.angles)),
-                    config)  # fmt: skip
+    bend0 = int(np.argmin(scene.bending.angles))
+    power = baseline_power(scene)
+    return scale_of(transport[:, 0], power, bend0, config, one_hue=scene.palette.one_hue)
 
 
 def scale_of(
-    transport: Array, power: Array, bend0: int = 0, config: MetricConfig = THESIS
+    transport: Array,
+    power: Array,
+    bend0: int = 0,
+    config: MetricConfig = THESIS,
+    *,
+    one_hue: bool = False,
 ) -> ScoreScale:
-    """Return the scale at which the light of ``power`` ``(fiber, 3)`` has 230 counts.
+    """Return the scale at which the light of ``power`` ``(fiber, channel)`` has 230 counts.
 
-    Arguments:
-        transport: ``(fiber, bend, site, facet)`` 1/(mm^2 sr).
-        power: of the baseline.
-        bend0: index of the bend whose counts set the exposure.
-        config: conventions of the metric.
+    ``transport`` is ``(fiber, bend, site, facet)`` 1/(mm^2 sr), ``power`` the baseline's; counts at
+    bend ``bend0`` set the exposure. With ``one_hue``, hue says nothing and has no weight.
     """
     exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power), bend0, config)
     counts = np.asarray(image_counts(transport, power, exposure, config))
-    return ScoreScale(exposure, choose_lambda(counts, config))
+    return ScoreScale(exposure, 0.0 if one_hue else choose_lambda(counts, config))

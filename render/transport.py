@@ -2,7 +2,7 @@
 
 Axes everywhere: ``(fiber, phi_node, bend, site, facet)``; the untouched pad (background) is
 ``(fiber, phi_node, bend, site)``. Where materials depend on the color channel, both have one more
-axis at the end, ``channel`` of size 3. Unit: radiance at the camera in 1/(mm^2 sr) per unit radiant
+axis at the end, ``channel``. Unit: radiance at the camera in 1/(mm^2 sr) per unit radiant
 power of the fiber. float64, errors are one standard deviation of the mean.
 """
 
@@ -51,18 +51,13 @@ class TransportTable:
     def __post_init__(self) -> None:
         """Check shapes and values: a table with missing cells is refused, never patched."""
         if self.level not in LEVELS:
-            raise TableError(
-                f"level = {self.level!r}, allowed: {', '.join(LEVELS)}",
-                field="level",
-                value=self.level,
-            )
-        if self.T.ndim not in (5, 6) or 0 in self.T.shape or self.T.shape[5:] not in ((), (3,)):
+            raise TableError(f"level = {self.level!r}, allowed: {', '.join(LEVELS)}", field="level")
+        if self.T.ndim not in (5, 6) or 0 in self.T.shape:
             raise TableError(
                 f"T has shape {self.T.shape}, allowed: five non-empty axes "
-                "(fiber, phi_node, bend, site, facet), and a sixth of 3 channels where materials "
+                "(fiber, phi_node, bend, site, facet), and a sixth of channels where materials "
                 "depend on the channel",
                 field="T",
-                value=self.T.shape,
             )
         pads = self.T.shape[:4] + self.T.shape[5:]
         expected = {
@@ -114,7 +109,6 @@ class TransportTable:
             raise TableError(
                 f"phi = {np.asarray(phi)} rad leaves the table, allowed: {low:g} to {high:g} rad",
                 field="phi",
-                value=phi,
             )
         weights = interpolation_weights(self.phi, phi)
         return np.asarray(np.einsum("fj,fjbsk...->fbsk...", weights, self.T))

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
+from render.geometry import counted_sites
 from render.metric import THESIS
-from render.progress import OnProgress, Progress, in_stage
+from render.progress import OnProgress, Progress, in_stage, without_notes
 from render.reference import TimeBudget
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene
@@ -27,13 +28,14 @@ from surrogate.model.preview_grid import (
     InterpolationError,
     PreviewGrid,
     draw_material_grid,
+    grid_nodes,
     interpolation_error,
 )
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
-from surrogate.training.fit_time import FitTime
+from surrogate.training.fit_time import FitTime, TrainingCost
 from surrogate.training.render_plan import (
     ReferenceData,
     RenderTime,
@@ -125,11 +127,14 @@ def train(
         _check(scene, table)
     began = time.monotonic() if began is None else began
     fit_time = None
+    report = progress or (lambda _: None)
+    report(Progress(0, 1, stage="preview"))
     if table is None and config.samples is None:
         fit_time = _fit_time(scene, run, seed, config, began)
-    report = progress or (lambda _: None)
-
-    report(Progress(0, 1, stage="preview"))
+        note = fit_time.warning()
+        report(Progress(0, 1, stage="preview", note=note))
+        if note:  # once, however much longer the renders find that it takes
+            progress = without_notes(progress)
     scale = scene_scale(scene)
     grid, left_out, preview_error = _preview(scene, run / "fit", config, progress)
     report(Progress(1, 1, stage="preview"))
@@ -176,7 +181,7 @@ def train(
 
 def _baseline_counts(scene: Scene, table: TransportTable) -> float:
     """Return the 99.5th percentile of the baseline's counts in ``table`` at the least bend."""
-    light = table.at(np.full(scene.fibers.count, np.pi / 2))
+    light = table.at(np.full(scene.lamp_count, np.pi / 2))
     at_bend = interpolation_weights(table.bends, np.array([min(scene.bending.angles)]))[0]
     light = np.einsum("b,fbsk->fsk", at_bend, light)
     counts = table.exposure * np.einsum("fsk,fc->skc", light, baseline_power(scene))
@@ -242,20 +247,29 @@ def _check(scene: Scene, table: TransportTable) -> None:
         )
 
 
-def _fit_time(scene: Scene, run: Path, seed: int, config: TrainConfig, began: float) -> FitTime:
-    """Return what keeps renders and fit within the minutes."""
-    bends = training_bends(scene, config.bend_nodes)
+def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost:
+    """Return what a training of ``scene`` on renders at ``bends`` bends takes."""
     free = MaterialRange.of(scene)
-    return FitTime(
-        TimeBudget.of_minutes(config.minutes, began),
-        run / "fit.json",
-        {"scene_hash": scene.hash, "minutes": config.minutes, "seed": seed},
-        scene=scene,
-        directions=config.phi_nodes * (1 if free is None else config.materials),
-        bends=len(bends),
+    drawn = config.preview_nodes[0] * len(grid_nodes(scene, *config.preview_nodes)[1])
+    directions = config.phi_nodes * (1 if free is None else config.materials)
+    fibers = scene.lamp_count
+    return TrainingCost(
+        draws=fibers * drawn * (1 if free is None else config.preview_materials),
+        jobs=2 * bends * (1 if free is None else config.materials),
+        directions=directions,
+        rows=directions * bends * fibers * len(counted_sites(scene)),
+        normals=scene.indenter.faces + 1,
+        splits=2 + (bends > 2),
         members=config.fit.members,
         network=config.fit.network,
     )
+
+
+def _fit_time(scene: Scene, run: Path, seed: int, config: TrainConfig, began: float) -> FitTime:
+    """Return what keeps renders and fit within the minutes."""
+    request = {"scene_hash": scene.hash, "minutes": config.minutes, "seed": seed}
+    cost = training_cost(scene, config, len(training_bends(scene, config.bend_nodes)))
+    return FitTime(TimeBudget.of_minutes(config.minutes, began), run / "fit.json", request, cost)
 
 
 def _reference(
@@ -287,10 +301,10 @@ def _reference(
 def _golden_inputs(scene: Scene, seed: int) -> dict[str, NDArray[np.float32]]:
     """Return three random designs at the scene's bends, float32, as the graph takes them."""
     rng = np.random.default_rng([seed, 99])
-    fibers = scene.fibers.count
+    fibers, channels = scene.lamp_count, len(scene.palette.channels)
     inputs = {
         "phi": rng.uniform(0.0, np.pi, (3, fibers)).astype(np.float32),
-        "power": rng.uniform(0.0, 1.0, (3, fibers, 3)).astype(np.float32),
+        "power": rng.uniform(0.0, 1.0, (3, fibers, channels)).astype(np.float32),
         "bend": np.tile(np.array(scene.bending.angles, dtype=np.float32), (3, 1)),
     }
     free = MaterialRange.of(scene)

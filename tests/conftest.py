@@ -44,7 +44,7 @@ TOGETHER = {
         f"tests/optimize/cli/test_{name}.py"
         for name in ("bad_input", "explore", "faults", "optimize", "score", "verify")
     )
-    + ("tests/validation/test_faults.py",),
+    + ("tests/validation/test_faults.py", "tests/hw/calibration/test_calibrated_scene.py"),
     "tiny_night": (
         "tests/optimize/overnight/test_whole_night.py",
         "tests/optimize/overnight/test_status.py",

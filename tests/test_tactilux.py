@@ -62,4 +62,5 @@ def test_a_search_is_proven_by_renders() -> None:
     # Exchanging the colors changes no score, so this is a tie by construction.
     proof = tactilux.verify(renamed, scene, model=checker, samples=16, seeds=(1, 2))
     assert proof.difference.value == pytest.approx(0.0, abs=1e-9)
-    assert proof.conclusion.startswith("This is a tie")
+    # So few samples decide nothing else either.
+    assert proof.conclusion.startswith(("This is a tie", "The renders have not converged"))

@@ -22,10 +22,11 @@ folder = Path(__file__).resolve().parents[2] / "models" / "finger20"
 if len(sys.argv) > 2:
     folder = Path(sys.argv[2])
 try:
-    design = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    file = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    design = {key: file[key] for key in ("scene", "scene_hash", "angles_deg", "power")}
     content = (folder / "checker.onnx").read_bytes()
-except (OSError, ValueError) as error:
-    sys.exit(f"{error}: name a design.json and the folder of a model")
+except (OSError, ValueError, KeyError, TypeError) as error:
+    sys.exit(f"{sys.argv[1]}, {error}: name a design.json and the folder of a model")
 
 session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
 about = session.get_modelmeta().custom_metadata_map

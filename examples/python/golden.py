@@ -27,15 +27,16 @@ def read(name: str) -> bytes:
         sys.exit(f"{folder / name} cannot be read ({error.strerror}): name a model's folder")
 
 
-# An altered model gives plausible numbers: compare its checksum before it is trusted.
+# An altered model gives plausible numbers: compare checksums before it is trusted.
 sums = dict(reversed(line.split()) for line in read("checker.sha256").decode().splitlines())
-content = read("checker.onnx")
-if hashlib.sha256(content).hexdigest() != sums.get("checker.onnx"):
-    sys.exit(f"{folder / 'checker.onnx'} was altered: take a fresh copy of the model")
+content = {name: read(name) for name in ("checker.onnx", "golden.npz")}
+for name, file in content.items():
+    if hashlib.sha256(file).hexdigest() != sums.get(name):
+        sys.exit(f"{folder / name} was altered: take a fresh copy of the model")
 
-session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+session = onnxruntime.InferenceSession(content["checker.onnx"], providers=["CPUExecutionProvider"])
 about = session.get_modelmeta().custom_metadata_map
-golden = np.load(io.BytesIO(read("golden.npz")), allow_pickle=False)
+golden = np.load(io.BytesIO(content["golden.npz"]), allow_pickle=False)
 # phi (batch, fibers) and bend (batch, bends) in rad, power (batch, fibers, 3) in [0, 1].
 found = dict(
     zip(OUTPUTS, session.run(OUTPUTS, {name: golden[name] for name in INPUTS}), strict=True)

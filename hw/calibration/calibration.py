@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
+import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -10,17 +14,18 @@ from typing import Any
 import numpy as np
 
 from hw.calibrated_powers import FILE
-from hw.calibration.calibrated_scene import calibrated_toml
-from hw.calibration.calibration_report import render_report
 from hw.calibration.line_model import line_model
 from hw.calibration.material import NAMES, PER_UNIT, TITLES, UNITS, Material
-from hw.calibration.reference_lines import Setup
+from hw.calibration.measurement import Measurement
+from hw.calibration.reference_lines import NAMES as LINES
+from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.refine import Confirmation, refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from optimize.design import baseline_design, load_design
+from optimize.report import data_uri, drawing, png_bytes, render_page
 from optimize.scoring import normal_factor, open_model
 from optimize.ui.console import ProgressBar, note
 from optimize.ui.output import fresh_directory, write_manifest
@@ -28,7 +33,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.files import write_json, write_text
 from render.preview import cache_folder
-from render.scene import Scene, load_scene
+from render.scene import RGB, Scene, load_scene, scene_text
 
 
 def calibrate_sets(
@@ -46,18 +51,11 @@ def calibrate_sets(
 ) -> dict[str, Any]:
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
-    Arguments:
-        scene_name: shipped name or TOML file.
-        sets: one sweep per bend.
-        bends: ``(bend,)`` rad.
-        linearity_sets: sweeps, one of which shows all fibers together.
-        design: whose directions the fibers have; None is the baseline.
-        model: folder of the surrogate; None looks for it.
-        target: result directory.
-        noise: of one pixel, counts.
-        materials: how many are rendered to correct the fit, for all rigs of the same design.
-        samples: light paths per fiber and cell of the renders that correct and confirm the fit;
-            0 leaves them out.
+    There is one sweep for each of ``bends`` ``(bend,)`` rad; one of ``linearity_sets`` shows all
+    fibers together. ``design`` None is the baseline, ``model`` None is looked for. ``noise`` is
+    that of one pixel in counts; ``materials`` are rendered to correct the fit for all rigs of the
+    same design, with ``samples`` light paths per fiber and cell (0: neither corrected nor
+    confirmed).
     """
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
@@ -144,3 +142,98 @@ def fitted_values(scene: Scene, found: Calibration) -> dict[str, dict[str, Any]]
 def _numbers(values: Array) -> list[float | None]:
     """Return numbers for JSON, None where they are not finite."""
     return [value if np.isfinite(value) else None for value in values.tolist()]
+
+
+SUFFIX = "-calibrated"
+
+
+def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: str) -> str:
+    """Return the text of the scene file in ``source`` with the fitted values put in.
+
+    ``scene`` is what the file holds; the ISO ``date`` is written beside each value.
+    """
+    raw = tomllib.loads(scene_text(source))
+    assert scene.diffuser is not None
+    # From fitted values to those of the file.
+    per_event = 1 / (1 - scene.diffuser.g)
+    keys = (
+        ("diffuser", "sigma_s", per_event, "1/mm"),
+        ("diffuser", "sigma_a", 1.0, "1/mm"),
+        ("fibers", "sigma_v", 180 / math.pi, "deg"),
+        ("pad", "roughness", 1.0, ""),
+    )
+    values = zip(keys, found.material.array().tolist(), found.intervals, strict=True)
+    for (part, key, factor, unit), value, (low, high) in values:
+        interval = f"{low * factor:.4g} to {high * factor:.4g} {unit}".rstrip()
+        entry = raw[part][key]
+        entry["value"] = float(f"{value * factor:.6g}")
+        entry["source"] = f"calibrated {date}, 95 % interval {interval}"
+    raw["pad"]["roughness"]["source"] += "; held near the value before"
+    g = raw["diffuser"]["g"]
+    g["source"] = (
+        f"{str(g['source']).split(';')[0]}; photographs cannot separate g and sigma_s, only "
+        "sigma_s (1 - g) is calibrated"
+    )
+    if not raw["name"].endswith(SUFFIX):
+        raw["name"] += SUFFIX
+    head = "# Calibrated to photographs by tactilux; powers and gains are in calibration.json.\n"
+    return head + _written(raw)
+
+
+def _written(raw: dict[str, Any]) -> str:
+    """Return TOML of plain keys first, then one table per part with one key per line."""
+    plain = [f"{key} = {_value(item)}" for key, item in raw.items() if not isinstance(item, dict)]
+    parts = [
+        "\n".join([f"[{part}]", *(f"{key} = {_value(item)}" for key, item in content.items())])
+        for part, content in raw.items()
+        if isinstance(content, dict)
+    ]
+    return "\n\n".join(["\n".join(plain), *parts]) + "\n"
+
+
+def _value(item: Any) -> str:
+    if isinstance(item, dict):
+        return "{ " + ", ".join(f"{key} = {_value(part)}" for key, part in item.items()) + " }"
+    # Strings, numbers and lists of these are the same in JSON; TOML has no other numbers here.
+    return json.dumps(item, ensure_ascii=False)
+
+
+SHOWN = 6
+"""Photographs whose curves are drawn, spread evenly over all."""
+
+
+def render_report(
+    setup: Setup, result: Mapping[str, Any], found: Calibration, measurements: list[Measurement]
+) -> str:
+    """Return the HTML text; everything is inside the one file.
+
+    ``setup`` is that before calibration, ``result`` what ``calibration.json`` holds.
+    """
+    shown = np.unique(np.linspace(0, len(measurements) - 1, SHOWN).round().astype(int)).tolist()
+    figures = []
+    for one, predicted in ((measurements[index], found.predicted[index]) for index in shown):
+        title = f"Fiber {one.fiber}, bend {np.degrees(setup.bends[one.bend]):.0f} deg"
+        curves = draw_curves(setup.lines, one, found.tilt, predicted)
+        figures.append({"title": title, "plot": data_uri(curves)})
+    told = {"name": setup.scene.name, "count": len(measurements), "figures": figures}
+    return render_page("calibration.html.j2", {**result, **told}, package="hw")
+
+
+def draw_curves(lines: ReferenceLines, one: Measurement, tilt: Array, predicted: Array) -> bytes:
+    """Return a PNG of the four lines of one photograph: dots measured, lines simulated.
+
+    The camera's ``tilt`` ``(3,)`` rad is undone; ``predicted`` is ``(point, 3)`` counts.
+    """
+    seen = one.untilted(tilt)
+    with drawing(11, 2.6) as figure:
+        axes = figure.subplots(1, 4, sharey=True)
+        for line, plot in enumerate(axes):
+            on = (lines.line == line) & one.used
+            for channel in one.channels:
+                ink = RGB.inks[channel]
+                plot.plot(lines.place[on], predicted[on, channel], color=ink, lw=1.4)
+                plot.plot(lines.place[on], seen[on, channel], ".", color=ink, ms=4)
+            plot.set(title=LINES[line], xlabel="mm")
+            plot.grid(alpha=0.25)
+        axes[0].set(ylabel="counts", ylim=(0, None))
+        return png_bytes(figure, dpi=130)

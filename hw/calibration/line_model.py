@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.calibration.log_ratio import quadratic_terms
+from hw.calibration.log_ratio import ErrorModes, field_modes, quadratic_terms
 from hw.calibration.material_table import MaterialTable, material_table
-from hw.calibration.model_error import ErrorModes, field_modes
 from hw.calibration.reference_lines import Setup
 from render.arrays import Array
 from render.geometry import flat_sites
@@ -69,10 +68,8 @@ def surrogate_correction(setup: Setup, checker: Checker) -> SurrogateCorrection:
 class LineModel:
     """Light at the reference lines for any material.
 
-    Arguments:
-        table: as the preview draws it, or renders correct it.
-        log_correction: ``(bend, fiber, point)`` added to its logarithm.
-        modes: log errors that it may still have.
+    The ``table`` is as the preview draws it or renders correct it; ``log_correction`` ``(bend,
+    fiber, point)`` is added to its logarithm, and ``modes`` are log errors that it may still have.
     """
 
     table: MaterialTable
@@ -89,10 +86,7 @@ def line_model(setup: Setup, checker: Checker, progress: OnProgress | None = Non
 
     The table is drawn when it is first needed, which takes minutes, and kept in the user's cache.
 
-    Arguments:
-        setup: made of the surrogate's own material.
-        checker: the surrogate.
-        progress: told of every material that is drawn.
+    ``setup`` is made of the surrogate's own material; ``progress`` is told of every material.
     """
     table = material_table(setup, folder=cache_folder(), progress=progress)
     correction = surrogate_correction(setup, checker)

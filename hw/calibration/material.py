@@ -1,18 +1,18 @@
 """What calibration looks for: the material of the rig, a scene that has it, and its range.
 
 Over the range, log light is a polynomial of the second degree in unit coordinates: -1 to 1 between
-`LOW` and `HIGH`, of scattering's logarithm.
+`LOW` and `HIGH`, of scattering's logarithm (`surrogate.model.materials.MaterialRange`).
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from hw.errors import CalibrationError
 from render.arrays import Array
+from surrogate.model.materials import MaterialRange
 from tactilux import Scene
 
 NAMES = ("reduced_scattering", "absorption", "sigma_v", "roughness")
@@ -24,11 +24,9 @@ LOW = np.array([0.55, 0.0, np.radians(9.0), 0.03])
 HIGH = np.array([1.8, 0.06, np.radians(22.0), 0.25])
 """Where materials are looked for: reduced scattering and absorption in 1/mm, sigma_v in rad,
 Beckmann alpha. Silicones filled for diffusion lie between 0.5 and 2 /mm."""
-DEGREE = 2
-EXPONENTS = np.array(
-    [e for e in itertools.product(range(DEGREE + 1), repeat=4) if sum(e) <= DEGREE]
-)
-"""Exponents ``(term, 4)`` of the polynomial's terms."""
+RANGE = MaterialRange(NAMES, LOW, HIGH, nominal=LOW)
+EXPONENTS = np.concatenate([np.zeros((1, 4), dtype=np.int64), RANGE.exponents])
+"""Exponents ``(term, 4)`` of the polynomial's terms, the constant first."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,12 @@ class Material:
                 "choose a scene with one",
                 field="diffuser",
             )
+        if scene.fibers is None or scene.lamps:
+            raise CalibrationError(
+                f"scene {scene.name} has lamps in rows or lists of their own, calibration knows "
+                "fibers of one sigma_v: choose a scene with [fibers] alone",
+                field="rows",
+            )
         scattering = layer.sigma_s * (1 - layer.g)
         return cls(scattering, layer.sigma_a, scene.fibers.sigma_v, scene.pad.roughness)
 
@@ -74,6 +78,7 @@ class Material:
         """Return ``scene`` with this material; its g is kept."""
         layer = scene.diffuser
         assert layer is not None
+        assert scene.fibers is not None
         sigma_s = self.reduced_scattering / (1 - layer.g)
         return scene.model_copy(
             update={
@@ -92,14 +97,12 @@ def sobol_materials(count: int) -> Array:
 
     sampler = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(1))
     unit = sampler.random_base2(int(np.ceil(np.log2(count))))[:count]
-    materials = np.asarray(qmc.scale(unit, *_logged(np.stack([LOW, HIGH]))))
-    materials[:, 0] = np.exp(materials[:, 0])
-    return materials
+    return RANGE.from_unit(2 * unit - 1)
 
 
 def terms(materials: Array) -> Array:
     """Return the polynomial's terms ``(..., term)`` of materials ``(..., 4)``."""
-    return np.asarray(np.prod(_to_unit(materials)[..., None, :] ** EXPONENTS, axis=-1))
+    return np.asarray(np.prod(RANGE.unit(materials)[..., None, :] ** EXPONENTS, axis=-1))
 
 
 def terms_slope(material: Array) -> Array:
@@ -108,15 +111,5 @@ def terms_slope(material: Array) -> Array:
     scale[0] = 2 / np.log(HIGH[0] / LOW[0]) / material[0]
     # (4, term, 4)
     lower = np.maximum(EXPONENTS - np.eye(4, dtype=int)[:, None], 0)
-    return np.asarray(scale[:, None] * EXPONENTS.T * np.prod(_to_unit(material) ** lower, axis=-1))
-
-
-def _to_unit(materials: Array) -> Array:
-    """Return unit coordinates ``(..., 4)``."""
-    low, high = _logged(np.stack([LOW, HIGH]))
-    return np.asarray(2 * (_logged(materials) - low) / (high - low) - 1)
-
-
-def _logged(materials: Array) -> Array:
-    """Return materials ``(..., 4)`` with the logarithm of their scattering."""
-    return np.concatenate([np.log(materials[..., :1]), materials[..., 1:]], axis=-1)
+    powers = np.prod(RANGE.unit(material) ** lower, axis=-1)
+    return np.asarray(scale[:, None] * EXPONENTS.T * powers)

@@ -2,7 +2,7 @@
 
 The log ratio of rendered to drawn light is a field in a fiber's frame that changes smoothly with
 the material. Both are taken as independent Gaussians in the same linear model (Rasmussen and
-Williams 2006, section 2.1): amplitudes of smooth fields (`hw.calibration.model_error.kernel`),
+Williams 2006, section 2.1): amplitudes of smooth fields (`hw.calibration.log_ratio.kernel`),
 times the terms of the material table's polynomial, shared by all fibers and of each fiber's own,
 and a free constant of each fiber in each render, which its power takes up. So all renders of all
 materials speak together, and the corrected table is again a polynomial in the material.
@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, lapack
 
-from hw.calibration.log_ratio import LogRatios
+from hw.calibration.log_ratio import ErrorModes, LogRatios, kernel, modes_of
 from hw.calibration.material import EXPONENTS, terms
 from hw.calibration.material_table import MaterialTable
-from hw.calibration.model_error import ErrorModes, kernel, modes_of
 from hw.calibration.pad_light import MaterialRender
 from hw.calibration.reference_lines import ReferenceLines, frame_positions
 from hw.errors import CalibrationError
@@ -46,9 +45,7 @@ class BendCorrection:
     Amplitudes are those of fields times terms of the material: shared by all fibers, and the own
     ones of each, which are solved for given the shared and taken out (Schur complement).
 
-    Arguments:
-        data: for each render, for each fiber, what it says.
-        materials: ``(render, 4)``.
+    ``data`` is what each render says of each fiber; ``materials`` are ``(render, 4)``.
     """
 
     def __init__(self, data: Sequence[Sequence[LogRatios]], materials: Array) -> None:

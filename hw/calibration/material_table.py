@@ -48,21 +48,17 @@ def fiber_images(
     Not cached: calibration asks for very many materials once each, and an emulated rig must not
     share its random numbers with what is fitted to it.
 
-    Arguments:
-        setup: with a diffuser, made of what its scene declares.
-        columns: of the images.
-        rows: of the images.
-        rays: light paths of the slab response.
-        seed: of these paths.
+    The slab response takes ``rays`` light paths of their own ``seed``.
     """
     scene, phi = setup.scene, setup.phi
     response = compute_response(
         slab_of(scene), fiber_end_of(scene), rays=rays, seed=seed, phi=few_nodes(phi),
         quantiles=OFFSET_QUANTILES, heights=WALKED,
     ).spread_upwards(HEIGHTS)  # fmt: skip
-    fibers = scene.fibers.count
+    fibers = scene.lamp_count
     images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)
-    with Preview(scene, lights=Glow(scene, response)) as preview:
+    glow = Glow(scene, [response] * fibers, np.arange(fibers))
+    with Preview(scene, lights=glow) as preview:
         for index, bend in enumerate(setup.bends):
             for first in range(0, fibers, 3):
                 # Three fibers per picture, one in each channel.
@@ -111,10 +107,7 @@ def material_table(
 ) -> MaterialTable:
     """Return the table; interrupted work goes on where it stood.
 
-    Arguments:
-        setup: whose own material does not matter.
-        folder: where the light of each material is kept.
-        progress: told of every material that is drawn.
+    The ``setup``'s own material does not matter; the light of each is kept in ``folder``.
     """
     materials = sobol_materials(MATERIALS)
     parts = folder / f"materials-{setup.key(VERSION, MATERIALS, RAYS)}"
@@ -148,9 +141,8 @@ def line_light(setup: Setup, *, pixels: Array, rays: int, seed: int) -> Array:
 def fitted_table(materials: Array, log_light: Array) -> MaterialTable:
     """Return the least-squares polynomial and its leave-one-out errors.
 
-    Arguments:
-        materials: ``(material, 4)``.
-        log_light: ``(material, bend, fiber, point)``, NaN where the camera sees nothing.
+    ``materials`` are ``(material, 4)``; ``log_light`` is ``(material, bend, fiber, point)``, NaN
+    where the camera sees nothing.
     """
     basis = terms(materials)
     seen = np.isfinite(log_light).all(axis=0)

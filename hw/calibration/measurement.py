@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.reference_lines import Setup, sample_image
-from hw.camera.projection import intrinsics, pad_positions, rotation
+from hw.camera.projection import pad_positions, rotation
 from render.arrays import Array
+from render.geometry import lens_directions, lens_positions
 
 BOX_PIXELS = 5
 """Side (pixels) of the square that is averaged around every point."""
@@ -77,13 +78,10 @@ def _averaged(photo: Array, inside: NDArray[np.bool_]) -> Array:
 class LineReader:
     """Reads reference lines off photographs; positions are found once per bend.
 
-    Arguments:
-        setup: the sensor and its bends.
-        noise: standard deviation of one pixel in counts.
+    ``noise`` is the standard deviation of one pixel in counts.
     """
 
     def __init__(self, setup: Setup, noise: float) -> None:
-        """Find the image positions of all points."""
         self._scene, self._noise = setup.scene, noise
         rows, columns = setup.scene.camera.rows, setup.scene.camera.columns
         self._pixels = setup.line_pixels(rows, columns)
@@ -121,8 +119,6 @@ class LineReader:
 
     def _turned(self, pixels: Array, axis: int) -> Array:
         """Return where ``pixels`` ``(n, 2)`` lie after the camera has turned by `TILT_STEP`."""
-        matrix = intrinsics(self._scene, self._scene.camera.columns, self._scene.camera.rows)
-        turn = rotation(TILT_STEP * np.eye(3)[axis])
-        homogeneous = np.concatenate([pixels - 0.5, np.ones((len(pixels), 1))], axis=1)
-        moved = homogeneous @ (matrix @ np.linalg.inv(turn) @ np.linalg.inv(matrix)).T
-        return np.asarray(moved[:, :2] / moved[:, 2:] + 0.5)
+        scene, size = self._scene, (self._scene.camera.columns, self._scene.camera.rows)
+        look = lens_directions(scene, *size, pixels[:, 0], pixels[:, 1])
+        return lens_positions(scene, *size, look @ rotation(TILT_STEP * np.eye(3)[axis]))

@@ -81,11 +81,8 @@ class PadLight:
         One sample comes from each part, half a cell wide: errors of parts are nearly independent,
         though they share light subpaths.
 
-        Arguments:
-            bend: its index.
-            fiber: its number.
-            position: ``(point, 2)`` mm on the flat pad.
-            log_light: ``(point,)`` of the model, NaN where nothing is wanted.
+        ``position`` ``(point, 2)`` is mm on the flat pad; ``log_light`` ``(point,)`` of the model
+        is NaN where nothing is wanted.
         """
         parts = self.square_of(position, self.blocks // 2)
         return log_ratios(frame_positions(), parts, *self.at(bend, fiber, position), log_light)
@@ -125,14 +122,9 @@ def render_pad_light(
 ) -> PadLight:
     """Render the untouched pad under the fibers that are ``lit``.
 
-    Arguments:
-        setup: made of the material that is rendered.
-        lit: numbers of the fibers that are rendered, for each bend.
-        samples: light paths per rendered fiber and cell, on average.
-        seed: of the paths.
-        around: ``(fiber, point, 2)`` flat positions (mm; NaN for none) that matter: cells of a
-            fiber that neither hold one nor touch such a cell are left out.
-        progress: called every few seconds.
+    There are ``samples`` light paths per rendered fiber and cell on average. ``around`` ``(fiber,
+    point, 2)`` are the flat positions (mm; NaN for none) that matter: cells of a fiber that neither
+    hold one nor touch such a cell are left out.
 
     Raises:
         RenderError: a path returned a value that is not finite.
@@ -142,7 +134,7 @@ def render_pad_light(
     from render.sampling.monte_carlo import MonteCarlo
 
     mitsuba(VARIANT)
-    cut, fibers = _cut(setup.scene), setup.scene.fibers.count
+    cut, fibers = _cut(setup.scene), setup.scene.lamp_count
     cells = cut.sites
     rows, columns = cells.rows * BLOCKS, cells.columns * BLOCKS
     wanted = _wanted(cut, around)
@@ -185,7 +177,7 @@ def _wanted(cut: Scene, around: Array) -> NDArray[np.bool_]:
     """Return which cells of which fibers matter, ``(cell, fiber)``."""
     from scipy.ndimage import binary_dilation
 
-    cells, fibers = cut.sites, cut.fibers.count
+    cells, fibers = cut.sites, cut.lamp_count
     holds = np.zeros((fibers, cells.rows, cells.columns), dtype=np.bool_)
     place = np.floor(around / cells.spacing + np.array([cells.columns, cells.rows]) / 2)
     fiber, point = np.nonzero(np.isfinite(place).all(axis=-1))
@@ -239,14 +231,8 @@ def reference_renders(
 ) -> list[MaterialRender]:
     """Return renders of ``materials`` that fill the range (Sobol), kept or made now.
 
-    Arguments:
-        setup: whose own material does not matter.
-        lit: numbers of the fibers that are rendered, for each bend.
-        materials: how many.
-        samples: light paths per fiber and cell of the pad, for each.
-        folder: where they are kept.
-        progress: called every few seconds.
-        render: what renders.
+    The ``setup``'s own material does not matter; ``lit`` are the fibers that ``render`` renders at
+    each bend, with ``samples`` light paths per fiber and cell, and ``folder`` keeps them.
     """
     key = setup.key(VERSION, [[int(fiber) for fiber in own] for own in lit], samples)
     paths = [folder / f"renders-{key}" / f"{number:03d}.npz" for number in range(materials)]

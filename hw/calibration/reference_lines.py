@@ -64,11 +64,12 @@ def frame_positions() -> Array:
 
 def reference_lines(scene: Scene) -> ReferenceLines:
     """Return the lines of a scene's fibers."""
-    poses, margin = flat_fiber_poses(scene), _edge_distance(scene)
+    poses = flat_fiber_poses(scene)
+    margin = (poses.gap + poses.layer)[:, None]
     line, (aside, away) = _LINE, frame_positions().T
     position = (
         poses.position[:, None]
-        + (margin + away)[None, :, None] * poses.inward[:, None]
+        + (margin + away)[..., None] * poses.inward[:, None]
         + aside[None, :, None] * poses.along[:, None]
     )[..., :2]
     half = np.array([scene.pad.width, scene.pad.length]) / 2 - MARGIN
@@ -83,15 +84,10 @@ def in_frame(scene: Scene, fiber: int, position: Array) -> Array:
     return np.stack(
         [
             offset @ poses.along[fiber, :2],
-            offset @ poses.inward[fiber, :2] - _edge_distance(scene),
+            offset @ poses.inward[fiber, :2] - poses.gap[fiber] - poses.layer[fiber],
         ],
         axis=-1,
     )
-
-
-def _edge_distance(scene: Scene) -> float:
-    """Return the distance (mm) from a fiber's end to the pad: the air gap and the diffuser."""
-    return scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
 
 
 def sample_image(image: NDArray[np.floating], pixels: Array) -> Array:
@@ -114,10 +110,7 @@ def sample_image(image: NDArray[np.floating], pixels: Array) -> Array:
 class Setup:
     """A sensor as it is photographed.
 
-    Arguments:
-        scene: the sensor.
-        phi: ``(fiber,)`` rad, where its fibers point.
-        bends: ``(bend,)`` rad, at which it is photographed.
+    Its fibers point to ``phi`` ``(fiber,)`` rad; it is photographed at ``bends`` ``(bend,)`` rad.
     """
 
     scene: Scene

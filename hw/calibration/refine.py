@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from hw.calibration.line_model import LineModel
+from hw.calibration.log_ratio import field_modes
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_correction import MaterialCorrection
 from hw.calibration.measurement import Measurement
-from hw.calibration.model_error import field_modes
 from hw.calibration.pad_light import MaterialRender, PadLight, reference_renders, render_pad_light
 from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.rig_fit import Calibration, fit_rig
@@ -74,16 +74,9 @@ def refine(
 ) -> tuple[Calibration, Confirmation]:
     """Return the calibration as renders correct it, and what confirms it.
 
-    Arguments:
-        setup: before calibration.
-        model: that ``found`` was fitted with.
-        found: the fit through the surrogate.
-        measurements: the photographs.
-        materials: how many are rendered for all rigs of this design.
-        samples: light paths per photographed fiber and cell of the pad, for each render.
-        folder: where renders for all rigs are kept.
-        progress: called every few seconds with what is rendered and how far it is.
-        render: what renders.
+    ``setup`` is that before calibration and ``found`` the fit through the surrogate, with
+    ``model``. ``materials`` are rendered for all rigs of this design and kept in ``folder``; every
+    ``render`` takes ``samples`` light paths per photographed fiber and cell of the pad.
     """
     lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(setup.bends))]
     began = time.monotonic()
@@ -147,12 +140,7 @@ def shape_difference(
     Compared is the shape of the light along the reference lines; the brightness of each photograph
     is matched first, because its fiber's power is fitted to nothing else.
 
-    Arguments:
-        light: as rendered.
-        found: the camera's gains, tilt and vignetting.
-        measurements: the photographs.
-        lines: of the scene.
-        log_light: ``(bend, fiber, point)`` of a model that is compared instead of ``light``.
+    ``log_light`` ``(bend, fiber, point)`` of a model is compared instead of ``light`` where given.
     """
     cells = []
     for one in measurements:

@@ -47,10 +47,7 @@ INSEPARABLE = 0.9
 class CalibrationResiduals:
     """The data, ready for any parameters.
 
-    Arguments:
-        model: light at the reference lines for any material.
-        measurements: the photographs.
-        roughness: what is known of it.
+    ``roughness`` is what is known of it.
     """
 
     def __init__(self, model: LineModel, measurements: list[Measurement], roughness: float) -> None:
@@ -66,7 +63,6 @@ class CalibrationResiduals:
                 f"{len(self.fibers)} fibers were photographed, allowed: at least 4; capture a "
                 "sweep",
                 field="measurements",
-                value=len(self.fibers),
             )
 
         def gathered(of: Callable[[Measurement], Array]) -> Array:

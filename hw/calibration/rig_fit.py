@@ -85,8 +85,6 @@ class Calibration:
                 f"is known, allowed: {low:.3g} to {high:.3g} {UNITS[index]}; see that the scene's "
                 "lengths are those of the rig",
                 field=NAMES[index],
-                value=float(PER_UNIT[index] * material[index]),
-                allowed=f"{low:.3g} to {high:.3g}",
             )
 
 
@@ -126,11 +124,9 @@ def fit_rig(
 ) -> Calibration:
     """Return the best material, powers and gains, with their errors.
 
-    Arguments:
-        scene: whose roughness is known.
-        model: of the scene at the bends of the measurements; its errors are fitted with the rest.
-        measurements: at least one photograph at each bend.
-        start: where the fit starts; the scene's own material by default.
+    The roughness of ``scene`` is known, and its own material is where the fit starts unless
+    ``start`` is given. Errors of ``model`` are fitted with the rest; there is a photograph at each
+    of its bends.
 
     Raises:
         CalibrationError: too few photographs or too dark ones, or the fit does not converge.
@@ -143,7 +139,6 @@ def fit_rig(
             f"fiber {dark[0]} lights too few points of its reference lines: mend or leave out that "
             "fiber, or raise the exposure",
             field="fiber",
-            value=dark,
         )
     problem = CalibrationResiduals(model, measurements, scene.pad.roughness)
     x = problem.start(start or Material.of(scene))
@@ -168,7 +163,7 @@ def fit_rig(
             )
         x = fit.x
         problem.weigh(x)
-    powers, gains = np.full(scene.fibers.count, np.nan), np.full(3, np.nan)
+    powers, gains = np.full(scene.lamp_count, np.nan), np.full(3, np.nan)
     powers[problem.fibers], gains[problem.channels] = problem.unpack(x)
     residuals = problem.residuals(x)[: problem.rows]
     return Calibration(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.camera.photo import DARK_FRAMES, FULL_SCALE, MAX_DARK_COUNTS, SATURATED_COUNTS
+from hw.camera.photo_set import DARK_FRAMES, FULL_SCALE, MAX_DARK_COUNTS, SATURATED_COUNTS
 from hw.errors import CalibrationError
 from render.arrays import Array
 
@@ -65,18 +65,14 @@ class Linearity:
                 f"light does not add up in these photographs ({100 * self.residual:.1f} % rms, "
                 f"allowed: {100 * MAX_RESIDUAL:g} %); {told[self.cause]}",
                 field="linearity",
-                value=self.residual,
-                allowed=f"at most {MAX_RESIDUAL:g}",
             )
 
 
 def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     """Return how far light is from additive.
 
-    Arguments:
-        alone: ``(fiber, row, column, 3)`` counts, dark frame subtracted.
-        together: ``(row, column, 3)`` counts, dark frame subtracted.
-        noise: standard deviation of one pixel of one photograph in counts.
+    From counts of each fiber ``alone`` ``(fiber, row, column, 3)`` and all ``together``, dark frame
+    subtracted; ``noise`` is the standard deviation of one pixel of one photograph.
 
     Raises:
         CalibrationError: no pixel is bright enough.
@@ -99,10 +95,10 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     # The dark frame is in every part, and so n - 1 times in the sum less the whole.
     part_noise = noise * np.sqrt(len(parts) + 1 + (len(parts) - 1) ** 2 / DARK_FRAMES)
 
-    def misfit(parts: Array, whole: Array, slope: Array | float = 1.0) -> float:
+    def misfit(parts: Array, whole: Array) -> float:
         """Return the rms relative residual without what noise explains."""
         total = parts.sum(axis=0)
-        square = ((total - whole) / whole) ** 2 - (slope * part_noise / whole) ** 2
+        square = ((total - whole) / whole) ** 2 - (part_noise / whole) ** 2
         return float(np.sqrt(max(np.mean(square), 0.0)))
 
     plain = misfit(parts, whole)

@@ -30,10 +30,7 @@ class CameraDevice(Protocol):
 class LockedSettings:
     """What must not change between photographs; exposure in the back end's own unit.
 
-    Arguments:
-        exposure: time, as the driver counts it; None leaves the driver's present value.
-        gain: as the driver counts it; None likewise.
-        white_balance: in kelvin; None likewise.
+    Of exposure and gain as the driver counts them and white balance in kelvin, None leaves what is.
     """
 
     exposure: float | None = None
@@ -44,10 +41,8 @@ class LockedSettings:
 class OpenCVCamera:
     """A camera that OpenCV knows, everything automatic switched off.
 
-    Arguments:
-        source: number of the camera, or the path of a recording.
-        locked: what is set.
-        unchecked: accept a driver that cannot say what it has set (recordings, some cameras).
+    ``source`` is its number or the path of a recording; ``unchecked`` accepts a driver that cannot
+    say what it has set (recordings, some cameras).
     """
 
     def __init__(
@@ -68,7 +63,6 @@ class OpenCVCamera:
                 f"camera {source} cannot be opened: plug it in, end other programs that use it, or "
                 "choose another --camera",
                 field="camera",
-                value=source,
             )
         try:
             if not unchecked:
@@ -107,8 +101,6 @@ class OpenCVCamera:
                 f"camera {self.source} has {name} {found:g} after it was set to {value:g}: choose "
                 "a value that it can keep",
                 field=name,
-                value=found,
-                allowed=f"{value:g}",
             )
 
     def capture(self, frames: int = 1) -> Array:
@@ -130,7 +122,6 @@ class OpenCVCamera:
                         f"camera {self.source} gives no more frames: check its cable, use a free "
                         "USB port, then try again",
                         field="camera",
-                        value=self.source,
                     )
                 continue
             if frame.ndim != 3 or frame.shape[2] != 3:
@@ -138,7 +129,6 @@ class OpenCVCamera:
                     f"camera {self.source} gives frames of shape {frame.shape}, allowed: color; "
                     "use a color camera",
                     field="camera",
-                    value=frame.shape,
                 )
             missing, count = 0, count + 1
             # OpenCV's channels are blue, green, red.

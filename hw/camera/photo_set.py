@@ -1,24 +1,149 @@
-"""The photographs of a sweep: the dark frame, every fiber alone, all together; live or in a folder.
+"""Photographs as linear counts, and those of a sweep: dark, every fiber alone, all together.
 
-A folder holds ``dark``, ``all`` and ``fiber-00``, ``fiber-01``, ... as PNG, JPEG or ``.npy``;
-``hw/README.md`` describes it.
+Those that cannot be used are refused. A folder of a sweep holds ``dark``, ``all`` and ``fiber-00``,
+``fiber-01``, ... as PNG, JPEG or ``.npy``; ``hw/README.md`` describes it.
 """
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.camera.opencv_camera import CameraDevice
-from hw.camera.photo import DARK_FRAMES, MAX_DARK_COUNTS, check_photo, linear, read_photo
 from hw.errors import CaptureError
 from hw.leds.fiber_lights import FiberLights, sweep
 from render.arrays import Array
 from render.progress import Clock, OnProgress
+from render.scene import RGB, Scene
+
+FULL_SCALE = 255.0
+SATURATED_COUNTS = 250.0
+"""Counts from which a pixel is called over-exposed: demosaicing blurs the very top."""
+MAX_OVEREXPOSED_FRACTION = 0.002
+"""Part of over-exposed pixels from which a photograph is refused."""
+DARK_FRAMES = 32
+"""Photographs that are averaged for a dark frame: its noise is in everything else."""
+MAX_DARK_COUNTS = 20.0
+"""Counts that a dark frame may have on average: more is room light or an LED that stays on."""
+MAX_PIXELS = 64_000_000
+
+
+def require_color_photos(scene: Scene) -> None:
+    """Refuse scenes whose LEDs and channels are not those of a color photograph.
+
+    Raises:
+        CaptureError: names the scene's own.
+    """
+    if scene.palette != RGB:
+        raise CaptureError(
+            f"scene {scene.name} has the LEDs {', '.join(scene.palette.names)} and the channels "
+            f"{', '.join(scene.palette.channels)}, allowed for photographs: red, green and blue, "
+            "each with a channel of its own; its lights can be set and swept",
+            field="colors",
+        )
+
+
+def read_photo(path: Path) -> Array:
+    """Return the photograph as counts ``(row, column, 3)``, red, green, blue, 0 to 255.
+
+    PNG, JPEG and TIFF files, and ``.npy`` arrays of uint8, uint16 or float counts. The counts are
+    as the camera gave them: a gamma is not undone here. An opaque alpha channel is dropped.
+
+    Raises:
+        CaptureError: unreadable, not a color image, or not finite.
+    """
+    try:
+        content = path.read_bytes()
+        pixels = _array(content) if path.suffix == ".npy" else _picture(content)
+    except IsADirectoryError:
+        raise _unreadable(path, "it is a directory") from None
+    except OSError as error:
+        raise _unreadable(path, error.strerror or "it is not an image") from None
+    except (ValueError, EOFError, SyntaxError, MemoryError) as error:
+        raise _unreadable(path, str(error) or "it is not an image") from None
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
+        raise CaptureError(
+            f"{path} has shape {pixels.shape}, allowed: (rows, columns, 3); capture in color",
+            field="capture",
+        )
+    scale = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): FULL_SCALE / 65535}.get(
+        pixels.dtype, 1.0
+    )
+    counts = pixels.astype(np.float64) * scale
+    if not np.isfinite(counts).all():
+        raise CaptureError(
+            f"{path} holds values that are not finite: capture it again", field="capture"
+        )
+    return counts
+
+
+def check_photo(counts: Array, rows: int, columns: int, name: str) -> None:
+    """Refuse a photograph of another size, or one that is over-exposed.
+
+    Raises:
+        CaptureError: says which, and what to do.
+    """
+    if counts.shape[:2] != (rows, columns):
+        found_rows, found_columns = counts.shape[:2]
+        raise CaptureError(
+            f"{name} has {found_columns} x {found_rows} pixels, allowed: {columns} x {rows} as the "
+            "scene's camera; dewarp it with --lens, or scale it (another camera in the scene is "
+            "another sensor, which needs its own model)",
+            field="capture",
+        )
+    part = float((counts >= SATURATED_COUNTS).any(axis=2).mean())
+    if part > MAX_OVEREXPOSED_FRACTION:
+        raise CaptureError(
+            f"{name} is over-exposed in {100 * part:.1f} % of its pixels, allowed: at most "
+            f"{100 * MAX_OVEREXPOSED_FRACTION:g} %; lower the exposure or the power",
+            field="capture",
+        )
+
+
+def linear(counts: Array, gamma: float) -> Array:
+    """Return counts proportional to light from counts with ``gamma`` (1: as they are)."""
+    return counts if gamma == 1.0 else FULL_SCALE * (np.maximum(counts, 0.0) / FULL_SCALE) ** gamma
+
+
+def _picture(content: bytes) -> NDArray[np.uint8]:
+    import warnings
+
+    from PIL import Image
+
+    Image.MAX_IMAGE_PIXELS = MAX_PIXELS
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            with Image.open(io.BytesIO(content)) as image:
+                if image.mode not in ("RGB", "RGBA"):
+                    raise ValueError(f"its mode is {image.mode}, not RGB")
+                # A cut-out or an overlay: its colors are not those that the camera saw.
+                if image.mode == "RGBA" and image.getchannel("A").getextrema() != (255, 255):
+                    raise ValueError("it is transparent in places")
+                return np.asarray(image.convert("RGB"))
+        except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+            raise ValueError("it is too large") from None
+
+
+def _array(content: bytes) -> NDArray[np.generic]:
+    found: NDArray[np.generic] = np.load(io.BytesIO(content), allow_pickle=False)
+    if found.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+        raise ValueError(f"its type is {found.dtype}, not uint8, uint16 or float")
+    return found
+
+
+def _unreadable(path: Path, reason: str) -> CaptureError:
+    return CaptureError(
+        f"{path} cannot be read as a photograph ({reason}): give a PNG, JPEG or .npy file",
+        field="capture",
+    )
+
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
 
@@ -27,9 +152,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
 class PhotoSet:
     """Linear counts ``(row, column, 3)`` each, the dark frame already subtracted.
 
-    Arguments:
-        alone: by number of the fiber.
-        together: all fibers at once, None when it was not taken.
+    ``alone`` is by number of the fiber, ``together`` None when it was not taken.
     """
 
     alone: dict[int, Array]
@@ -47,7 +170,6 @@ class PhotoSet:
                 f"the sweep has no photograph of fiber {missing[0]} ({len(missing)} are missing), "
                 f"allowed: all of 0 to {fibers - 1}; capture the sweep again",
                 field="capture",
-                value=missing,
             )
         return np.stack([of(self.alone[fiber]) for fiber in range(fibers)])
 
@@ -65,15 +187,9 @@ def take_sweep(
 ) -> dict[str, Array]:
     """Return photographs by name as a folder would hold them, counts ``(row, column, 3)``.
 
-    Arguments:
-        camera: of the rig.
-        lights: of the rig.
-        power: ``(fiber, 3)`` in [0, 1]; fibers without power are left out.
-        frames: photographs that are averaged.
-        settle: seconds between setting a light and photographing it.
-        together: also photograph all fibers at once.
-        prepare: done to every photograph first, a dewarp for example.
-        progress: told of every photograph.
+    Fibers without ``power`` ``(fiber, 3)`` in [0, 1] are left out; ``together`` also photographs
+    all at once. ``frames`` are averaged, ``settle`` seconds after a light was set; ``prepare``, a
+    dewarp for example, comes first.
     """
     lights.off()
     lights.hold(settle)
@@ -110,11 +226,7 @@ def photo_set(photos: dict[str, Array], gamma: float = 1.0) -> PhotoSet:
 def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) -> PhotoSet:
     """Return the sweep in a folder.
 
-    Arguments:
-        folder: with the files named above.
-        rows: of every photograph.
-        columns: of every photograph.
-        gamma: of the photographs, undone here.
+    Every photograph has ``rows`` and ``columns``; its ``gamma`` is undone.
 
     Raises:
         CaptureError: unreadable, wrong size, over-exposed, no sweep at all.
@@ -123,7 +235,6 @@ def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) ->
         raise CaptureError(
             f"{folder} is not a folder: give the one that `tactilux hw capture` wrote",
             field="capture",
-            value=str(folder),
         )
     found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES}
 
@@ -140,7 +251,6 @@ def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) ->
             f"{folder} holds no sweep: name its photographs fiber-00.png, fiber-01.png, ... or "
             "make them with `tactilux hw capture`",
             field="capture",
-            value=str(folder),
         )
     return loaded
 
@@ -151,19 +261,12 @@ def save_photos(photos: dict[str, Array], out: Path) -> None:
     Raises:
         OutputError: the folder holds something else.
     """
-    from optimize.ui.output import OutputError, fresh_directory, write_manifest
+    from optimize.ui.output import fresh_directory, writable, write_manifest
 
-    try:
-        with fresh_directory(out) as folder:
-            for name, photo in photos.items():
-                np.save(folder / f"{name}.npy", np.rint(photo * (65535 / 255)).astype(np.uint16))
-            write_manifest(folder, {"photographs": len(photos)})
-    except OSError as error:
-        raise OutputError(
-            f"{out} cannot be written ({error.strerror}): choose another place",
-            field="out",
-            value=str(out),
-        ) from None
+    with writable(out), fresh_directory(out) as folder:
+        for name, photo in photos.items():
+            np.save(folder / f"{name}.npy", np.rint(photo * (65535 / 255)).astype(np.uint16))
+        write_manifest(folder, {"photographs": len(photos)})
 
 
 def check_dark(dark: Array, name: str) -> None:
@@ -178,6 +281,4 @@ def check_dark(dark: Array, name: str) -> None:
             f"{name} has {level:.1f} counts with all LEDs off, allowed: at most "
             f"{MAX_DARK_COUNTS:g}; keep room light away, or lower the exposure",
             field="dark",
-            value=level,
-            allowed=f"at most {MAX_DARK_COUNTS:g}",
         )

@@ -1,16 +1,26 @@
-"""The scene's pinhole, and where on the pad its pixels look."""
+"""Where on the pad the pixels of the scene's camera look, and photographs of a lens made its own.
+
+A lens is a TOML file (``hw/README.md``), as `cv2.fisheye.calibrate` finds it.
+"""
 
 from __future__ import annotations
 
+import json
+import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from hw.errors import CalibrationError
+from hw.errors import CalibrationError, CaptureError
 from render.arrays import Array
 from render.geometry import (
     camera_origin,
     distance_to_coating,
+    lens_directions,
     pixel_directions,
     refract_into_pad,
     unbend_points,
@@ -20,17 +30,6 @@ from tactilux import Scene
 NEWTON_STEPS = 12
 TOLERANCE_MM = 1e-3
 """Newton steps stop when all points are met this well (mm)."""
-
-
-def intrinsics(scene: Scene, columns: int, rows: int) -> Array:
-    """Return the pinhole matrix ``(3, 3)`` of the scene's camera in OpenCV's form.
-
-    Positions count from the middle of the first pixel; the field of view spans all rows.
-    """
-    focal = 0.5 * rows / np.tan(scene.camera.field_of_view / 2)
-    return np.array(
-        [[focal, 0.0, 0.5 * columns - 0.5], [0.0, focal, 0.5 * rows - 0.5], [0.0, 0.0, 1.0]]
-    )
 
 
 def rotation(tilt: Sequence[float] | Array) -> Array:
@@ -47,7 +46,7 @@ def rotation(tilt: Sequence[float] | Array) -> Array:
 
 
 def flat_positions(scene: Scene, bend: float, directions: Array) -> Array:
-    """Return where rays ``(..., 3)`` from the pinhole meet the coating, ``(..., 2)`` flat x, y mm.
+    """Return where rays ``(..., 3)`` from the camera meet the coating, ``(..., 2)`` flat x, y mm.
 
     NaN where a ray misses the pad.
     """
@@ -116,3 +115,87 @@ def pixels_of(scene: Scene, bend: float, points: Array, rows: int, columns: int)
     away = np.linalg.norm(points - looks_at(pixel), axis=-1)
     inside = (pixel >= 0).all(axis=1) & (pixel[:, 0] <= columns) & (pixel[:, 1] <= rows)
     return np.where(wanted & ((away < 10 * TOLERANCE_MM) & inside)[:, None], pixel, np.nan)
+
+
+Size = Annotated[int, Field(gt=0)]
+Focal = Annotated[float, Field(gt=0.0)]
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A fisheye lens: theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
+
+    Arguments:
+        columns, rows: size of its photographs.
+        focal, center: pixels, along x and y.
+        distortion: k1 to k4.
+    """
+
+    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    columns: Size
+    rows: Size
+    focal: tuple[Focal, Focal]
+    center: tuple[float, float]
+    distortion: tuple[float, float, float, float]
+
+    def positions(self, directions: Array) -> Array:
+        """Return where directions ``(..., 3)`` (right, down, ahead) appear, ``(..., 2)`` pixels.
+
+        Positions count from the middle of the first pixel, as in OpenCV.
+        """
+        side = np.hypot(directions[..., 0], directions[..., 1])
+        theta = np.arctan2(side, directions[..., 2])
+        powers = theta[..., None] ** [2, 4, 6, 8]
+        bent = theta * (1.0 + powers @ np.array(self.distortion))
+        scale = (bent / np.where(side > 0, side, 1.0))[..., None]
+        return np.asarray(self.center + self.focal * (scale * directions[..., :2]))
+
+
+def load_lens(path: Path) -> Lens:
+    """Return the lens in a TOML file.
+
+    Raises:
+        CaptureError: unreadable, or a key is missing, unknown or out of range.
+    """
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        # In JSON, lists are tuples and numbers are what they are.
+        return TypeAdapter(Lens).validate_json(json.dumps(raw, default=str))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason, key = f"cannot be read as a lens: {error}; give the TOML file of the lens", "lens"
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        key = ".".join(map(str, problem["loc"]))
+        reason = f"is no lens: {key} = {problem['input']!r}, {problem['msg']}; correct the file"
+    raise CaptureError(f"{path} {reason}", field=key)
+
+
+class Dewarp:
+    """Turns photographs of a lens into those of the scene's camera; maps are made once."""
+
+    def __init__(self, lens: Lens, scene: Scene) -> None:
+        self._lens = lens
+        columns, rows = scene.camera.columns, scene.camera.rows
+        row, column = np.meshgrid(np.arange(rows) + 0.5, np.arange(columns) + 0.5, indexing="ij")
+        where = lens.positions(lens_directions(scene, columns, rows, column, row))
+        self._x, self._y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
+
+    def __call__(self, photo: Array) -> Array:
+        """Return ``photo`` ``(row, column, 3)`` as the scene's camera would have taken it.
+
+        Raises:
+            CaptureError: a photograph of another size.
+        """
+        import cv2
+
+        if photo.shape[:2] != (self._lens.rows, self._lens.columns):
+            raise CaptureError(
+                f"the photograph has {photo.shape[1]} x {photo.shape[0]} pixels, allowed: "
+                f"{self._lens.columns} x {self._lens.rows} as the lens file says; capture at that "
+                "size",
+                field="capture",
+            )
+        return np.asarray(
+            cv2.remap(photo, self._x, self._y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        )

@@ -70,9 +70,7 @@ class RigRecord:
         else:
             return
         raise CaptureError(
-            f"the rig's record was made for {what}: make a new one with --commission",
-            field="rig",
-            value=what,
+            f"the rig's record was made for {what}: make a new one with --commission", field="rig"
         )
 
 
@@ -83,48 +81,29 @@ def load_record(path: Path) -> RigRecord:
         TableError: no readable file; CaptureError: something else than a rig's record.
     """
     arrays = read_npz(path)
-    names = {"ratio", "phi", "power", "scene_hash", "bend", "starts"}
-    shapes = {name: arrays[name].shape for name in names & set(arrays)}
-    fibers = shapes.get("phi", (0,))
-    good = (
-        set(arrays) == names | {"schema"}
-        and int(arrays["schema"]) == SCHEMA
-        and len(fibers) == 1
-        and shapes["power"] == (*fibers, 3)
-        and len(shapes["ratio"]) == 2
-        and shapes["ratio"][0] == fibers[0]
-        and all(
-            np.issubdtype(arrays[name].dtype, np.floating) and np.isfinite(arrays[name]).all()
-            for name in ("ratio", "phi", "power", "bend")
-        )
-        and bool((arrays["ratio"] > 0).all())
-        and np.issubdtype(arrays["starts"].dtype, np.integer)
-        and int(arrays["starts"]) > 0
-    )
+    try:
+        schema, bend, starts = (arrays.pop(name).item() for name in ("schema", "bend", "starts"))
+        scene_hash = str(arrays.pop("scene_hash"))
+        record = RigRecord(**arrays, scene_hash=scene_hash, bend=bend, starts=starts)
+        fibers, numbers = len(record.phi), (record.ratio, record.phi, record.power, record.bend)
+        good = schema == SCHEMA and starts > 0
+        good &= record.ratio.ndim == 2 and record.ratio.shape[0] == fibers
+        good &= record.phi.shape == (fibers,) and record.power.shape == (fibers, 3)
+        good &= all(np.isfinite(part).all() for part in numbers) and (record.ratio > 0).all()
+    except (KeyError, TypeError, ValueError):
+        good = False
     if not good:
         raise CaptureError(
             f"{path} is not the record of a rig: make one with `tactilux check --commission`",
             field="rig",
-            value=str(path),
         )
-    return RigRecord(
-        ratio=arrays["ratio"],
-        phi=arrays["phi"],
-        power=arrays["power"],
-        scene_hash=str(arrays["scene_hash"]),
-        bend=float(arrays["bend"]),
-        starts=int(arrays["starts"]),
-    )
+    return record
 
 
 def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: float) -> RigRecord:
     """Return the record of a rig that is known to be healthy.
 
-    Arguments:
-        prediction: of the design.
-        colors: ``(fiber, site, 3)`` counts of each fiber alone.
-        scene_hash: of the design's scene.
-        bend: rad.
+    ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone, ``bend`` is rad.
 
     Raises:
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
@@ -143,7 +122,6 @@ def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: 
             f"fiber {fiber} gives {overall[fiber]:.2f} times the predicted light, allowed: "
             f"{HEALTHY_RATIO[0]:g} to {HEALTHY_RATIO[1]:g}; mend the rig before its record is made",
             field="colors",
-            value=float(overall[fiber]),
         )
     ratio = np.where(lit[:, None], seen / np.where(lit[:, None], wanted, 1.0), 1.0)
     # A site too dark to be measured says nothing; it keeps its fiber's ratio.

@@ -72,14 +72,13 @@ class Diagnosis:
     @property
     def ok(self) -> bool:
         """Whether every fiber that is lit is as designed."""
-        return all(fiber.state in (FiberState.OK, FiberState.OFF) for fiber in self.fibers)
+        return not self.faults
 
     @property
     def faults(self) -> list[FiberDiagnosis]:
         """The fibers that are not as designed."""
-        return [
-            fiber for fiber in self.fibers if fiber.state not in (FiberState.OK, FiberState.OFF)
-        ]
+        healthy = (FiberState.OK, FiberState.OFF)
+        return [fiber for fiber in self.fibers if fiber.state not in healthy]
 
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""
@@ -88,12 +87,8 @@ class Diagnosis:
             "score": self.score,
             "counts_error": self.counts_error,
             "fibers": [
-                {
-                    "index": fiber.index,
-                    "state": fiber.state.value,
-                    "confidence": fiber.confidence,
-                }
-                for fiber in self.fibers
+                {"index": one.index, "state": one.state.value, "confidence": one.confidence}
+                for one in self.fibers
             ],
             "domain_excess": self.domain_excess,
         }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import MIN_TURN, TURNS, RigTolerances
-from hw.check.sweep_check import FAULT_PRIOR, PERMUTATIONS, UNCLEAR_SPREAD
+from hw.check.sweep_check import FAULT_PRIOR, UNCLEAR_SPREAD, posterior, swapped_powers
 from hw.errors import CaptureError
 from render.arrays import Array
 
@@ -29,11 +29,9 @@ def check_image(
 ) -> Diagnosis:
     """Return what one image of all fibers says.
 
-    Arguments:
-        prediction: of the design, at the bend of the image.
-        colors: ``(site, 3)`` counts, linear, dark frame subtracted, at any exposure.
-        tolerances: of a healthy rig.
-        ratio: ``(fiber, site)`` measured over predicted light of the healthy rig.
+    ``colors`` ``(site, 3)`` are counts at the bend of ``prediction``, linear, dark frame
+    subtracted, at any exposure; ``ratio`` ``(fiber, site)`` is measured over predicted light of the
+    healthy rig.
 
     Raises:
         CaptureError: wrong shape, not finite, or dark.
@@ -43,7 +41,6 @@ def check_image(
         raise CaptureError(
             f"the image has colors of shape {colors.shape}, allowed: finite, ({sites}, 3)",
             field="colors",
-            value=colors.shape,
         )
     ratio = np.ones(prediction.nominal.shape) if ratio is None else ratio
     power, phi = prediction.power, prediction.phi
@@ -58,29 +55,18 @@ def check_image(
     residual = whiten @ (seen - expected).ravel()
     lit: NDArray[np.bool_] = np.any(power, axis=1)
     prior = np.log(tolerances.fault)
-    log_ok = -0.5 * float(residual @ residual)
     weights: dict[tuple[int, FiberState], float] = {}
     for fiber in np.nonzero(lit)[0]:
-        for state, changes in _changes(
-            straight[fiber], turned[fiber], power[fiber], phi[fiber]
-        ).items():
+        faults = _changes(straight[fiber], turned[fiber], power[fiber], phi[fiber])
+        for state, changes in faults.items():
             distance = residual - changes.reshape(len(changes), -1) @ whiten.T
             fits = -0.5 * np.einsum("ni,ni->n", distance, distance)
-            weights[int(fiber), state] = (
-                float(np.logaddexp.reduce(fits))
-                - np.log(len(fits))
-                + prior
-                + np.log(FAULT_PRIOR[state])
-            )
-    none = (-1, FiberState.OK)
-    weights[none] = log_ok
+            share = np.log(FAULT_PRIOR[state] / len(fits))
+            weights[int(fiber), state] = float(np.logaddexp.reduce(fits)) + prior + share
+    weights[-1, FiberState.OK] = -0.5 * float(residual @ residual)
     weights[-1, FiberState.UNCLEAR] = _unclear(residual, whiten, expected) + prior
-    top = max(weights.values())
-    total = sum(np.exp(value - top) for value in weights.values())
-    posterior = {key: float(np.exp(value - top) / total) for key, value in weights.items()}
-    return Diagnosis(
-        _diagnoses(posterior, lit, tolerances), prediction.score, error, prediction.domain_excess
-    )
+    found = _diagnoses(posterior(weights), lit, tolerances)
+    return Diagnosis(found, prediction.score, error, prediction.domain_excess)
 
 
 def _scale(expected: Array, colors: Array) -> float:
@@ -112,10 +98,7 @@ def _whitener(
         tolerances.power * alone.reshape(len(power), -1),
         tolerances.turn * np.einsum("fs,fc->fsc", slope, power).reshape(len(power), -1),
     ]
-    for channel in range(3):
-        one = np.zeros_like(expected)
-        one[:, channel] = tolerances.gain * expected[:, channel]
-        causes.append(one.reshape(1, -1))
+    causes += [(tolerances.gain * expected * only).reshape(1, -1) for only in np.eye(3)]
     # The overall gain was matched with a median; it is free.
     causes.append(0.1 * expected.reshape(1, -1))
     spread = np.concatenate(causes)
@@ -128,8 +111,7 @@ def _whitener(
 def _changes(straight: Array, turned: Array, power: Array, phi: float) -> dict[FiberState, Array]:
     """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each."""
     own = straight[:, None] * power
-    permuted = power[np.array(PERMUTATIONS)]
-    permuted = permuted[np.abs(permuted - power).max(axis=1) > 0.2 * power.max()]
+    permuted = swapped_powers(power)
     reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= MIN_TURN)
     found = {
         FiberState.DEAD: -own[None],
@@ -147,8 +129,7 @@ def _unclear(residual: Array, whiten: Array, expected: Array) -> float:
     """
     wide = whiten @ np.diag((UNCLEAR_SPREAD * expected.ravel()) ** 2) @ whiten.T
     covariance = np.eye(len(residual)) + wide
-    sign, log_det = np.linalg.slogdet(covariance)
-    del sign
+    log_det = np.linalg.slogdet(covariance).logabsdet
     return float(-0.5 * residual @ np.linalg.solve(covariance, residual) - 0.5 * log_det)
 
 

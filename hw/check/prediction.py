@@ -1,4 +1,4 @@
-"""What the untouched pad must look like: one fiber at a time, for any direction."""
+"""What the untouched pad must look like, one fiber at a time, and how a photograph shows it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
-from tactilux import Checker
+from render.geometry import flat_sites
+from tactilux import Checker, Scene
 
 NODES = 13
 """Direction nodes at which the model is asked; between them light is a polynomial in phi."""
@@ -75,3 +77,26 @@ def predict(checker: Checker, phi: Array, power: Array, bend: float) -> PadPredi
         score=float(whole["score"][0]),
         domain_excess=float(here["domain_excess"][0]),
     )
+
+
+RADIUS = 1.0
+"""Radius (mm) of the spot that is averaged: far more pixels than the model's own spots have, and
+on the untouched pad light changes little over it."""
+
+
+class SiteSpots:
+    """Which pixels show each site's spot at a ``bend`` in rad; used for every photograph.
+
+    ``counts`` ``(site,)`` are pixels per site; photographs have the camera's columns and rows.
+    """
+
+    def __init__(self, scene: Scene, bend: float) -> None:
+        flat = pad_positions(scene, bend, scene.camera.rows, scene.camera.columns).reshape(-1, 2)
+        away = np.linalg.norm(flat - flat_sites(scene)[:, None, :2], axis=-1)
+        self._shown = (away <= RADIUS).astype(np.float64)
+        self.counts = self._shown.sum(axis=1)
+
+    def colors(self, photo: Array) -> Array:
+        """Return mean colors ``(site, 3)`` of ``photo`` ``(row, column, 3)``; NaN where unseen."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self._shown @ photo.reshape(-1, 3) / self.counts[:, None])

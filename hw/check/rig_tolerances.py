@@ -71,10 +71,9 @@ POWER_DRIFT, TURN_DRIFT, SITE_DRIFT = 0.03, float(np.radians(0.5)), 0.002
 def rig_tolerances(*, sweep: bool, starts: int, noise: Array) -> RigTolerances:
     """Return what a healthy rig may differ by, for one way of checking.
 
-    Arguments:
-        sweep: every fiber alone, or one image of all.
-        starts: that the record of the healthy rig averages; 0 compares with the model alone.
-        noise: of a site's color in counts, ``(site,)`` or one for all.
+    A ``sweep`` is every fiber alone, else one image of all. The record of the healthy rig averages
+    ``starts``; 0 compares with the model alone. ``noise`` is that of a site's color in counts,
+    ``(site,)`` or one for all.
     """
     if not starts:
         return RigTolerances(noise=noise)

@@ -10,16 +10,74 @@ the mean likelihood over the b, d and P that it allows.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
-from hw.check.power_prior import PowerFits, around_one, between
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import DEAD_BELOW, DIM_BELOW, MAX_POWER, MIN_TURN, TURNS, RigTolerances
 from hw.errors import CaptureError
 from render.arrays import Array
+
+Prior = Callable[[Array], Array]
+"""Density of the relative power, ``(...)`` for ``(...)``."""
+
+STEPS = np.linspace(-5.0, 5.0, 21)
+"""Where the integrand is evaluated, in standard deviations of the likelihood."""
+
+
+@dataclass(frozen=True, eq=False)
+class PowerFits:
+    """Likelihoods that are Gaussian in a fiber's unknown power, one per hypothesis.
+
+    All ``(n,)``: most likely relative power, its standard deviation, log of the likelihood there.
+    """
+
+    best: Array
+    spread: Array
+    likelihood: Array
+
+    def evidence(self, prior: PowerPrior) -> Array:
+        """Return the log of the likelihood's mean under ``prior``, ``(n,)``.
+
+        Where the prior is far from the likelihood, the integral starts at the prior's nearest
+        power: it is tiny there, but not nothing.
+        """
+        center = np.clip(self.best, prior.low, prior.high)
+        scale = np.minimum(self.spread, prior.high - prior.low)
+        power = center[:, None] + STEPS * scale[:, None]
+        inside = (power >= prior.low) & (power <= prior.high)
+        log_part = (
+            np.where(inside, prior.log_density(power), -np.inf)
+            - 0.5 * ((power - self.best[:, None]) / self.spread[:, None]) ** 2
+        )
+        step = (STEPS[1] - STEPS[0]) * scale
+        return np.asarray(self.likelihood + np.logaddexp.reduce(log_part, axis=1) + np.log(step))
+
+
+@dataclass(frozen=True)
+class PowerPrior:
+    """A prior density of the relative power on ``[low, high]``."""
+
+    low: float
+    high: float
+    log_density: Prior
+
+
+def around_one(spread: float) -> PowerPrior:
+    """Return the normal density about 1; it is followed to 8 standard deviations."""
+    norm = np.log(spread * np.sqrt(2 * np.pi))
+    low, high = max(1 - 8 * spread, 0.0), 1 + 8 * spread
+    return PowerPrior(low, high, lambda b: -0.5 * ((b - 1) / spread) ** 2 - norm)
+
+
+def between(low: float, high: float) -> PowerPrior:
+    """Return the uniform density."""
+    return PowerPrior(low, high, lambda b: np.full(b.shape, -np.log(high - low)))
+
 
 PERMUTATIONS = [p for p in itertools.permutations(range(3)) if p != (0, 1, 2)]
 FAULT_PRIOR = {
@@ -32,6 +90,7 @@ FAULT_PRIOR = {
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
 _STEPS = np.gradient(TURNS)
+Key = TypeVar("Key")
 
 
 def check_sweep(
@@ -42,12 +101,9 @@ def check_sweep(
 ) -> Diagnosis:
     """Return what a sweep says about every fiber.
 
-    Arguments:
-        prediction: of the design, at the bend of the sweep.
-        colors: ``(fiber, site, 3)`` counts of each fiber alone, linear, dark frame subtracted;
-            the camera's gain may be anything, but the same for all.
-        tolerances: of a healthy rig.
-        ratio: ``(fiber, site)`` measured over predicted light of the healthy rig.
+    ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone at the bend of ``prediction``,
+    linear, dark frame subtracted; the camera's gain may be anything, but the same for all.
+    ``ratio`` ``(fiber, site)`` is measured over predicted light of the healthy rig.
 
     Raises:
         CaptureError: wrong shape, not finite, or all dark.
@@ -58,7 +114,6 @@ def check_sweep(
             f"the sweep has colors of shape {colors.shape}, allowed: finite, ({fibers}, {sites}, "
             "3); capture one image for each fiber of the design",
             field="colors",
-            value=colors.shape,
         )
     ratio = np.ones((fibers, sites)) if ratio is None else ratio
     gain = channel_gains(prediction.alone * ratio[..., None], colors)
@@ -89,9 +144,7 @@ def channel_gains(expected: Array, colors: Array) -> Array:
     Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
     others.
 
-    Arguments:
-        expected: ``(fiber, site, 3)``.
-        colors: ``(fiber, site, 3)``.
+    Both are ``(fiber, site, 3)``.
 
     Raises:
         CaptureError: no light in any channel.
@@ -143,8 +196,7 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
     turned = fiber.fits(
         fiber.light, np.repeat(power, len(TURNS), 0), tolerances.model_when_turned(TURNS)
     )
-    permuted = fiber.power[np.array(PERMUTATIONS)]
-    permuted = permuted[np.abs(permuted - fiber.power).max(axis=1) > 0.2 * fiber.power.max()]
+    permuted = swapped_powers(fiber.power)
     unclear = fiber.fits(straight, power, np.array([UNCLEAR_SPREAD]))
     weight = _STEPS * fiber.reachable
     small = weight * np.exp(-0.5 * (TURNS / tolerances.turn) ** 2)
@@ -165,18 +217,10 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
         )
         evidence[FiberState.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
     shares = {**FAULT_PRIOR, FiberState.UNCLEAR: 1 - sum(FAULT_PRIOR.values())}
-    log_posterior = {
-        state: value
-        + np.log(
-            1 - tolerances.fault if state is FiberState.OK else tolerances.fault * shares[state]
-        )
-        for state, value in evidence.items()
-    }
-    top = max(log_posterior.values())
-    weights = {state: float(np.exp(value - top)) for state, value in log_posterior.items()}
-    total = sum(weights.values())
-    posterior = {state: weight / total for state, weight in weights.items()}
-    return _named(fiber, posterior, turned, tolerances)
+    prior = {state: tolerances.fault * share for state, share in shares.items()}
+    prior[FiberState.OK] = 1 - tolerances.fault
+    found = posterior({state: log + np.log(prior[state]) for state, log in evidence.items()})
+    return _named(fiber, found, turned, tolerances)
 
 
 def _named(
@@ -202,6 +246,18 @@ def _named(
         FiberState.MOVED: f"about {np.degrees(angle):+.0f} deg",
     }.get(state, "")
     return FiberDiagnosis(fiber.index, state, confidence, power_found, angle, detail)
+
+
+def swapped_powers(power: Array) -> Array:
+    """Return ``power`` ``(3,)`` with its colors swapped in all ways that differ, ``(n, 3)``."""
+    permuted = power[np.array(PERMUTATIONS)]
+    return np.asarray(permuted[np.abs(permuted - power).max(axis=1) > 0.2 * power.max()])
+
+
+def posterior(logs: dict[Key, float]) -> dict[Key, float]:
+    """Return probabilities from the logarithms of evidence times prior."""
+    weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
+    return dict(zip(logs, (weights / weights.sum()).tolist(), strict=True))
 
 
 def _mean(evidence: Array, weights: Array) -> float:

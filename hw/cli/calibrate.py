@@ -40,12 +40,13 @@ def run(
 
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.material import Material
-    from hw.camera.photo_set import load_photo_set
+    from hw.camera.photo_set import load_photo_set, require_color_photos
     from optimize.ui.output import check_target
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        require_color_photos(scene)
         Material.of(scene)
         target = out or Path("runs") / f"{scene.name}-calibrate"
         check_target(target)

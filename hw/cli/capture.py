@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.options import Lens, SceneOption
-from hw.cli.wiring import Wiring, wired
+from hw.cli.options import Lens, SceneOption, Wiring, wired
 from optimize.cli.options import DesignArgument
 from optimize.ui.console import ProgressBar, reserved_stdout
 
@@ -71,31 +70,21 @@ def sweep_photos(
 ) -> dict[str, Array]:
     """Return the photographs of a sweep, after the self-tests.
 
-    Arguments:
-        scene: whose camera the photographs must fit.
-        design: whose fibers are lit.
-        source: number of the camera.
-        wiring: of the lights.
-        lens: file of a fisheye lens; None is a pinhole.
-        locked: settings of the camera; None leaves the driver's.
-        frames: photographs that are averaged for each fiber.
-        white: light every fiber in all three channels with this power instead of the design's.
+    ``white`` lights every fiber in all three channels with this power instead of the design's.
     """
     import numpy as np
 
-    from hw.camera.dewarp import Dewarp, load_lens
     from hw.camera.opencv_camera import OpenCVCamera
-    from hw.camera.photo import check_photo
-    from hw.camera.photo_set import take_sweep
+    from hw.camera.photo_set import check_photo, require_color_photos, take_sweep
+    from hw.camera.projection import Dewarp, load_lens
     from hw.camera.self_test import self_test
-    from hw.leds.fiber_lights import interruptible
 
+    require_color_photos(scene)
     prepare = Dewarp(load_lens(lens), scene) if lens else np.asarray
-    power = design.power * wiring.scale
+    power = design.drive * wiring.scale
     if white is not None:
-        power = np.any(design.power, axis=1)[:, None] * np.full(3, white)
+        power = np.any(design.drive, axis=1)[:, None] * np.full(3, white)
     with (
-        interruptible(),
         closing(OpenCVCamera(source, locked)) as camera,
         wiring.lights(len(design.phi)) as lights,
         ProgressBar("Photographing") as bar,
@@ -120,8 +109,7 @@ def live(
     scene: Scene, design: Design, source: int, wiring: Wiring, lens: Path | None, frames: int
 ) -> PhotoSet:
     """Return a sweep for the check."""
-    from hw.camera.photo import check_photo
-    from hw.camera.photo_set import photo_set
+    from hw.camera.photo_set import check_photo, photo_set
 
     photos = sweep_photos(scene, design, source, wiring, lens, None, frames)
     for name, photo in photos.items():

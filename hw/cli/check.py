@@ -13,8 +13,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 from typer import Option
 
 from hw.cli.capture import live
-from hw.cli.options import Calibrated, Gamma, Lens, Noise
-from hw.cli.wiring import Wiring, wired
+from hw.cli.options import Calibrated, Gamma, Lens, Noise, Wiring, wired
 from hw.errors import CaptureError
 from optimize.cli.options import Bend, DesignOption, Json, ModelFolder, SceneName
 from optimize.ui.console import note, print_json, reserved_stdout
@@ -59,13 +58,12 @@ def run(
     import numpy as np
 
     from hw.calibrated_powers import calibrated_powers
-    from hw.camera.photo_set import PhotoSet
-    from hw.check.channel_order import check_order
+    from hw.camera.photo_set import PhotoSet, require_color_photos
+    from hw.camera.self_test import check_order
     from hw.check.commission import commission, load_record
     from hw.check.image_check import check_image
-    from hw.check.prediction import predict
+    from hw.check.prediction import SiteSpots, predict
     from hw.check.rig_tolerances import rig_tolerances
-    from hw.check.site_colors import SiteSpots
     from hw.check.sweep_check import check_sweep
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
@@ -73,6 +71,7 @@ def run(
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        require_color_photos(scene)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         if (capture is None) == (camera is None):
             problem = "nothing to look at" if camera is None else "two things to look at"
@@ -104,14 +103,14 @@ def run(
         )
         ratio = None if record is None else record.ratio
         beside = design or (Path(scene_name) if Path(scene_name).is_file() else None)
-        powers = calibrated_powers(calibration, beside, scene.hash, scene.fibers.count)
+        powers = calibrated_powers(calibration, beside, scene.hash, scene.lamp_count)
         if record is None and powers is not None:
             # The record of a healthy rig holds its powers already.
             ratio = np.broadcast_to(powers.power[:, None], prediction.nominal.shape)
             known = known.with_powers(powers.error)
             note(f"The fibers' powers are those of {powers.path}.")
         if isinstance(seen, PhotoSet):
-            colors = seen.stacked(scene.fibers.count, spots.colors)
+            colors = seen.stacked(scene.lamp_count, spots.colors)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1))
             diagnosis = check_sweep(prediction, colors, known, ratio)
             if commissioned is not None and diagnosis.ok:
@@ -140,8 +139,7 @@ def run(
 
 
 def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
-    from hw.camera.photo import check_photo, linear, read_photo
-    from hw.camera.photo_set import load_photo_set
+    from hw.camera.photo_set import check_photo, linear, load_photo_set, read_photo
 
     rows, columns = scene.camera.rows, scene.camera.columns
     if capture.is_dir():

@@ -49,20 +49,21 @@ def run(
     from hw.calibration.line_model import surrogate_correction
     from hw.calibration.reference_lines import Setup
     from hw.emulator.demonstration import (
+        BENDS,
         check_faults,
         compare_with_truth,
         render_rig,
         set_and_sweep,
+        single_exposure,
+        switched_on,
     )
     from hw.emulator.rig import random_parameters, true_images
-    from hw.emulator.session import BENDS, single_exposure, switched_on
-    from hw.leds.fiber_lights import interruptible
     from optimize.design import baseline_design, save_design
     from optimize.scoring import open_model
     from optimize.ui.output import check_target
     from render.scene import load_scene
 
-    with reserved_stdout() as stream, interruptible():
+    with reserved_stdout() as stream:
         began = time.monotonic()
         scene = load_scene(scene_name)
         target = out or Path("runs") / f"{scene.name}-demo"

@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.wiring import SpokenProtocol
+from hw.cli.options import SpokenProtocol
 from hw.leds import ProtocolName
 from optimize.ui.console import note, reserved_stdout
 
@@ -35,15 +35,12 @@ def run(
             raise PortError(
                 f"{port} is there already: give --port a name that is free, or remove it",
                 field="port",
-                value=str(port),
             )
         try:
             board = EmulatedBoard(port, protocol, leds)
         except OSError as error:
             raise PortError(
-                f"{port} cannot be made ({error.strerror}): give --port another place",
-                field="port",
-                value=str(port),
+                f"{port} cannot be made ({error.strerror}): give --port another place", field="port"
             ) from None
         with board:
             spoken = "" if protocol is ProtocolName.LINES else f" --protocol {protocol}"

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.options import Calibrated
-from hw.cli.wiring import Baud, Port, SpokenProtocol, Wiring, wired
+from hw.cli.options import Baud, Calibrated, Port, SpokenProtocol, Wiring, wired
 from hw.leds import ProtocolName
 from optimize.cli.options import DesignArgument, Json
 from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
@@ -51,13 +50,12 @@ def set_lights(
     ] = None,
 ) -> None:
     """Light the fibers as a design says; off when the command ends."""
-    from hw.leds.fiber_lights import interruptible
     from optimize.design import load_design_file
 
-    with reserved_stdout() as stream, interruptible():
+    with reserved_stdout() as stream:
         file = load_design_file(path)
         design, drive = file.design, _drive(file, path, calibration)
-        with wiring.lights(len(design.phi)) as lights:
+        with wiring.lights(*design.drive.shape) as lights:
             power = only(fiber, drive * wiring.scale)
             lights.set(power)
             ends = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
@@ -78,19 +76,19 @@ def sweep_lights(
     seconds: Annotated[float, Option(min=0.0, help="How long each fiber is lit.")] = 0.5,
 ) -> None:
     """Light one fiber of a design after the other."""
-    from hw.leds.fiber_lights import interruptible, sweep
-    from optimize.design import color_name, load_design_file
+    from hw.leds.fiber_lights import sweep
+    from optimize.design import load_design_file
 
-    with reserved_stdout() as stream, interruptible():
+    with reserved_stdout() as stream:
         file = load_design_file(path)
         design, drive = file.design, _drive(file, path, calibration)
-        with wiring.lights(len(design.phi)) as lights, ProgressBar("Sweeping") as bar:
-            names = [color_name(index) for index in design.colors]
+        with wiring.lights(*design.drive.shape) as lights, ProgressBar("Sweeping") as bar:
+            names = design.color_names
             for done, fiber in enumerate(sweep(lights, drive * wiring.scale, seconds)):
-                led = lights.channels.leds[fiber]
+                led = lights.channels.led(fiber, int(design.colors[fiber]))
                 stream.write(f"fiber {fiber}, LED {led}: {names[fiber]}\n")
                 stream.flush()
-                bar(Progress(done + 1, _lit(design.power)))
+                bar(Progress(done + 1, _lit(design.drive)))
         stream.write("All LEDs are off.\n")
 
 
@@ -118,10 +116,10 @@ def off(
 
 
 def _drive(file: DesignFile, path: Path, calibration: Path | None) -> Array:
-    """Return the power ``(fiber, 3)`` with which the fibers shine as the design says."""
+    """Return the power ``(fiber, color)`` with which the fibers shine as the design says."""
     from hw.calibrated_powers import calibrated_powers
 
-    power = file.design.power
+    power = file.design.drive
     found = calibrated_powers(calibration, path, file.scene_hash, len(power))
     if found is None:
         return power
@@ -130,7 +128,7 @@ def _drive(file: DesignFile, path: Path, calibration: Path | None) -> Array:
 
 
 def only(fiber: int | None, power: Array) -> Array:
-    """Return ``power`` ``(fiber, 3)`` of one fiber alone, or as it is where none is named.
+    """Return ``power`` ``(fiber, color)`` of one fiber alone, or as it is where none is named.
 
     Raises:
         PowerError: there is no such fiber, or the design leaves it dark.
@@ -142,9 +140,7 @@ def only(fiber: int | None, power: Array) -> Array:
     lit = [index for index, one in enumerate(power) if one.any()]
     if fiber not in lit:
         raise PowerError(
-            f"--fiber {fiber} is not lit by this design, allowed: one of {lit}",
-            field="fiber",
-            value=fiber,
+            f"--fiber {fiber} is not lit by this design, allowed: one of {lit}", field="fiber"
         )
     alone = 0.0 * power
     alone[fiber] = power[fiber]

@@ -38,7 +38,6 @@ def run(
                 f"{folder} holds no photograph of all fibers together (all.png or all.npy): "
                 "capture the sweep again",
                 field="sweep",
-                value=str(folder),
             )
         found = linearity(np.stack(list(photos.alone.values())), photos.together, noise)
         if as_json:

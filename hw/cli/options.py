@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
+
+from hw.leds import ProtocolName
+
+if TYPE_CHECKING:
+    from hw.leds.fiber_lights import FiberLights
 
 SceneOption = Annotated[str, Option("--scene", help="Name of a shipped scene, or a TOML file.")]
 Lens = Annotated[
@@ -23,3 +32,60 @@ Samples = Annotated[
 Materials = Annotated[
     int, Option(min=1, max=64, help="Materials rendered once for all rigs of a design, and kept.")
 ]
+
+
+Port = Annotated[
+    str | None, Option(help="Serial port (default: the only one; see `tactilux hw ports`).")
+]
+SpokenProtocol = Annotated[ProtocolName, Option(help="What the LED board speaks.")]
+Baud = Annotated[int, Option(min=1200, help="Bits per second.")]
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How the lights are connected, as the options of the command line say."""
+
+    port: Port = None
+    protocol: SpokenProtocol = ProtocolName.LINES
+    baud: Baud = 115200
+    leds: Annotated[
+        str | None, Option(help="LED of each fiber, like 0,1,2 (default: in their order).")
+    ] = None
+    order: Annotated[str, Option(help="How the LEDs' channels are wired: rgb, grb, ...")] = "rgb"
+    limit_ma: Annotated[float, Option(min=1.0, help="Current that the supply may give, in mA.")] = (
+        500.0
+    )
+    scale: Annotated[float, Option(min=0.0, max=1.0, help="Factor on all powers.")] = 1.0
+
+    def lights(self, fibers: int, colors: int = 3) -> FiberLights:
+        """Open the board for ``fibers`` fibers of so many LED colors."""
+        from hw.leds.channels import ChannelMap, PowerLimits
+        from hw.leds.fiber_lights import FiberLights
+        from hw.leds.ports import open_board, the_port
+
+        channels = ChannelMap.parse(self.leds, fibers, self.order, colors)
+        port = the_port(self.port)
+        connect = functools.partial(
+            open_board, port, self.protocol, leds=channels.needed, baud=self.baud
+        )
+        return FiberLights(connect, channels, PowerLimits(total_milliamperes=self.limit_ma))
+
+
+def wired(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of a `Wiring` in place of its parameter ``wiring``."""
+    options = {
+        name: option.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, option in inspect.signature(Wiring, eval_str=True).parameters.items()
+    }
+    signature = inspect.signature(command, eval_str=True)
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in signature.parameters.items():
+        parameters += options.values() if name == "wiring" else [parameter]
+
+    @functools.wraps(command)
+    def run(**values: Any) -> None:
+        wiring = Wiring(**{name: values.pop(name) for name in options})
+        command(**values, wiring=wiring)
+
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return run

@@ -6,8 +6,13 @@ through the same readers, and the rig's true values are known to the emulated ca
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-from dataclasses import replace
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,23 +20,122 @@ from numpy.typing import NDArray
 
 from hw.calibration.material import NAMES, PER_UNIT
 from hw.calibration.reference_lines import Setup
+from hw.camera.photo_set import PhotoSet, photo_set, save_photos, take_sweep
 from hw.camera.self_test import self_test
 from hw.check.commission import commission
 from hw.check.diagnosis import Diagnosis
-from hw.check.prediction import predict
+from hw.check.prediction import SiteSpots, predict
 from hw.check.rig_tolerances import rig_tolerances
-from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
+from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import EmulatedCamera
 from hw.emulator.rig import TrueParameters, rendered_images
-from hw.emulator.session import ADDITIVE_SCALE, BENDS, CALIBRATION_FIBERS, EmulatedRig
-from hw.leds.fiber_lights import sweep
+from hw.leds import ProtocolName
+from hw.leds.channels import ChannelMap, PowerLimits
+from hw.leds.fiber_lights import FiberLights, sweep
+from hw.leds.ports import open_board
 from optimize.design import Design
 from optimize.ui.console import ProgressBar, note
 from render.arrays import Array
 from render.progress import Progress
 from render.scene import Scene
 from surrogate.runtime import Checker
+
+BENDS = np.array([0.0, np.pi / 2])
+CALIBRATION_FIBERS = (slice(0, None, 2), slice(1, None, 2))
+"""Fibers that are photographed for calibration at each of `BENDS`."""
+ADDITIVE_SCALE = 0.15
+"""Power of the sweep that tests linearity: all fibers together must not clip."""
+SUPPLY = PowerLimits(total_milliamperes=2000.0)
+SINGLE_FIBER_COUNTS = 210.0
+"""Counts of the brightest photograph of one fiber."""
+
+
+@dataclass(eq=False)
+class EmulatedRig:
+    """An emulated rig, switched on.
+
+    ``images`` ``(bend, fiber, row, column)`` are true radiance per unit power; ``keep`` is the
+    folder for its photographs.
+    """
+
+    scene: Scene
+    design: Design
+    truth: TrueParameters
+    images: NDArray[np.float32]
+    board: EmulatedBoard
+    lights: FiberLights
+    keep: Path | None = None
+
+    def camera(self, bend: int = 0, truth: TrueParameters | None = None) -> EmulatedCamera:
+        """Return the camera at a bend's index, with a fault where a changed ``truth`` has one."""
+        known = truth or self.truth
+        return EmulatedCamera(
+            self.scene, self.images[bend], self.board, known.gain, known.power,
+            known.imperfections, known.seed,
+        )  # fmt: skip
+
+    def photos(
+        self,
+        name: str,
+        camera: EmulatedCamera,
+        power: Array,
+        *,
+        frames: int = 1,
+        together: bool = False,
+    ) -> PhotoSet:
+        """Return a sweep, which is also kept under its name."""
+        taken = take_sweep(camera, self.lights, power, frames=frames, settle=0.0, together=together)
+        if self.keep is not None:
+            save_photos(taken, self.keep / name.replace(" ", "-"))
+        return photo_set(taken)
+
+    def calibration_sets(self) -> list[PhotoSet]:
+        """Return 20 photographs in white, half of the fibers on the flat pad, half on the bent."""
+        sets = []
+        for bend, (name, fibers) in enumerate(
+            zip(("flat", "bent"), CALIBRATION_FIBERS, strict=True)
+        ):
+            power = np.zeros((len(self.design.phi), 3))
+            power[fibers] = 1.0
+            sets.append(self.photos(name, self.camera(bend), power))
+        return sets
+
+    def additive_set(self) -> PhotoSet:
+        """Return a dim sweep in white and all fibers together, which tests linearity."""
+        white = np.ones((len(self.design.phi), 3))
+        return self.photos("additive", self.camera(0), ADDITIVE_SCALE * white, together=True)
+
+
+@contextlib.contextmanager
+def switched_on(
+    scene: Scene,
+    design: Design,
+    truth: TrueParameters,
+    images: NDArray[np.float32],
+    keep: Path | None = None,
+) -> Iterator[EmulatedRig]:
+    """Plug the rig's board in and open its lights; all LEDs are off at the end.
+
+    Arguments are those of `EmulatedRig`.
+    """
+    leds = scene.lamp_count
+    with (
+        tempfile.TemporaryDirectory() as place,
+        EmulatedBoard(Path(place) / "ttyEMU0", leds=leds) as board,
+    ):
+        connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=leds)
+        with FiberLights(connect, ChannelMap.straight(leds), SUPPLY) as lights:
+            yield EmulatedRig(scene, design, truth, images, board, lights, keep)
+        if board.levels.any():
+            raise AssertionError("an LED stayed on")
+
+
+def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float:
+    """Return the exposure that puts the brightest single fiber at `SINGLE_FIBER_COUNTS`."""
+    light = images * truth.power[:, None, None] * max(truth.imperfections.gain)
+    return SINGLE_FIBER_COUNTS / float(np.percentile(light, 99.9, axis=(2, 3)).max())
+
 
 FRAMES = 4
 """Photographs that are averaged for each fiber of the checks."""
@@ -44,7 +148,7 @@ def render_rig(
 ) -> NDArray[np.float32]:
     """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
     note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
-    fibers = range(scene.fibers.count)
+    fibers = range(scene.lamp_count)
     with ProgressBar("Rendering the rig") as bar:
         return rendered_images(
             Setup(scene, design.phi, BENDS), truth, [fibers, fibers[CALIBRATION_FIBERS[1]]],

@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera.photo import FULL_SCALE
-from hw.camera.projection import intrinsics, rotation
+from hw.camera.photo_set import FULL_SCALE
+from hw.camera.projection import rotation
 from hw.emulator.emulated_board import EmulatedBoard
 from render.arrays import Array
+from render.geometry import lens_directions, lens_positions
 from tactilux import Scene
 
 NOISE_40_DB = FULL_SCALE / 100
@@ -46,14 +47,9 @@ class CameraImperfections:
 class EmulatedCamera:
     """A camera that looks at the fibers that the board lights.
 
-    Arguments:
-        scene: whose camera this is; photographs have its columns and rows.
-        images: ``(fiber, row, column)`` true radiance per unit power, any size.
-        board: whose LED ``i`` feeds fiber ``i``.
-        exposure: counts per unit radiance.
-        power: ``(fiber,)`` true strength of each fiber, or ``(fiber, 3)``.
-        imperfections: of the camera.
-        seed: of its noise.
+    ``images`` ``(fiber, row, column)`` are true radiance per unit power at any size, ``exposure``
+    counts per unit radiance, ``power`` ``(fiber,)`` or ``(fiber, 3)`` the true strength of each
+    fiber, which LED ``i`` of the board feeds.
     """
 
     scene: Scene
@@ -92,21 +88,16 @@ def seen_by(scene: Scene, images: NDArray[np.float32], imperfections: CameraImpe
 
     rows, columns = scene.camera.rows, scene.camera.columns
     turn = rotation(imperfections.tilt)
-    size = images.shape[2], images.shape[1]
+    row, column = np.meshgrid(np.arange(rows) + 0.5, np.arange(columns) + 0.5, indexing="ij")
     # From a pixel of the tilted camera to one of the small, straight image.
-    homography = intrinsics(scene, *size) @ turn @ np.linalg.inv(intrinsics(scene, columns, rows))
+    look = lens_directions(scene, columns, rows, column, row) @ turn.T
+    where = lens_positions(scene, images.shape[2], images.shape[1], look) - 0.5
+    x, y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
     shade = vignette(rows, columns, imperfections.vignetting)
     return np.stack(
         [
-            cv2.warpPerspective(
-                image,
-                homography,
-                (columns, rows),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                # What a tilted camera sees beyond the straight image goes on as it ends.
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            * shade
+            # What a tilted camera sees beyond the straight image goes on as it ends.
+            cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) * shade
             for image in images
         ]
     )

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.ndimage import map_coordinates
 
 from hw.calibration.line_model import SurrogateCorrection
-from hw.calibration.log_ratio import log_ratios
+from hw.calibration.log_ratio import LogRatios, kernel, log_ratios
 from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_table import fiber_images
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import Setup, in_frame, sample_image
 from hw.camera.projection import pad_positions, pixels_of
 from hw.emulator.emulated_camera import CameraImperfections
-from hw.emulator.smooth_ratio import SmoothRatio
 from render.arrays import Array
 from render.progress import OnProgress
 from tactilux import Scene
@@ -67,7 +67,7 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
         gain=tuple(float(x) for x in rng.uniform(0.85, 1.0, 3)),  # type: ignore[arg-type]
     )
-    fibers = scene.fibers.count
+    fibers = scene.lamp_count
     return TrueParameters(
         Material.from_array(material),
         np.exp(0.08 * rng.standard_normal(fibers)),
@@ -89,11 +89,8 @@ def true_images(
 
     The random walk has a seed of the rig's own, so that nothing a fit was built from is in it.
 
-    Arguments:
-        setup: what is known about the rig, as designed.
-        truth: what is not.
-        correction: from preview to surrogate, applied where given.
-        rays: light paths of the random walk.
+    ``setup`` is what is known of the rig, ``truth`` what is not. The ``correction`` from preview to
+    surrogate is applied where given.
     """
     own, seed = truth.built(setup), FIRST_SEED + truth.seed
     images = fiber_images(own, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
@@ -117,16 +114,12 @@ def rendered_images(
 
     Renders of every fiber are noisy by some per cent at each millimeter, more than a camera is; so
     pictures of the true material are drawn by the preview, with random numbers of the rig's own,
-    and brought to the reference by the smooth ratio of both (``hw.emulator.smooth_ratio``).
+    and brought to the reference by the smooth ratio of both (`SmoothRatio`).
     Rendered is what lies around each fiber's reference lines; far from them the ratio goes back to
     a constant.
 
-    Arguments:
-        setup: what is known about the rig, as designed.
-        truth: what is not.
-        lit: fibers that will be photographed at each bend; the others stay dark.
-        samples: light paths per fiber and cell of the pad.
-        progress: called every few seconds.
+    ``setup`` is what is known of the rig, ``truth`` what is not. Fibers that are not ``lit`` at a
+    bend stay dark. There are ``samples`` light paths per fiber and cell of the pad.
     """
     light = render_pad_light(
         truth.built(setup), lit, samples=samples, seed=FIRST_SEED + truth.seed,
@@ -173,3 +166,55 @@ def _bring_to_reference(
     row, column = np.moveaxis((seen - blocks[0, 0])[..., ::-1] / light.block, -1, 0)
     for fiber, ratio in zip(fibers, found, strict=True):
         images[fiber] *= np.exp(map_coordinates(ratio, [row, column], order=3, mode="nearest"))
+
+
+SHARED_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
+FIBER_AMPLITUDES = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+"""Prior standard deviations of the shared and the fibers' own fields, relative; the data choose."""
+CONSTANT_STD = 1.0
+"""Prior standard deviation of each fiber's constant: nothing is known of it, its power takes it
+up."""
+
+
+class SmoothRatio:
+    """Rendered light over drawn light of one material: smooth, and much alike for all fibers.
+
+    The renders' noise is neither. So the logarithm of the ratio is a Gaussian process in the
+    fiber's frame (Rasmussen and Williams 2006, eq. 2.25 and 2.26): a constant of each fiber, a
+    field that all share, and one of its own for each. ``data`` has one entry per fiber.
+
+    Raises:
+        ValueError: no data at all.
+    """
+
+    def __init__(self, data: Sequence[LogRatios]) -> None:
+        """Choose the fields' sizes by the data's marginal likelihood (eq. 2.30)."""
+        self._seen = [ratios.place for ratios in data]
+        self._values = np.concatenate([ratios.log_ratio for ratios in data])
+        if not len(self._values):
+            raise ValueError("no render tells anything about the ratio")
+        noise = np.diag(np.concatenate([ratios.variance for ratios in data]))
+        near, same = _kernels(self._seen, self._seen)
+        best = -np.inf
+        for shared in SHARED_AMPLITUDES:
+            for own in FIBER_AMPLITUDES:
+                whole = CONSTANT_STD**2 * same + near * (shared**2 + own**2 * same) + noise
+                root = np.linalg.cholesky(whole)
+                white = solve_triangular(root, self._values, lower=True)
+                likelihood = -0.5 * float(white @ white) - float(np.log(np.diag(root)).sum())
+                if likelihood > best:
+                    best, self.shared, self.own, self._root = likelihood, shared, own, root
+
+    def mean(self, wanted: Sequence[Array]) -> Array:
+        """Return the log ratio at places ``(n, 2)`` of every fiber, one after the other."""
+        near, same = _kernels(wanted, self._seen)
+        across = CONSTANT_STD**2 * same + near * (self.shared**2 + self.own**2 * same)
+        return np.asarray(across @ cho_solve((self._root, True), self._values))
+
+
+def _kernels(a: Sequence[Array], b: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the kernel of places in the fiber's frame, and whether they are of the same fiber."""
+    fiber = [np.repeat(np.arange(len(side)), [len(place) for place in side]) for side in (a, b)]
+    place = [np.concatenate(side) for side in (a, b)]
+    same = (fiber[0][:, None] == fiber[1][None]).astype(np.float64)
+    return kernel(place[0], place[1]), same

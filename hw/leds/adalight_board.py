@@ -32,10 +32,7 @@ def adalight_frame(levels: Levels) -> bytes:
 class AdalightBoard:
     """The driver of Adalight sketches.
 
-    Arguments:
-        link: an open serial line; the board takes it over.
-        leds: how many LEDs the board drives: it cannot say so itself.
-        start_seconds: how long the board may take to say ``Ada``.
+    It takes the open ``link`` over; the board cannot say itself how many ``leds`` it drives.
     """
 
     def __init__(
@@ -62,7 +59,6 @@ class AdalightBoard:
                 f"nothing on {link.port} says Ada, so it is no Adalight board: choose another "
                 "--port or --protocol",
                 field="port",
-                value=link.port,
             ) from None
 
     def show(self, levels: Levels) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hw.errors import PowerError
 from hw.leds.board import Levels, dark
-from optimize.mounting.feeds import FULL_MILLIAMPERES
+from optimize.mounting import FULL_MILLIAMPERES, Feeds, leds_per_fiber
 from render.arrays import Array
 
 ORDERS = ("rgb", "rbg", "grb", "gbr", "brg", "bgr")
@@ -18,13 +18,14 @@ ORDERS = ("rgb", "rbg", "grb", "gbr", "brg", "bgr")
 class ChannelMap:
     """Which LED of the board feeds each fiber.
 
-    Arguments:
-        leds: ``(fiber,)`` number of the LED of each fiber, in the order of ``design.json``.
-        order: how the LEDs' own channels are wired, ``rgb`` when as the board says.
+    ``leds`` ``(fiber,)`` are in the order of ``design.json``; ``order`` is how the LEDs' own
+    channels are wired, ``rgb`` when as the board says. An LED has three channels; where a fiber has
+    more ``colors``, every number stands for as many LEDs as it takes, see `Feeds`.
     """
 
     leds: tuple[int, ...]
     order: str = "rgb"
+    colors: int = 3
 
     def __post_init__(self) -> None:
         """Refuse an LED that would feed two fibers, and unknown orders."""
@@ -35,26 +36,23 @@ class ChannelMap:
                 f"{'twice' if twice else 'but does not exist'}, allowed: one LED from 0 for each "
                 "fiber; correct --leds",
                 field="leds",
-                value=self.leds,
             )
         if self.order not in ORDERS:
             raise PowerError(
                 f"order = {self.order!r}, allowed: {', '.join(ORDERS)}; correct --order",
                 field="order",
-                value=self.order,
-                allowed=", ".join(ORDERS),
             )
 
     @classmethod
-    def straight(cls, fibers: int, first: int = 0, order: str = "rgb") -> ChannelMap:
-        """Return the map of fiber ``i`` to LED ``first + i``."""
-        return cls(tuple(range(first, first + fibers)), order)
+    def straight(cls, fibers: int, order: str = "rgb", colors: int = 3) -> ChannelMap:
+        """Return the map of fiber ``i`` to LED ``i``."""
+        return cls(tuple(range(fibers)), order, colors)
 
     @classmethod
-    def parse(cls, text: str | None, fibers: int, order: str) -> ChannelMap:
+    def parse(cls, text: str | None, fibers: int, order: str, colors: int = 3) -> ChannelMap:
         """Return the map that ``--leds 0,1,5`` gives, the straight one without it."""
         if text is None:
-            return cls.straight(fibers, order=order)
+            return cls.straight(fibers, order, colors)
         try:
             leds = tuple(int(item) for item in text.split(","))
         except ValueError:
@@ -64,32 +62,41 @@ class ChannelMap:
                 f"--leds {text} is not a list of {fibers} numbers, allowed: one LED for each "
                 "fiber, like 0,1,2",
                 field="leds",
-                value=text,
             )
-        return cls(leds, order)
+        return cls(leds, order, colors)
 
     @property
     def needed(self) -> int:
         """How many LEDs the board must drive."""
-        return max(self.leds) + 1
+        return (max(self.leds) + 1) * leds_per_fiber(self.colors)
+
+    def led(self, fiber: int, color: int) -> int:
+        """Return the number of the LED that lights ``fiber`` in ``color``."""
+        return Feeds(self.leds, self.order).channel(fiber, color, self.colors)[0]
 
     def levels(self, power: Array, limits: PowerLimits) -> Levels:
-        """Return the levels ``(led, 3)`` that give the fibers ``power`` ``(fiber, 3)`` in [0, 1].
+        """Return the levels ``(led, 3)`` that give the fibers ``power`` ``(fiber, color)``.
+
+        Powers are in [0, 1], of the LEDs of every fiber.
 
         Raises:
             PowerError: out of range, or more current than ``limits`` allow.
         """
         power = np.asarray(power, dtype=np.float64)
-        if power.shape != (len(self.leds), 3) or not ((power >= 0) & (power <= 1)).all():
+        expected = (len(self.leds), self.colors)
+        if power.shape != expected or not ((power >= 0) & (power <= 1)).all():
             raise PowerError(
                 f"power has shape {power.shape} and values {power.min():g} to {power.max():g}, "
-                f"allowed: ({len(self.leds)}, 3) in 0 to 1; make the design for this rig",
+                f"allowed: {expected} in 0 to 1; make the design for this rig",
                 field="power",
             )
         limits.check(power)
         levels = dark(self.needed)
         channel = ["rgb".index(letter) for letter in self.order]
-        levels[list(self.leds)] = np.rint(255 * power)[:, channel].astype(np.uint8)
+        each = leds_per_fiber(self.colors)
+        triples = np.pad(power, [(0, 0), (0, 3 * each - self.colors)]).reshape(-1, each, 3)
+        lit = np.array(self.leds)[:, None] * each + np.arange(each)
+        levels[lit] = np.rint(255 * triples)[..., channel].astype(np.uint8)
         return levels
 
 
@@ -97,39 +104,25 @@ class ChannelMap:
 class PowerLimits:
     """What the rig may draw: nothing is dimmed silently, too much is refused.
 
-    Arguments:
-        milliamperes: current of one channel of one LED at full power.
-        total_milliamperes: what the supply may give; 500 mA is a USB port.
-        highest: greatest power of one channel, in [0, 1].
+    ``total_milliamperes`` is what the supply may give; 500 mA is a USB port.
     """
 
-    milliamperes: float = FULL_MILLIAMPERES
     total_milliamperes: float = 500.0
-    highest: float = 1.0
 
     def current(self, power: Array) -> float:
-        """Return the current (mA) that ``power`` ``(fiber, 3)`` draws."""
-        return float(np.sum(power)) * self.milliamperes
+        """Return the current (mA) that ``power`` ``(fiber, color)`` draws."""
+        return float(np.sum(power)) * FULL_MILLIAMPERES
 
     def check(self, power: Array) -> None:
-        """Refuse ``power`` ``(fiber, 3)`` beyond the limits.
+        """Refuse ``power`` ``(fiber, color)`` beyond the limits.
 
         Raises:
             PowerError: says how much was asked for and how much is allowed.
         """
-        if power.max(initial=0.0) > self.highest:
-            raise PowerError(
-                f"power = {power.max():g}, allowed: at most {self.highest:g}; lower --scale",
-                field="power",
-                value=float(power.max()),
-                allowed=f"at most {self.highest:g}",
-            )
         current = self.current(power)
         if current > self.total_milliamperes:
             raise PowerError(
                 f"the lights would draw {current:.0f} mA, allowed: {self.total_milliamperes:.0f} "
                 "mA; lower --scale, or raise --limit-ma if the supply gives more",
                 field="current",
-                value=current,
-                allowed=f"at most {self.total_milliamperes:g} mA",
             )

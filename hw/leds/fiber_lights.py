@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
-from types import FrameType, TracebackType
 
 import numpy as np
 
@@ -16,9 +12,6 @@ from hw.leds.board import Board, Levels, dark
 from hw.leds.channels import ChannelMap, PowerLimits
 from render.arrays import Array
 
-SIGNALS = (signal.SIGTERM, signal.SIGHUP)
-"""What would end Python without running any ``finally``."""
-
 
 class FiberLights:
     """A context manager around a board; on leaving it, all LEDs are off.
@@ -26,11 +19,7 @@ class FiberLights:
     Where the link is lost, it is opened again for ``patience`` seconds, first of all to switch
     everything off; where that fails too, the error says whether the board goes dark by itself.
 
-    Arguments:
-        connect: opens the board; called again when the link is lost.
-        channels: which LED feeds which fiber.
-        limits: what the rig may draw.
-        patience: seconds to wait for a lost board.
+    ``connect`` opens the board, again when the link is lost.
     """
 
     def __init__(
@@ -41,7 +30,6 @@ class FiberLights:
         *,
         patience: float = 5.0,
     ) -> None:
-        """Open the board and switch everything off."""
         self._connect, self.channels = connect, channels
         self.limits = limits or PowerLimits()
         self._patience = patience
@@ -62,12 +50,7 @@ class FiberLights:
         """Return the lights."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: object, __: object) -> None:
         """Switch everything off, also after an error, and give the port back."""
         try:
             self.off()
@@ -79,7 +62,7 @@ class FiberLights:
             self._board.close()
 
     def set(self, power: Array) -> None:
-        """Give the fibers ``power`` ``(fiber, 3)`` in [0, 1].
+        """Give the fibers ``power`` ``(fiber, color)`` in [0, 1].
 
         Raises:
             PowerError: more than the rig may draw.
@@ -138,20 +121,16 @@ class FiberLights:
             f"the LED board was lost and did not come back in {self._patience:g} s ({then}): check "
             "cable and power, then try again",
             field="port",
-            value=cause.value,
         )
 
 
 def sweep(lights: FiberLights, power: Array, settle: float = 0.0) -> Iterator[int]:
-    """Light one fiber after the other with its part of ``power`` ``(fiber, 3)``.
+    """Light one fiber after the other with its part of ``power`` ``(fiber, color)``.
 
     Yields the number of the fiber that is lit; fibers without power are passed over. Dark again
     when it ends.
 
-    Arguments:
-        lights: what is lit.
-        power: in [0, 1].
-        settle: seconds between setting a light and yielding, for the camera's sake.
+    ``settle`` is seconds between setting a light and yielding, for the camera's sake.
     """
     for fiber in np.nonzero(np.asarray(power).max(axis=1) > 0)[0]:
         alone = np.zeros_like(power)
@@ -160,21 +139,3 @@ def sweep(lights: FiberLights, power: Array, settle: float = 0.0) -> Iterator[in
         lights.hold(settle)
         yield int(fiber)
     lights.off()
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into an orderly exit, so that the lights go off."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def leave(number: int, _: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
-    before = {number: signal.signal(number, leave) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

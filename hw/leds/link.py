@@ -64,8 +64,7 @@ class SerialLink:
     def read_line(self, deadline: float) -> bytes:
         """Return the next line without its end.
 
-        Arguments:
-            deadline: `time.monotonic` instant until which to wait.
+        It is waited for until ``deadline``, a `time.monotonic` instant.
 
         Raises:
             LinkError: none came in time, or the cable was pulled (`UnpluggedError`).
@@ -78,7 +77,6 @@ class SerialLink:
                     f"{self.port} sends bytes without line ends: choose the board's own --protocol "
                     "and --baud",
                     field="port",
-                    value=self.port,
                 )
             remaining = deadline - time.monotonic()
             if remaining <= 0:
@@ -104,14 +102,12 @@ class SerialLink:
         return UnpluggedError(
             f"the LED board on {self.port} is gone: check cable and power, then try again",
             field="port",
-            value=self.port,
         )
 
     def _lost(self, what: str) -> LinkError:
         return LinkError(
             f"the LED board on {self.port} {what}: check cable and power, then try again",
             field="port",
-            value=self.port,
         )
 
 
@@ -135,7 +131,7 @@ def _port_error(port: str, error: Exception) -> PortError:
         message = (
             f"{port} is not a serial port that can be opened ({reason}): see `tactilux hw ports`"
         )
-    return PortError(message, field="port", value=port)
+    return PortError(message, field="port")
 
 
 def _group(port: str) -> str:

@@ -12,8 +12,7 @@ from hw.leds.adalight_board import AdalightBoard
 from hw.leds.board import Board
 from hw.leds.line_board import LineBoard
 from hw.leds.link import SerialLink
-from hw.leds.wled_board import SerialWled, WledBoard
-from hw.leds.wled_web import WebWled
+from hw.leds.wled_board import SerialWled, WebWled, WledBoard
 
 WEB = ("http://", "https://")
 
@@ -59,7 +58,6 @@ def the_port(given: str | None) -> str:
     raise PortError(
         f"there are {len(found)} serial ports: name one with --port, {', '.join(found)}",
         field="port",
-        value=found,
     )
 
 
@@ -68,12 +66,8 @@ def open_board(
 ) -> Board:
     """Return the board on ``port`` once it has said who it is.
 
-    Arguments:
-        port: device path, or the ``http://`` address of a WLED.
-        protocol: what it speaks.
-        leds: how many LEDs are needed; an Adalight board cannot say how many it has.
-        baud: bits per second; USB boards ignore it.
-        timeout: seconds that one answer may take.
+    ``port`` is a device path, or the ``http://`` address of a WLED. An Adalight board cannot say
+    how many LEDs it has; USB boards ignore ``baud``; one answer may take ``timeout`` seconds.
 
     Raises:
         PortError: no port, no permission, port taken, wrong device, or too few LEDs.
@@ -84,8 +78,6 @@ def open_board(
             f"--protocol {protocol} is not spoken over a network, allowed at {port}: wled; add "
             "--protocol wled, or name a serial --port",
             field="protocol",
-            value=protocol.value,
-            allowed="wled",
         )
     link = WebWled(port, timeout=timeout) if web else SerialLink(port, baud=baud, timeout=timeout)
     try:
@@ -103,8 +95,6 @@ def open_board(
                 f"{board.name} on {port} drives {board.leds} LEDs, allowed: at least {leds}; set "
                 "its number of LEDs, or map fibers with --leds",
                 field="leds",
-                value=board.leds,
-                allowed=f"at least {leds}",
             )
     except BaseException:
         link.close()

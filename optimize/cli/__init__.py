@@ -20,6 +20,7 @@ from optimize.cli import (
     frontier,
     optimize,
     overnight,
+    play,
     reconstruct,
     render,
     report,
@@ -35,7 +36,7 @@ from render.errors import TactiluxError
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 PACKAGES = {
     "explore": ("cma", "glcontext", "jinja2", "matplotlib", "moderngl", "numba", "scipy"),
-    "train": ("dask", "distributed", "drjit", "mitsuba", "onnx", "onnxscript", "sklearn", "torch",
+    "train": ("dask", "distributed", "drjit", "mitsuba", "onnx", "sklearn", "torch",
               "trimesh"),
     "hw": ("cv2", "serial"),
 }  # fmt: skip
@@ -51,8 +52,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for _command in (
-    explore, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight, status,
-    render, describe, report, colors,
+    explore, play, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight,
+    status, render, describe, report, colors,
 ):  # fmt: skip
     app.command(_command.__name__.rpartition(".")[2])(_command.run)
 

@@ -30,6 +30,10 @@ def run(
     phi_index: Annotated[
         int | None, Option(help="Direction node to use, where the table has several.")
     ] = None,
+    scene_name: Annotated[
+        str | None,
+        Option("--scene", help="Scene whose LEDs and constraints hold (default: free RGB)."),
+    ] = None,
     seed: Seed = 0,
     device: Annotated[
         str | None, Option(help="Let torch search on this device, for example cuda.")
@@ -37,8 +41,9 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Search the colors of a transport table."""
-    from optimize.design import color_name
+    from optimize.design import limits_of
     from optimize.scoring import TableScorer, score_interval
+    from render.scene import load_scene
     from render.transport import load_table
 
     if device is not None and method != "exact":
@@ -47,7 +52,14 @@ def run(
         )
     with reserved_stdout() as stream:
         table = load_table(path)
-        scorer = TableScorer(table)
+        scene = load_scene(scene_name) if scene_name else None
+        if scene is not None and scene.lamp_count != table.T.shape[0]:
+            raise TableError(
+                f"the table has {table.T.shape[0]} fibers, allowed: {scene.lamp_count} as in "
+                f"scene {scene.name}; name the scene that it was made for",
+                field="scene",
+            )
+        scorer = TableScorer(table, limits=limits_of(scene) if scene else None)
         phi = scorer.at_node(_node(table, phi_index))
         with ProgressBar(f"Colors, {method}") as bar:
             result = _search(scorer, phi, method, seed, device, bar)
@@ -70,14 +82,14 @@ def run(
             )
             return
         low, high = score_interval(scorer, phi, scorer.power(result.colors))
-        names = " ".join(color_name(index) for index in result.colors)
+        names = " ".join(scorer.palette.name(index) for index in result.colors)
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
             f"level {table.level}\n{result.evaluated} colorings in {result.seconds:.1f} s by "
             f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors"
             f"{'' if result.ties_complete else ', and perhaps more'}\n"
         )
-        if result.monochrome:
+        if result.monochrome and table.lam > 0.0:
             stream.write("One color lights everything: lam does not reward color here.\n")
 
 

@@ -34,7 +34,7 @@ def run(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find a better lighting design on the surrogate."""
+    """Find a better lighting design in seconds."""
     from optimize.exploration import explore
     from optimize.report import print_scores, warnings, write_exploration
     from optimize.robust import (
@@ -43,7 +43,7 @@ def run(
         print_study,
         study_robustness,
     )
-    from optimize.scoring import find_model, open_model
+    from optimize.scoring import open_model
     from optimize.ui.output import check_target
     from render.preview.gl import create_context
     from render.scene import load_scene
@@ -55,24 +55,22 @@ def run(
             declared_tolerances(scene)
         if shadow is not None and not math.isfinite(shadow):
             raise DesignError(
-                f"--shadow = {shadow}, allowed: a finite weight of at least 0",
-                field="shadow",
-                value=shadow,
+                f"--shadow = {shadow}, allowed: a finite weight of at least 0", field="shadow"
             )
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
-        folder = find_model(scene, model)
-        checker = open_model(scene, folder)
+        checker = open_model(scene, model)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
-        note(f"Exploring {scene.name} on the surrogate in {folder}")
+        where = "its preview" if checker.file is None else f"the surrogate in {checker.file.parent}"
+        note(f"Exploring {scene.name} on {where}")
         with ProgressBar() as bar:
             found = explore(scene, checker, seed=seed, progress=_Steps(bar))
             if robust is not None or shadow is not None:
                 bar.note("  refining for what was asked")
                 found = study_robustness(found, robust, shadow, bar)
             bar.note("  drawing pictures and the report")
-            result = write_exploration(found, target, folder, lambda: time.monotonic() - began)
+            result = write_exploration(found, target, lambda: time.monotonic() - began)
         if as_json:
             print_json(stream, result)
         else:

@@ -10,7 +10,7 @@ from typer import BadParameter, Option
 
 from optimize.cli.options import Json, ModelFolder, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
-from render.errors import ModelError, SceneError
+from render.errors import SceneError
 
 if TYPE_CHECKING:
     from optimize.verification import LoopRound, Optimization
@@ -87,7 +87,14 @@ def run(
                 checker,
                 render,
                 OptimizeConfig(
-                    method, samples, final_samples, final_seeds, rounds, generations, seed
+                    method,
+                    samples,
+                    final_samples,
+                    final_seeds,
+                    rounds,
+                    generations,
+                    seed,
+                    timed=minutes is not None,
                 ),
                 on_round=lambda done: bar.note(_round_text(done)),
                 on_candidate=lambda *at: bar.note(_candidate_text(*at)),
@@ -107,14 +114,10 @@ def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | N
     """Return the surrogate; the thesis can do without."""
     from optimize.scoring import find_model, open_model
 
-    try:
-        folder = find_model(scene, model)
-    except ModelError:
-        if required or model is not None:
-            raise
+    if not required and find_model(scene, model) is None:
         note("There is no surrogate: exposure and lambda come from the preview")
         return None
-    return open_model(scene, folder)
+    return open_model(scene, model)
 
 
 def _round_text(done: LoopRound) -> str:
@@ -129,7 +132,7 @@ def _round_text(done: LoopRound) -> str:
             f"(noise takes {measured.score.value - measured.score.plain:.2f}){over}"
         )
     tau = done.correction.tau
-    learned = f"prior {tau:g} per coefficient" if tau else "nothing to correct"
+    learned = f"prior {tau:g} per coefficient" if tau else "no correction that renders bear out"
     lines.append(
         f"    ranking: {done.agreement.shown}; refit: {learned}, then {done.refitted.shown}"
     )
@@ -162,12 +165,6 @@ def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
     )
     for sentence in conclusions(found):
         stream.write(f"{sentence}\n")
-    if found.loop is not None and found.training_seconds is not None:
-        stream.write(
-            f"Training the surrogate, once for all designs of the scene, took "
-            f"{found.training_seconds:.0f} s of rendering; it is not in the table.\n"
-        )
-    stream.write(f"The finalists took {finalists.renders.seconds:.0f} s of rendering.\n")
 
 
 def _costs(found: Optimization, name: str) -> tuple[str, str, str]:

@@ -49,7 +49,7 @@ def run(
             raise BadParameter(f"give {first} or {second}, not both")
     from optimize.overnight.job import overnight
     from optimize.overnight.run_directory import check_run_directory
-    from optimize.ui.signals import Stopped
+    from optimize.ui.process import Stopped
     from render.reference import ensure_llvm
     from render.scene import load_scene
 

@@ -46,9 +46,7 @@ def run(
 
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
         if not math.isfinite(value):
-            raise DesignError(
-                f"--{name} = {value}, allowed: a finite number", field=name, value=value
-            )
+            raise DesignError(f"--{name} = {value}, allowed: a finite number", field=name)
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
         designs = [candidate.baseline, candidate.design]

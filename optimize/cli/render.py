@@ -132,7 +132,8 @@ def run(
             arrays = {name: values[:, turned] for name, values in arrays.items()}
             content = _data(path, {**arrays, "exposure": exposure})
         else:
-            content = _encoded(path, light[:, turned] * exposure / THESIS.count_max)
+            counts = light[:, turned] * exposure
+            content = _encoded(path, counts @ scene.palette.display / THESIS.count_max)
         write_result(path, content)
         stream.write(f"{path}\n")
 
@@ -140,7 +141,7 @@ def run(
 def _exposure(scene: Scene, lit: Array) -> float:
     """Return the scene's exposure, so that its pictures compare; else the one of what is ``lit``.
 
-    ``lit`` ``(pixel, 3)`` is the light of the pad, however much of the picture it fills.
+    ``lit`` ``(pixel, channel)`` is the light of the pad, however much of the picture it fills.
     """
     import numpy as np
 
@@ -170,7 +171,6 @@ def _imprint(scene: Scene, press: str) -> Imprint | None:
         raise RenderError(
             f"--press {press!r} is no file, allowed: {', '.join(PRESSED)} or a mesh file",
             field="press",
-            value=press,
         )
     return body_of_file(scene, Path(press))
 

@@ -27,6 +27,5 @@ def run(
                 f"{directory} cannot be written ({error.strerror}): copy the run directory to a "
                 "place where it can and report from there",
                 field="run",
-                value=str(directory),
             ) from None
         stream.write(f"Report: {path}\n")

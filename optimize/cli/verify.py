@@ -52,9 +52,7 @@ def run(
 
     if samples is not None and minutes is not None:
         raise RenderError(
-            "--samples and --minutes both say how long to render: give one of them",
-            field="minutes",
-            value=minutes,
+            "--samples and --minutes both say how long to render: give one of them", field="minutes"
         )
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)

@@ -1,12 +1,13 @@
 """A lighting design: what it is, what may be chosen, how good it is, and its file."""
 
 from optimize.design.design import (
+    DARK,
     Array,
     Colors,
     Design,
     ScoredDesign,
     baseline_design,
-    color_name,
+    one_led,
 )
 from optimize.design.design_file import (
     load_design,

@@ -5,74 +5,85 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from render.errors import DesignError
-from render.geometry import fiber_edges
-from render.scene import COLORS, Scene
+from render.scene import RGB, Palette, Scene
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.int64]
 
-# Without an LED a fiber is dark; it has no color index.
-OFF = -1
+DARK = -1
+"""The color index of a fiber whose LEDs are off."""
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Directions ``phi`` ``(F,)`` in [0, pi] rad and LED powers ``power`` ``(F, 3)`` in [0, 1]."""
+    """Directions ``phi`` ``(F,)`` in [0, pi] rad and LED powers ``drive`` ``(F, color)`` in [0, 1].
+
+    ``palette`` says what the colors are and what the camera's channels see of them.
+    """
 
     phi: Array
-    power: Array
+    drive: Array
+    palette: Palette = RGB
 
     def __post_init__(self) -> None:
         """Refuse wrong shapes, values out of range and NaN."""
         if self.phi.ndim != 1 or not len(self.phi):
             raise DesignError(f"phi has shape {self.phi.shape}, allowed: (fibers,)", field="phi")
-        if self.power.shape != (len(self.phi), 3):
+        expected = (len(self.phi), len(self.palette.names))
+        if self.drive.shape != expected:
             raise DesignError(
-                f"power has shape {self.power.shape}, allowed: {(len(self.phi), 3)}", field="power"
+                f"power has shape {self.drive.shape}, allowed: {expected}", field="power"
             )
-        for name, values, high in (("phi", self.phi, math.pi), ("power", self.power, 1.0)):
+        for name, values, high in (("phi", self.phi, math.pi), ("power", self.drive, 1.0)):
             bad = ~((values >= 0.0) & (values <= high))
             if bad.any():
                 place = tuple(int(i) for i in np.argwhere(bad)[0])
                 limit = "0 to pi rad" if name == "phi" else "0 to 1"
                 raise DesignError(
-                    f"{name}{list(place)} = {values[place]:g}, allowed: {limit}",
-                    field=name,
-                    value=float(values[place]),
-                    allowed=limit,
+                    f"{name}{list(place)} = {values[place]:g}, allowed: {limit}", field=name
                 )
 
     @classmethod
-    def of_colors(cls, phi: Array, colors: Sequence[int] | Colors) -> Design:
-        """Return the design with one LED at full power per fiber; ``colors`` 0/1/2 = R/G/B."""
+    def of_colors(
+        cls, phi: Array, colors: Sequence[int] | Colors, palette: Palette = RGB
+    ) -> Design:
+        """Return the design with one LED of ``palette`` at full power per fiber, none for -1."""
         chosen = np.asarray(colors, dtype=np.int64)
-        if chosen.ndim != 1 or ((chosen < 0) | (chosen > 2)).any():
+        count = len(palette.names)
+        if chosen.ndim != 1 or ((chosen < DARK) | (chosen >= count)).any():
             raise DesignError(
-                f"colors = {chosen.tolist()}, allowed: one of 0, 1, 2 (red, green, blue) per fiber",
+                f"colors = {chosen.tolist()}, allowed: one of {', '.join(map(str, range(count)))} "
+                f"({', '.join(palette.names)}) or {DARK} (off) per fiber",
                 field="colors",
             )
-        return cls(np.asarray(phi, dtype=np.float64), np.eye(3)[chosen])
+        return cls(np.asarray(phi, dtype=np.float64), one_led(chosen, count), palette)
+
+    @cached_property
+    def power(self) -> Array:
+        """What the fibers give to the camera's channels, ``(F, channel)``, as shares of T."""
+        return np.asarray(self.drive @ self.palette.matrix)
 
     @property
     def colors(self) -> Colors:
-        """The strongest channel of each fiber, ``(F,)``: 0/1/2 = R/G/B, -1 for a dark fiber."""
-        strongest = np.argmax(self.power, axis=1)
-        return np.where(self.power.max(axis=1) > 0.0, strongest, OFF)
+        """The strongest LED of each fiber, ``(F,)``, an index of the palette; -1 if it is dark."""
+        strongest = np.argmax(self.drive, axis=1)
+        return np.where(self.drive.max(axis=1) > 0.0, strongest, DARK)
 
     @property
     def color_names(self) -> list[str]:
-        """The color of each fiber as ``red``, ``green``, ``blue`` or ``off``."""
-        return [color_name(index) for index in self.colors]
+        """The color of each fiber by name, ``off`` without light."""
+        return [self.palette.name(index) for index in self.colors]
 
     @property
     def monochrome(self) -> bool:
-        """Whether one color lights everything: then hue says nothing, and lam is too large."""
-        return len(set(self.colors.tolist())) == 1
+        """Whether one color of several hues lights everything: then lam is too large."""
+        return not self.palette.one_hue and len(set(self.colors.tolist())) == 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +94,14 @@ class ScoredDesign:
     score: float
 
 
-def color_name(index: int) -> str:
-    """Return ``red``, ``green``, ``blue`` or, for -1, ``off``."""
-    return "off" if index == OFF else COLORS[index]
+def one_led(colors: Colors, count: int) -> Array:
+    """Return drives ``(..., F, count)``: the LED of every ``colors`` ``(..., F)``, none for -1."""
+    # Minus one is the last row of a table, which is dark.
+    return np.asarray(np.vstack([np.eye(count), np.zeros(count)])[colors])
 
 
 def baseline_design(scene: Scene) -> Design:
     """Return the design to beat: one color per edge, every fiber normal to it (thesis 5.1)."""
-    colors = [COLORS.index(getattr(scene.baseline, edge)) for edge in fiber_edges(scene)]
-    return Design.of_colors(np.full(scene.fibers.count, math.pi / 2), colors)
+    palette = scene.palette
+    colors = [palette.index(color) for color in scene.baseline_colors()]
+    return Design.of_colors(np.full(scene.lamp_count, math.pi / 2), colors, palette)

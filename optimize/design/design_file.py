@@ -1,7 +1,8 @@
 """``design.json``: a design with its rating, written atomically and read strictly.
 
-Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colors`` (names), ``power``,
-``level``, ``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
+Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colors`` (names), ``power`` (of each
+LED of a fiber, in the order of ``palette``, or red, green, blue where there is none), ``level``,
+``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
 Anything unknown, missing, out of range or made for another scene is refused.
 
 Schema 2: exposure and lam are those of the scene's preview. Files of schema 1, whose scale depended
@@ -32,7 +33,7 @@ from optimize.ui.provenance import package_versions
 from render.errors import DesignError
 from render.files import write_text
 from render.metric import MetricConfig, current_conventions
-from render.scene import Scene, load_scene, shipped_scenes
+from render.scene import OFF, RGB, Palette, Scene, load_scene, shipped_scenes
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -53,6 +54,26 @@ class _Score(BaseModel):
     spread_bends: float
 
 
+class _Palette(BaseModel):
+    """The LEDs of a scene that has others than the default ones."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    names: Annotated[list[str], Field(min_length=1)]
+    channels: Annotated[list[str], Field(min_length=1)]
+    response: list[list[Power]]
+    inks: list[str]
+
+    def in_memory(self) -> Palette:
+        """Return the palette itself."""
+        response = tuple(map(tuple, self.response))
+        palette = Palette(tuple(self.names), response, tuple(self.channels), tuple(self.inks))
+        if len(response) != len(self.names) or len(self.inks) != len(self.names):
+            raise ValueError("palette: names, response and inks need one entry per LED")
+        for problem in palette.problems():
+            raise ValueError(f"palette: {problem}")
+        return palette
+
+
 class DesignFile(BaseModel):
     """The content of a design file; all of it belongs together."""
 
@@ -62,10 +83,11 @@ class DesignFile(BaseModel):
     scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
     angles_deg: Annotated[list[Angle], Field(min_length=1)]
     colors: Annotated[
-        list[Literal["red", "green", "blue", "off"]],
+        list[str],
         Field(validation_alias=AliasChoices("colors", "colours")),  # as it was once spelled
     ]
-    power: list[Annotated[list[Power], Field(min_length=3, max_length=3)]]
+    power: list[list[Power]]
+    palette: _Palette | None = None
     level: Level | None
     score: _Score | None
     lam: Annotated[float, Field(ge=0.0)] | None
@@ -80,7 +102,11 @@ class DesignFile(BaseModel):
     def design(self) -> Design:
         """The directions and the powers."""
         phi = np.minimum(np.radians(np.array(self.angles_deg)), math.pi)
-        return Design(phi, np.array(self.power))
+        return Design(phi, np.array(self.power), self._palette)
+
+    @property
+    def _palette(self) -> Palette:
+        return RGB if self.palette is None else self.palette.in_memory()
 
     @property
     def rating(self) -> Rating | None:
@@ -103,7 +129,19 @@ class DesignFile(BaseModel):
                 f"angles_deg, colors and power have lengths {len(self.angles_deg)}, "
                 f"{len(self.colors)} and {len(self.power)}, allowed: one entry per fiber in each"
             )
-        names = Design(np.zeros(len(self.power)), np.array(self.power)).color_names
+        palette = self._palette
+        known = (*palette.names, OFF)
+        for fiber, name in enumerate(self.colors):
+            if name not in known:
+                raise ValueError(f"colors[{fiber}] = {name!r}, allowed: {', '.join(known)}")
+        for fiber, row in enumerate(self.power):
+            if len(row) != len(palette.names):
+                raise ValueError(
+                    f"power[{fiber}] has {len(row)} values, allowed: {len(palette.names)}, one for "
+                    f"each of {', '.join(palette.names)}"
+                )
+        design = Design(np.zeros(len(self.power)), np.array(self.power), palette)
+        names = design.color_names
         if names != self.colors:
             fiber = next(i for i, name in enumerate(names) if name != self.colors[i])
             raise ValueError(
@@ -131,7 +169,8 @@ def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None 
         "scene_hash": scene.hash,
         "angles_deg": np.degrees(design.phi).tolist(),
         "colors": design.color_names,
-        "power": design.power.tolist(),
+        "power": design.drive.tolist(),
+        **_palette_to_json(design.palette),
         **_rating_to_json(rating),
         "versions": package_versions("numpy"),
     }
@@ -139,7 +178,9 @@ def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None 
         file = DesignFile.model_validate(content)
     except ValidationError as error:
         raise _refusal("the design to be saved", error) from None
-    write_text(path, file.model_dump_json(by_alias=True, indent=2) + "\n")
+    left_out = {"palette"} if file.palette is None else None
+    text = file.model_dump_json(by_alias=True, indent=2, exclude=left_out)
+    write_text(path, text + "\n")
 
 
 def load_design(path: Path, scene: Scene) -> Design:
@@ -154,8 +195,6 @@ def load_design(path: Path, scene: Scene) -> Design:
             f"{path} was made for another scene ({saved.scene}, hash {saved.scene_hash}), allowed: "
             f"hash {scene.hash} of {scene.name}; pass the scene it was made for or explore anew",
             field="scene_hash",
-            value=saved.scene_hash,
-            allowed=scene.hash,
         )
     _check_fiber_count(saved.design, scene, str(path))
     return saved.design
@@ -173,7 +212,6 @@ def load_design_file(path: Path) -> DesignFile:
         raise DesignError(
             f"{path} cannot be read: {error.strerror}; give the path of a design.json",
             field="design",
-            value=str(path),
         ) from None
     try:
         return DesignFile.model_validate_json(text)
@@ -193,7 +231,6 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
             f"{path} is for scene {saved.scene}, which does not come with tactilux: "
             "name its TOML file with --scene",
             field="scene",
-            value=saved.scene,
         )
     scene = load_scene(scene_name or saved.scene)
     design = load_design(path, scene)
@@ -207,13 +244,19 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
 
 
 def _check_fiber_count(design: Design, scene: Scene, origin: str) -> None:
-    if len(design.phi) != scene.fibers.count:
+    if len(design.phi) != scene.lamp_count:
         raise DesignError(
-            f"{origin} has {len(design.phi)} fibers, allowed: {scene.fibers.count} as in scene "
+            f"{origin} has {len(design.phi)} fibers, allowed: {scene.lamp_count} as in scene "
             f"{scene.name}",
             field="fibers",
-            value=len(design.phi),
         )
+
+
+def _palette_to_json(palette: Palette) -> dict[str, Any]:
+    if palette == RGB:
+        return {}
+    fields = ("names", "channels", "response", "inks")
+    return {"palette": {name: np.array(getattr(palette, name)).tolist() for name in fields}}
 
 
 def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
@@ -237,7 +280,6 @@ def _refusal(origin: str, error: ValidationError) -> DesignError:
     return DesignError(
         f"{origin} is not a valid design: " + "; ".join(_sentence(item) for item in problems),
         field=_place(problems[0]),
-        value=problems[0].get("input"),
     )
 
 

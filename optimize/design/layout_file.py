@@ -4,6 +4,7 @@ A finger of eight fibers::
 
     scene = "small.toml"              # or --scene; a shipped name, or a file
     colors = "rrrbbggg"               # or ["red", "red", ...]; "-" or "off" for a dark fiber
+                                      # (a letter is the first of the scene's only color with it)
     angles_deg = [90, 90, 90, 80, 100, 90, 90, 90]   # or one number for all
 
 Fibers are numbered as in the wiring sheet: left from base to tip, tip from left to right, right
@@ -22,13 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design.design import Design
+from optimize.design.design import Design, one_led
 from optimize.design.limits import limits_of
 from render.errors import DesignError
-from render.scene import COLORS, Scene, load_scene, shipped_scenes
+from render.scene import OFF, Palette, Scene, load_scene, shipped_scenes
 
-LETTERS = {"r": 0, "g": 1, "b": 2, "-": -1}
-NAMES = {name: index for index, name in enumerate(COLORS)} | {"off": -1} | LETTERS
 KEYS = ("scene", "scene_hash", "colors", "colours", "angles_deg", "power")
 RATED = ("schema", "level", "score", "lam", "exposure", "conventions", "versions")
 """What a design file holds besides."""
@@ -37,9 +36,7 @@ RATED = ("schema", "level", "score", "lam", "exposure", "conventions", "versions
 def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Design]:
     """Return the scene and the design of the layout in ``path``.
 
-    Arguments:
-        path: a JSON or TOML file.
-        scene_name: a shipped scene or a file, instead of what the layout names.
+    ``scene_name`` is a shipped scene or a file, instead of what the layout names.
 
     Raises:
         DesignError: names every problem of the file at once.
@@ -56,19 +53,20 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
         raise _refusal(path, [f"scene = {named!r} is neither a shipped scene nor a file: "
                               "name its TOML file with --scene"])  # fmt: skip
     scene = load_scene(named)
-    fibers, problems = scene.fibers.count, []
+    fibers, problems = scene.lamp_count, []
     known = {*KEYS, *(RATED if "schema" in content else ())}
     problems += [f"unknown key {key}" for key in content if key not in known]
     if content.get("scene_hash", scene.hash) != scene.hash:
         problems.append(
             f"scene_hash = {content['scene_hash']!r}, allowed: {scene.hash} of {scene.name}"
         )
-    colors = _colors(content.get("colors", content.get("colours")), fibers, problems)
+    given = content.get("colors", content.get("colours"))
+    colors = _colors(given, fibers, scene.palette, problems)
     angles = _angles(content.get("angles_deg"), fibers, problems)
     power = _power(content.get("power"), colors, scene, problems)
     if problems:
         raise _refusal(path, problems)
-    return scene, Design(np.minimum(np.radians(angles), math.pi), power)
+    return scene, Design(np.minimum(np.radians(angles), math.pi), power, scene.palette)
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -79,7 +77,6 @@ def _content(path: Path) -> dict[str, Any]:
             f"{path} cannot be read: {error.strerror}; give a JSON or TOML file with colors and "
             "angles_deg",
             field="design",
-            value=str(path),
         ) from None
     except UnicodeDecodeError:
         raise _refusal(path, ["it is not text in UTF-8"]) from None
@@ -95,9 +92,21 @@ def _content(path: Path) -> dict[str, Any]:
     return found
 
 
-def _colors(given: Any, fibers: int, problems: list[str]) -> list[int]:
-    """Return an index per fiber, 0/1/2 = R/G/B and -1 for off; what is wrong joins ``problems``."""
-    allowed = "allowed: r, g, b or -, or red, green, blue or off"
+def _names(palette: Palette) -> dict[str, int]:
+    """Return the index of everything that a color may be called."""
+    first = [name[0] for name in palette.names]
+    letters = {name[0]: i for i, name in enumerate(palette.names) if first.count(name[0]) == 1}
+    return letters | {"-": -1} | {name: i for i, name in enumerate(palette.names)} | {OFF: -1}
+
+
+def _colors(given: Any, fibers: int, palette: Palette, problems: list[str]) -> list[int]:
+    """Return an index per fiber, -1 for off; what is wrong joins ``problems``."""
+    known = _names(palette)
+    short = [name for name in known if len(name) == 1]
+    allowed = (
+        f"allowed: {', '.join(short[:-1])}{' or ' if short[:-1] else ''}-, or "
+        f"{', '.join(palette.names)} or {OFF}"
+    )
     if given is None:
         problems.append(f"missing key colors, {allowed}, for each of {fibers} fibers")
         return [-1] * fibers
@@ -110,10 +119,10 @@ def _colors(given: Any, fibers: int, problems: list[str]) -> list[int]:
     found = []
     for index, entry in enumerate(entries):
         name = entry.lower() if isinstance(entry, str) else entry
-        if not isinstance(name, str) or name not in NAMES:
+        if not isinstance(name, str) or name not in known:
             problems.append(f"colors[{index}] = {entry!r}, {allowed}")
-            name = "off"
-        found.append(NAMES[name])
+            name = OFF
+        found.append(known[name])
     return (found + [-1] * fibers)[:fibers]
 
 
@@ -138,9 +147,9 @@ def _angles(given: Any, fibers: int, problems: list[str]) -> list[float]:
 
 
 def _power(given: Any, colors: list[int], scene: Scene, problems: list[str]) -> np.ndarray:
-    """Return ``(fiber, 3)``; ``given`` has a fraction per fiber, or three as a design file."""
-    chosen = np.array(colors)
-    lit = np.eye(3)[np.maximum(chosen, 0)] * (chosen >= 0)[:, None]
+    """Return ``(fiber, color)``; ``given`` has a fraction per fiber, or such rows."""
+    count = len(scene.palette.names)
+    lit = one_led(np.array(colors), count)
     full = np.asarray(lit * limits_of(scene).led_power)
     if given is None:
         return full
@@ -149,7 +158,7 @@ def _power(given: Any, colors: list[int], scene: Scene, problems: list[str]) -> 
         power = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         power = np.zeros(0)
-    if power.shape not in {(len(colors),), (len(colors), 3)}:
+    if power.shape not in {(len(colors),), (len(colors), count)}:
         problems.append(f"power has another form than {len(colors)} numbers, {words}")
         return full
     for index in np.flatnonzero(~((power >= 0) & (power <= 1)).reshape(len(colors), -1).all(1)):

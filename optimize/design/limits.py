@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array, Colors, Design, baseline_design
+from optimize.design.design import DARK, Array, Colors, Design, baseline_design, one_led
 from render.errors import DesignError
 from render.geometry import FiberHolder
-from render.scene import COLORS, Scene
+from render.scene import OFF, RGB, Palette, Scene
 
 TURNS = 16
 """Steps in which fibers that would meet are turned upright."""
@@ -24,9 +24,10 @@ class SearchLimits:
     """SearchLimits of a search.
 
     Arguments:
-        allowed: ``(F, 3)`` which colors each fiber may have.
-        led_counts: ``(3,)`` LEDs of each color, which is the most fibers that may have it.
-        led_power: ``(3,)`` power of an LED that is on.
+        allowed: ``(F, choice)`` which colors each fiber may have; the last choice is off where
+            that is one.
+        led_counts: ``(choice,)`` LEDs of each color, which is the most fibers that may have it.
+        led_power: ``(color,)`` power of an LED that is on.
         low, high: ``(F, interval)`` rad, allowed directions; unused intervals repeat the last.
         step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
         continuous_power: whether fibers may have less than ``led_power``.
@@ -41,6 +42,12 @@ class SearchLimits:
     step: float
     continuous_power: bool
     holder: FiberHolder | None = None
+    palette: Palette = RGB
+
+    @property
+    def may_be_off(self) -> bool:
+        """Whether off is a choice."""
+        return bool(self.allowed.shape[1] > len(self.palette.names))
 
     @property
     def colors_limited(self) -> bool:
@@ -50,7 +57,8 @@ class SearchLimits:
     @property
     def colors_alike(self) -> bool:
         """Whether exchanging two colors in all fibers keeps every coloring allowed."""
-        return bool(self.allowed.all() and (self.led_counts == self.led_counts[0]).all())
+        counts = self.led_counts[: len(self.palette.names)]
+        return bool(self.allowed.all() and (counts == counts[0]).all())
 
     @property
     def fixed_directions(self) -> NDArray[np.bool_]:
@@ -64,14 +72,17 @@ class SearchLimits:
         return bool(self.low.shape[1] > 1 or not whole.all() or self.step > 0.0)
 
     def fits(self, colors: Colors) -> NDArray[np.bool_]:
-        """Return which of ``colors`` ``(N, F)`` are allowed."""
+        """Return which of ``colors`` ``(N, F)`` are allowed; -1 is off."""
         chosen = np.asarray(colors)
         permitted = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
-        used = np.stack([(chosen == c).sum(axis=1) for c in range(3)], axis=1)
-        return np.asarray(permitted & (used <= self.led_counts).all(axis=1))
+        if not self.may_be_off:
+            permitted &= (chosen != DARK).all(axis=1)
+        names = range(len(self.palette.names))
+        used = np.stack([(chosen == c).sum(axis=1) for c in names], axis=1)
+        return np.asarray(permitted & (used <= self.led_counts[: len(names)]).all(axis=1))
 
     def nearest_colors(self, preference: Array) -> Colors:
-        """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, 3)``.
+        """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
 
         An assignment problem: every fiber takes one of the LEDs that there are.
 
@@ -80,17 +91,22 @@ class SearchLimits:
         """
         from scipy.optimize import linear_sum_assignment
 
-        slots = np.repeat(np.arange(3), np.minimum(self.led_counts, len(self.allowed)))
+        choices = np.arange(self.allowed.shape[1])
+        slots = np.repeat(choices, np.minimum(self.led_counts, len(self.allowed)))
         cost = np.where(self.allowed, -preference, FORBIDDEN)[:, slots]
         if cost.shape[1] >= len(cost):
             row, column = linear_sum_assignment(cost)
             if cost[row, column].max() < FORBIDDEN:
-                return np.asarray(slots[column], dtype=np.int64)
+                return self.colors_of(slots[column])
         raise DesignError(
             "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
             "per color",
             field="constraints",
         )
+
+    def colors_of(self, choices: Colors) -> Colors:
+        """Return color indices of numbers of choices: the one after the last color is off, -1."""
+        return np.where(choices == len(self.palette.names), DARK, choices).astype(np.int64)
 
     def fits_holder(self, phi: Array) -> bool:
         """Return whether no fibers of ``phi`` ``(F,)`` rad meet in the holder."""
@@ -139,57 +155,78 @@ class SearchLimits:
 
     def nearest_design(self, design: Design) -> Design:
         """Return the allowed design nearest to ``design``, at full allowed power."""
-        preference = np.eye(3)[np.maximum(design.colors, 0)]
-        colors = self.nearest_colors(preference) if self.colors_limited else design.colors
-        power = np.eye(3)[colors] * self.led_power * (design.colors >= 0)[:, None]
-        return Design(self.nearest_directions(design.phi), power)
+        colors, choices = design.colors, self.allowed.shape[1]
+        if self.colors_limited:
+            # Where a fiber cannot be off it keeps an LED on paper, and stays dark.
+            wanted = one_led(colors if self.may_be_off else np.maximum(colors, 0), choices)
+            if self.may_be_off:
+                wanted[colors == DARK, -1] = 1.0
+            colors = self.nearest_colors(wanted)
+        lit = (design.colors != DARK)[:, None]
+        drive = one_led(colors, len(self.led_power)) * self.led_power * lit
+        return Design(self.nearest_directions(design.phi), drive, self.palette)
 
     def dimmed(self, design: Design) -> Design:
         """Return ``design`` with no LED above its limit and nothing else changed."""
-        return Design(design.phi, np.minimum(design.power, self.led_power))
+        return replace(design, drive=np.minimum(design.drive, self.led_power))
 
 
-def unlimited(fibers: int) -> SearchLimits:
-    """Return the limits that allow everything."""
+def unlimited(fibers: int, palette: Palette = RGB, *, off: bool = False) -> SearchLimits:
+    """Return the limits that allow every color of ``palette``, and ``off`` if that is a choice."""
+    choices = len(palette.names) + off
     return SearchLimits(
-        allowed=np.ones((fibers, 3), dtype=bool),
-        led_counts=np.full(3, fibers, dtype=np.int64),
-        led_power=np.ones(3),
+        allowed=np.ones((fibers, choices), dtype=bool),
+        led_counts=np.full(choices, fibers, dtype=np.int64),
+        led_power=np.ones(len(palette.names)),
         low=np.zeros((fibers, 1)),
         high=np.full((fibers, 1), math.pi),
         step=0.0,
         continuous_power=False,
+        palette=palette,
     )
 
 
 def limits_of(scene: Scene) -> SearchLimits:
-    """Return the limits that the scene's constraints set.
+    """Return the limits that the scene sets: lamps that do not turn, and its constraints.
 
     Raises:
         DesignError: the constraints contradict each other.
     """
-    fibers, given = scene.fibers.count, scene.constraints
-    free = unlimited(fibers)
+    fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
+    turning, straight = np.array(scene.turning), math.pi / 2
+    ends = [np.where(turning, end, straight)[:, None] for end in (0.0, math.pi)]
     if given is None:
+        free = replace(unlimited(fibers, palette), low=ends[0], high=ends[1])
         return replace(free, holder=FiberHolder.of(scene))
+    some_off = bool(given.off) or any(entry.color == OFF for entry in given.fixed)
+    free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()
+    if some_off and not given.off:
+        allowed[:, -1] = False
     for entry in given.fixed:
         if entry.color is not None:
-            allowed[entry.fiber] = np.arange(3) == COLORS.index(entry.color)
-    intervals = [given.intervals(fiber) for fiber in range(fibers)]
+            choices, wanted = np.arange(allowed.shape[1]), palette.index(entry.color)
+            allowed[entry.fiber] = free.colors_of(choices) == wanted
+    intervals = [
+        given.intervals(fiber) if turns else [(straight, straight)]
+        for fiber, turns in enumerate(scene.turning)
+    ]
     size = max(map(len, intervals))
     padded = np.array([part + part[-1:] * (size - len(part)) for part in intervals])
-    limits = SearchLimits(
+    led_counts = free.led_counts.copy()
+    led_counts[: len(palette.names)] = given.max_counts(palette, fibers)
+    limits = replace(
+        free,
         allowed=allowed,
-        led_counts=np.array(given.max_counts(fibers), dtype=np.int64),
-        led_power=np.array([given.power_red, given.power_green, given.power_blue]),
+        led_counts=led_counts,
+        led_power=np.array([given.of_color(name).power for name in palette.names]),
         low=padded[..., 0],
         high=padded[..., 1],
         step=given.angle_step or 0.0,
         continuous_power=given.continuous_power,
         holder=FiberHolder.of(scene),
     )
-    limits.nearest_colors(np.zeros((fibers, 3)))
+    limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))
     return limits
 

@@ -34,7 +34,7 @@ class ScoreSettings:
     conventions: MetricConfig = THESIS
 
     def counts(self, transport: Array, power: Array) -> Array:
-        """Return counts ``(B, S, K, 3)`` of ``transport`` ``(F, B, S, K)``, ``power`` (F, 3)."""
+        """Return counts ``(B, S, K, C)`` of ``transport`` ``(F, B, S, K)``, ``power`` (F, C)."""
         return np.asarray(image_counts(transport, power, self.exposure, self.conventions))
 
     def metric(self, transport: Array, power: Array) -> Array:
@@ -88,7 +88,7 @@ class RatedDesign:
     @property
     def digest(self) -> str:
         """12 hex digits of the design and its scene."""
-        content = self.scene.hash.encode() + self.design.phi.tobytes() + self.design.power.tobytes()
+        content = self.scene.hash.encode() + self.design.phi.tobytes() + self.design.drive.tobytes()
         return hashlib.sha256(content).hexdigest()[:12]
 
     @property

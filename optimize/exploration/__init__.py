@@ -1,4 +1,4 @@
-"""The quick job: a better design, searched and rated on the surrogate."""
+"""The quick job: a better design, searched and rated on its model."""
 
 from optimize.exploration.exploration import (
     Exploration,

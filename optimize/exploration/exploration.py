@@ -1,4 +1,4 @@
-"""The quick job: a better lighting design for a scene, searched and rated on the surrogate."""
+"""The quick job: a better lighting design for a scene, searched and rated on its model."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from surrogate.runtime import Checker, RankingTest
 
 @dataclass(frozen=True, eq=False)
 class Stage(RatedDesign):
-    """A design of one stage of an exploration, with what the surrogate says about it.
+    """A design of one stage of an exploration, with what the model says about it.
 
     Arguments:
         key: ``baseline``, ``colors`` or ``optimized``; names files.
@@ -40,7 +40,7 @@ class Stage(RatedDesign):
         metric: M of eq. (4.6), ``(bend, site)``.
         counts: what the camera records, ``(bend, site, facet, 3)``.
         clipped: fraction of facets that saturate.
-        domain_excess: 0 inside the surrogate's trained range, positive outside.
+        domain_excess: 0 inside the model's range, positive outside.
         normal_error: mean error of recovered normals in degrees, see `optimize.reconstruction`.
     """
 
@@ -86,12 +86,12 @@ class Exploration:
 
     @property
     def rating(self) -> Rating:
-        """What the surrogate says of it."""
+        """What the model says of it."""
         return self.stages[-1].rating
 
     @property
     def ranking(self) -> RankingTest:
-        """Whether the surrogate has shown that it can rank designs."""
+        """Whether the model has shown that it can rank designs."""
         return RankingTest.of(self.checker.metadata)
 
     def to_json(self, design: Path, report: Path, seconds: float) -> dict[str, object]:
@@ -157,12 +157,12 @@ def explore(
 def rate(
     checker: Checker, scene: Scene, key: str, title: str, change: str, design: Design
 ) -> Stage:
-    """Return the stage of ``design`` with everything that checker.onnx says about it."""
+    """Return the stage of ``design`` with everything that its model says about it."""
     output = predict_design(checker, design, np.array(scene.bending.angles))
     score, half = float(output["score"]), checker.score_half_width
     parts = {name: float(part) for name, part in vars(design_score(output["metric"])).items()}
     rating = ScoreSettings(checker.exposure, checker.lam).rating(
-        "surrogate", parts | {"score": score}, (score - half, score + half)
+        checker.level, parts | {"score": score}, (score - half, score + half)
     )
     return Stage(
         scene=scene,

@@ -37,8 +37,7 @@ class FrontierPlan:
     Arguments:
         scene_hash, seed, designs: whose designs, which, and how many.
         minutes: that the rest was chosen for; 0 when ``samples`` were given.
-        samples: per fiber and facet, of the reference.
-        short: the same, of the short rows.
+        samples, short: per fiber and facet, of the reference and of the short rows.
         spp: per pixel, of the path tracer's rows.
     """
 
@@ -55,12 +54,9 @@ class FrontierPlan:
 class Frontier:
     """The rows from quick to slow, and the reference that they are compared with.
 
-    Arguments:
-        plan: what was rendered.
-        rows: levels with their errors and times; noise: what a perfect level would show.
-        reference: the long render.
-        seconds_alone: of a short render of one design by itself, compiling included.
-        nominal, coverage: the coverage that the model's intervals state, and the measured one.
+    ``noise`` is what a perfect level would show; ``seconds_alone`` those of a short render of one
+    design by itself, compiling included; ``nominal`` the coverage that the model's intervals state,
+    beside the measured one.
     """
 
     plan: FrontierPlan
@@ -152,7 +148,7 @@ def measure_frontier(
     rows.append(levels.table_row(reference, table, table_seconds))
     rows += levels.short_rows(reference, plan.short, renders, report)
     short, short_seed = plan.short[-1], levels.SHORT_SEED
-    alone = replace(designs, phi=designs.phi[:1], power=designs.power[:1]).render(
+    alone = replace(designs, phi=designs.phi[:1], colors=designs.colors[:1]).render(
         "One design", short, short_seed, renders, report
     )
     rows += levels.path_tracer_rows(reference, plan.spp, folder / "volpath", report)

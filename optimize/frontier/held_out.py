@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoreSettings
-from optimize.scoring import check_visible, student_factor
+from optimize.design import Array, Colors, Design, ScoreSettings
+from optimize.scoring import student_factor
 from optimize.verification import DesignRenders
 from render.geometry import with_mirror_images
 from render.metric import design_score, site_metric
@@ -28,18 +28,23 @@ RESAMPLES = 1000
 
 @dataclass(frozen=True, eq=False)
 class HeldOutDesigns:
-    """Random lighting designs of a sensor: ``phi`` (design, fiber) rad, ``power`` (.., .., 3)."""
+    """Random lighting designs of a sensor: ``phi`` rad and ``colors``, (design, fiber) each."""
 
     scene: Scene
     phi: Array
-    power: Array
+    colors: Colors
 
     @classmethod
     def of(cls, scene: Scene, count: int, seed: int) -> HeldOutDesigns:
         """Return ``count`` designs, phi uniform in [0, pi], one color per fiber at full power."""
-        rng, fibers = np.random.default_rng([seed, 11]), scene.fibers.count
+        rng, fibers = np.random.default_rng([seed, 11]), scene.lamp_count
         phi = rng.uniform(0.0, np.pi, (count, fibers))
-        return cls(scene, phi, random_colors(count, fibers, rng))
+        return cls(scene, phi, random_colors(count, fibers, rng, len(scene.palette.names)))
+
+    @property
+    def power(self) -> Array:
+        """What fibers give to the camera's channels, ``(design, fiber, channel)``."""
+        return self.scene.palette.matrix[self.colors]
 
     def __len__(self) -> int:
         """Return the number of designs."""
@@ -73,7 +78,8 @@ class HeldOutDesigns:
         """Render all designs at the scene's bends in one go; resumes in ``checkpoint``.
 
         Raises:
-            RenderError: no light, or a facet that the camera cannot see.
+            RenderError: no light.
+            SceneError: a site that counts is not seen at one of the bends.
         """
         phi, node = self.nodes
         estimate = render_transport(
@@ -86,12 +92,15 @@ class HeldOutDesigns:
             checkpoint=checkpoint,
             progress=in_stage(report, title),
         )
-        check_visible(estimate.replicates)
         # (replicate, fiber, node, ...) -> (replicate, design, fiber, ...)
         pads = estimate.replicates, estimate.background_replicates
         pressed, untouched = (pad[:, np.arange(len(phi)), node] for pad in pads)
-        designs = tuple(map(Design, self.phi, self.power))
-        return DesignRenders(designs, pressed, untouched, estimate.seconds)
+        designs = tuple(
+            Design.of_colors(phi, colors, self.scene.palette)
+            for phi, colors in zip(self.phi, self.colors, strict=True)
+        )
+        error = estimate.se[np.arange(len(phi)), node]
+        return DesignRenders(designs, pressed, untouched, error, estimate.seconds)
 
 
 @dataclass(frozen=True)
@@ -117,7 +126,7 @@ class HeldOutReference:
 
     Arguments:
         designs: what was rendered; settings: of the scores.
-        counts, counts_se: ``(design, bend, site, facet, 3)`` and one standard error.
+        counts, counts_se: ``(design, bend, site, facet, channel)`` and one standard error.
         scores, scores_se: ``(design,)``, freed of the noise's bias by the jackknife.
         replicates: independent groups of chains behind the error bars.
         seconds: of the render.
@@ -164,7 +173,7 @@ class HeldOutReference:
         setup: float = 0.0,
         scores: Array | None = None,
     ) -> FrontierRow:
-        """Return the errors of ``counts`` ``(design, bend, site, facet, 3)``.
+        """Return the errors of ``counts`` ``(design, bend, site, facet, channel)``.
 
         ``seconds`` are per design, ``setup`` once. ``scores`` ``(design,)`` are given where the
         level has better ones than those of its mean counts.

@@ -39,8 +39,8 @@ SHORT_SEED, TRACER_SEED = 201, 301
 NAMES: dict[Sampler, str] = {"monte-carlo": "bidirectional, MIS", "pssmlt": "PSSMLT"}
 
 Counts = Callable[[Array, Array], Array]
-"""From phi ``(design, fiber)`` and power ``(design, fiber, 3)`` to counts
-``(design, bend, site, facet, 3)``."""
+"""From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to counts
+``(design, bend, site, facet, channel)``."""
 
 
 def timed_row(
@@ -72,7 +72,10 @@ def preview_row(reference: HeldOutReference) -> FrontierRow:
             light = preview.transport(phi.T, reference.designs.bends)[0].swapaxes(0, 1)
             return np.asarray(image_counts(light, power, reference.settings.exposure))
 
-        counts(np.full((1, scene.fibers.count), 1.0), np.ones((1, scene.fibers.count, 3)))
+        counts(
+            np.full((1, scene.lamp_count), 1.0),
+            np.ones((1, scene.lamp_count, len(scene.palette.channels))),
+        )
         return timed_row(reference, "preview", counts, time.perf_counter() - began)
 
 
@@ -110,11 +113,8 @@ def fitted_rows(
     report: OnProgress,
 ) -> list[FrontierRow]:
     """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does."""
-    scene, exposure, lam = (
-        reference.designs.scene,
-        reference.settings.exposure,
-        reference.settings.lam,
-    )
+    scene, settings = reference.designs.scene, reference.settings
+    exposure, lam = settings.exposure, settings.lam
 
     def fitted() -> list[FrontierRow]:
         began, rows = time.perf_counter(), []
@@ -146,9 +146,8 @@ def short_rows(
     """Return one row of the reference per number of samples, the last also by PSSMLT."""
     rows, designs = [], reference.designs
     kinds: list[tuple[int, Sampler]] = [(count, "monte-carlo") for count in samples]
-    for number, (count, sampler) in enumerate([*kinds, (samples[-1], "pssmlt")]):
+    for seed, (count, sampler) in enumerate([*kinds, (samples[-1], "pssmlt")], SHORT_SEED):
         name = f"{NAMES[sampler]}, {count} samples"
-        seed = SHORT_SEED + number
         renders = designs.render(name, count, seed, checkpoint, report, sampler)
         short = HeldOutReference.of(designs, renders, reference.settings)
         seconds = short.seconds / len(designs)
@@ -167,11 +166,11 @@ def path_tracer_rows(
 
         def traced(name: str = name, count: int = count, number: int = number) -> list[FrontierRow]:
             radiance, seconds = [], []
-            for index, (phi, power) in enumerate(zip(designs.phi, designs.power, strict=True)):
+            for index in range(len(designs)):
                 report(Progress(index, len(designs), stage=name))
-                began = time.perf_counter()
-                seed = TRACER_SEED + 1000 * (number + 2 * index)
-                radiance.append(tracer.radiance(phi, power, count, seed))
+                began, seed = time.perf_counter(), TRACER_SEED + 1000 * (number + 2 * index)
+                design = designs.phi[index], designs.power[index]
+                radiance.append(tracer.radiance(*design, count, seed))
                 seconds.append(time.perf_counter() - began)
             counts = np.asarray(clip_counts(exposure * np.stack(radiance)))
             return [reference.row(name, counts, float(np.median(seconds)))]

@@ -49,14 +49,13 @@ def draw_levels(axes: Axes, rows: Sequence[tuple[str, float, float, float]]) -> 
 
 
 def frontier_png(frontier: Frontier) -> bytes:
-    """Return the plot as PNG: a numbered dot per level, the reference's own noise as a line."""
+    """Return the plot as PNG, with the reference's own noise as a line."""
     with drawing(8.4, 4.2) as figure:
         axes = figure.add_subplot()
-        rows = [
-            (row.level, row.seconds_per_design, row.facet_median, row.facet_p95)
-            for row in frontier.rows
-        ]
-        draw_levels(axes, sorted(rows, key=lambda row: row[1]))
+        rows = sorted(frontier.rows, key=lambda row: row.seconds_per_design)
+        draw_levels(
+            axes, [(r.level, r.seconds_per_design, r.facet_median, r.facet_p95) for r in rows]
+        )
         noise = 100 * frontier.noise.facet_median
         axes.axhline(noise, color="#8a8f98", lw=0.8, ls="--", label="noise of the reference")
         axes.set_ylim(bottom=min(0.6 * noise, axes.get_ylim()[0]))

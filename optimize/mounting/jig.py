@@ -21,13 +21,13 @@ from render.arrays import Array
 from render.errors import TactiluxError
 from render.geometry import (
     ALONG,
+    PLAY,
     FiberHolder,
     FiberPoses,
     fiber_edges,
     flat_fiber_poses,
-    lit_offset,
 )
-from render.scene import EDGES, Scene
+from render.scene import RIM_EDGES, Scene
 
 MARGIN = 1.5
 """mm of wall above, below and beyond the holes."""
@@ -66,20 +66,25 @@ def drilling_jig(scene: Scene, design: Design) -> Mesh:
     Raises:
         JigError: holes would meet each other, a corner or an end of the jig; it says which.
     """
-    holder, poses = FiberHolder.of(scene), flat_fiber_poses(scene)
+    holder, poses, fibers = FiberHolder.of(scene), flat_fiber_poses(scene), scene.fibers
+    if fibers is None or scene.lamps:
+        raise JigError(
+            "there is no jig for lamps in rows and lists of their own, only for fibers: take the "
+            "places from the wiring sheet",
+            field="rows",
+        )
     for problem in holder.problems(design.phi):
         raise JigError(
             f"there is no jig for this design: {problem}; explore anew, or round less",
             field="angles_deg",
         )
-    beams = poses.directions(design.phi, scene.fibers.tilt)
-    holes = _holes(poses, beams, holder.hole / 2, holder.thickness)
-    plan = _plan(scene, holes, holder.thickness)
+    holes = _holes(poses, poses.directions(design.phi), fibers.diameter, holder.thickness)
+    plan = _plan(scene, holes, holder.thickness, fibers.gap)
     heights = holes[..., 2].min() - MARGIN, holes[..., 2].max() + MARGIN
     return _closed(plan, *heights)
 
 
-def _holes(poses: FiberPoses, beams: Array, radius: float, thickness: float) -> Array:
+def _holes(poses: FiberPoses, beams: Array, diameter: float, thickness: float) -> Array:
     """Return where holes meet the inner and the outer face, ``(fiber, 2, SIDES, 3)`` mm.
 
     Corners go counterclockwise as one looks at the wall from the pad.
@@ -89,8 +94,10 @@ def _holes(poses: FiberPoses, beams: Array, radius: float, thickness: float) -> 
     first = level - (level * beams).sum(axis=1, keepdims=True) * beams
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(beams, first)
-    ring = radius * (
-        np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
+    ring = (
+        (diameter + PLAY)
+        / 2
+        * (np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None])
     )
     inside = np.einsum("fkx,fx->fk", ring, poses.inward)
     slope = (beams * poses.inward).sum(axis=1)[:, None]
@@ -101,17 +108,17 @@ def _holes(poses: FiberPoses, beams: Array, radius: float, thickness: float) -> 
     return np.stack(faces, axis=1)
 
 
-def _plan(scene: Scene, holes: Array, thickness: float) -> _Plan:
-    """Cut the walls into cells of one hole each."""
+def _plan(scene: Scene, holes: Array, thickness: float, gap: float) -> _Plan:
+    """Cut the walls into cells of one hole each; ``gap`` is that of the fibers."""
     edge_of = fiber_edges(scene)
-    half = np.array([scene.pad.width, scene.pad.length]) / 2 + lit_offset(scene)
+    half = np.array([scene.pad.width, scene.pad.length]) / 2 + (scene.box.rim + gap)
     base = min(-scene.pad.length / 2, float(holes[..., 1].min()) - MARGIN)
     # Corners of the inner and of the outer face, in the order of the fibers.
     corners = np.array(
         [[(-x, base), (-x, y), (x, y), (x, base)] for x, y in (half, half + thickness)]
     ).swapaxes(0, 1)
     borders, cells = [corners[0]], []
-    for edge, start, end in zip(EDGES, corners[:-1], corners[1:], strict=True):
+    for edge, start, end in zip(RIM_EDGES, corners[:-1], corners[1:], strict=True):
         own = [i for i, name in enumerate(edge_of) if name == edge]
         along = ALONG[edge]
         reach = [(holes[i, ..., :2] @ along) for i in own]  # (2, SIDES) each

@@ -16,15 +16,54 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from optimize.design import Design, limits_of
-from optimize.mounting.feeds import Feeds
+from optimize.robust import material_slopes, sensitivities
+from optimize.scoring import TableScorer, predict_design, search_table
+from render.chebyshev import chebyshev_nodes
 from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses
-from render.scene import COLORS, Edge, Scene
+from render.progress import OnProgress
+from render.scene import OFF, Scene, Spread
+from surrogate.runtime import Checker
+
+FULL_MILLIAMPERES = 20.0
+"""Of one channel of one LED at full power."""
+
+
+@dataclass(frozen=True)
+class Feeds:
+    """Which LED of the board feeds each fiber.
+
+    A board has three channels to an LED, red, green and blue on most. Color c of the scene is
+    channel c mod 3 of LED c div 3 among the LEDs of its fiber, which are as many as it takes: one
+    for three colors. ``leds`` ``(fiber,)`` count them from 0, None: fiber i has number i;
+    ``order`` of an LED's channels is like ``rgb``.
+    """
+
+    leds: tuple[int, ...] | None = None
+    order: str = "rgb"
+
+    def channel(self, fiber: int, color: int, colors: int) -> tuple[int, int]:
+        """Return the LED that lights ``fiber`` in one of ``colors``, and its channel, 0 to 2.
+
+        >>> Feeds(order="grb").channel(4, 0, 3), Feeds().channel(4, 5, 6)
+        ((4, 1), (9, 2))
+        """
+        first = (fiber if self.leds is None else self.leds[fiber]) * leds_per_fiber(colors)
+        return first + color // 3, self.order.index("rgb"[color % 3])
+
+
+def leds_per_fiber(colors: int) -> int:
+    """Return how many LEDs of three channels each it takes to light a fiber in ``colors``."""
+    return -(-colors // 3)
+
 
 ANGLE_STEP = 5.0
 """deg: what a jig and a steady hand keep to."""
 PRICED_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 STRAIGHT = 0.5
 """deg: leaning by less than this reads as straight in."""
+
+
+FIXED = "does not turn"
 
 
 @dataclass(frozen=True)
@@ -35,11 +74,11 @@ class MountedFiber:
     its beam; the fiber leaves the pad the other way. ``angle_deg`` is phi: 90 points straight in, 0
     to the tip on the sides and to the right on the tip edge; ``found_deg`` is what the search
     chose. ``tilt_deg`` leads out of the plane, towards the coating if positive. ``channel`` counts
-    the board's channels from 0, three to an LED.
+    the board's channels from 0, three to an LED; see `optimize.mounting.Feeds`.
     """
 
     fiber: int
-    edge: Edge
+    edge: str
     x_mm: float
     y_mm: float
     z_mm: float
@@ -94,12 +133,13 @@ class Mounting:
 
     @property
     def colors_exchange(self) -> bool:
-        """Whether red, green and blue may be exchanged with each other in all fibers at once.
+        """Whether all colors may be exchanged with each other in all fibers at once.
 
-        S knows no color by name, so they may where no limit does.
+        S knows no color by name, so they may where each has a channel of its own and no limit.
         """
         limits = limits_of(self.scene)
-        return limits.colors_alike and len(set(limits.led_power.tolist())) == 1
+        alike = limits.colors_alike and limits.palette.exchangeable
+        return alike and len(set(limits.led_power.tolist())) == 1
 
 
 def mount(
@@ -112,12 +152,8 @@ def mount(
 ) -> Mounting:
     """Return how ``found`` is mounted.
 
-    Arguments:
-        scene: the sensor.
-        found: what a search found.
-        score: returns S of a design, in counts; without it nothing is priced.
-        step: deg between angles, 0 to leave them; None: the scene's own step, else `ANGLE_STEP`.
-        feeds: of the LEDs.
+    ``score`` returns S of a design in counts; without it nothing is priced. ``step`` is deg between
+    angles, 0 to leave them; None: the scene's own step, else `ANGLE_STEP`.
     """
     if step is None:
         own = scene.constraints.angle_step if scene.constraints else None
@@ -146,19 +182,19 @@ def wiring_csv(mounting: Mounting) -> str:
 def _rounded(scene: Scene, design: Design, step: float) -> Design:
     """Return the design on the nearest steps (deg) on which no fibers meet; fixed ones stay."""
     limits = replace(limits_of(scene), step=math.radians(step))
-    return Design(limits.nearest_directions(design.phi), design.power)
+    return replace(design, phi=limits.nearest_directions(design.phi))
 
 
 def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[MountedFiber, ...]:
-    poses = flat_fiber_poses(scene)
-    beams = poses.directions(design.phi, scene.fibers.tilt)
+    poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
+    beams = poses.directions(design.phi)
     rows = []
     for i, (edge, color) in enumerate(zip(fiber_edges(scene), design.color_names, strict=True)):
         x, y, z = (round(float(v), 3) for v in poses.position[i])
         towards = [round(float(v), 4) + 0.0 for v in beams[i]]
         angle = round(float(np.degrees(design.phi[i])), 2)
-        power, led = float(design.power[i].sum()), feeds.leds[i] if feeds.leds else i
-        lit = color in COLORS
+        power, color_index = float(design.drive[i].sum()), design.palette.index(color)
+        led, place = feeds.channel(i, max(color_index, 0), len(design.palette.names))
         rows.append(
             MountedFiber(
                 fiber=i,
@@ -168,24 +204,24 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
                 z_mm=z,
                 angle_deg=angle,
                 found_deg=round(float(np.degrees(found.phi[i])), 2),
-                tilt_deg=round(math.degrees(scene.fibers.tilt), 2),
-                leans=leaning(edge, angle),
+                tilt_deg=round(math.degrees(lamps[i].tilt), 2),
+                leans=leaning(edge, angle) if lamps[i].turns else FIXED,
                 towards_x=towards[0],
                 towards_y=towards[1],
                 towards_z=towards[2],
-                diameter_mm=scene.fibers.diameter,
-                gap_mm=scene.fibers.gap,
+                diameter_mm=lamps[i].diameter,
+                gap_mm=round(float(poses.gap[i]), 6),
                 color=color,
                 power=round(power, 3),
-                current_ma=round(power * feeds.milliamperes, 1),
+                current_ma=round(power * FULL_MILLIAMPERES, 1),
                 led=led,
-                channel=3 * led + feeds.order.index(color[0]) if lit else None,
+                channel=None if color == OFF else 3 * led + place,
             )
         )
     return tuple(rows)
 
 
-def leaning(edge: Edge, angle: float) -> str:
+def leaning(edge: str, angle: float) -> str:
     """Say in words where a beam at ``angle`` deg leans.
 
     >>> leaning("left", 70.0), leaning("tip", 100.0), leaning("right", 90.0)
@@ -194,5 +230,61 @@ def leaning(edge: Edge, angle: float) -> str:
     lean = 90.0 - angle
     if abs(lean) < STRAIGHT:
         return "straight in"
-    low, high = ("right", "left") if edge == "tip" else ("tip", "base")
+    if edge == "listed":
+        return f"{abs(lean):g}° to the {'left' if lean > 0 else 'right'} of its direction"
+    low, high = ("right", "left") if edge in ("tip", "base") else ("tip", "base")
     return f"{abs(lean):g}° to the {low if lean > 0 else high}"
+
+
+USUAL = {
+    "fiber_angle": ("5° of every fiber's angle", Spread("normal", np.radians(5.0), "usual")),
+    "led_power": ("5 % of every LED's power", Spread("normal", 0.05, "usual")),
+    "camera_gain": ("2 % of the camera's gain", Spread("normal", 0.02, "usual")),
+}
+"""Standard deviations of errors that need no other material."""
+LAYER = {"diffuser_thickness": ("0.06 mm of the diffuser", Spread("normal", 0.06, "usual"))}
+LAYER_NODES = 13
+"""Directions of a table with slopes by the material; enough for tenths of a count."""
+
+
+@dataclass(frozen=True)
+class ErrorCost:
+    """What an error of a standard deviation named by ``what`` takes from S, in counts.
+
+    ``mean`` is lost on average, ``low`` is exceeded by one sensor in ten.
+    """
+
+    what: str
+    mean: float
+    low: float
+
+
+def surrogate_score(checker: Checker, scene: Scene) -> Callable[[Design], float]:
+    """Return what rates designs on the surrogate, for `optimize.mounting.mount`."""
+    bends = np.array(scene.bending.angles)
+    return lambda design: float(predict_design(checker, design, bends)["score"])
+
+
+def mounting_error_costs(
+    checker: Checker,
+    scene: Scene,
+    design: Design,
+    *,
+    layer: bool = False,
+    progress: OnProgress | None = None,
+) -> list[ErrorCost]:
+    """Return what the `USUAL` errors cost ``design``, the dearest first.
+
+    ``layer`` asks also for the thickness of the diffuser, where there is one: two previews, of
+    which ``progress`` is told.
+    """
+    usual, slopes = dict(USUAL), {}
+    if layer and scene.diffuser is not None:
+        usual |= LAYER
+        nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)
+        slopes = material_slopes(scene, usual, nodes, progress)
+    table = checker.transport_table(nodes) if slopes else search_table(checker)
+    scorer = TableScorer(table, limits=limits_of(scene))
+    spreads = {name: spread for name, (_, spread) in usual.items()}
+    found = sensitivities(scorer, design, spreads, slopes)
+    return [ErrorCost(usual[e.name][0], e.mean_loss, e.low_loss) for e in found]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import timeit
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from optimize.overnight.context import RunContext
-from optimize.overnight.design_stages import LoopOutcome, choose_winner
+from optimize.overnight.design_stages import LoopOutcome
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.scoring import (
@@ -16,6 +19,8 @@ from optimize.scoring import (
 )
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
+from render.preview import Preview
+from render.scene import Scene
 from surrogate.runtime import MODEL_FILE, Checker, sha256
 
 
@@ -27,10 +32,8 @@ def conclude(
     hours: float | None,
 ) -> OvernightResult:
     """Return the night that is over."""
-    from optimize.frontier.timed_levels import timed_levels
-
     finalists = [_finalist(context, checker, evaluation, name) for name in evaluation.names]
-    winner = choose_winner(evaluation)
+    winner = evaluation.best("winner")
     replicates = len(evaluation.renders.replicates)
     verdict = [
         *outcome(finalists, winner, replicates),
@@ -172,3 +175,43 @@ def _facts(
         ("Exposure, lambda", f"{evaluation.settings.exposure:.6g}, {evaluation.settings.lam:.6g}"),
         *((f"Version of {name}", value) for name, value in versions.items()),
     )
+
+
+TIMED_RUNS = 20
+"""Designs whose median time is that of a level."""
+
+
+def timed_levels(
+    scene: Scene, checker: Checker, render_seconds: Sequence[float]
+) -> list[tuple[str, float, float, float, float, float]]:
+    """Return speed and accuracy of preview, model and renders, from quick to slow.
+
+    Of each its name, seconds per design (measured here) and, from the model's metadata, median and
+    95th percentile of the error of facet colors, median error of S, and Kendall's tau.
+
+    ``render_seconds`` are those of renders as noisy as the ones that the model was trained with.
+    """
+    held = {str(row["level"]): row for row in checker.metadata.held_out}
+    bends = np.array(scene.bending.angles)
+    phi = np.full((1, scene.lamp_count), np.pi / 2)
+    power = np.ones((1, scene.lamp_count, 3))
+    with Preview(scene) as preview:
+        drawn = _median_seconds(lambda: preview.transport(phi[0, :1], bends))
+    found = _median_seconds(lambda: checker.run(phi, power, bends))
+    rows = [("preview", drawn, "preview")]
+    rows += [("surrogate", found, str(checker.metadata.residual["kind"]))]
+    if len(render_seconds):
+        seconds = float(np.median(render_seconds))
+        rows += [("a render of one round", seconds, "noise of the reference")]
+    keys = ("facet_median", "facet_p95", "score_median", "kendall_tau")
+    errors = {name: [float(held[name][key]) for key in keys] for *_, name in rows if name in held}
+    return [
+        (title, seconds, *errors[name])  # type: ignore[misc]
+        for title, seconds, name in sorted(rows, key=lambda row: row[1])
+        if name in errors
+    ]
+
+
+def _median_seconds(work: Callable[[], object]) -> float:
+    work()
+    return float(np.median(timeit.repeat(work, number=1, repeat=TIMED_RUNS)))

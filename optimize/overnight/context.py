@@ -25,7 +25,7 @@ from optimize.overnight.store import Store
 from optimize.overnight.workers import OutOfTime, StoredRenders
 from render.progress import Progress
 from render.reference import RenderCost, RenderJob
-from render.scene import Scene
+from render.scene import Palette, Scene
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""
@@ -69,9 +69,7 @@ class RunContext:
     """One working period: a run is one, and asked for more hours, it is extended or has another.
 
     Arguments:
-        scene: the sensor.
         store, renders, log: record, runner and display.
-        seed: of the run.
         number: from 1; part of the names of decisions and of all seeds.
         extension: how often it was at its end and went on verifying.
         samples: of the table per cell, which fix all amounts of work; None where hours do.
@@ -188,4 +186,8 @@ class RunContext:
 
 def design_of(content: dict[str, Any]) -> Design:
     """Return the design that a decision holds, to the bit."""
-    return Design(np.array(content["phi"]), np.array(content["power"]))
+    lists = content["palette"]
+    response = tuple(map(tuple, lists["response"]))
+    names, channels, inks = (tuple(lists[name]) for name in ("names", "channels", "inks"))
+    palette = Palette(names, response, channels, inks)
+    return Design(np.array(content["phi"]), np.array(content["drive"]), palette)

@@ -14,14 +14,13 @@ import os
 import queue
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from optimize.overnight.run_directory import RunError
-from optimize.overnight.workers import FinishedJob
+from optimize.overnight.workers import FinishedJob, State, Tick
 from render.errors import RenderError, TactiluxError
 from render.reference import RenderJob, RenderResult, run_job
 
@@ -33,8 +32,8 @@ ATTEMPTS = 5
 _one_render = threading.Lock()
 
 
-def render_remotely(text: str, key: str, threads: int | None) -> tuple[np.ndarray, float, str]:
-    """Render a job in a worker: the estimate, its seconds, and whose they were.
+def render_remotely(text: str, key: str, threads: int | None) -> tuple[dict[str, np.ndarray], str]:
+    """Render a job in a worker: the arrays of its result, and whose they were.
 
     One at a time in a process, also where a worker has several threads.
 
@@ -55,7 +54,7 @@ def render_remotely(text: str, key: str, threads: int | None) -> tuple[np.ndarra
             dr.set_thread_count(threads)
         result = run_job(job)
         gc.collect()
-    return result.estimate, result.seconds, f"{socket.gethostname()}:{os.getpid()}"
+    return result.arrays(), f"{socket.gethostname()}:{os.getpid()}"
 
 
 def connect(address: str) -> Any:
@@ -78,7 +77,6 @@ def connect(address: str) -> Any:
             f"no Dask scheduler answers at {address}: start one with `dask scheduler`, or "
             "correct --dask (tcp://host:8786)",
             field="dask",
-            value=address,
         ) from error
 
 
@@ -126,12 +124,7 @@ class DaskWorkers:
         """Number of workers now."""
         return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
 
-    def render(
-        self,
-        jobs: Sequence[RenderJob],
-        state: Callable[[RenderJob], Path],
-        tick: Callable[[int], None],
-    ) -> Iterator[FinishedJob]:
+    def render(self, jobs: Sequence[RenderJob], state: State, tick: Tick) -> Iterator[FinishedJob]:
         """Yield the results as they come; unfinished jobs of a worker are not kept."""
         arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         out: dict[str, int] = {}
@@ -150,14 +143,14 @@ class DaskWorkers:
                     future = arrived.get(timeout=0.5)
                     job = jobs[out[future.key]]
                     # It still lies with its worker, which may die or fall silent: then ask again.
-                    estimate, seconds, worker = _result(future, job)
+                    arrays, worker = _result(future, job)
                 except queue.Empty:
                     continue
                 except TimeoutError:
                     arrived.put(future)
                     continue
                 tick(job.samples)
-                yield FinishedJob(out.pop(future.key), RenderResult(estimate, seconds), worker)
+                yield FinishedJob(out.pop(future.key), RenderResult.of(arrays), worker)
         finally:
             for future in futures:
                 future.cancel()
@@ -169,10 +162,10 @@ class DaskWorkers:
             self.cluster.close(timeout=5)
 
 
-def _result(future: Any, job: RenderJob) -> tuple[np.ndarray, float, str]:
+def _result(future: Any, job: RenderJob) -> tuple[dict[str, np.ndarray], str]:
     """Return what a finished future brings, within a second."""
     try:
-        found: tuple[np.ndarray, float, str] = future.result(timeout=1.0)
+        found: tuple[dict[str, np.ndarray], str] = future.result(timeout=1.0)
     except (TactiluxError, TimeoutError):
         raise
     except Exception as error:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optimize.design import Design, ScoreSettings, dimmed_baseline, limits_of
+from optimize.design import Design, ScoreSettings, dimmed_baseline, limits_of, unlimited
 from optimize.overnight.context import (
     LOOP_UNTIL,
     OVERTIME_SHARE,
@@ -39,6 +39,7 @@ from optimize.verification import (
     SceneRefit,
     VerificationLoop,
     distinct_directions,
+    pooled_renders,
     reference_renders,
     thesis_on_table,
 )
@@ -82,8 +83,9 @@ def thesis_design(
     def search() -> Design:
         context.stage("Thesis-style design on the table", "thesis")
         exposed = replace(table(), exposure=checker.exposure, lam=checker.lam)
-        scorer = TableScorer(exposed.at_bends(context.bends))
         baseline = dimmed_baseline(context.scene)
+        limits = unlimited(len(baseline.phi), baseline.palette)
+        scorer = TableScorer(exposed.at_bends(context.bends), limits=limits)
         return thesis_on_table(scorer, baseline, fiber_edges(context.scene), context.seed)
 
     return design_of(context.decide("thesis", search))
@@ -106,10 +108,8 @@ class LoopOutcome(NamedTuple):
 def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcome:
     """Render rounds until the surrogate has nothing better to propose, or the time is over.
 
-    Arguments:
-        context: of the run; what earlier periods found takes part.
-        checker: the surrogate.
-        start: the best design on it, where the first search begins.
+    What earlier periods found takes part. The first search begins at ``start``, the best design on
+    the surrogate.
     """
     baseline = dimmed_baseline(context.scene)
     amount = context.amount("rounds", lambda cost: _affordable_rounds(context, cost, start))
@@ -159,9 +159,8 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
         context.keep_best("reference", best.value, best.interval(), f"round {number}")
 
     reason = context.steps("round", propose, render, context.deadline(LOOP_UNTIL + OVERTIME_SHARE))
-    ranking = loop.ranking()
-    context.decide("contenders", lambda: ranking)
-    return LoopOutcome(rounds, ranking, reason)
+    context.decide("contenders", lambda: loop.candidates)
+    return LoopOutcome(rounds, loop.ranking(), reason)
 
 
 def _affordable_rounds(context: RunContext, cost: RenderCost, start: Design) -> dict[str, int]:
@@ -183,8 +182,6 @@ def _candidate_of(content: dict[str, Any]) -> Candidate:
 
 FINAL_PURPOSE = 3
 MIN_BATCHES = 3
-MANY_SEEDS = 16
-"""From so many seeds on, the mean of each is one replicate."""
 
 
 def choose_finalists(
@@ -235,8 +232,8 @@ def verify_finalists(
     for extension in range(context.extension + 1):
         name = f"final batch, extension {extension}" if extension else "final batch"
         context.steps(name, plan, work, late, first=len(parts) + 1)
-    evaluation = FinalistEvaluation(names, _pooled(parts, amount["seeds"]), settings)
-    best = choose_winner(evaluation)
+    evaluation = FinalistEvaluation(names, pooled_renders(parts, amount["seeds"]), settings)
+    best = evaluation.best("winner")
     score = evaluation.score(best).score
     context.keep_best("reference", score.value, score.interval(), best)
     return evaluation
@@ -255,30 +252,3 @@ def _affordable_batch(
     free = (context.seconds_until(1.0) - REPORT_SECONDS) / MIN_BATCHES
     seconds = max(context.least_seconds, min(2 * cost.fixed * jobs, free))
     return {"samples": samples_within(cost, unit, seconds), "seeds": seeds}
-
-
-def _pooled(parts: Sequence[DesignRenders], seeds: int) -> DesignRenders:
-    """Return the renders of batches of ``seeds`` seeds as one; replicates lie seed by seed."""
-    pressed = [one for part in parts for one in np.split(part.replicates, seeds)]
-    untouched = [one for part in parts for one in np.split(part.background, seeds)]
-    if len(pressed) >= MANY_SEEDS:
-        pressed, untouched = (
-            [one.mean(axis=0, keepdims=True) for one in each] for each in (pressed, untouched)
-        )
-    seconds = sum(part.seconds for part in parts)
-    return DesignRenders(
-        parts[0].designs, np.concatenate(pressed), np.concatenate(untouched), seconds
-    )
-
-
-def choose_winner(evaluation: FinalistEvaluation) -> str:
-    """Return the key of the design that is handed over.
-
-    The winner of the rounds, unless fresh renders show that another finalist is better by more
-    than the error bars.
-    """
-    chosen = "winner"
-    for name in evaluation.names:
-        if name != chosen and evaluation.difference(chosen, name).interval()[0] > 0:
-            chosen = name
-    return chosen

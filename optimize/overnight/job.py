@@ -39,7 +39,7 @@ from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Request, Store
 from optimize.overnight.surrogate_stages import fit_model, pooled_table, render_table
 from optimize.overnight.workers import StoredRenders, Workers
-from optimize.ui.signals import Signals, Stopped
+from optimize.ui.process import Signals, Stopped
 from render.progress import Progress
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
@@ -62,14 +62,9 @@ def overnight(
 ) -> OvernightResult:
     """Do the job in ``run`` and return the finished night.
 
-    Arguments:
-        scene_name: a shipped scene, or a file.
-        run: the run directory, new or of an earlier call.
-        hours: of work, over all attempts together; None where ``samples`` are given.
-        samples: of the transport table per cell; everything else follows from it.
-        seed: of everything.
-        make_workers: starts who renders, after everything else has been checked.
-        lines: where progress goes as JSON lines.
+    ``hours`` of work are over all attempts together, None where ``samples`` of the transport table
+    per cell are given, from which everything else follows. ``make_workers`` starts who renders,
+    after everything else has been checked; progress goes to ``lines`` as JSON lines.
 
     Raises:
         OutputError: the place holds something else.

@@ -6,6 +6,7 @@ It is made from the files of the finished night alone, and equal files make equa
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from optimize.frontier.plot import draw_levels
-from optimize.mounting import mount
-from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
-from optimize.overnight.run_directory import RECORD, REPORT
+from optimize.mounting import ErrorCost, mount, mounting_error_costs, surrogate_score
+from optimize.overnight.result import DESIGNS, ConvergencePoint, Finalist, OvernightResult
+from optimize.overnight.run_directory import MODEL, RECORD, REPORT
 from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
 from optimize.report import (
     bend_titles,
@@ -29,12 +30,14 @@ from optimize.report import (
     png_bytes,
     render_page,
     score_row,
+    sensor_figure,
     stage_pictures,
     wiring_context,
 )
-from render.errors import SceneError
+from render.errors import ModelError, SceneError
 from render.files import write_text
 from render.geometry import BoltHead
+from surrogate.runtime import Checker
 
 HOLDS = {"holds": "yes", "does not hold": "no", "cannot be tested": "cannot tell"}
 
@@ -43,7 +46,10 @@ def write_report(result: OvernightResult, run: Path) -> Path:
     """Write ``report.html`` into ``run`` atomically and return its path."""
     path = run / REPORT
     scaling = scaling_of(run) if (run / RECORD).is_file() else None
-    write_text(path, render_report(result, scaling))
+    checker = None
+    with suppress(ModelError):  # a copy of the run without its model
+        checker = Checker.load(run / MODEL, result.scene.hash)
+    write_text(path, render_report(result, scaling, checker))
     return path
 
 
@@ -71,9 +77,20 @@ def warnings(result: OvernightResult) -> list[str]:
     return doubts + clipping_warning(last.clipped)
 
 
-def render_report(result: OvernightResult, scaling: dict[int, float] | None = None) -> str:
-    """Return the report as HTML with every picture inside as a data URI."""
+def render_report(
+    result: OvernightResult,
+    scaling: dict[int, float] | None = None,
+    checker: Checker | None = None,
+) -> str:
+    """Return the report as HTML with every picture inside as a data URI.
+
+    ``checker`` is the night's model, which prices the rounding of angles and errors in building.
+    """
     scene, last = result.scene, result.best
+    mounting, errors = mount(scene, last.design), list[ErrorCost]()
+    if checker is not None:
+        mounting = mount(scene, last.design, surrogate_score(checker, scene))
+        errors = mounting_error_costs(checker, scene, mounting.design)
     pictures = dict(report_pictures(result))
     rows = {entry.key: _row(entry) for entry in result.finalists}
     # What Figs. 5.1 and 5.2 show: how the design that is handed over came about.
@@ -89,6 +106,7 @@ def render_report(result: OvernightResult, scaling: dict[int, float] | None = No
         "verdict": result.verdict,
         "finalists": [{**row, "best": key == last.key} for key, row in rows.items()],
         "bends": bend_titles(scene),
+        "sensor": sensor_figure(scene),
         "stages": [stages[key] for key in shown],
         "others": [stage for key, stage in stages.items() if key not in shown],
         "metric_se": f"{np.median(metric_se):.2g}",
@@ -104,10 +122,10 @@ def render_report(result: OvernightResult, scaling: dict[int, float] | None = No
         "scaling": scaling_rows(scaling) if scaling else [],
         "scaling_words": SCALING_WORDS,
         "wiring": wiring_context(
-            mount(scene, last.design),
+            mounting,
             last.title,
-            files="For CSV, a drilling jig, other steps and what they cost: tactilux wiring "
-            "design.json.",
+            errors,
+            f"For CSV, a drilling jig and other steps: tactilux wiring {DESIGNS}/{last.key}.json.",
         ),
         "replicates": result.replicates,
         "facts": result.facts,
@@ -226,24 +244,14 @@ def score_scatter(result: OvernightResult) -> Figure:
     return figure
 
 
-def speed_accuracy(result: OvernightResult) -> Figure:
-    """Draw the error of facet colors of every level over its seconds per design."""
-    with drawing(WIDTH, HEIGHT) as figure:
-        axes = figure.subplots()
-        draw_levels(axes, [row[:4] for row in result.trade])
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure
-
-
 def report_pictures(result: OvernightResult) -> Iterator[tuple[str, bytes]]:
-    """Yield ``(name, PNG)``.
-
-    Those of `design_pictures` for all finalists, ``scores`` and, where there is what they show,
-    ``convergence`` and ``trade``.
-    """
+    """Yield ``(name, PNG)``: `design_pictures` of all finalists, and plots."""
     yield from design_pictures(result.scene, result.finalists)
     if result.steps:
         yield "convergence", png_bytes(convergence(result))
     yield "scores", png_bytes(score_scatter(result))
     if result.trade:
-        yield "trade", png_bytes(speed_accuracy(result))
+        with drawing(WIDTH, HEIGHT) as figure:
+            draw_levels(figure.subplots(), [row[:4] for row in result.trade])
+            figure.axes[0].spines[["top", "right"]].set_visible(False)
+            yield "trade", png_bytes(figure)

@@ -19,6 +19,7 @@ from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
 from render.files import read_npz, write_npz, write_text
+from render.geometry import counted_sites
 from render.metric import clipped_fraction
 from render.scene import Scene, load_scene, scene_text
 
@@ -175,7 +176,10 @@ class OvernightResult:
                 for e in self.finalists
             ],
         }
-        parts = [vars(entry) | vars(entry.design) for entry in self.finalists]
+        parts = [
+            vars(entry) | {"phi": entry.design.phi, "power": entry.design.drive}
+            for entry in self.finalists
+        ]
         arrays = {name: np.stack([part[name] for part in parts]) for name in _shapes(self.scene)}
         write_npz(run / NIGHT, arrays | {"night": np.array(json.dumps(content, allow_nan=False))})
 
@@ -202,7 +206,7 @@ class OvernightResult:
                     raise ValueError(f"{name} is not finite float64 of shape {wanted}")
             for index, entry in enumerate(content["finalists"]):
                 entry |= {name: array[index] for name, array in arrays.items()}
-                entry["design"] = Design(entry.pop("phi"), entry.pop("power"))
+                entry["design"] = Design(entry.pop("phi"), entry.pop("power"), scene.palette)
             return _validated({"scene": scene, **content})
         except (TactiluxError, KeyError, TypeError, AttributeError, ValueError) as error:
             raise RunError(
@@ -210,16 +214,18 @@ class OvernightResult:
                 "night that has come to its end and is whole, go on with tactilux overnight, which "
                 "writes it anew from the renders",
                 field="run",
-                value=str(run),
             ) from None
 
 
 def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     """Return the shape of every array of a finalist."""
-    fibers, sites = scene.fibers.count, (len(scene.bending.angles), scene.sites.count)
-    cells = (*sites, scene.indenter.faces, 3)
-    colors = dict.fromkeys(("counts", "counts_se", "predicted_counts"), cells)
-    return {"phi": (fibers,), "power": (fibers, 3), **colors, "metric": sites, "metric_se": sites}
+    fibers = scene.lamp_count
+    sites = (len(scene.bending.angles), len(counted_sites(scene)))
+    colors, channels = scene.palette.matrix.shape
+    cells = (*sites, scene.indenter.faces, channels)
+    seen = dict.fromkeys(("counts", "counts_se", "predicted_counts"), cells)
+    lights = {"phi": (fibers,), "power": (fibers, colors)}
+    return {**lights, **seen, "metric": sites, "metric_se": sites}
 
 
 _RESULT = TypeAdapter(OvernightResult)

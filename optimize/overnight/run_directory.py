@@ -14,6 +14,8 @@ from render.errors import TactiluxError
 
 RECORD, LOCK, LOG, REPORT = "run.sqlite", "lock", "log.txt", "report.html"
 """The record of a run directory, see ``optimize.overnight.store``; without it there is no run."""
+MODEL = "model"
+"""Folder of the surrogate in it."""
 
 
 class RunError(TactiluxError):
@@ -49,7 +51,7 @@ def writing(run: Path) -> Iterator[None]:
         sentence = _sentence(run, error)
         if sentence is None:
             raise
-        raise RunError(sentence, field="out", value=str(run)) from error
+        raise RunError(sentence, field="out") from error
 
 
 def _sentence(run: Path, error: OSError | sqlite3.DatabaseError) -> str | None:
@@ -89,7 +91,6 @@ def open_record(run: Path) -> sqlite3.Connection:
         raise RunError(
             f"{run} holds no run ({RECORD}): name the directory given to tactilux overnight --out",
             field="run",
-            value=str(run),
         )
     path = (run / RECORD).absolute().as_uri()
     try:
@@ -116,13 +117,11 @@ def locked(run: Path) -> Iterator[None]:
                     f"{run / LOCK} cannot be locked ({error.strerror}), so two processes could "
                     "disturb each other: choose a directory on another file system with --out",
                     field="out",
-                    value=str(run),
                 ) from None
             raise RunError(
                 f"{run} is in use by {_last_attempt(run)}: wait until it ends, or choose another "
                 "directory with --out",
                 field="out",
-                value=str(run),
             ) from None
         yield
 

@@ -23,14 +23,11 @@ SHOW_SECONDS = 2.0
 class RunLog:
     """Tells terminal, log and programs of the same events.
 
-    Arguments:
-        run: directory of ``log.txt``.
-        lines: where JSON lines go, one object per event; None for nowhere.
-        record: told of progress, for ``tactilux status``.
+    ``lines`` get JSON, one object per event; ``record`` is told of progress, for ``tactilux
+    status``.
     """
 
     def __init__(self, run: Path, lines: IO[str] | None) -> None:
-        """Open the log."""
         self._log = (run / LOG).open("a", encoding="utf-8")
         self._lines = lines
         self._bar, self._stage = ProgressBar(), ""

@@ -39,7 +39,7 @@ from render.progress import Progress
 from render.reference import RenderJob, RenderResult
 from render.scene import scene_of
 
-SCHEMA = 3
+SCHEMA = 4
 RENDERS, STATES, TABLE = "renders", "states", "table"
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""
@@ -172,12 +172,12 @@ class Store:
         # A process that was killed right after logging has left it.
         self.state(job).unlink(missing_ok=True)
         with np.load(BytesIO(content), allow_pickle=False) as arrays:
-            return RenderResult(arrays["estimate"], float(seconds))
+            return RenderResult(arrays["estimate"], arrays["largest"], float(seconds))
 
     def keep(self, job: RenderJob, result: RenderResult, kind: str, worker: str) -> None:
         """Write the render of ``job``, then log it; the same result makes the same bytes."""
         buffer = BytesIO()
-        np.savez(buffer, estimate=result.estimate)
+        np.savez(buffer, estimate=result.estimate, largest=result.largest)
         content = buffer.getvalue()
         # Not made anew: a run directory that was taken away while a night works in it is told.
         os.stat(self.run / RENDERS)
@@ -221,7 +221,6 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> 
         raise RunError(
             f"{run / RECORD} is not the record of a run: choose another directory with --out",
             field="out",
-            value=str(run),
         ) from None
     meta = {name: json.loads(value) for name, value in rows.items()}
     if meta.get("schema") != SCHEMA:
@@ -230,8 +229,6 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> 
             f"{meta.get('schema')} of the format, this program reads version {SCHEMA}: use that "
             "program, or choose another directory with --out",
             field="schema",
-            value=meta.get("schema"),
-            allowed=str(SCHEMA),
         )
     if wanted is None:
         return
@@ -242,8 +239,6 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> 
                 f"{run} is a run with {name} {there}, asked for is {value}: choose "
                 "another directory with --out, or ask for the same again",
                 field=name,
-                value=value,
-                allowed=str(there),
             )
 
 

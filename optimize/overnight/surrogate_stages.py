@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from optimize.overnight.context import (
     RunContext,
     samples_within,
 )
+from optimize.overnight.run_directory import MODEL
 from optimize.overnight.store import TABLE
-from optimize.scoring import check_visible
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
@@ -39,9 +39,13 @@ from render.reference import (
     transport_jobs,
     trial_cost,
 )
+from render.scene import Scene
 from render.transport import TransportTable, mean_table
 from surrogate.runtime import MODEL_FILE, Checker, sha256
 from surrogate.training.render_plan import estimate_table, training_bends
+
+if TYPE_CHECKING:  # torch comes with it
+    from surrogate.train import TrainConfig
 
 PHI_NODES = 11
 BEND_NODES = 3, 5
@@ -145,7 +149,6 @@ def pooled_table(context: RunContext) -> TransportTable:
             jobs = _jobs(context, passes["samples"], [seed])
             results = context.renders(jobs, Clock(sum(job.samples for job in jobs), None))
             estimate = transport_estimate(context.scene, jobs, results, passes["samples"])
-            check_visible(estimate.replicates)
             phi, bends = np.array(jobs[0].phi[0]), dict.fromkeys(job.bend for job in jobs)
             tables.append(estimate_table(context.scene, phi, np.array(list(bends)), estimate))
             samples.append(passes["samples"])
@@ -176,13 +179,6 @@ def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[RenderJob
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))
 
 
-MODEL = "model"
-HELD_OUT_FACTOR = 1.9
-"""The networks for held-out fibers, directions and bends take about this many times the steps."""
-FIT_OVERHEAD_SECONDS = 30.0
-"""Seconds of a fit around the networks: the preview's grid, ridge, errors, export."""
-
-
 def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Checker:
     """Return the surrogate that is fitted to ``table``, which is read only where it is needed."""
     folder = context.store.run / MODEL
@@ -196,11 +192,12 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
 
     context.stage("Surrogate", "surrogate")
     config = TrainConfig()
-    steps = context.amount("fit", lambda _: {"steps": _affordable_steps(context, table())})["steps"]
-    network = replace(config.fit.network, steps=steps)
+    # The table is of the scene's own material, whatever it leaves free.
+    scene = context.scene.model_copy(update={"free": None})
+    fit = context.amount("fit", lambda _: {"steps": _affordable_steps(context, scene, config)})
+    network = replace(config.fit.network, steps=fit["steps"])
     train(
-        # The table is of the scene's own material, whatever it leaves free.
-        context.scene.model_copy(update={"free": None}),
+        scene,
         folder,
         seed=context.seed,
         table=table(),
@@ -229,12 +226,11 @@ def _whole(context: RunContext, digest: str) -> Checker | None:
     return None
 
 
-def _affordable_steps(context: RunContext, table: TransportTable) -> int:
-    """Return the steps of the networks that fit the time."""
-    from surrogate.training.fit import FitConfig
-    from surrogate.training.mlp import seconds_per_step
+def _affordable_steps(context: RunContext, scene: Scene, config: TrainConfig) -> int:
+    """Return the steps of the networks that fit the time, after the preview is drawn."""
+    from surrogate.train import training_cost
 
-    fit, (low, high) = FitConfig(), FIT_STEPS
-    each = seconds_per_step(len(table.phi), table.T.shape[4] + 1, fit.members, fit.network)
-    free = context.seconds_until(MODEL_UNTIL) - FIT_OVERHEAD_SECONDS
-    return min(high, max(low, int(free / (HELD_OUT_FACTOR * each))))
+    cost = training_cost(scene, config, len(table_bends(context)))
+    per_step = cost.per_step()
+    free = context.seconds_until(MODEL_UNTIL) - per_step * cost.preview
+    return cost.affordable(free, per_step, FIT_STEPS[0])

@@ -15,9 +15,14 @@ from pathlib import Path
 from typing import Protocol
 
 from optimize.overnight.store import Store
-from optimize.ui.signals import Signals
+from optimize.ui.process import Signals
 from render.progress import Clock
 from render.reference import RenderJob, RenderResult, run_job
+
+State = Callable[[RenderJob], Path]
+"""Where an unfinished job can be kept."""
+Tick = Callable[[int], None]
+"""Told of samples as they are made, and called every second at least while waiting."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +41,8 @@ class Workers(Protocol):
     def count(self) -> int:
         """How many jobs are rendered at once."""
 
-    def render(
-        self,
-        jobs: Sequence[RenderJob],
-        state: Callable[[RenderJob], Path],
-        tick: Callable[[int], None],
-    ) -> Iterator[FinishedJob]:
-        """Yield the results of ``jobs`` as they come, in any order.
-
-        ``state`` says where an unfinished job can be kept; ``tick`` is told of samples as they are
-        made, and called every second at least while waiting.
-        """
+    def render(self, jobs: Sequence[RenderJob], state: State, tick: Tick) -> Iterator[FinishedJob]:
+        """Yield the results of ``jobs`` as they come, in any order."""
 
     def close(self) -> None:
         """End what was started."""
@@ -57,12 +53,7 @@ class LocalWorker:
 
     count = 1
 
-    def render(
-        self,
-        jobs: Sequence[RenderJob],
-        state: Callable[[RenderJob], Path],
-        tick: Callable[[int], None],
-    ) -> Iterator[FinishedJob]:
+    def render(self, jobs: Sequence[RenderJob], state: State, tick: Tick) -> Iterator[FinishedJob]:
         """Yield the results in order."""
         for index, job in enumerate(jobs):
             result = run_job(job, state(job), tick)
@@ -83,11 +74,6 @@ class StoredRenders:
 
     ``kind`` says what renders are for and goes into the record; where ``deadline`` is set, renders
     stop when so many seconds are worked.
-
-    Arguments:
-        store: the run directory.
-        workers: who renders.
-        signals: asked between samples whether to stop.
     """
 
     def __init__(self, store: Store, workers: Workers, signals: Signals) -> None:

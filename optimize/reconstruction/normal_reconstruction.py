@@ -33,9 +33,8 @@ SEEDS = 8
 class CameraNoise:
     """Noise of one pixel: ``sqrt(read^2 + count 255 / full_well)`` counts, then rounding.
 
-    Arguments:
-        read: standard deviation of the read noise in counts.
-        full_well: photoelectrons at 255 counts (shot noise).
+    ``read`` is the read noise's standard deviation in counts, ``full_well`` photoelectrons at 255
+    counts.
     """
 
     read: float = 1.0
@@ -65,7 +64,7 @@ class NormalColors:
     """
 
     def __init__(self, facets: Array, untouched: Array) -> None:
-        """Take ``facets`` ``(B, S, K, 3)`` and ``untouched`` ``(B, S, 3)`` in counts."""
+        """Take ``facets`` ``(B, S, K, C)`` and ``untouched`` ``(B, S, C)`` in counts."""
         count = facets.shape[2]
         orders = np.arange(1, min(HARMONICS, (count - 1) // 2) + 1)
         azimuth = 2 * np.pi * np.arange(count) / count
@@ -77,7 +76,7 @@ class NormalColors:
         self._sin = np.einsum("ok,bskc->bsoc", sine, facets)
 
     def at(self, tilt: Array, azimuth: Array) -> Array:
-        """Return counts ``(B, S, n, 3)`` for ``tilt`` in [0, 1] and ``azimuth``, ``(B, S, n)``."""
+        """Return counts ``(B, S, n, C)`` for ``tilt`` in [0, 1] and ``azimuth``, ``(B, S, n)``."""
         power = tilt[..., None] ** self._orders
         turns = azimuth[..., None] * self._orders
         waves = np.einsum("bsno,bsoc->bsnc", power * np.cos(turns), self._cos)
@@ -95,12 +94,9 @@ def reconstruct(
 ) -> AngleErrors:
     """Return the errors of both readers under camera noise.
 
-    Arguments:
-        scene: gives slope and sites.
-        known: facets ``(B, S, K, 3)`` and untouched pad ``(B, S, 3)`` that the readers learn from.
-        shown: the same, that the camera sees; the same arrays for a perfect calibration.
-        noise: of the camera, in the regressor's training and in all tests.
-        seed: of normals and noise; the same seed shows two designs the same normals.
+    Readers learn from ``known``, facets ``(B, S, K, C)`` and untouched pad ``(B, S, C)``; the
+    camera sees ``shown``, the same arrays for a perfect calibration, with ``noise``, also in the
+    regressor's training. The same ``seed`` shows two designs the same normals.
     """
     learned, true = NormalColors(*known), NormalColors(*shown)
     bends, sites = known[0].shape[:2]
@@ -138,12 +134,8 @@ def compare_reconstruction(
 ) -> dict[str, ErrorComparison]:
     """Return mean and 95th percentile of the errors of both readers, by name.
 
-    Arguments:
-        scene: the sensor.
-        known: colors of baseline and design that readers learn from, see `reconstruct`.
-        shown: colors that the camera sees.
-        noise: of the camera.
-        seeds: independent draws of normals and noise, common to both designs.
+    ``known`` and ``shown`` are those of `reconstruct` for baseline and design; ``seeds`` draw
+    normals and noise independently, in common for both.
     """
     rows: dict[str, list[list[float]]] = {}
     for seed in seeds:
@@ -187,11 +179,8 @@ def normal_error(
     With ``colors`` of the surrogate or of the preview, which have no render noise, this is what
     the light itself is worth; reports say it beside S.
 
-    Arguments:
-        scene: gives slope and sites.
-        colors: facets ``(B, S, K, 3)`` and untouched pad ``(B, S, 3)`` in counts.
-        noise: of the camera; a usual one unless given.
-        seeds: independent draws of normals and noise.
+    ``colors`` are facets ``(B, S, K, C)`` and untouched pad ``(B, S, C)`` in counts; ``seeds`` draw
+    normals and noise independently.
     """
     noise, learned = noise or CameraNoise(), NormalColors(*colors)
     slope, shown, true = np.sin(scene.indenter.slope), [], []
@@ -221,7 +210,7 @@ def _vectors(slope: float, tilt: Array, azimuth: Array) -> Array:
 
 
 def _look_up(learned: NormalColors, colors: Array, slope: float) -> Array:
-    """Return the normals whose known colors are nearest to ``colors`` ``(B, S, n, 3)``."""
+    """Return the normals whose known colors are nearest to ``colors`` ``(B, S, n, C)``."""
     from scipy.spatial import cKDTree
 
     bends, sites = colors.shape[:2]
@@ -233,7 +222,7 @@ def _look_up(learned: NormalColors, colors: Array, slope: float) -> Array:
     tilt = np.broadcast_to(tilt.ravel(), (bends, sites, tilt.size))
     azimuth = np.broadcast_to(azimuth.ravel(), tilt.shape)
     table, normals = learned.at(tilt, azimuth), _vectors(slope, tilt, azimuth)
-    out = np.empty_like(colors)
+    out = np.empty((*colors.shape[:3], 3))
     for bend in range(bends):
         for site in range(sites):
             _, index = cKDTree(table[bend, site]).query(colors[bend, site])

@@ -9,7 +9,6 @@ from optimize.report.exploration_report import (
     write_exploration,
 )
 from optimize.report.illustrations import (
-    INK,
     STAGES,
     bolt_pictures,
     convergence,
@@ -20,7 +19,6 @@ from optimize.report.illustrations import (
     metric_strip,
     picture_png,
     png_bytes,
-    scheme,
 )
 from optimize.report.optimization_report import (
     TITLES,
@@ -35,6 +33,7 @@ from optimize.report.page import (
     holder_warning,
     monochrome_warning,
     render_page,
+    sensor_figure,
     stage_pictures,
 )
 from optimize.report.wiring import wiring_context, wiring_drawing, wiring_files, write_wiring

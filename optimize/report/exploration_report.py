@@ -5,7 +5,6 @@ It is written together with designs and pictures, all at once or not at all.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -17,6 +16,7 @@ import numpy as np
 from optimize.design import PARTS, Design, Rating, save_design
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
+from optimize.play import PlayPage, write_play
 from optimize.report.illustrations import (
     convergence,
     design_pictures,
@@ -29,45 +29,45 @@ from optimize.report.page import (
     data_uri,
     holder_warning,
     monochrome_warning,
+    picture_kind,
     render_page,
+    sensor_figure,
     stage_pictures,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
-from optimize.ui.console import counted, print_table
+from optimize.ui.console import counted, note, print_table
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
+from render.errors import TableError
 from render.files import write_bytes, write_text
 from render.metric import THESIS
-from surrogate.runtime import RankingTest
+from surrogate.runtime import Checker, RankingTest, sha256
 
-DESIGN, BASELINE, REPORT = "design.json", "baseline.json", "report.html"
+DESIGN, BASELINE, REPORT, PLAY = "design.json", "baseline.json", "report.html", "play.html"
 LEGEND = (
     "S = mean M - spreads, in counts of 255 (higher is better); M: how bright and how differently "
     "colored the facets of a contact are. Normal error: degrees by which a reader misses surface "
     "normals, without render noise. More: docs/score.md, and the report."
 )
+LEVELS = {"preview": "0, preview", "surrogate": "1, surrogate"}
 PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
 
 
 def write_exploration(
-    exploration: Exploration, target: Path, model: Path, elapsed: Callable[[], float]
+    exploration: Exploration, target: Path, elapsed: Callable[[], float]
 ) -> dict[str, object]:
     """Write everything into ``target`` and return the result for programs.
 
-    Arguments:
-        exploration: what was found.
-        target: the directory; an earlier result in it is replaced, or kept under a number where
-            it found another design.
-        model: folder of the surrogate, named in the report.
-        elapsed: seconds since the command began.
+    An earlier result in ``target`` is replaced, or kept under a number where it found another
+    design. ``elapsed`` returns the seconds since the command began.
     """
     scene, first, last = exploration.scene, exploration.stages[0], exploration.stages[-1]
     with fresh_directory(target, keep=DESIGN) as folder:
         save_design(folder / BASELINE, first.design, scene, first.rating)
         save_design(folder / DESIGN, last.design, scene, last.rating)
         pictures = dict(explore_pictures(exploration))
-        for name, png in pictures.items():
-            write_bytes(folder / f"{name}.png", png)
+        for name, content in pictures.items():
+            write_bytes(folder / f"{name}.{picture_kind(content)}", content)
         checker = exploration.checker
         mounting = mount(scene, last.design, surrogate_score(checker, scene))
         mounted = rate(checker, scene, "mounted", "As mounted", "", mounting.design)
@@ -85,10 +85,11 @@ def write_exploration(
             confidence=f"{exploration.checker.coverage:.0%}",
             search_note=_search_note(exploration),
             caveats=caveats(exploration),
-            facts=_facts(exploration, model, elapsed()),
+            facts=_facts(exploration, elapsed()),
             errors=exploration.checker.metadata.held_out,
             made=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
             verify_command=f"tactilux verify {target / DESIGN}",
+            play=_write_play(exploration, folder),
         )
         write_text(folder / REPORT, html)
         result = exploration.to_json(target / DESIGN, target / REPORT, elapsed())
@@ -97,18 +98,35 @@ def write_exploration(
     return result
 
 
+def _write_play(exploration: Exploration, folder: Path) -> str:
+    """Write the page to play with; return its name, empty where the scene is too large for one."""
+    design = exploration.design
+    page = PlayPage(exploration.scene, exploration.checker, start=design, optimum=design)
+    try:
+        write_play(folder / PLAY, page)
+    except TableError as error:
+        note(f"There is no page to play with: {error}")
+        return ""
+    return PLAY
+
+
 def caveats(exploration: Exploration) -> list[str]:
     """Return what the reader must know before believing the numbers."""
     checker = exploration.checker
+    origin = {
+        "preview": "All scores come from the preview (level 0): nothing was rendered for this "
+        "sensor. Its errors were measured on other sensors of the family, and are those below.",
+        "surrogate": "All scores come from the surrogate (level 1): the preview, corrected by a "
+        "model that was fitted to physically based renders. It has not seen this design.",
+    }
     return [
-        "All scores come from the surrogate (level 1): the preview, corrected by a model that was "
-        "fitted to physically based renders. It has not seen this design.",
+        origin[checker.level],
         f"The intervals held {checker.coverage:.0%} of held-out random designs, within "
         f"{checker.score_half_width:.2f} counts of the reference's score. A search picks the best "
-        "of many candidates and so finds the surrogate's mistakes too: the true gain is likely to "
-        "be smaller than shown.",
-        "Both baseline and optimized design share the surrogate's errors in part, so the interval "
-        "of their difference is not the sum of the two; only a verification gives it.",
+        f"of many candidates and so finds the {checker.level}'s mistakes too: the true gain is "
+        "likely to be smaller than shown.",
+        f"Both baseline and optimized design share the {checker.level}'s errors in part, so the "
+        "interval of their difference is not the sum of the two; only a verification gives it.",
         "The scene is the one described by its file. Values marked as assumed there (see "
         "tactilux describe) have not been calibrated against a real sensor.",
     ]
@@ -128,27 +146,34 @@ def _search_note(exploration: Exploration) -> str:
     )
 
 
-def _facts(exploration: Exploration, model: Path, seconds: float) -> list[tuple[str, str]]:
+def _facts(exploration: Exploration, seconds: float) -> list[tuple[str, str]]:
     scene, about = exploration.scene, exploration.checker.metadata
-    checksum = hashlib.sha256((model / "checker.onnx").read_bytes()).hexdigest()
     titles = {stage.key: stage.title for stage in exploration.stages}
     versions = package_versions("numpy", "onnxruntime", "cma", "moderngl")
     return [
         ("Scene", f"{scene.name}, {scene.hash}"),
-        ("Level", "1, surrogate"),
+        ("Level", LEVELS[exploration.checker.level]),
         ("Seed", str(exploration.seed)),
         ("Time", f"{seconds:.1f} s"),
         ("Exposure, λ", f"{about.exposure:.6g}, {about.lam:.6g}"),
-        ("Model", f"{model / 'checker.onnx'}, SHA-256 {checksum}"),
-        ("Training data", f"SHA-256 {about.training_data_hash}"),
-        ("Model's sources", about.git_revision),
+        *_model_facts(exploration.checker),
         ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
         *(exploration.study.facts(titles) if exploration.study else ()),
     ]
 
 
+def _model_facts(checker: Checker) -> list[tuple[str, str]]:
+    if checker.file is None:
+        return []
+    return [
+        ("Model", f"{checker.file}, SHA-256 {sha256(checker.file.read_bytes())}"),
+        ("Training data", f"SHA-256 {checker.metadata.training_data_hash}"),
+        ("Model's sources", checker.metadata.git_revision),
+    ]
+
+
 def explore_pictures(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
-    """Yield ``(name, PNG)``: schemes, heat maps and facets of every stage, previews, convergence.
+    """Yield pictures by name: schemes, heat maps and facets of all stages, previews, convergence.
 
     Preview pictures are made for the first and the last stage, at every bend; brightness is
     exposed as the scene's camera is, so that pictures can be compared.
@@ -171,7 +196,8 @@ def _previews(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
                     stage.design.phi, stage.design.power, bend, PREVIEW_WIDTH, height
                 )
                 counts = np.asarray(radiance, dtype=np.float64) * stage.settings.exposure
-                yield f"preview-{stage.key}-{index}", picture_png(counts / THESIS.count_max)
+                linear = counts @ scene.palette.display / THESIS.count_max
+                yield f"preview-{stage.key}-{index}", picture_png(linear)
 
 
 def render_report(
@@ -181,24 +207,26 @@ def render_report(
 
     Arguments:
         stages: baseline first, the result last.
-        pictures: PNG bytes by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
+        pictures: PNG or SVG by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
             ``preview-<stage>-<bend index>`` (baseline and result) and ``convergence``.
-        ranking: whether the surrogate can rank designs.
+        ranking: whether the model can rank designs.
         texts: what else the template shows: ``confidence`` (coverage of the intervals),
             ``search_note``, ``caveats``, ``facts`` (origin of the numbers), ``errors`` (rows of the
             model's held-out errors, as in its metadata), ``made``, ``verify_command`` and
-            ``wiring`` (see `wiring_context`).
+            ``wiring`` (see `wiring_context`), and ``play``, the page to play with beside the
+            report, or nothing.
     """
     first, result = stages[0], stages[-1]
     scene, bends = first.scene, bend_titles(first.scene)
     context = {
         "scene": scene.name,
         "scene_hash": scene.hash,
-        "level": "surrogate",
+        "level": first.rating.level,
         "lam": f"{first.settings.lam:.4g}",
         "summary": summary(stages, ranking),
         "warnings": warnings(stages, ranking),
         "bends": bends,
+        "sensor": sensor_figure(scene),
         "stages": [{**_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
         "previews": [
             {
@@ -269,28 +297,28 @@ def score_row(stage: Scored) -> dict[str, str]:
 
 
 def doubted_gain(design: Design, ranking: RankingTest) -> str:
-    """Return why a better score of ``design`` on the surrogate is not a gain; usually nothing."""
+    """Return why a better score of ``design`` on its model is not a gain; usually nothing."""
     if not ranking.reliable:
-        return "the surrogate has not shown that it can rank designs"
+        return "the model has not shown that it can rank designs"
     return "one color lights everything, which tells no azimuth" if design.monochrome else ""
 
 
 def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
     """Return the outcome in words: how much better, where it comes from, how sure it is.
 
-    One color everywhere, or a surrogate that cannot rank designs, is not called a gain.
+    One color everywhere, or a model that cannot rank designs, is not called a gain.
     """
     first, last = stages[0].rating, stages[-1].rating
     gain = last.score - first.score
     doubt = doubted_gain(stages[-1].design, ranking)
     if doubt:
         return [
-            f"The surrogate says {last.score:.1f} for the optimized design and {first.score:.1f} "
-            f"for the baseline, but {doubt}: this is not a gain."
+            f"The {first.level} says {last.score:.1f} for the optimized design and "
+            f"{first.score:.1f} for the baseline, but {doubt}: this is not a gain."
         ]
     sentences = [
         f"The optimized design scores {last.score:.1f}; the baseline scores {first.score:.1f}, "
-        f"so the surrogate predicts a gain of {gain:.1f} ({gain / abs(first.score):+.0%})."
+        f"so the {first.level} predicts a gain of {gain:.1f} ({gain / abs(first.score):+.0%})."
     ]
     sentences.append(
         f"A reader of its colors misses surface normals by {stages[-1].normal_error:.2f}° on "

@@ -18,14 +18,21 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from optimize.design import Design, ScoreSettings
 from optimize.search import SearchStep
 from render.arrays import Array
-from render.geometry import bolt, flat_fiber_poses, flat_sites, pyramid
+from render.geometry import (
+    bolt,
+    counted_sites,
+    declared_sites,
+    flat_fiber_poses,
+    flat_sites,
+    pyramid,
+)
 from render.scene import Scene
+from render.sensor_drawing import sensor_svg
 
 PANEL = 1.75  # inches: a panel stays readable when three of them share the width of a phone
 STYLE: Any = {
@@ -50,8 +57,6 @@ STAGES = {
     "free": ("directions, free", "#b45309"),
     "power": ("LED powers", "#7c3aed"),
 }
-
-INK = {"red": "#d1352b", "green": "#1e9e4a", "blue": "#2f5fd0", "off": "#9aa0aa"}
 
 
 def encode_srgb(linear: Array) -> NDArray[np.uint8]:
@@ -103,17 +108,19 @@ class Illustrated(Protocol):
 
     @property
     def counts(self) -> Array:
-        """Facet colors ``(bend, site, facet, 3)``."""
+        """Facet colors ``(bend, site, facet, channel)``."""
 
 
 def design_pictures(scene: Scene, entries: Sequence[Illustrated]) -> Iterator[tuple[str, bytes]]:
-    """Yield ``scheme-<key>``, ``metric-<key>`` (Fig. 5.1) and ``facets-<key>`` (Fig. 5.2) as PNG.
+    """Yield ``scheme-<key>`` (SVG), ``metric-<key>`` (Fig. 5.1) and ``facets-<key>`` (Fig. 5.2).
 
     All maps share one scale.
     """
     maps = np.stack([entry.metric for entry in entries])
     for entry in entries:
-        yield f"scheme-{entry.key}", png_bytes(scheme(scene, entry.design))
+        inks = [scene.palette.ink(color) for color in entry.design.color_names]
+        scheme = sensor_svg(scene, entry.design.phi, inks, section=False)
+        yield f"scheme-{entry.key}", scheme.encode()
         strip = metric_strip(scene, entry.metric, float(maps.min()), float(maps.max()))
         yield f"metric-{entry.key}", png_bytes(strip)
         yield f"facets-{entry.key}", png_bytes(facet_strip(scene, entry.counts))
@@ -128,9 +135,10 @@ def metric_strip(scene: Scene, metric: Array, low: float, high: float) -> Figure
     left, right, bottom, top = _frame(scene)
     with _strip(scene) as (figure, panels):
         for axes, values in zip(panels, metric, strict=True):
-            grid = values.reshape(rows, columns)
+            grid = np.full(rows * columns, np.nan)
+            grid[counted_sites(scene)] = values
             axes.imshow(
-                grid,
+                grid.reshape(rows, columns),
                 origin="lower",
                 extent=(left, right, bottom, top),
                 cmap="viridis",
@@ -151,7 +159,7 @@ def metric_strip(scene: Scene, metric: Array, low: float, high: float) -> Figure
 
 
 def facet_strip(scene: Scene, counts: Array) -> Figure:
-    """Draw the colors of all facets ``(bend, site, facet, 3)`` in counts, per bend (Fig. 5.2).
+    """Draw the colors of facets ``(bend, site, facet, channel)`` in counts, per bend (Fig. 5.2).
 
     Pyramids are drawn larger than life so that their facets can be told apart; where they are on
     the pad is true.
@@ -161,7 +169,8 @@ def facet_strip(scene: Scene, counts: Array) -> Figure:
     left, right, bottom, top = _frame(scene)
     with _strip(scene) as (figure, panels):
         for axes, values in zip(panels, counts, strict=True):
-            colors = encode_srgb(values.reshape(-1, 3) / 255) / 255
+            linear = values.reshape(-1, values.shape[-1]) / 255
+            colors = encode_srgb(linear @ scene.palette.display) / 255
             polygons = list(outlines.reshape(-1, 3, 2))
             # Edges in the same color close the seams that antialiasing leaves between facets.
             axes.add_collection(
@@ -188,7 +197,7 @@ def _strip(scene: Scene) -> Iterator[tuple[Figure, list[Axes]]]:
 
 def _frame(scene: Scene) -> tuple[float, float, float, float]:
     """Return left, right, bottom and top (mm) of the field: half a spacing around the sites."""
-    sites, half = flat_sites(scene)[:, :2], scene.sites.spacing / 2
+    sites, half = declared_sites(scene)[:, :2], scene.sites.spacing / 2
     (left, bottom), (right, top) = sites.min(axis=0) - half, sites.max(axis=0) + half
     return left, right, bottom, top
 
@@ -198,52 +207,6 @@ def beam_length(scene: Scene) -> float:
     ends = flat_fiber_poses(scene).position
     apart = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     return float(np.clip(0.49 * apart.min(initial=8.0), 0.8, 3.4))
-
-
-def scheme(scene: Scene, design: Design) -> Figure:
-    """Draw the pad from outside, tip up, with every fiber's color, number and direction."""
-    poses = flat_fiber_poses(scene)
-    beams, length = poses.directions(design.phi, 0.0), beam_length(scene)
-    half = np.array([scene.pad.width, scene.pad.length]) / 2
-    edge = scene.diffuser.thickness if scene.diffuser else 0.0
-    margin = edge + scene.fibers.gap + 3.2
-    width, height = 2 * (half + margin)
-    with drawing(2.3, 2.3 * (height - margin + 1.0) / width) as figure:
-        axes = figure.subplots()
-        if edge:
-            axes.add_patch(
-                Rectangle(
-                    (-half[0] - edge, -half[1]),
-                    2 * (half[0] + edge),
-                    2 * half[1] + edge,
-                    facecolor="#e6e8ec",
-                    edgecolor="none",
-                )
-            )
-        axes.add_patch(
-            Rectangle(tuple(-half), *(2 * half), facecolor="#f6f7f9", edgecolor="#b6bbc4", lw=0.6)
-        )
-        sites = flat_sites(scene)
-        axes.plot(sites[:, 0], sites[:, 1], "o", ms=2.0, color="#b6bbc4")
-        for number, (at, beam, inward, color) in enumerate(
-            zip(poses.position, beams, poses.inward, design.color_names, strict=True)
-        ):
-            ink = INK[color]
-            axes.annotate(
-                "",
-                xy=tuple((at + length * beam)[:2]),
-                xytext=tuple(at[:2]),
-                arrowprops={"arrowstyle": "-|>", "color": ink, "lw": 1.3, "mutation_scale": 7},
-            )
-            axes.plot(at[0], at[1], "o", ms=4.0, color=ink)
-            label = at - 1.9 * inward
-            axes.text(label[0], label[1], str(number), ha="center", va="center", fontsize=7.5)
-        axes.set(
-            xlim=(-half[0] - margin, half[0] + margin), ylim=(-half[1] - 1.0, half[1] + margin)
-        )
-        axes.set_aspect("equal")
-        axes.axis("off")
-    return figure
 
 
 def convergence(steps: Sequence[SearchStep]) -> Figure:
@@ -295,4 +258,5 @@ def bolt_pictures(
     rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
     frame = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     bright = settings.exposure / settings.conventions.count_max
-    return [[picture_png(seen[frame] * bright) for seen in pictures] for pictures in drawn]
+    display = bright * scene.palette.display
+    return [[picture_png(seen[frame] @ display) for seen in pictures] for pictures in drawn]

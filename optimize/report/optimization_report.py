@@ -18,6 +18,7 @@ from optimize.report.page import (
     holder_warning,
     monochrome_warning,
     render_page,
+    sensor_figure,
     stage_pictures,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
@@ -28,7 +29,13 @@ from render.files import write_text
 from render.scene import Scene
 from surrogate.runtime import Checker
 
-FILES = {"baseline": "baseline.json", "thesis": "thesis.json", "runner-up": "runner-up.json"}
+FILES = {
+    "baseline": "baseline.json",
+    "thesis": "thesis.json",
+    "winner": "loop.json",
+    "runner-up": "runner-up.json",
+}
+"""Designs that are not handed over."""
 TITLES = {
     "baseline": "Baseline",
     "thesis": "Thesis procedure",
@@ -55,12 +62,8 @@ def write_optimization(
 ) -> dict[str, object]:
     """Write designs, record, report and wiring into ``target``; return the result for programs.
 
-    Arguments:
-        scene: the sensor.
-        outcome: what was found.
-        checker: the surrogate, which prices rounding and says degrees; the thesis can do without.
-        target: an earlier result in it is replaced, or kept under a number where it found another
-            design.
+    An earlier result in ``target`` is replaced, or kept under a number where it found another
+    design. The surrogate prices rounding and says degrees; the thesis can do without.
     """
     finalists = outcome.finalists
     with fresh_directory(target, keep=DESIGN) as folder:
@@ -87,16 +90,33 @@ def write_optimization(
 def conclusions(outcome: Optimization) -> list[str]:
     """Return what the finalists' renders say, and why the search ended, as sentences."""
     finalists, sentences = outcome.finalists, []
-    pairs = (("baseline", outcome.winner), ("runner-up", "winner"), ("thesis", "winner"))
-    for first, second in pairs:
-        if {first, second} <= set(finalists.names):
-            sentences.append(finalists.comparison(first, second))
+    for name in ("baseline", "runner-up", "winner", "thesis"):
+        if name in finalists.names and name != outcome.winner:
+            sentences.append(finalists.comparison(name, outcome.winner))
     if outcome.loop is not None:
         sentences.append(f"The loop stopped because {outcome.loop.reason}.")
-    if outcome.loop is not None and outcome.thesis is not None:
-        ratio = outcome.thesis.seconds / max(outcome.loop.seconds, 1e-9)
-        sentences.append(f"The thesis procedure took {ratio:.1f} times the loop's render seconds.")
+        sentences.append(_render_seconds(outcome))
     return sentences
+
+
+def _render_seconds(outcome: Optimization) -> str:
+    """Say what was rendered since the scene file, beside what the thesis procedure renders."""
+    assert outcome.loop is not None
+    parts = (
+        f"{outcome.loop.seconds:.0f} s in rounds and {outcome.finalists.renders.seconds:.0f} s for "
+        "the verdict"
+    )
+    if outcome.all_in_seconds is None:
+        text = f"The loop rendered {parts}; what its surrogate took is not known"
+    else:
+        text = (
+            f"All in, from the scene file on, the loop took {outcome.all_in_seconds:.0f} s of "
+            f"rendering: {outcome.training_seconds:.0f} s for the surrogate, once for all designs "
+            f"of the scene, {parts}"
+        )
+    if outcome.thesis is not None:
+        text += f"; the thesis procedure took {outcome.thesis.seconds:.0f} s"
+    return text + "."
 
 
 def doubts(scene: Scene, outcome: Optimization) -> list[str]:
@@ -139,6 +159,7 @@ def _page(
         "bends": scene.bending.angles,
         "lam": f"{outcome.finalists.settings.lam:.4g}",
         "conclusions": conclusions(outcome),
+        "sensor": sensor_figure(scene),
         "warnings": doubts(scene, outcome),
         "stages": rows,
         "rounds": [_round_row(done) for done in (outcome.loop.rounds if outcome.loop else ())],

@@ -12,6 +12,7 @@ import numpy as np
 from optimize.design import Design
 from render.geometry import FiberHolder
 from render.scene import Scene
+from render.sensor_drawing import sensor_svg
 
 CLIPPED = 0.01
 """A design with a larger fraction of saturated facets gets a warning."""
@@ -29,9 +30,20 @@ def render_page(template: str, context: Mapping[str, Any], package: str = "optim
     return environment.get_template(template).render(context)
 
 
-def data_uri(png: bytes) -> str:
+def picture_kind(content: bytes) -> str:
+    """Return the ending of the file that a picture is: ``svg`` or ``png``."""
+    return "svg" if content.startswith(b"<svg") else "png"
+
+
+def data_uri(content: bytes) -> str:
     """Return a picture as a link that holds it."""
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+    kind = {"svg": "svg+xml", "png": "png"}[picture_kind(content)]
+    return f"data:image/{kind};base64," + base64.b64encode(content).decode("ascii")
+
+
+def sensor_figure(scene: Scene) -> str:
+    """Return the drawing of the sensor as a link that holds it."""
+    return data_uri(sensor_svg(scene).encode())
 
 
 def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:

@@ -19,11 +19,12 @@ from optimize.mounting import (
     stl_bytes,
     wiring_csv,
 )
-from optimize.report.illustrations import INK, beam_length, drawing, png_bytes
+from optimize.report.illustrations import beam_length, drawing, png_bytes
 from optimize.report.page import data_uri
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
-from render.geometry import FiberHolder, flat_fiber_poses, flat_sites, lit_offset
+from render.geometry import FiberHolder, flat_fiber_poses, flat_sites
+from render.scene import RIM_EDGES, Scene
 
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
 AXES = 5.0
@@ -55,20 +56,12 @@ def wiring_context(
 ) -> dict[str, Any]:
     """Return what the sheet's part of a page shows.
 
-    Arguments:
-        mounting: the design as mounted.
-        title: of the design.
-        errors: what errors of mounting cost.
-        files: a sentence about the files beside the page.
+    ``errors`` are what errors of mounting cost, ``files`` a sentence about what lies beside the
+    page.
     """
     scene = mounting.scene
-    fibers = scene.fibers
-    tilt = np.degrees(fibers.tilt)
-    side = "towards the coating" if tilt >= 0 else "towards the camera"
     facts = [
-        f"Every fiber: {fibers.diameter:g} mm in diameter, the center of its end at z = "
-        f"{fibers.height:g} mm and {fibers.gap:g} mm from the "
-        f"{'diffuser' if scene.diffuser else 'pad'}; its beam is tilted {abs(tilt):g}° {side}.",
+        *_ends(scene),
         f"All LEDs together draw {mounting.current:.0f} mA.",
     ]
     return {
@@ -86,7 +79,7 @@ def wiring_context(
                 "x": f"{row.x_mm:.2f}",
                 "y": f"{row.y_mm:.2f}",
                 "color": row.color if row.power in (0.0, 1.0) else f"{row.color}, {row.power:.0%}",
-                "ink": INK[row.color],
+                "ink": scene.palette.ink(row.color),
                 "current": f"{row.current_ma:g}",
                 "led": str(row.led),
                 "channel": "" if row.channel is None else str(row.channel),
@@ -98,13 +91,31 @@ def wiring_context(
     }
 
 
+def _ends(scene: Scene) -> list[str]:
+    """Say how the ends of the lamps lie, one sentence for each row."""
+    sentences = []
+    for row in scene.lamp_rows:
+        tilt = np.degrees(row.tilt)
+        side = "towards the coating" if tilt >= 0 else "towards the camera"
+        behind = "diffuser" if scene.diffuser and row.edge in RIM_EDGES else "pad"
+        who = "Every fiber" if scene.fibers else f"Every lamp of the {row.edge} edge's row"
+        sentences.append(
+            f"{who}: {row.diameter:g} mm in diameter, the center of its end at z = "
+            f"{row.height:g} mm and {row.gap:g} mm from the {behind}; its beam is tilted "
+            f"{abs(tilt):g}° {side}."
+        )
+    if scene.lamps:
+        sentences.append("Listed lamps lie where the CSV says, and shine along its towards_*.")
+    return list(dict.fromkeys(sentences))
+
+
 def _price(mounting: Mounting) -> list[str]:
     if mounting.score is None or mounting.score_found is None:
         return [f"Angles are rounded to {mounting.step:g}°."] if mounting.step else []
     texts = []
     if mounting.step:
         texts.append(
-            f"Angles are rounded to {mounting.step:g}°: on the surrogate the design scores "
+            f"Angles are rounded to {mounting.step:g}°: the design scores "
             f"{mounting.score:.1f} so, and {mounting.score_found:.1f} with angles as found; "
             f"rounding takes {mounting.score_found - mounting.score:.2f} counts."
         )
@@ -129,9 +140,11 @@ def _error_sentences(errors: Sequence[ErrorCost]) -> list[str]:
 def _freedom(mounting: Mounting) -> list[str]:
     if not mounting.colors_exchange:
         return []
+    *first, last = mounting.scene.palette.names
+    names = f"{', '.join(first)} and {last}".capitalize()
     return [
-        "Red, green and blue may be exchanged with each other in all fibers at once: the score "
-        "knows no color by name."
+        f"{names} may be exchanged with each other in all fibers at once: the score knows no color "
+        "by name."
     ]
 
 
@@ -139,14 +152,15 @@ def wiring_drawing(mounting: Mounting) -> Figure:
     """Draw the holder from outside, tip up: axes, fibers as they lie in it, numbers and beams."""
     scene, design = mounting.scene, mounting.design
     poses, holder = flat_fiber_poses(scene), FiberHolder.of(scene)
-    beams = poses.directions(design.phi, 0.0)[:, :2]
+    beams = poses.directions(design.phi)[:, :2]
     position = poses.position[:, :2]
     sine = np.maximum((beams * poses.inward[:, :2]).sum(axis=1), 0.2)[:, None]
     back = position - beams * holder.thickness / sine
     label = back - 1.5 * poses.inward[:, :2]
     half = np.array([scene.pad.width, scene.pad.length]) / 2
     edge = scene.diffuser.thickness if scene.diffuser else 0.0
-    inner, outer = half + lit_offset(scene), half + lit_offset(scene) + holder.thickness
+    offset = scene.box.rim + max((row.gap for row in scene.lamp_rows), default=0.0)
+    inner, outer = half + offset, half + offset + holder.thickness
     low = np.minimum(label.min(axis=0), -outer) - 1.2
     high = np.maximum(label.max(axis=0), outer) + 1.2
     low[1] = min(float(label[:, 1].min()), -half[1]) - 1.2
@@ -157,7 +171,8 @@ def wiring_drawing(mounting: Mounting) -> Figure:
             (-outer[0], low[1]), (-outer[0], outer[1]), (outer[0], outer[1]), (outer[0], low[1]),
             (inner[0], low[1]), (inner[0], inner[1]), (-inner[0], inner[1]), (-inner[0], low[1]),
         ]  # fmt: skip
-        axes.add_patch(Polygon(wall, facecolor="#eef0f3", edgecolor="#b6bbc4", lw=0.6))
+        if len(holder.least):
+            axes.add_patch(Polygon(wall, facecolor="#eef0f3", edgecolor="#b6bbc4", lw=0.6))
         if edge:
             frame = (2 * (half[0] + edge), 2 * half[1] + edge)
             axes.add_patch(Rectangle((-half[0] - edge, -half[1]), *frame, color="#dfe2e7", lw=0))
@@ -169,7 +184,7 @@ def wiring_drawing(mounting: Mounting) -> Figure:
         _draw_axes(axes)
         arrow = {"arrowstyle": "-|>", "lw": 1.2, "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
         for i, color in enumerate(design.color_names):
-            ink = INK[color]
+            ink = scene.palette.ink(color)
             axes.plot(*zip(back[i], position[i], strict=True), color=ink, lw=3.0, alpha=0.85,
                       solid_capstyle="butt")  # fmt: skip
             axes.annotate(

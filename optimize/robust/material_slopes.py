@@ -46,9 +46,7 @@ def declared_tolerances(scene: Scene) -> dict[str, Spread]:
 class Neighbors:
     """A parameter of the material and the scenes on both sides of its value.
 
-    Arguments:
-        below, above: scenes.
-        step: half the distance between them, in the tolerance's own unit (mm, or relative).
+    ``step`` is half their distance, in the tolerance's own unit (mm, or relative).
     """
 
     below: Scene
@@ -62,8 +60,9 @@ def neighbors(scene: Scene, name: str) -> Neighbors:
     Relative parameters step in the logarithm, so that the difference is exact for powers.
     """
     if name == "sigma_v":
-        part, key, value = "fibers", "sigma_v", scene.fibers.sigma_v
-    elif scene.diffuser is not None:
+        below, above = (scene.with_sigma_v(float(np.exp(sign * STEP))) for sign in (-1, 1))
+        return Neighbors(below, above, STEP)
+    if scene.diffuser is not None:
         part = "diffuser"
         key = {"scattering": "sigma_s", "diffuser_thickness": "thickness"}[name]
         value = float(getattr(scene.diffuser, key))
@@ -87,11 +86,7 @@ def material_slopes(
 ) -> dict[str, Array]:
     """Return ``d log T / d p`` ``(fiber, phi_node, bend, site, facet)`` by name.
 
-    Arguments:
-        scene: the sensor.
-        tolerances: names; those of the material are looked at.
-        phi: ``(phi_node,)`` rad.
-        progress: told of every preview that is drawn.
+    Of ``tolerances``, those of the material are looked at; ``phi`` is ``(phi_node,)`` rad.
     """
     bends, slopes = np.array(scene.bending.angles), {}
     names = [name for name in MATERIALS if name in tolerances]

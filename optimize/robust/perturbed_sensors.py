@@ -48,7 +48,6 @@ class PerturbedSensors:
         draws: int,
         seed: int,
     ) -> None:
-        """Draw the errors."""
         rng = np.random.default_rng([seed, 62])
         self.scorer, self.draws = scorer, draws
         self.errors = {
@@ -91,12 +90,12 @@ class PerturbedSensors:
         """Return S ``(draw,)`` and its derivatives by the directions, ``(draw, F)`` per rad."""
         scorer = self.scorer
         scores, slopes = np.empty(self.draws), np.empty((self.draws, scorer.fibers))
-        shape = (scorer.bends, scorer.sites, scorer.facets, 3)
+        shape = (scorer.bends, scorer.sites, scorer.facets, scorer.channels)
         for draw in range(self.draws):
             light, by_phi = self._light_of(draw, design.phi)
             counts = np.einsum("fx,fc->xc", light, design.power).reshape(shape)
             scores[draw], by_counts = score_by_counts(counts, scorer.table.lam, scorer.config)
-            by_light = by_counts.reshape(-1, 3) @ design.power.T
+            by_light = by_counts.reshape(-1, scorer.channels) @ design.power.T
             slopes[draw] = np.einsum("xf,fx->f", by_light, by_phi)
         return scores, slopes
 

@@ -9,7 +9,7 @@ from typing import IO
 
 import numpy as np
 
-from optimize.design import Design, limits_of
+from optimize.design import limits_of
 from optimize.exploration import Exploration, rate
 from optimize.robust.material_slopes import declared_tolerances, material_slopes
 from optimize.robust.perturbed_sensors import (
@@ -88,11 +88,7 @@ def study_robustness(
 ) -> Exploration:
     """Return the exploration with one more stage, the design for tolerances or shadows.
 
-    Arguments:
-        exploration: the nominal exploration.
-        measure: over tolerances; None leaves them out.
-        shadow_weight: of the shadow penalty; None leaves it out.
-        report: told how far every part of the work is.
+    ``measure`` None leaves tolerances out, ``shadow_weight`` None the penalty for shadows.
 
     Raises:
         SceneError: tolerances are asked for, and the scene has none.
@@ -119,8 +115,9 @@ def study_robustness(
     top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
     colorings = [np.array(row) for row, _ in top[:COLORINGS]]
     if scorer.colors_alike:
-        colorings = [renamed_like(row, best.colors) for row in colorings]
-    starts = [best, *(Design(best.phi, scorer.power(row)) for row in colorings)]
+        names = len(scorer.palette.names)
+        colorings = [renamed_like(row, best.colors, names) for row in colorings]
+    starts = [best, *(scorer.design(best.phi, row) for row in colorings)]
     design = multi_start(scorer, goal, starts, in_stage(report, "refining")).design
     titles = [title for title, used in (("Robust", measure), ("Shadow-aware", shadow)) if used]
     stage = rate(

@@ -72,13 +72,8 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Return what every tolerance costs ``design``, the dearest first (thesis 6.2).
 
-    Arguments:
-        scorer: the surrogate's table.
-        design: the design.
-        spreads: tolerances by name.
-        slopes: of the materials among them, from `material_slopes`.
-        draws: sensors per tolerance.
-        seed: of the draws.
+    ``spreads`` are tolerances by name, ``slopes`` those of the materials among them, from
+    `material_slopes`; every tolerance has ``draws`` sensors.
     """
     exact = score_slopes(scorer, design, list(spreads), slopes)
     nominal, losses = scorer.score(design.phi, design.power), []
@@ -165,13 +160,8 @@ def check_slopes(
 ) -> list[CheckedSlope]:
     """Return every slope of ``exact`` (sums over fibers) beside that of renders.
 
-    Arguments:
-        candidate: the design with its scene and settings.
-        exact: slopes by the surrogate, per rad, mm or relative error.
-        samples: per cell and run.
-        seed: of every run.
-        checkpoint: folder where an interrupted check goes on.
-        progress: called as each run goes on.
+    ``exact`` is by the surrogate, per rad, mm or relative error. Every run has this ``seed`` and
+    ``samples`` per cell; an interrupted one goes on in ``checkpoint``.
     """
     scene, design, settings = candidate.scene, candidate.design, candidate.settings
     turned = [

@@ -19,9 +19,9 @@ from optimize.design import Array, Design
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
 from render.geometry import flat_sites, fresnel
-from render.preview import fiber_end_of, point_lights
-from render.preview.beams import BEAM_MARK
-from render.scene import Scene
+from render.preview import point_lights
+from render.preview.beams import BEAM_MARK, WALL_MARK, face_frames
+from render.scene import OUTWARD, Scene
 from render.transport import TransportTable
 
 GLOW_MEAN, BEAM_PEAK = 0, 3
@@ -99,7 +99,6 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
             f"a bolt {bolt.depth:g} mm deep does not fit into the pad, allowed: below "
             f"pad.thickness = {thick:g} mm",
             field="pad.thickness",
-            value=bolt.depth,
         )
     azimuth = 2 * np.pi * np.arange(bolt.points) / bolt.points
     ring = (bolt.radius + bolt.distance) * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
@@ -112,32 +111,37 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     position = lights.position[..., :3]
     # (node, fiber, light, n); a light is a beam for all fibers or for none.
     emission = lights.emission(np.repeat(phi[:, None], len(position), axis=1))
-    beam = lights.position[0, :, 3] >= BEAM_MARK
+    marks = lights.position[..., 3].astype(int)
+    beam = (marks[0] & BEAM_MARK) != 0
     strength = np.where(beam, emission[..., BEAM_PEAK], np.maximum(emission[..., GLOW_MEAN], 0.0))
+    # Bolts hide what comes straight; mirror images in walls are left out.
+    strength = np.where(marks < WALL_MARK, strength, 0.0)
     # (fiber, light, site, point)
     offset = position[:, :, None, None, :2] - point
     drop = np.maximum(thick - position[..., 2], 1e-6)[..., None, None]
     square = (offset**2).sum(axis=-1) + drop**2
-    edge = lights.position[..., 3] % BEAM_MARK  # left, tip, right
-    normal = np.where((edge == 1)[..., None], [0.0, -1.0], [[[1.0, 0.0]]])
-    normal = np.where((edge == 2)[..., None], [-1.0, 0.0], normal)
-    inward = np.maximum(-(offset * normal[:, :, None, None]).sum(axis=-1), 0.0)
+    face = lights.position[..., 3].astype(int) % BEAM_MARK
+    spatial = np.concatenate([offset, -drop[..., None] + 0.0 * offset[..., :1]], axis=-1)
+    inward = np.maximum((spatial * OUTWARD[face][:, :, None, None]).sum(axis=-1), 0.0)
     weight = inward * drop / square**2
     # The line p + t (light - p) enters the bolt's outline at t1 and is then t1 drop below the skin.
-    along = (offset * (center - point)).sum(axis=-1)
+    towards = (offset * (center - point)).sum(axis=-1)
     flat = (offset**2).sum(axis=-1)
-    root = along**2 - flat * ((bolt.radius + bolt.distance) ** 2 - bolt.radius**2)
-    enters = (along - np.sqrt(np.maximum(root, 0.0))) / flat
-    blocked = (root > 0.0) & (along > 0.0) & (enters < 1.0) & (enters * drop < bolt.depth)
+    root = towards**2 - flat * ((bolt.radius + bolt.distance) ** 2 - bolt.radius**2)
+    enters = (towards - np.sqrt(np.maximum(root, 0.0))) / flat
+    blocked = (root > 0.0) & (towards > 0.0) & (enters < 1.0) & (enters * drop < bolt.depth)
     glow = ~beam if scene.diffuser else slice(None)
     total = np.einsum("jfl,flsq->fjsq", strength[:, :, glow], weight[:, glow])
     hidden = np.einsum("jfl,flsq->fjsq", strength[:, :, glow], (weight * blocked)[:, glow])
     if scene.diffuser and beam.any():
         # Directions in the frames of the edges: along, into the pad, up.
-        along_edge = np.where((edge == 1)[..., None, None], -offset[..., 0], -offset[..., 1])
-        way = np.stack(np.broadcast_arrays(along_edge, inward, drop), axis=-1)[:, beam]
+        along, up = (frame[face][:, :, None, None] for frame in face_frames()[::2])
+        way = np.stack(
+            [-(spatial * along).sum(axis=-1), inward, -(spatial * up).sum(axis=-1)], axis=-1
+        )[:, beam]
         way = way / np.sqrt(square[:, beam])[..., None]
-        sent = _beam_radiance(scene, emission[:, :, beam], way) * weight[:, beam]
+        straight = (marks < WALL_MARK)[:, beam, None, None]
+        sent = _beam_radiance(scene, emission[:, :, beam], way) * weight[:, beam] * straight
         total += sent.sum(axis=2).swapaxes(0, 1)
         hidden += (sent * blocked[:, beam]).sum(axis=2).swapaxes(0, 1)
     fraction = hidden / np.where(total > 0.0, total, 1.0)
@@ -147,13 +151,11 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
 def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:
     """Return what beams send through a thin diffuser, per cosine at the edge, for unit fibers.
 
-    It is what the preview's shader computes (``beam_intensity`` in ``shading.glsl``): Gaussian
+    It is what the preview's shader computes (``beam_intensity`` in ``shading.glsl``): the profile
     about the beam in air, refracted into the pad, dimmed by what the diffuser scatters.
 
-    Arguments:
-        scene: has a diffuser.
-        emission: beam direction and peak intensity ``(node, fiber, light, 4 or more)``.
-        way: unit directions ``(fiber, light, site, point, 3)`` in the frames of the edges.
+    ``emission`` is beam direction and peak intensity ``(node, fiber, light, 4 or more)``; ``way``
+    are unit directions ``(fiber, light, site, point, 3)`` in the frames of the edges.
 
     Returns:
         ``(node, fiber, light, site, point)`` in 1/sr.
@@ -169,5 +171,6 @@ def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:
     # The solid angle grows by n^2 cos_pad / cos_air in air; the cosine is the caller's.
     passed = np.where((squared > 0.0) & (way[..., 1] > 0.0), passed * index**2 / height, 0.0)
     towards = np.clip(np.einsum("jfli,flsqi->jflsq", emission[..., :3], air), -1.0, 1.0)
-    shape = fiber_end_of(scene).radiance(np.arccos(towards)) * np.maximum(towards, 0.0)
-    return np.asarray(emission[..., BEAM_PEAK, None, None] * shape * passed)
+    theta = np.arccos(towards)
+    shapes = [lamp.profile.shape(theta[:, i]) for i, lamp in enumerate(scene.placed_lamps())]
+    return np.asarray(emission[..., BEAM_PEAK, None, None] * np.stack(shapes, axis=1) * passed)

@@ -7,11 +7,15 @@ from optimize.scoring.confidence import (
     prediction_checked,
     student_factor,
 )
-from optimize.scoring.jackknife import JackknifeEstimate, jackknife, jackknife_se
+from optimize.scoring.jackknife import (
+    JackknifeEstimate,
+    jackknife,
+    jackknife_se,
+    pooled_estimate,
+)
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
 from optimize.scoring.render_scores import (
     RenderedScore,
-    check_visible,
     paired_difference,
     rendered_score,
 )

@@ -7,7 +7,7 @@ replicates. The jackknife estimates that constant from the replicates themselves
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,15 +60,20 @@ def jackknife(statistic: Callable[[Array], float], replicates: Array) -> Jackkni
     count = len(replicates)
     if count < 2:
         raise RenderError(
-            f"{count} independent replicate gives no error bar: use at least 2 seeds",
-            field="seeds",
-            value=count,
-            allowed="at least 2",
+            f"{count} independent replicate gives no error bar: use at least 2 seeds", field="seeds"
         )
     plain = statistic(replicates.sum(axis=0) / count)
     without = leave_one_out(statistic, replicates)
     pseudo = count * plain - (count - 1) * without
     se = float(np.sqrt(pseudo.var(ddof=1) / count))
+    return JackknifeEstimate(float(pseudo.mean()), float(plain), se, pseudo)
+
+
+def pooled_estimate(parts: Sequence[JackknifeEstimate]) -> JackknifeEstimate:
+    """Return the mean of independent estimates, every replicate with the same weight."""
+    pseudo = np.concatenate([part.pseudo for part in parts])
+    plain = sum(part.plain * part.replicates for part in parts) / len(pseudo)
+    se = float(np.sqrt(pseudo.var(ddof=1) / len(pseudo)))
     return JackknifeEstimate(float(pseudo.mean()), float(plain), se, pseudo)
 
 

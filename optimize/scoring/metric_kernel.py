@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
 from render.metric import MetricConfig
@@ -21,6 +22,7 @@ from render.metric import MetricConfig
 Single = NDArray[np.float32]
 Double = NDArray[np.float64]
 Indices = NDArray[np.int64]
+set_item: Any = tuple_setitem
 F = TypeVar("F", bound=Callable[..., Any])
 
 # Contraction and reciprocals may round differently; NaN and infinity keep their meaning.
@@ -45,14 +47,25 @@ def kernel_constants(config: MetricConfig, lam: float, dtype: Any) -> np.ndarray
     return np.array([config.count_max, lam, config.ddof, float(config.cyclic)], dtype=dtype)
 
 
+def channel_mark(channels: int, dtype: Any) -> tuple[Any, ...]:
+    """Return a zero of ``dtype`` per channel: the compiler unrolls its loops by their number."""
+    return (dtype(0),) * channels
+
+
 @compiled
 def score_lanes(
-    base: np.ndarray, block: np.ndarray, bends: int, constants: np.ndarray, out: np.ndarray
+    base: np.ndarray,
+    block: np.ndarray,
+    bends: int,
+    constants: np.ndarray,
+    mark: tuple[Any, ...],
+    out: np.ndarray,
 ) -> None:
     """Write S of ``clip(base + block)`` to ``out`` ``(lane,)``.
 
-    ``base`` ``(bend * site, facet, 3)`` is common to all lanes, ``block``
-    ``(bend * site, facet, 3, lane)``, both in counts and of the dtype of ``constants``.
+    ``base`` ``(bend * site, facet, channel)`` is common to all lanes, ``block``
+    ``(bend * site, facet, channel, lane)``, both in counts and of the dtype of ``constants``;
+    ``mark`` is that of the channels, see `channel_mark`: values of one lane stay in registers.
     """
     cells, facets, lanes = block.shape[0], block.shape[1], out.shape[0]
     dtype = constants.dtype
@@ -66,8 +79,8 @@ def score_lanes(
     step_freedom = one / (dtype.type(facets - first_step) - ddof)
     norm = np.empty((facets, lanes), dtype)
     step = np.empty((facets, lanes), dtype)
-    hue = np.empty((3, lanes), dtype)
-    first_hue = np.empty((3, lanes), dtype)
+    hue = np.empty((len(mark), lanes), dtype)
+    first_hue = np.empty((len(mark), lanes), dtype)
     mean = np.empty((2, lanes), dtype)
     square = np.empty((2, lanes), dtype)
     metric = np.empty((cells, lanes), dtype)
@@ -76,27 +89,28 @@ def score_lanes(
         mean[:] = zero
         square[:] = zero
         for facet in range(facets):
-            red, green, blue = base[cell, facet, 0], base[cell, facet, 1], base[cell, facet, 2]
+            here = mark
+            for channel in range(len(mark)):
+                here = set_item(here, channel, base[cell, facet, channel])
             for lane in range(lanes):
-                r = red + block[cell, facet, 0, lane]
-                g = green + block[cell, facet, 1, lane]
-                b = blue + block[cell, facet, 2, lane]
-                # Comparisons that are false for NaN keep it, as in render.metric.
-                r = zero if r < zero else (high if r > high else r)
-                g = zero if g < zero else (high if g > high else g)
-                b = zero if b < zero else (high if b > high else b)
-                length = np.sqrt(r * r + g * g + b * b)
+                total, distance, seen = zero, zero, mark
+                for channel in range(len(mark)):
+                    # Comparisons that are false for NaN keep it, as in render.metric.
+                    value = here[channel] + block[cell, facet, channel, lane]
+                    value = zero if value < zero else (high if value > high else value)
+                    seen = set_item(seen, channel, value)
+                    total += value * value
+                length = np.sqrt(total)
                 scale = one / (length if length > zero else one)
-                r *= scale
-                g *= scale
-                b *= scale
                 norm[facet, lane] = length
                 mean[0, lane] += length
-                dr, dg, db = r - hue[0, lane], g - hue[1, lane], b - hue[2, lane]
-                hue[0, lane] = r
-                hue[1, lane] = g
-                hue[2, lane] = b
-                distance = np.sqrt(dr * dr + dg * dg + db * db)
+                for channel in range(len(mark)):
+                    seen = set_item(seen, channel, seen[channel] * scale)
+                    change = seen[channel] - hue[channel, lane]
+                    distance += change * change
+                for channel in range(len(mark)):
+                    hue[channel, lane] = seen[channel]
+                distance = np.sqrt(distance)
                 step[facet, lane] = distance
                 mean[1, lane] += distance
             if facet == 0:
@@ -105,10 +119,11 @@ def score_lanes(
                 first_hue[:] = hue
         for lane in range(lanes):
             if ring:
-                dr = first_hue[0, lane] - hue[0, lane]
-                dg = first_hue[1, lane] - hue[1, lane]
-                db = first_hue[2, lane] - hue[2, lane]
-                distance = np.sqrt(dr * dr + dg * dg + db * db)
+                distance = zero
+                for channel in range(len(mark)):
+                    change = first_hue[channel, lane] - hue[channel, lane]
+                    distance += change * change
+                distance = np.sqrt(distance)
                 step[0, lane] = distance
                 mean[1, lane] += distance
             mean[0, lane] *= norm_share
@@ -171,6 +186,7 @@ def best_of_tile(
     suffixes: int,
     bends: int,
     constants: Single,
+    mark: tuple[Any, ...],
     threshold: np.float32,
     free: Indices,
     middle_used: Indices,
@@ -180,7 +196,7 @@ def best_of_tile(
 ) -> int:
     """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are.
 
-    ``free`` ``(3,)`` fibers per color may still be used; middles and suffixes use so many.
+    ``free`` ``(choice,)`` fibers per color may still be used; middles and suffixes use so many.
     """
     keep, lanes = len(scores), blocks.shape[-1]
     out = np.empty(lanes, np.float32)
@@ -189,16 +205,12 @@ def best_of_tile(
         first = block * lanes
         valid = min(lanes, suffixes - first)
         for middle in range(len(middles)):
-            red = free[0] - middle_used[middle, 0]
-            green = free[1] - middle_used[middle, 1]
-            blue = free[2] - middle_used[middle, 2]
-            if red < 0 or green < 0 or blue < 0:
+            unused = free - middle_used[middle]
+            if unused.min() < 0:
                 continue
-            score_lanes(prefix + middles[middle], blocks[block], bends, constants, out)
+            score_lanes(prefix + middles[middle], blocks[block], bends, constants, mark, out)
             for lane in range(valid):
-                used = suffix_used[first + lane]
-                fits = used[0] <= red and used[1] <= green and used[2] <= blue
-                if out[lane] > threshold and fits:
+                if out[lane] > threshold and (suffix_used[first + lane] <= unused).all():
                     place = worst
                     if count < keep:
                         place = count
@@ -218,22 +230,23 @@ def score_moves(
     pairs: Indices,
     bends: int,
     constants: Double,
+    mark: tuple[Any, ...],
     lanes: int,
 ) -> Double:
-    """Return S of ``counts`` ``(B * S, K, 3)`` after each pair of changes ``(.., move)``."""
+    """Return S of ``counts`` ``(B * S, K, channel)`` after each pair of changes ``(.., move)``."""
     cells, facets = counts.shape[0], counts.shape[1]
     scores = np.empty(len(pairs))
-    block = np.zeros((cells, facets, 3, lanes))
+    block = np.zeros((cells, facets, len(mark), lanes))
     out = np.empty(lanes)
     for start in range(0, len(pairs), lanes):
         valid = min(lanes, len(pairs) - start)
         for cell in range(cells):
             for facet in range(facets):
-                for channel in range(3):
+                for channel in range(len(mark)):
                     row = change[cell, facet, channel]
                     for lane in range(valid):
                         first, second = pairs[start + lane, 0], pairs[start + lane, 1]
                         block[cell, facet, channel, lane] = row[first] + row[second]
-        score_lanes(counts, block, bends, constants, out)
+        score_lanes(counts, block, bends, constants, mark, out)
         scores[start : start + valid] = out[:valid]
     return scores

@@ -8,7 +8,6 @@ import numpy as np
 
 from optimize.design import PARTS, Array, Rating, ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
-from render.errors import RenderError
 from render.metric import clipped_fraction
 
 
@@ -68,20 +67,3 @@ def paired_difference(
         return float(settings.parts(transport[1], second_power)[0] - low)
 
     return jackknife(gain, np.stack([first, second], axis=1))
-
-
-def check_visible(replicates: Array) -> None:
-    """Refuse cells that are not numbers, ``(..., F, B, S, K)``.
-
-    Raises:
-        RenderError: the camera cannot see some facet, so the score is not defined.
-    """
-    finite = np.isfinite(replicates).all(axis=tuple(range(replicates.ndim - 3)))
-    hidden = np.argwhere(~finite)
-    if len(hidden):
-        bend, site, facet = (int(i) for i in hidden[0])
-        raise RenderError(
-            f"the camera cannot see {len(hidden)} facets, the first is facet {facet} of site "
-            f"{site} at bend {bend}, so there is no score: move the sites or the camera",
-            field="sites",
-        )

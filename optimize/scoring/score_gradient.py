@@ -25,7 +25,7 @@ class ScoreGradient:
     Arguments:
         score: S in counts.
         phi: ``(F,)`` counts per rad.
-        power: ``(F, 3)`` counts per unit of LED power.
+        power: ``(F, C)`` counts per unit of power in a channel.
         light: ``(F, B, S, K)`` counts per relative change of the fiber's light in that cell, summed
             over its colors; what any other parameter's derivative is made of.
     """
@@ -51,14 +51,13 @@ class Differentiator:
             raise TableError(
                 "derivatives need a table without an axis of channels: search its colors only",
                 field="T",
-                value=table.T.shape,
             )
         exposed = table.exposure * table.T
         self._table = exposed.reshape(*exposed.shape[:2], -1)
         self._slope = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._table)
 
     def at(self, phi: Array, power: Array, factor: Array | None = None) -> ScoreGradient:
-        """Return S and derivatives for ``phi`` ``(F,)`` rad and ``power`` ``(F, 3)``.
+        """Return S and derivatives for ``phi`` ``(F,)`` rad and ``power`` ``(F, C)``.
 
         ``factor`` ``(F, B, S, K)`` multiplies the light of every fiber in every cell.
         """
@@ -81,7 +80,7 @@ class Differentiator:
 
 
 def score_by_counts(counts: Array, lam: float, config: MetricConfig) -> tuple[float, Array]:
-    """Return S and its derivative ``(B, S, K, 3)`` by the unclipped ``counts``, shaped alike."""
+    """Return S and its derivative ``(B, S, K, C)`` by the unclipped ``counts``, shaped alike."""
     clipped = np.clip(counts, 0.0, config.count_max)
     inside = (counts > 0.0) & (counts < config.count_max)
     length = np.linalg.norm(clipped, axis=-1)

@@ -30,7 +30,7 @@ _CHUNK = 2_000_000
 def score_draws(
     scorer: TableScorer, phi: Array, power: Array, draws: int = DRAWS, seed: int = 0
 ) -> Array:
-    """Return S ``(draw, N)`` of ``power`` ``(N, F, 3)`` at ``phi`` ``(F,)`` on redrawn tables.
+    """Return S ``(draw, N)`` of ``power`` ``(N, F, C)`` at ``phi`` ``(F,)`` on redrawn tables.
 
     All lightings see the same draws, so that differences between them keep only what differs.
     """
@@ -40,17 +40,17 @@ def score_draws(
     for noise in _noise(scorer, phi, len(power), draws, seed):
         drawn = light + noise
         if scorer.table.by_channel:
-            tinted = drawn.reshape(*drawn.shape[:2], -1, 3)
+            tinted = drawn.reshape(*drawn.shape[:2], -1, scorer.channels)
             blocks = np.einsum("dfxc,nfc->dxcn", tinted, power, optimize=True)
         else:
             counts = np.matmul(drawn.swapaxes(1, 2), mixing)
-            blocks = counts.reshape(len(noise), light.shape[1], 3, len(power))
+            blocks = counts.reshape(len(noise), light.shape[1], scorer.channels, len(power))
         rows += [scorer.score_block(block) for block in blocks]
     return np.array(rows)
 
 
 def score_interval(scorer: TableScorer, phi: Array, power: Array) -> tuple[float, float]:
-    """Return the 95 % interval of S for ``phi`` ``(F,)`` and ``power`` ``(F, 3)``.
+    """Return the 95 % interval of S for ``phi`` ``(F,)`` and ``power`` ``(F, C)``.
 
     Noise lowers S, because its spreads absorb noise; the bootstrap estimates that bias as
     ``mean(S*) - S``. The interval reaches 1.96 standard deviations beyond both the plain and the
@@ -66,7 +66,7 @@ def score_interval(scorer: TableScorer, phi: Array, power: Array) -> tuple[float
 
 
 def tied(scorer: TableScorer, phi: Array, power: Array) -> np.ndarray:
-    """Return which of ``power`` ``(N, F, 3)`` the table's errors cannot tell from the first.
+    """Return which of ``power`` ``(N, F, C)`` the table's errors cannot tell from the first.
 
     A lighting ties when its lag behind the first one is within 1.96 standard deviations of their
     difference over common draws; without errors, when both scores agree to rounding.
@@ -90,6 +90,6 @@ def _noise(
     variance = np.einsum("fj,fjx->fx", weights**2, table.se.reshape(*weights.shape, -1) ** 2)
     sigma = table.exposure * np.sqrt(variance)
     shape = sigma.shape if table.level == "reference" else (len(sigma), 1)
-    size = max(1, _CHUNK // (sigma.size + 3 * lightings * sigma.shape[1]))
+    size = max(1, _CHUNK // (sigma.size + scorer.channels * lightings * sigma.shape[1]))
     for start in range(0, draws, size):
         yield sigma * rng.standard_normal((min(size, draws - start), *shape))

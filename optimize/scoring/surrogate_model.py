@@ -1,4 +1,4 @@
-"""The surrogate model of a scene: finding it, and what it says of designs."""
+"""The model of a scene, trained or its preview alone: finding it, and what it says of designs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from optimize.design import Array, Design
-from optimize.ui.console import note
+from optimize.ui.console import ProgressBar, note
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.scene import Scene
@@ -19,8 +19,8 @@ from surrogate.runtime import MODEL_FILE, Checker
 PHI_NODES = 33
 
 
-def find_model(scene: Scene, given: Path | None = None) -> Path:
-    """Return the folder that holds ``checker.onnx`` for a scene.
+def find_model(scene: Scene, given: Path | None = None) -> Path | None:
+    """Return the folder that holds ``checker.onnx`` for a scene, None where there is none.
 
     The folder given, or the one of the right scene hash, whatever its name, among those in
     ``models`` of the current directory and those that come with tactilux; folders named like the
@@ -31,8 +31,7 @@ def find_model(scene: Scene, given: Path | None = None) -> Path:
     percentile, as much as the model's own error; the untouched pad's by less than 0.01 %).
 
     Raises:
-        ModelError: there is none, and the message says how to get one; or a folder named like the
-            scene holds a damaged one.
+        ModelError: the folder given holds none, or one named like the scene a damaged one.
     """
     if given is not None:
         if (given / MODEL_FILE).is_file():
@@ -41,7 +40,6 @@ def find_model(scene: Scene, given: Path | None = None) -> Path:
             f"there is no {MODEL_FILE} in {given}: name the folder of a model with --model or make "
             "one with tactilux train",
             field="model",
-            value=str(given),
         )
     found: list[Path] = []
     for place in (Path("models"), Path(__file__).resolve().parents[2] / "models"):
@@ -54,17 +52,14 @@ def find_model(scene: Scene, given: Path | None = None) -> Path:
                 raise
         else:
             return folder
-    others = ", ".join(str(folder) for folder in found) or "none"
-    raise ModelError(
-        f"there is no model for scene {scene.name}, hash {scene.hash} (models here and shipped: "
-        f"{others}): make one with tactilux train, or name its folder with --model",
-        field="model",
-        value=scene.hash,
-    )
+    return None
 
 
 def open_model(scene: Scene, given: Path | None = None, *, threads: int | None = None) -> Checker:
-    """Return the surrogate of ``scene``, with a warning where the scene leaves its trained range.
+    """Return the model of ``scene``: a trained one, or its preview alone where there is none.
+
+    It says on stderr which; and warns where the scene leaves the range that a model was trained
+    for.
 
     Arguments:
         scene: the sensor.
@@ -72,11 +67,22 @@ def open_model(scene: Scene, given: Path | None = None, *, threads: int | None =
         threads: of the runtime (default: its own choice).
 
     Raises:
-        ModelError: there is none, or it is damaged or of another scene.
+        ModelError: there is none in ``given``, or it is damaged or of another scene.
+        GraphicsError: there is none, and no OpenGL library can draw the preview.
     """
-    checker = Checker.for_scene(find_model(scene, given), scene, threads=threads)
-    fibers = scene.fibers.count
-    dark = np.full((1, fibers), np.pi / 2), np.zeros((1, fibers, 3)), np.array(scene.bending.angles)
+    folder = find_model(scene, given)
+    if folder is None:
+        from surrogate.preview_model import preview_checker
+
+        note(
+            f"There is no model for scene {scene.name}, hash {scene.hash}: this is level 0, the "
+            "preview alone, with wider intervals; tactilux train makes a model"
+        )
+        with ProgressBar("Drawing the preview") as bar:
+            return preview_checker(scene, bar)
+    checker = Checker.for_scene(folder, scene, threads=threads)
+    unlit = np.zeros((1, scene.lamp_count, len(scene.palette.channels)))
+    dark = np.full(unlit.shape[:2], np.pi / 2), unlit, np.array(scene.bending.angles)
     excess = float(checker.run(*dark)["domain_excess"][0])
     if excess > 0.0:
         free = checker.metadata.material

@@ -27,11 +27,8 @@ MAX_ROUNDS = 10
 class SearchStep(ScoredDesign):
     """The best design after a stage, a point of the convergence plot.
 
-    Arguments:
-        round: 0 for the start, then 1, 2, ...
-        stage: ``start``, ``grouped``, ``quick``, ``tied``, ``free`` or ``power``.
-        evaluated: lightings scored so far, all stages together.
-        seconds: wall time so far.
+    ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped``, ``quick``, ``tied``, ``free``
+    or ``power``. Lightings and seconds of wall time are those so far, all stages together.
     """
 
     round: int
@@ -85,7 +82,7 @@ def alternating_search(
     if limits.colors_limited or limits.directions_limited:
         start = limits.nearest_design(start)
     elif not limits.fits_holder(start.phi):
-        start = Design(limits.nearest_directions(start.phi), start.power)
+        start = replace(start, phi=limits.nearest_directions(start.phi))
     search = _Rounds(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
     for number in range(1, max_rounds + 1):
@@ -93,7 +90,7 @@ def alternating_search(
         if number == 1:
             search.take_groups(number)
         phi, colors = search.design.phi, search.design.colors
-        starts = [colors] if (colors >= 0).all() else []
+        starts = [colors] if limits.may_be_off or (colors >= 0).all() else []
         search.take_colors(number, quick_colors(scorer, phi, starts=starts, seed=seed + number))
         if steerable and edges is not None:
             groups = tied_groups(edges, search.design.colors)
@@ -125,8 +122,8 @@ class _Rounds:
         if result.score > self.score:
             colors = result.colors
             if self.scorer.colors_alike:
-                colors = renamed_like(colors, self.names)
-            self.design = Design(self.design.phi, self.scorer.power(colors))
+                colors = renamed_like(colors, self.names, len(self.scorer.palette.names))
+            self.design = self.scorer.design(self.design.phi, colors)
             self.score = result.score
         self._record(number, result.method)
 
@@ -153,12 +150,12 @@ class _Rounds:
             )
 
         result = search(limits)
-        self._accept(Design(result.phi, start.power), result.score, result.evaluated)
+        self._accept(replace(start, phi=result.phi), result.score, result.evaluated)
         if limits.holder is not None and groups is None:
             # The holder cuts the directions into regions, each with its optimum: the one next to
             # where a search without a holder ends is often better than the one found above.
             loose = search(replace(limits, holder=None))
-            near = Design(limits.nearest_directions(loose.phi), start.power)
+            near = replace(start, phi=limits.nearest_directions(loose.phi))
             optimum = refine_locally(self.scorer, near)
             self._accept(optimum.design, optimum.score, loose.evaluated + optimum.evaluated)
         self._record(number, stage)

@@ -6,7 +6,6 @@ Only directions that a builder can mount are scored: some may be fixed, some for
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,23 +28,15 @@ MAX_EVALUATIONS = 20_000
 
 @dataclass(frozen=True, eq=False)
 class DirectionResult:
-    """The best directions found.
+    """The best directions ``phi`` ``(F,)`` rad, and how many candidates were scored.
 
-    Arguments:
-        phi: ``(F,)`` rad.
-        score: its score.
-        evaluated: how many candidates were scored.
-        seconds: wall time.
-        converged: False when the evaluations ran out before the steps became small.
-        history: ``(evaluated, best score so far)`` after every generation.
+    ``converged`` is False when the evaluations ran out before the steps became small.
     """
 
     phi: Array
     score: float
     evaluated: int
-    seconds: float
     converged: bool
-    history: tuple[tuple[int, float], ...]
 
 
 def tied_groups(edges: Sequence[str], colors: Colors) -> Colors:
@@ -95,13 +86,11 @@ def optimize_directions(
     Raises:
         TactiluxError: the score of some candidate is not finite.
     """
-    began = time.perf_counter()
     limits = limits or unlimited(len(start))
     start, free = limits.nearest_directions(start), ~limits.fixed_directions
     if not free.any():
         best = float(score(start[None])[0])
-        spent = time.perf_counter() - began
-        return DirectionResult(start, best, 1, spent, converged=True, history=((1, best),))
+        return DirectionResult(start, best, 1, converged=True)
 
     def projected(variables: Array) -> Array:
         """Return the allowed directions ``(N, F)`` nearest to those of the free fibers."""
@@ -117,7 +106,6 @@ def optimize_directions(
     mean = np.clip(np.bincount(member, weights=start[free]) / np.bincount(member), low, high)
     best_phi = projected(mean[member][None])[0]
     best, evaluated = float(_checked(score, best_phi[None])[0]), 1
-    history = [(evaluated, best)]
     strategy = _strategy(mean, bounds, seed, abs(best))
     while evaluated < max_evaluations and not strategy.stop():
         candidates = strategy.ask()
@@ -128,21 +116,12 @@ def optimize_directions(
         leader = int(np.argmax(scores))
         if scores[leader] > best:
             best, best_phi = float(scores[leader]), phi[leader]
-        history.append((evaluated, best))
         if progress is not None:
             progress(evaluated, best)
     if limits.step > 0.0 and groups is None:
         best_phi, best, tried = _stepwise_ascent(score, best_phi, best, limits)
         evaluated += tried
-        history.append((evaluated, best))
-    return DirectionResult(
-        phi=best_phi,
-        score=best,
-        evaluated=evaluated,
-        seconds=time.perf_counter() - began,
-        converged=bool(strategy.stop()),
-        history=tuple(history),
-    )
+    return DirectionResult(best_phi, best, evaluated, converged=bool(strategy.stop()))
 
 
 def _stepwise_ascent(
@@ -193,6 +172,5 @@ def _checked(score: DirectionScores, phi: Array) -> Array:
             f"the score of {int(bad.sum())} of {len(scores)} candidates is not finite, the first "
             f"at angles_deg = {angles}, allowed: finite scores; check the table or model behind it",
             field="score",
-            value=float(scores[bad][0]),
         )
     return scores

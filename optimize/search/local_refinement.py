@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -41,7 +41,6 @@ class NominalScore:
     """S on the table, the sensor as drawn, as an objective."""
 
     def __init__(self, scorer: TableScorer) -> None:
-        """Prepare the derivatives."""
         self._scorer, self._exact = scorer, Differentiator(scorer)
 
     def value(self, design: Design) -> float:
@@ -58,7 +57,6 @@ class WeightedSum:
     """The sum of objectives, each with a weight."""
 
     def __init__(self, *parts: tuple[float, Objective]) -> None:
-        """Keep the parts."""
         self.parts = parts
 
     def value(self, design: Design) -> float:
@@ -89,13 +87,13 @@ def refine_locally(scorer: TableScorer, start: Design) -> LocalOptimum:
     """
     began = time.perf_counter()
     exact = Differentiator(scorer)
-    on = np.zeros(start.power.shape, dtype=bool)
+    on = np.zeros(start.drive.shape, dtype=bool)
     if scorer.limits.continuous_power:
-        on = start.power > 0.0
+        on = start.drive > 0.0
 
     def gradient(design: Design) -> tuple[float, Array]:
         at = exact.at(design.phi, design.power)
-        return at.score, np.concatenate([at.phi, at.power[on]])
+        return at.score, np.concatenate([at.phi, (at.power @ design.palette.matrix.T)[on]])
 
     first = ScoredDesign(start, scorer.score(start.phi, start.power))
     best, evaluated = _ascend(scorer, first, gradient, on, {"maxiter": MAX_ITERATIONS})
@@ -106,7 +104,7 @@ def refine_locally(scorer: TableScorer, start: Design) -> LocalOptimum:
 def refine_directions(scorer: TableScorer, objective: Objective, start: Design) -> ScoredDesign:
     """Return the best directions near ``start``, with the objective there."""
     first = ScoredDesign(start, objective.value(start))
-    powers = np.zeros(start.power.shape, dtype=bool)
+    powers = np.zeros(start.drive.shape, dtype=bool)
     return _ascend(scorer, first, objective.gradient, powers, DIRECTIONS_OPTIONS)[0]
 
 
@@ -139,12 +137,13 @@ def _recolored(scorer: TableScorer, objective: Objective, design: Design) -> Des
     """Return the best design that another color of one fiber makes, None if none is better."""
     best, best_value = None, objective.value(design)
     for fiber, old in enumerate(design.colors):
-        for color in set(range(3)) - {int(old)}:
+        choices = scorer.limits.colors_of(np.arange(scorer.limits.allowed.shape[1]))
+        for color in set(choices.tolist()) - {int(old)}:
             colors = design.colors.copy()
             colors[fiber] = color
-            if (colors < 0).any() or not scorer.limits.fits(colors[None])[0]:
+            if not scorer.limits.fits(colors[None])[0]:
                 continue
-            candidate = Design(design.phi, scorer.power(colors))
+            candidate = scorer.design(design.phi, colors)
             value = objective.value(candidate)
             if value > best_value:
                 best, best_value = candidate, value
@@ -164,7 +163,7 @@ def _ascend(
     best design so far, with the distances of neighbors as constraints.
 
     ``gradient`` returns a score and its derivatives by all directions, then by the powers ``on``
-    ``(F, 3)``, which move too.
+    ``(F, color)``, which move too.
     """
     from scipy.optimize import minimize
 
@@ -174,9 +173,9 @@ def _ascend(
 
     def loss(x: Array) -> tuple[float, Array]:
         nonlocal best, evaluated
-        power = start.design.power.copy()
-        power[on] = np.clip(x[fibers:], 0.0, full)
-        design = Design(np.clip(x[:fibers], low, high), power)
+        drive = start.design.drive.copy()
+        drive[on] = np.clip(x[fibers:], 0.0, full)
+        design = replace(start.design, phi=np.clip(x[:fibers], low, high), drive=drive)
         score, slopes = gradient(design)
         evaluated += 1
         if score > best.score and scorer.limits.fits_holder(design.phi):
@@ -184,12 +183,12 @@ def _ascend(
         return -score, -slopes
 
     bounds = [*zip(low, high, strict=True), *((0.0, limit) for limit in full)]
-    begin = np.concatenate([start.design.phi, start.design.power[on]])
+    begin = np.concatenate([start.design.phi, start.design.drive[on]])
     end = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
     if (holder := scorer.limits.holder) and not scorer.limits.fits_holder(end[:fibers]):
         minimize(
             loss,
-            np.concatenate([best.design.phi, best.design.power[on]]),
+            np.concatenate([best.design.phi, best.design.drive[on]]),
             jac=True,
             method="SLSQP",
             bounds=bounds,

@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING
 
-from optimize.ui.streams import result_stream
+from optimize.ui.process import result_stream
 from render.progress import Progress
 
 if TYPE_CHECKING:
@@ -60,15 +60,8 @@ def print_table(
 ) -> None:
     """Write a table with lines around its cells, ``width`` columns wide where no terminal says.
 
-    Arguments:
-        stream: where to.
-        title: above the table.
-        headings: of the columns.
-        rows: a cell for each column.
-        words: headings of columns that begin at the left, which is the first column unless told;
-            numbers end at the right.
-        width: columns of text where ``stream`` is no terminal.
-        below: sentences under the table, broken into lines of that width.
+    ``words`` are headings of columns that begin at the left, the first one unless told; numbers end
+    at the right. Sentences ``below`` are broken into lines of that width.
     """
     from rich.console import Console
     from rich.table import Table
@@ -96,9 +89,7 @@ class ProgressBar:
     A bar on a terminal, a line every 15 s in a log. A context manager that is called with
     `Progress`; where that knows no time left, the time since the stage began tells.
 
-    Arguments:
-        title: what is worked on; the stage follows it.
-        announce: write a line where a stage begins.
+    The stage follows the ``title``; ``announce`` writes a line where one begins.
     """
 
     def __init__(self, title: str = "", *, announce: bool = False) -> None:
@@ -124,6 +115,8 @@ class ProgressBar:
 
     def __call__(self, at: Progress) -> None:
         """Show how far the work is."""
+        if at.note:
+            self.note(at.note)
         now = time.monotonic()
         title = f"{self.title} {at.stage}".strip()
         title = title[:1].upper() + title[1:]

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from optimize.ui.console import note
-from optimize.ui.streams import OutputError
+from optimize.ui.process import OutputError
 from render.files import can_create, read_json, replace_folder, write_bytes, write_json
 
 MANIFEST = "result.json"
@@ -22,9 +22,7 @@ DESIGN_KEYS = ("scene_hash", "angles_deg", "power")
 def check_target(target: Path, mark: str = MANIFEST) -> None:
     """Refuse a directory that holds anything but an earlier result, before any work is done.
 
-    Arguments:
-        target: where the result will be.
-        mark: the file by which an earlier result is known.
+    ``mark`` is the file by which an earlier result is known.
 
     Raises:
         OutputError: ``target`` is a file, or a directory that this program did not write.
@@ -34,16 +32,13 @@ def check_target(target: Path, mark: str = MANIFEST) -> None:
         return
     if not target.is_dir():
         raise OutputError(
-            f"{target} is not a directory: choose another place with --out",
-            field="out",
-            value=str(target),
+            f"{target} is not a directory: choose another place with --out", field="out"
         )
     if any(target.iterdir()) and not (target / mark).is_file():
         raise OutputError(
             f"{target} holds files but no earlier result ({mark}), so it is left alone: "
             "choose another place with --out",
             field="out",
-            value=str(target),
         )
 
 
@@ -54,10 +49,8 @@ def fresh_directory(target: Path, keep: str = "") -> Iterator[Path]:
     An earlier result is replaced by renames. What others put into it (a verification's checkpoint)
     is not listed in its manifest and moves over; after an error the earlier result still stands.
 
-    Arguments:
-        target: where the result will lie.
-        keep: name of a design file. Where the earlier result holds another design in it, that
-            result is kept with everything in it, beside ``target`` under the first free number.
+    Where the earlier result holds another design in its file ``keep``, it is kept with everything
+    in it, beside ``target`` under the first free number.
     """
     check_target(target)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -80,22 +73,16 @@ def write_manifest(folder: Path, result: dict[str, object]) -> None:
 def check_file(path: Path, kinds: Sequence[str] = ()) -> None:
     """Refuse a name that no file can have, before any work is done.
 
-    Arguments:
-        path: of the file.
-        kinds: endings of names, where they say what is written.
+    ``kinds`` are endings of names, where they say what is written.
 
     Raises:
         OutputError: ``path`` is a directory, has another ending, or nothing can be written there.
     """
     if path.is_dir():
-        raise OutputError(
-            f"{path} is a directory: name a file with --out", field="out", value=str(path)
-        )
+        raise OutputError(f"{path} is a directory: name a file with --out", field="out")
     if kinds and path.suffix.lower() not in kinds:
         raise OutputError(
-            f"{path} does not end with a kind of file, allowed: {', '.join(kinds)}",
-            field="out",
-            value=str(path),
+            f"{path} does not end with a kind of file, allowed: {', '.join(kinds)}", field="out"
         )
     if not path.exists():
         _check_place(path)
@@ -107,24 +94,25 @@ def _check_place(path: Path) -> None:
             f"{path} cannot be created, its place is not a writable directory: choose another "
             "place with --out",
             field="out",
-            value=str(path),
         )
 
 
-def write_result(path: Path, content: bytes) -> None:
-    """Write one file that the user named.
-
-    Raises:
-        OutputError: the place is not writable.
-    """
+@contextmanager
+def writable(path: Path) -> Iterator[None]:
+    """Raise one OutputError where ``path``, which the user named, cannot be written."""
     try:
-        write_bytes(path, content)
+        yield
     except OSError as error:
         raise OutputError(
             f"{path} cannot be written ({error.strerror}): choose another place with --out",
             field="out",
-            value=str(path),
         ) from None
+
+
+def write_result(path: Path, content: bytes) -> None:
+    """Write one file that the user named; see `writable`."""
+    with writable(path):
+        write_bytes(path, content)
 
 
 def _differ(earlier: Path, later: Path) -> bool:

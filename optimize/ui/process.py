@@ -2,42 +2,50 @@
 
 Python's own answer to Ctrl-C depends on the instant: a traceback while modules are imported or the
 interpreter ends, nothing at all while a destructor runs. Here it is the same at every instant.
+
+Standard streams fail no command: closed, on a full disk, or with a reader that has gone. Who reads
+``tactilux explore 2>&1 | head -1`` wants one line and the result in its folder; who closes stdout
+wants no output. Both get what they want. A result that cannot be written is an error.
 """
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import sys
 import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from optimize.ui.streams import open_standard_streams
+from render.errors import TactiluxError
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-EXIT_CODES = "Exit codes: 0 done, 1 check found a fault, 2 bad input or no room, 130 interrupted, 143 ended by SIGTERM."  # noqa: E501
+EXIT_CODES = "Exit codes: 0 done, 1 check found a fault, 2 bad input or no room, 130 interrupted, 143 ended by SIGTERM or SIGHUP."  # noqa: E501
 RETRY_SECONDS = 0.01
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM asked for the end."""
+    """SIGTERM or SIGHUP asked for the end."""
 
 
 def run_process(load: Callable[[], Callable[[], None]]) -> None:
     """Run what ``load`` imports and returns, as all that this process does.
 
-    Before and after it, when there is nothing to tidy up, SIGINT and SIGTERM end the process at
-    once. Inside they raise KeyboardInterrupt and `Terminated`. Signals that whoever started the
-    process ignores, as ``nohup`` does, stay ignored.
+    Before and after it, when there is nothing to tidy up, SIGINT, SIGTERM and SIGHUP end the
+    process at once. Inside they raise KeyboardInterrupt and `Terminated`. Signals that whoever
+    started the process ignores, as ``nohup`` does, stay ignored.
     """
     handlers: dict[int, Callable[[int, FrameType | None], Any]] = {
         signal.SIGINT: signal.default_int_handler,
         signal.SIGTERM: _terminate,
+        signal.SIGHUP: _terminate,
     }
     handlers = {
         number: handler
@@ -104,3 +112,123 @@ def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackT
 def _warn(message: Warning | str, *_: Any) -> None:
     """Say a warning without the line of source that it comes from."""
     print(f"tactilux: {message}", file=sys.stderr)
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal asked for the end; ``code`` is the exit code that says so."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.code = 128 + number
+
+
+class Signals:
+    """SIGINT and SIGTERM end the work: at once, or where what is under way can keep its state.
+
+    A second signal does not wait.
+    """
+
+    def __init__(self) -> None:
+        self._asked = 0
+        self._patient = False
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        """Handle both signals inside the block."""
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        before = {number: signal.signal(number, self._handle) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    @contextmanager
+    def patient(self) -> Iterator[Callable[[], None]]:
+        """Hold a first signal back inside the block; what is given raises it when called."""
+        self._patient = True
+        try:
+            yield self._raise_if_asked
+        finally:
+            self._patient = False
+        self._raise_if_asked()
+
+    def _raise_if_asked(self) -> None:
+        if self._asked:
+            raise Stopped(self._asked)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        first, self._asked = not self._asked, number
+        if not (first and self._patient):
+            raise Stopped(number)
+
+
+class OutputError(TactiluxError):
+    """A place that results cannot, or must not, be written to."""
+
+
+def open_standard_streams() -> None:
+    """Open what is closed, and let ``sys.stdout`` and ``sys.stderr`` fail as this module says.
+
+    Streams that somebody else has put there, as tests do, stay.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            # The lowest free number, so this one: else the next file that is opened would be it.
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stdout is sys.__stdout__:
+        sys.stdout = _text(_Results(1, "w", closefd=False), "surrogateescape")
+    if sys.stderr is sys.__stderr__:
+        sys.stderr = _text(_Notes(2, "w", closefd=False), "backslashreplace", lines=True)
+
+
+def result_stream(descriptor: int) -> IO[str]:
+    """Return the stream of results on ``descriptor``, which closes with it.
+
+    Writing or closing it raises OutputError where the result has no room.
+    """
+    return _text(_Results(descriptor, "w"), "surrogateescape")
+
+
+class _Results(io.FileIO):
+    """Results: nobody who reads them is no error, a place that does not take them is one."""
+
+    def write(self, content: Any, /) -> int:
+        try:
+            return super().write(content)
+        except BrokenPipeError:
+            return _discard(self, content)
+        except OSError as error:
+            # What waits in buffers is lost: their last flush, at the end of the process, is silent.
+            _discard(self, content)
+            raise OutputError(
+                f"the standard output cannot be written ({error.strerror}): send it to a place "
+                "that takes it",
+                field="stdout",
+            ) from None
+
+
+class _Notes(io.FileIO):
+    """What is said by the way: work goes on where it cannot be said."""
+
+    def write(self, content: Any, /) -> int:
+        try:
+            return super().write(content)
+        except OSError:
+            return _discard(self, content)
+
+
+def _discard(stream: io.FileIO, content: Any) -> int:
+    """Point ``stream`` to nowhere, for all who write to its descriptor, also from C."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+    return memoryview(content).nbytes
+
+
+def _text(raw: io.FileIO, errors: str, *, lines: bool = False) -> io.TextIOWrapper:
+    buffered = io.BufferedWriter(raw)
+    lines = lines or raw.isatty()
+    return io.TextIOWrapper(buffered, encoding="utf-8", errors=errors, line_buffering=lines)

@@ -6,6 +6,7 @@ from optimize.verification.design_renders import (
     FinalistEvaluation,
     RenderDesigns,
     distinct_directions,
+    pooled_renders,
     reference_renders,
 )
 from optimize.verification.design_verification import (

@@ -31,7 +31,7 @@ class Proposal(ScoredDesign):
     """A design that is to be rendered, with its score S on the surrogate.
 
     Arguments:
-        role: ``baseline``, ``best``, ``uncertain``, ``random`` or ``incumbent``.
+        role: ``baseline``, ``first``, ``incumbent``, ``best``, ``uncertain`` or ``random``.
         spread: one standard deviation of the score.
     """
 
@@ -64,11 +64,11 @@ def propose(
         if len(others) == ALTERNATIVES:
             break
         if scorer.colors_alike:
-            colors = renamed_like(colors, best.colors)
-        power = scorer.power(colors)
-        if np.array_equal(power, best.power):
+            colors = renamed_like(colors, best.colors, len(scorer.palette.names))
+        recolored = scorer.design(best.phi, colors)
+        if np.array_equal(recolored.drive, best.drive):
             continue
-        refined = refine_locally(scorer, Design(best.phi, power)).design
+        refined = refine_locally(scorer, recolored).design
         if not _is_mirror_image(scorer, refined, best):
             others.append(refined)
     chosen = [proposal_of(scorer, "best", best)]
@@ -80,13 +80,16 @@ def propose(
 
 def _recolored(scorer: TableScorer, best: Design) -> list[Colors]:
     """Return the allowed colorings that differ in one fiber from ``best``, best first."""
-    if (best.colors < 0).any():
+    limits = scorer.limits
+    if not limits.fits(best.colors[None])[0]:
         return []
-    fibers = np.repeat(np.arange(scorer.fibers), 2)
-    moved = np.repeat(best.colors[None], len(fibers), axis=0)
+    choices = limits.allowed.shape[1]
+    fibers = np.repeat(np.arange(scorer.fibers), choices - 1)
+    moved = np.repeat(best.colors[None], len(fibers), axis=0) % choices
     rows = np.arange(len(fibers))
-    moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % 2) % 3
-    moved = moved[scorer.limits.fits(moved)]
+    moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % max(choices - 1, 1)) % choices
+    moved = limits.colors_of(moved)
+    moved = moved[limits.fits(moved)]
     return list(moved[np.argsort(-scorer.scores(moved, best.phi), kind="stable")])
 
 
@@ -118,13 +121,14 @@ def random_design(scorer: TableScorer, seed: int) -> Design:
     """Return a random design; neighboring fibers share a color in runs of 1, 2 or 4."""
     rng = np.random.default_rng([seed, 5])
     run = int(rng.choice(COLOR_RUNS))
-    colors = np.repeat(rng.integers(0, 3, -(-scorer.fibers // run)), run)[: scorer.fibers]
+    drawn = rng.integers(0, scorer.limits.allowed.shape[1], -(-scorer.fibers // run))
+    colors = scorer.limits.colors_of(np.repeat(drawn, run)[: scorer.fibers])
     low, high = scorer.phi_bounds
     phi: Array = np.asarray(rng.uniform(low, high, scorer.fibers))
-    return scorer.limits.nearest_design(Design(phi, scorer.power(colors)))
+    return scorer.limits.nearest_design(scorer.design(phi, colors))
 
 
 def same_design(first: Design, second: Design) -> bool:
     """Return whether two designs differ by less than can be mounted."""
     turned: Array = np.abs(first.phi - second.phi)
-    return bool(np.allclose(first.power, second.power) and turned.max() < SAME_ANGLE)
+    return bool(np.allclose(first.drive, second.drive) and turned.max() < SAME_ANGLE)

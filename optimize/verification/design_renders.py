@@ -6,6 +6,11 @@ common to the designs and cancels in their differences, and ten designs cost lit
 
 Whoever wins a noisy contest was lucky as well as good. So finalists are rendered once more with
 seeds that had no part in choosing them, and the scores that are reported come from these renders.
+They go on, batch by batch, until the verdict is significant, cannot become so any more, or their
+time is used. Looking again and again finds something by chance, so every look has a share of the
+error rate alpha = 5 %: that of the time that it took, alpha t in all after the fraction t (alpha
+spending, Lan and DeMets 1983; power family with rho = 1, Kim and DeMets 1987). Shares add up to
+alpha at most, so the intervals of the last look hold whenever renders end (union bound).
 """
 
 from __future__ import annotations
@@ -22,13 +27,16 @@ from optimize.design import Array, Design, ScoreSettings
 from optimize.scoring import (
     JackknifeEstimate,
     RenderedScore,
-    check_visible,
     paired_difference,
     rendered_score,
+    student_factor,
 )
 from render.progress import OnProgress, in_stage
-from render.reference import JobRunner, render_transport
+from render.reference import JobRunner, converged, more_samples, render_transport
 from render.scene import Scene
+
+UNCONVERGED_LIGHT = 0.5
+"""Share of a design's light in cells that have not converged, from which its score says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +47,35 @@ class DesignRenders:
         designs: in the order of the axis ``design``.
         replicates: transport ``(replicate, design, fiber, bend, site, facet)``.
         background: of the untouched pad, ``(replicate, design, fiber, bend, site)``.
+        error: standard errors of transport ``(design, fiber, bend, site, facet)``, which allow for
+            light that replicates have not seen.
         seconds: spent on rendering, all attempts together.
     """
 
     designs: tuple[Design, ...]
     replicates: Array
     background: Array
+    error: Array
     seconds: float
+
+    def doubt(self, index: int, samples: int | None = None) -> str:
+        """Say that the light of design ``index`` has not converged; "" where it has.
+
+        ``samples`` are those per cell; without them it asks for multiples.
+        """
+        power = self.designs[index].power.sum(axis=1)
+        light, error = (
+            self.replicates[:, index].mean(axis=0)[power > 0],
+            self.error[index][power > 0],
+        )
+        lost = ~converged(light, error)
+        most = power[power > 0][:, None, None, None] * (light + np.where(lost, error, 0.0))
+        share = most[lost].sum() / most.sum()
+        if share <= UNCONVERGED_LIGHT:
+            return ""
+        return (
+            f"few light paths carry {share:.0%} of its light; {more_samples(light, error, samples)}"
+        )
 
     def score(self, settings: ScoreSettings, index: int) -> RenderedScore:
         """Return the score of the design ``index`` with its error bars."""
@@ -107,12 +137,12 @@ def reference_renders(
             runner=runner,
             progress=in_stage(progress, title),
         )
-        check_visible(estimate.replicates)
         # (replicate, fiber, node, ...) -> (replicate, design, fiber, ...)
         return DesignRenders(
             tuple(designs),
             estimate.replicates[:, :, node].swapaxes(1, 2),
             estimate.background_replicates[:, :, node].swapaxes(1, 2),
+            estimate.se[:, node].swapaxes(0, 1),
             estimate.seconds,
         )
 
@@ -139,6 +169,10 @@ FINALISTS = "the finalists"
 """Title of their renders."""
 PLURAL = ("colors",)
 """Names of finalists that stand for several things."""
+ALPHA = 0.05
+"""Rate at which intervals may fail, all looks together."""
+MANY_SEEDS = 16
+"""From so many seeds on, the mean of each is one replicate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +183,13 @@ class FinalistEvaluation:
         names: of the finalists, in the order of everything else.
         renders: what the scores come from.
         settings: of the scores.
+        confidence: of this look's intervals, which are 95 % intervals for all looks together.
     """
 
     names: tuple[str, ...]
     renders: DesignRenders
     settings: ScoreSettings
+    confidence: float = 0.95
 
     @cached_property
     def scores(self) -> tuple[RenderedScore, ...]:
@@ -169,9 +205,43 @@ class FinalistEvaluation:
         i, j = self.names.index(first), self.names.index(second)
         return self.renders.difference(self.settings, i, j)
 
+    def interval(self, first: str, second: str) -> tuple[float, float]:
+        """Return the 95 % interval of that difference."""
+        return self.difference(first, second).interval(self.confidence)
+
+    def best(self, leader: str) -> str:
+        """Return ``leader``, unless renders show that another is better by more than error bars."""
+        for name in self.names:
+            if name != leader and self.interval(leader, name)[0] > 0:
+                leader = name
+        return leader
+
+    def settled(self, leader: str, used: float) -> bool:
+        """Return whether more renders are of no use.
+
+        The best is better than every other one by more than the error bars, or a tie with it stays
+        one: even if the difference is a standard error larger, the interval would hold 0 when all
+        of the time is used, of which ``used`` is the fraction so far.
+        """
+        best, count = self.best(leader), len(self.renders.replicates)
+        factor = student_factor(round(count / used)) * np.sqrt(used)
+        for name in self.names:
+            low, high = self.interval(name, best) if name != best else (1.0, 1.0)
+            gain = self.difference(name, best)
+            if low <= 0.0 <= high and abs(gain.value) + gain.se > factor * gain.se:
+                return False
+        return True
+
+    def doubt(self, name: str) -> str:
+        """Say that the finalist's light has not converged; "" where it has."""
+        return self.renders.doubt(self.names.index(name))
+
     def comparison(self, first: str, second: str) -> str:
         """Say which of two finalists is better, or that the renders cannot tell."""
-        low, high = self.difference(first, second).interval()
+        for name in (second, first):
+            if said := self.doubt(name):
+                return f"The renders of the {name} have not converged: {said}."
+        low, high = self.interval(first, second)
         interval = f"95% interval of the difference {low:.2f} to {high:.2f}"
         if low > 0 or high < 0:
             better, worse = (second, first) if low > 0 else (first, second)
@@ -187,12 +257,46 @@ def evaluate_finalists(
     *,
     samples: int,
     seeds: Sequence[int],
+    leader: str = "",
+    seconds: float = 0.0,
 ) -> FinalistEvaluation:
-    """Render the ``finalists`` together and score them; ``seeds`` must be fresh ones."""
-    renders = render(
-        [design for _, design in finalists],
-        samples=samples,
-        seeds=seeds,
-        title=FINALISTS,
+    """Render the ``finalists`` together until the verdict is settled, and score them.
+
+    Arguments:
+        render: renders designs together.
+        settings: of the scores.
+        finalists: names and designs.
+        samples: per cell and seed.
+        seeds: of the first batch, fresh ones; those of the next ones follow.
+        leader: whose differences matter, unless another turns out to be better.
+        seconds: of rendering at most; the first batch is always rendered.
+    """
+    names, designs = tuple(name for name, _ in finalists), [design for _, design in finalists]
+    parts: list[DesignRenders] = []
+    before = 0.0
+    while True:
+        batch = [seed + len(parts) * len(seeds) for seed in seeds]
+        parts.append(render(designs, samples=samples, seeds=batch, title=FINALISTS))
+        renders = pooled_renders(parts, len(seeds))
+        last = renders.seconds + max(part.seconds for part in parts) > seconds
+        used = 1.0 if last else renders.seconds / seconds
+        level = 1.0 - ALPHA * (used - before)
+        evaluation = FinalistEvaluation(names, renders, settings, level)
+        if last or evaluation.settled(leader, used):
+            return evaluation
+        before = used
+
+
+def pooled_renders(parts: Sequence[DesignRenders], seeds: int) -> DesignRenders:
+    """Return the renders of batches of ``seeds`` seeds as one; replicates lie seed by seed."""
+    pressed = [one for part in parts for one in np.split(part.replicates, seeds)]
+    untouched = [one for part in parts for one in np.split(part.background, seeds)]
+    if len(pressed) >= MANY_SEEDS:
+        pressed, untouched = (
+            [one.mean(axis=0, keepdims=True) for one in each] for each in (pressed, untouched)
+        )
+    seconds = sum(part.seconds for part in parts)
+    error = np.sqrt(np.square([part.error for part in parts]).sum(axis=0)) / len(parts)
+    return DesignRenders(
+        parts[0].designs, np.concatenate(pressed), np.concatenate(untouched), error, seconds
     )
-    return FinalistEvaluation(tuple(name for name, _ in finalists), renders, settings)

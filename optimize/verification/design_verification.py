@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from optimize.design import RatedDesign, ScoreSettings
-from optimize.scoring import JackknifeEstimate, RenderedScore, check_visible, predict_design
+from optimize.scoring import JackknifeEstimate, RenderedScore, predict_design
 from optimize.verification.design_renders import DesignRenders, reference_renders
 from render.progress import OnProgress
 from render.reference import (
@@ -33,7 +33,10 @@ SCORING_SECONDS, SCORING_FRACTION = 1.0, 0.01
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What the reference renderer says about a design and about the surrogate."""
+    """What the reference renderer says about a design and about the surrogate.
+
+    ``doubt`` says why the renders have not converged; "" where they have.
+    """
 
     baseline: RenderedScore
     design: RenderedScore
@@ -42,10 +45,13 @@ class Verification:
     render_seconds: float
     seeds: tuple[int, ...]
     samples: int
+    doubt: str = ""
 
     @property
     def conclusion(self) -> str:
         """The conclusion in one sentence."""
+        if self.doubt:
+            return f"The renders have not converged and decide nothing: {self.doubt}."
         low, high = self.difference.interval()
         if low > 0:
             return "The design is better than the baseline by more than the error bars."
@@ -66,6 +72,7 @@ class Verification:
                 "score": self.surrogate_score,
                 "error": self.surrogate_score - self.design.score.value,
             },
+            "converged": not self.doubt,
             "render_seconds": self.render_seconds,
             "seeds": list(self.seeds),
         }
@@ -104,6 +111,7 @@ def verify(
         (baseline, design),
         np.concatenate([first.replicates, second.replicates], axis=1),
         np.concatenate([first.background, second.background], axis=1),
+        np.concatenate([first.error, second.error]),
         seconds,
     )
     bends = np.array(candidate.scene.bending.angles)
@@ -125,12 +133,7 @@ def paired_comparison(
     seeds: tuple[int, ...],
     samples: int,
 ) -> Verification:
-    """Score the renders of the baseline and of a design, made with common seeds.
-
-    Raises:
-        RenderError: the camera cannot see some facet, so the score is not defined.
-    """
-    check_visible(pair.replicates)
+    """Score the renders of the baseline and of a design, made with common seeds."""
     return Verification(
         baseline=pair.score(settings, 0),
         design=pair.score(settings, 1),
@@ -139,6 +142,7 @@ def paired_comparison(
         render_seconds=pair.seconds,
         seeds=seeds,
         samples=samples,
+        doubt=next(filter(None, (pair.doubt(index, samples) for index in (1, 0))), ""),
     )
 
 

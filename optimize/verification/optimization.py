@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +17,7 @@ from optimize.design import (
     limits_of,
 )
 from optimize.scoring import JackknifeEstimate, RankAgreement, search_table
+from optimize.search import population
 from optimize.verification.design_renders import (
     FinalistEvaluation,
     RenderDesigns,
@@ -37,6 +40,10 @@ from surrogate.runtime import Checker
 OptimizationMethod = Literal["loop", "thesis", "both"]
 THESIS_SEED, FINAL_SEED = 800, 900
 """Added to the render seeds of a loop's seed."""
+BUDGET = 1.0 / 20.0
+"""Render seconds of the loop and its verdict, in units of the thesis procedure's."""
+ROUNDS_SHARE = 0.5
+"""Part of them that rounds may take."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +54,10 @@ class OptimizeConfig:
         method: ``loop``, ``thesis`` or ``both``.
         samples: per cell and render, the same for both methods.
         final_samples: per cell, seed and finalist.
-        final_seeds: independent renders of the finalists.
+        final_seeds: independent renders of a batch of the finalists.
         rounds: of the loop; generations: of the thesis's CMA-ES; both at most.
         seed: of searches and renders.
+        timed: the renderer keeps to a time of its own, the finalists' one batch ends with it.
     """
 
     method: OptimizationMethod = "loop"
@@ -59,6 +67,7 @@ class OptimizeConfig:
     rounds: int = 4
     generations: int = GENERATIONS
     seed: int = 0
+    timed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +78,8 @@ class Optimization:
         loop, thesis: outcomes of the methods that were run.
         wall: seconds by method, without the final renders.
         finalists: fresh scores of ``baseline``, ``thesis``, ``winner`` and ``runner-up``.
-        training_seconds: of rendering that the surrogate took once, for all designs of the scene.
+        training_seconds: of rendering that the surrogate took once, for all designs of the scene;
+            None where it does not say.
     """
 
     loop: LoopResult | None
@@ -78,10 +88,17 @@ class Optimization:
     finalists: FinalistEvaluation
     training_seconds: float | None
 
-    @property
+    @cached_property
     def winner(self) -> str:
-        """The finalist that is handed over."""
-        return "winner" if self.loop else "thesis"
+        """The finalist that is handed over: the loop's, unless another is shown to be better."""
+        return self.finalists.best("winner" if self.loop else "thesis")
+
+    @property
+    def all_in_seconds(self) -> float | None:
+        """Of rendering since the scene file: training, rounds and verdict of the loop."""
+        if self.loop is None or self.training_seconds is None:
+            return None
+        return self.training_seconds + self.loop.seconds + self.finalists.renders.seconds
 
     @property
     def design(self) -> Design:
@@ -133,18 +150,29 @@ def optimize(
         finalists.append(("thesis", thesis.design))
     if config.method != "thesis" and checker is not None:
         began = time.monotonic()
-        loop = _run_loop(scene, checker, baseline, render, config, on_round)
+        rounds_seconds = math.inf if thesis is None else ROUNDS_SHARE * BUDGET * thesis.seconds
+        loop = _run_loop(scene, checker, baseline, render, config, rounds_seconds, on_round)
         wall["loop"] = time.monotonic() - began
         best = loop.candidates[:2]
         names = ("winner", "runner-up")
         finalists += [(name, entry.design) for name, entry in zip(names, best, strict=False)]
+    free = 0.0
+    if loop is not None and not config.timed:
+        least = _least_thesis_seconds(loop, len(set(edges)), config.generations)
+        free = BUDGET * (least if thesis is None else thesis.seconds) - loop.seconds
     evaluation = evaluate_finalists(
         render,
         settings,
         finalists,
         samples=config.final_samples,
         seeds=[seeds + FINAL_SEED + i for i in range(config.final_seeds)],
+        leader="thesis" if loop is None else "winner",
+        seconds=free,
     )
+    if loop is not None and evaluation.best("winner") == "runner-up":
+        swapped = {"winner": "runner-up", "runner-up": "winner"}
+        renamed = tuple(swapped.get(name, name) for name in evaluation.names)
+        evaluation = replace(evaluation, names=renamed)
     trained = None if checker is None else checker.metadata.renderer.get("seconds")
     return Optimization(
         loop, thesis, wall, evaluation, float(trained) if isinstance(trained, float) else None
@@ -157,9 +185,10 @@ def _run_loop(
     baseline: Design,
     render: RenderDesigns,
     config: OptimizeConfig,
+    seconds: float,
     report: Callable[[LoopRound], None] | None,
 ) -> LoopResult:
-    amount = LoopConfig(config.samples, config.rounds, config.seed)
+    amount = LoopConfig(config.samples, config.rounds, config.seed, seconds=seconds)
     loop = VerificationLoop(
         search_table(checker),
         baseline,
@@ -170,6 +199,16 @@ def _run_loop(
         limits_of(scene),
     )
     return loop.run(report)
+
+
+def _least_thesis_seconds(loop: LoopResult, groups: int, generations: int) -> float:
+    """Return what the thesis procedure's renders would take, where it is not run.
+
+    It renders one design at a time, which takes no less than a design of the loop's first round,
+    and turns at least one group of fibers per edge.
+    """
+    each = loop.rounds[0].seconds / len(loop.rounds[0].proposals)
+    return each * (1 + generations * population(groups))
 
 
 def optimization_to_json(scene: Scene, outcome: Optimization, design: Path) -> dict[str, object]:
@@ -185,12 +224,16 @@ def optimization_to_json(scene: Scene, outcome: Optimization, design: Path) -> d
                 "score": _estimate(finalists.score(name).score),
                 "gain": None
                 if name == "baseline"
-                else _estimate(finalists.difference("baseline", name)),
+                else _estimate(finalists.difference("baseline", name), finalists.confidence),
             }
             for name in finalists.names
         },
         "final_render_seconds": finalists.renders.seconds,
         "surrogate_training_render_seconds": outcome.training_seconds,
+        "all_in_render_seconds": {
+            "loop": outcome.all_in_seconds,
+            "thesis": None if outcome.thesis is None else outcome.thesis.seconds,
+        },
         "monochrome": outcome.design.monochrome,
     }
     if outcome.loop is not None:
@@ -213,15 +256,16 @@ def optimization_to_json(scene: Scene, outcome: Optimization, design: Path) -> d
             "believed_score": outcome.thesis.score,
         }
     if outcome.loop is not None and outcome.thesis is not None:
-        result["difference"] = _estimate(finalists.difference("thesis", "winner"))
+        difference = finalists.difference("thesis", "winner")
+        result["difference"] = _estimate(difference, finalists.confidence)
     return result
 
 
-def _estimate(estimate: JackknifeEstimate) -> dict[str, object]:
+def _estimate(estimate: JackknifeEstimate, confidence: float = 0.95) -> dict[str, object]:
     return {
         "value": estimate.value,
         "se": estimate.se,
-        "interval": list(estimate.interval()),
+        "interval": list(estimate.interval(confidence)),
         "noise_bias": estimate.plain - estimate.value,
     }
 
@@ -255,4 +299,4 @@ def _agreement(ranking: RankAgreement) -> dict[str, object]:
 
 
 def _described(design: Design) -> dict[str, object]:
-    return {"phi": design.phi.tolist(), "power": design.power.tolist()}
+    return {"phi": design.phi.tolist(), "power": design.drive.tolist()}

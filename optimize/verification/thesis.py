@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoreSettings
+from optimize.design import Array, Design, ScoreSettings, unlimited
 from optimize.scoring import TableScorer
 from optimize.search import DirectionResult, optimize_directions, population, tied_groups
 from optimize.search.colors import grouped_colors, renamed_like
@@ -68,7 +68,8 @@ def thesis_procedure(
     """
     first = render([baseline], samples=samples, seeds=[render_seed], title="single fibers")
     seconds, runs = first.seconds, 1
-    scorer = TableScorer(_table(first, settings), settings.conventions)
+    limits = unlimited(len(baseline.phi), baseline.palette)
+    scorer = TableScorer(_table(first, settings), settings.conventions, limits=limits)
     colored, groups = colored_groups(scorer, baseline, edges)
     limit = 1 + generations * population(int(groups.max()) + 1)
 
@@ -100,7 +101,7 @@ def thesis_procedure(
         progress=progress,
     )
     return ThesisResult(
-        Design(turned.phi, colored.power), colored, turned.score, turned, runs, seconds
+        replace(colored, phi=turned.phi), colored, turned.score, turned, runs, seconds
     )
 
 
@@ -108,8 +109,10 @@ def colored_groups(
     scorer: TableScorer, baseline: Design, edges: Sequence[str]
 ) -> tuple[Design, np.ndarray]:
     """Return the best colors in pairs at the baseline's directions, and fibers that turn as one."""
-    colors = renamed_like(grouped_colors(scorer, baseline.phi).colors, baseline.colors)
-    return Design.of_colors(baseline.phi, colors), tied_groups(edges, colors)
+    colors = grouped_colors(scorer, baseline.phi).colors
+    if scorer.colors_alike:
+        colors = renamed_like(colors, baseline.colors, len(baseline.palette.names))
+    return Design.of_colors(baseline.phi, colors, baseline.palette), tied_groups(edges, colors)
 
 
 def thesis_on_table(
@@ -125,7 +128,7 @@ def thesis_on_table(
         seed=seed,
         max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
     )
-    return Design(turned.phi, colored.power)
+    return replace(colored, phi=turned.phi)
 
 
 def _table(renders: DesignRenders, settings: ScoreSettings) -> TransportTable:

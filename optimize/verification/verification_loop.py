@@ -1,17 +1,22 @@
 """The verification loop: the surrogate proposes, renders decide, the surrogate is refitted.
 
 Each round renders the surrogate's best design, the most uncertain of the next-best ones and a
-random one, together with the baseline and the best and second-best designs so far. All of them are
-directions of one run, so their differences share its noise. The surrogate is then refitted to the
-new renders. The loop goes on while the surrogate ranks the designs badly (Kendall's tau below 0.85)
-or proposes something better than what was rendered.
+random one, together with the baseline, the surrogate's first optimum and its best challengers so
+far. All of them are directions of one run, so their differences share its noise. The surrogate is
+then refitted to the new renders, where they bear that out. The loop goes on while the surrogate
+ranks the designs badly (Kendall's tau below 0.85) or proposes something better than what was
+rendered.
+
+The loop never makes it worse: the first optimum leads until renders show that a challenger is
+better by more than their error bars (successive elimination, Even-Dar et al. 2006: challengers
+that are shown to be worse are rendered no more).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -23,11 +28,12 @@ from optimize.scoring import (
     RankAgreement,
     RenderedScore,
     TableScorer,
+    pooled_estimate,
     rank_agreement,
 )
 from optimize.ui.console import counted
 from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
-from optimize.verification.design_renders import DesignRenders, RenderDesigns
+from optimize.verification.design_renders import ALPHA, DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.scene import Scene
@@ -44,7 +50,11 @@ SEED_STRIDE = 1000
 """Between the render seeds of different seeds of the loop."""
 SEED_STEP = 50
 """Between the render seeds of one round."""
-CONVERGED = "the refitted surrogate proposes nothing better than what was rendered"
+CONVERGED = "the surrogate proposes nothing better than what was rendered"
+FIRST = "first"
+"""Role of the surrogate's first optimum."""
+CHALLENGERS = 2
+"""Challengers that are rendered again in a round."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +65,14 @@ class LoopConfig:
         samples: per cell and seed in every round.
         rounds: at most; seed: of searches and renders.
         seeds: independent renders per round, which can be made at once.
+        seconds: of rendering in all rounds; the first is always rendered.
     """
 
     samples: int = 96
     rounds: int = 4
     seed: int = 0
     seeds: int = 1
+    seconds: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +80,8 @@ class RenderedRound:
     """A round before its refit: what was proposed, and what the renders said.
 
     Arguments:
-        proposals: what was rendered, the baseline first; predictions are those before the refit.
+        proposals: what was rendered, the baseline and the surrogate's first optimum first;
+            predictions are those before the refit.
         scores: theirs.
         gains: score minus the baseline's, paired.
         agreement: of predicted and rendered ranking.
@@ -133,18 +146,19 @@ class SceneRefit:
 
 @dataclass
 class Candidate:
-    """A rendered design with all that rounds said about its gain over the baseline."""
+    """A rendered design with its gains over the surrogate's first optimum, one a round."""
 
     role: str
     design: Design
     gains: list[JackknifeEstimate] = field(default_factory=list)
 
     @property
-    def gain(self) -> tuple[float, float]:
-        """Mean of the gains, weighted by inverse variance, and its standard error."""
-        weight = np.array([1.0 / max(gain.se, 1e-12) ** 2 for gain in self.gains])
-        values = np.array([gain.value for gain in self.gains])
-        return float((weight * values).sum() / weight.sum()), 1.0 / math.sqrt(weight.sum())
+    def gain(self) -> JackknifeEstimate:
+        """The gain by all rounds: rounds of equal effort count alike.
+
+        Weights by the error bars of single rounds would favor those that came out small by chance.
+        """
+        return pooled_estimate(self.gains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +208,7 @@ class VerificationLoop:
         self.candidates: list[Candidate] = []
         self.runs: list[NewRenders] = []
         self.agreement: RankAgreement | None = None
+        self.misfit = 0.0
 
     def run(self, report: Callable[[LoopRound], None] | None = None) -> LoopResult:
         """Return the designs that renders found best; ``report`` is called after every round."""
@@ -207,36 +222,54 @@ class VerificationLoop:
             rounds.append(self.round(number, proposals))
             if report is not None:
                 report(rounds[-1])
+            spent = sum(entry.seconds for entry in rounds)
+            if spent + max(entry.seconds for entry in rounds) > self.config.seconds:
+                reason = "its part of the render seconds is used"
+                break
         seconds = sum(entry.seconds for entry in rounds)
         return LoopResult(tuple(self.ranking()), tuple(rounds), seconds, reason)
 
     def ranking(self) -> list[Candidate]:
-        """Return the candidates, best rendered gain first."""
-        return sorted(self.candidates, key=lambda entry: -entry.gain[0])
+        """Return the candidates that may be the best: the leader, then by rendered gain.
+
+        The leader is the first optimum until the interval of a challenger's gain over it lies above
+        0, and it stays the second then; a challenger whose interval lies below 0 is out. Intervals
+        hold for all challengers and rounds together (Bonferroni).
+        """
+        if not self.candidates:
+            return []
+        first, *rest = self.candidates
+        level = 1.0 - ALPHA / (self.config.rounds * max(len(rest), 1))
+        rest = [entry for entry in rest if entry.gain.interval(level)[1] > 0.0]
+        rest.sort(key=lambda entry: -entry.gain.value)
+        if rest and rest[0].gain.interval(level)[0] > 0.0:
+            return [rest[0], first, *rest[1:]]
+        return [first, *rest]
 
     def proposals(self, number: int) -> list[Proposal]:
-        """Return what round ``number`` renders beside the baseline; nothing when it has converged.
+        """Return what round ``number`` renders; nothing when it has converged.
 
-        Best and second-best designs so far come first, as ``incumbent``.
+        The baseline, then the surrogate's first optimum, then its best challengers so far
+        (``incumbent``), then what is new.
         """
         scorer = TableScorer(self.table, limits=self.limits)
-        ranking = self.ranking()
-        best = ranking[0].design if ranking else self.baseline
-        if self.start is not None:
-            best = max((best, self.start), key=lambda d: scorer.score(d.phi, d.power))
+        leaders = [entry.design for entry in self.ranking()[: CHALLENGERS + 1]]
+        starts = [*leaders, *([] if self.start is None else [self.start])] or [self.baseline]
+        best = max(starts, key=lambda design: scorer.score(design.phi, design.power))
         known = [entry.design for entry in self.candidates]
         seed = SEED_STRIDE * self.config.seed + number
         proposed = propose(scorer, best, edges=self.edges, seed=seed, known=known)
         if self.agreement is not None:
-            tau = self.agreement.tau
-            first = ranking[0].design
-            leader = scorer.score(first.phi, first.power)
+            tau, leader = self.agreement.tau, scorer.score(leaders[0].phi, leaders[0].power)
             highest = max((p.score for p in proposed if p.role == "best"), default=leader)
             converged = highest - leader < MIN_RELATIVE_GAIN * abs(leader)
             if not proposed or (converged and tau is not None and tau >= MIN_TAU):
                 return []
-        incumbents = [proposal_of(scorer, "incumbent", entry.design) for entry in ranking[:2]]
-        return [proposal_of(scorer, "baseline", self.baseline), *incumbents, *proposed]
+        if not known:
+            proposed[0] = replace(proposed[0], role=FIRST)
+        again = [("baseline", self.baseline), *((FIRST, design) for design in known[:1])]
+        again += [("incumbent", design) for design in leaders if design is not known[0]]
+        return [*(proposal_of(scorer, *entry) for entry in again), *proposed]
 
     def render(self, number: int, proposals: Sequence[Proposal]) -> RenderedRound:
         """Render and measure what ``proposals`` returned."""
@@ -249,8 +282,11 @@ class VerificationLoop:
         )
         scores = [renders.score(self.settings, i) for i in range(len(proposals))]
         gains = [renders.difference(self.settings, 0, i) for i in range(1, len(proposals))]
-        for proposal, gain in zip(proposals[1:], gains, strict=True):
-            self._candidate(proposal).gains.append(gain)
+        for index, proposal in enumerate(proposals[1:], start=1):
+            candidate = self._candidate(proposal)
+            if index > 1:
+                candidate.gains.append(renders.difference(self.settings, 1, index))
+                self.misfit += self._misfit(proposals[1], proposal, candidate.gains[-1])
 
         def interval(i: int, j: int) -> tuple[float, float]:
             return renders.difference(self.settings, i, j).interval()
@@ -269,8 +305,15 @@ class VerificationLoop:
         )
 
     def refit(self) -> ResidualCorrection:
-        """Correct the surrogate by all renders so far."""
+        """Correct the surrogate by all renders so far, unless they bear no correction out.
+
+        The refit is the judge of those that it has seen. Of those that it had not, predictions
+        must have been no worse than the surrogate's own: a chi-square of gains over the first
+        optimum, paired, over all rounds.
+        """
         correction = self.refitter.fit(self.runs)
+        if self.misfit > 0.0:
+            correction = replace(correction, tau=0.0)
         self.table = self.refitter.apply(correction, self.original)
         return correction
 
@@ -282,6 +325,14 @@ class VerificationLoop:
         after = [scorer.score(entry.design.phi, entry.design.power) for entry in proposals]
         refitted = rank_agreement(np.array(after), rendered.interval)
         return LoopRound(**vars(rendered), refitted=refitted, correction=correction)
+
+    def _misfit(self, first: Proposal, other: Proposal, gain: JackknifeEstimate) -> float:
+        """Return chi-square of the gain that was predicted, minus that without a refit."""
+        original = TableScorer(self.original)
+        without = [original.score(entry.design.phi, entry.design.power) for entry in (first, other)]
+        errors = np.array([other.score - first.score, without[1] - without[0]]) - gain.value
+        squares = (errors / max(gain.se, 1e-12)) ** 2
+        return float(squares[0] - squares[1])
 
     def _candidate(self, proposal: Proposal) -> Candidate:
         for entry in self.candidates:

@@ -23,11 +23,18 @@ from render.cells.lamp_aim import LampAim
 from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.geometry import camera_origin, facets, fiber_poses
+from render.geometry import (
+    camera_axes,
+    camera_origin,
+    counted_sites,
+    facets,
+    fiber_poses,
+    half_view,
+)
 from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
-from render.scene import Scene
+from render.scene import FACES, RIM_EDGES, Scene
 
 CELL_LIGHT_PATHS, PICTURE_LIGHT_PATHS = 4, 2
 """Light subpaths per sample of cells, and of a picture."""
@@ -56,9 +63,10 @@ AIMED_MAX, AIMED_MIN = 0.8, 0.1
 
 
 def diffuser_depth(scene: Scene) -> float:
-    """Return the optical depth of the diffuser, straight through; 0 without one."""
+    """Return the optical depth of the diffuser, straight through; 0 for lamps without one."""
     layer = scene.diffuser
-    return 0.0 if layer is None else (layer.sigma_s + layer.sigma_a) * layer.thickness
+    bare = any(FACES[lamp.face] not in RIM_EDGES for lamp in scene.placed_lamps())
+    return 0.0 if layer is None or bare else (layer.sigma_s + layer.sigma_a) * layer.thickness
 
 
 def lamps_are_seen(scene: Scene) -> bool:
@@ -106,13 +114,18 @@ def pixel_rays(
 ) -> tuple[mi.Point3f, mi.Vector3f]:
     """Return origins (mm) and unit directions through continuous image positions in pixels.
 
-    The same pinhole as that of ``render.geometry.visibility``, as Dr.Jit arrays.
+    The same lens as that of ``render.geometry.camera_rays``, as Dr.Jit arrays.
     """
-    half_height = float(np.tan(scene.camera.field_of_view / 2))
-    half_width = half_height * columns / rows
-    u = 1 - 2 * column / columns
-    v = 1 - 2 * row / rows
-    d = dr.normalize(mi.Vector3f(u * half_width, v * half_height, 1.0))
+    half_width, half_height = half_view(scene, columns, rows)
+    right, down, ahead = (mi.Vector3f(*axis.tolist()) for axis in camera_axes(scene))
+    x = half_width * (2 * column / columns - 1)
+    y = half_height * (2 * row / rows - 1)
+    if scene.camera.fisheye:
+        angle = dr.maximum(dr.hypot(x, y), 1e-9)
+        sine, cosine = dr.sincos(angle)
+        d = dr.normalize(sine / angle * (x * right + y * down) + cosine * ahead)
+    else:
+        d = dr.normalize(x * right + y * down + ahead)
     origin = mi.Point3f(*camera_origin(scene).tolist())
     return origin + dr.zeros(mi.Point3f, dr.width(d)), d
 
@@ -206,19 +219,23 @@ class CellSampler(PadSampler):
     ) -> None:
         """Load the pad and upload targets; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad.
 
-        ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`); their cells stay 0.
+        ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`), whose cells stay 0, and then
+        all sites are targets, also those that do not count for the score.
         """
         super().__init__(scene, phi, bend, indented)
         scene = self.scene
         self.targets = targets
         self.fibers, self.channels = phi.shape
-        self.sites = scene.sites.count
+        counted = counted_sites(scene) if lit is None else np.arange(scene.sites.count)
+        self.sites = len(counted)
         self.faces = targets.count // self.sites
         self.bins = self.fibers * targets.count
         place = facets(scene, bend)
-        self._point = _points(place.centroid.mean(axis=1) if indented else place.site_position)
-        self._normal = mi.Vector3f(_points(place.site_normal))
-        slots = fiber_slots(place.site_position, fiber_poses(scene, bend).position, lit)
+        site_position = place.site_position[counted]
+        point = place.centroid[counted].mean(axis=1) if indented else site_position
+        self._point = _points(point)
+        self._normal = mi.Vector3f(_points(place.site_normal[counted]))
+        slots = fiber_slots(site_position, fiber_poses(scene, bend).position, lit)
         self._fiber = mi.UInt32(slots.astype(np.uint32).ravel())
         counts = np.stack([np.bincount(row, minlength=self.fibers)[row] for row in slots])
         # 1 / probability of a site and a fiber.
@@ -296,10 +313,9 @@ class CellSampler(PadSampler):
 
 
 class PictureSampler(PadSampler):
-    """All pixels of a picture of one design: bins are pixels, channels are red, green, blue."""
+    """All pixels of a picture of one design: bins are pixels, channels the camera's."""
 
     stored = (CAMERA_STORED, PICTURE_LIGHT_PATHS, LIGHT_STORED)
-    channels = 3
 
     def __init__(
         self,
@@ -311,18 +327,19 @@ class PictureSampler(PadSampler):
         width: int,
         height: int,
     ) -> None:
-        """Load the pad; ``phi`` ``(fiber,)`` rad, ``power`` ``(fiber, 3)``, ``bend`` rad."""
+        """Load the pad; ``phi`` ``(fiber,)`` rad, ``power`` ``(fiber, channel)``, ``bend`` rad."""
         super().__init__(scene, phi[:, None], bend, indented)
         self.width, self.height = width, height
         self.bins = width * height
         lit = np.nonzero(power.max(axis=1) > 0)[0]
         self.lit = len(lit)
         self._fiber = mi.UInt32(lit.astype(np.uint32))
-        self._power = [mi.Float(power[:, c].astype(np.float32)) for c in range(3)]
+        self.channels = power.shape[1]
+        self._power = [mi.Float(column.astype(np.float32)) for column in power.T]
         dr.make_opaque(self._fiber, self._power)
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
-        """Return one splat per lane: radiance per color, over the bin's probability."""
+        """Return one splat per lane: radiance per channel, over the bin's probability."""
         x, y, pick, _ = camera.event(mi.UInt32(0))
         chosen = dr.minimum(mi.UInt32(pick * self.lit), self.lit - 1)
         fiber = dr.gather(mi.UInt32, self._fiber, chosen)

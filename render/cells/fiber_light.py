@@ -1,7 +1,7 @@
-"""Fibers as light sources: a disk with a Gaussian radiance profile, in many directions at once.
+"""Lamps as light sources: disks with a radiance profile, in many directions at once.
 
-The end face is a disk perpendicular to the beam; the profile is that of
-``render.optics.fiber_profile`` at unit power.
+The end face is a disk perpendicular to the beam; ``render.optics.lamp_profiles`` has its profile at
+unit power.
 
 One light path serves every direction node: it is drawn from the equal mixture of all nodes'
 emission, and weighted per node by radiance over mixture density in ray space (projected area x
@@ -18,13 +18,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry import fiber_poses
-from render.optics.fiber_profile import (
-    density,
-    falloff,
-    peak_radiance,
-    sample_direction,
-    truncated_mass,
-)
+from render.optics.lamp_profiles import LampProfiles
 from render.scene import Scene
 
 COSINE_MIN = 1e-4
@@ -52,17 +46,16 @@ class FiberLight:
         """Upload poses; ``phi`` is ``(fiber, node)`` in radians."""
         poses = fiber_poses(scene, bend)
         # (node, fiber, 3) -> (fiber, node, 3)
-        beams = poses.directions(phi.T, scene.fibers.tilt).transpose(1, 0, 2)
+        beams = poses.directions(phi.T).transpose(1, 0, 2)
         self.nodes = phi.shape[1]
-        self.radius = scene.fibers.diameter / 2
-        self.sigma_v = scene.fibers.sigma_v
-        self.area = np.pi * self.radius**2
-        self.peak = peak_radiance(self.sigma_v, self.area)
-        self.norm = truncated_mass(self.sigma_v)
+        areas = np.pi * poses.radius**2
+        self.profiles = LampProfiles(
+            [lamp.profile for lamp in scene.placed_lamps()], areas.tolist()
+        )
+        self.radius = mi.Float(poses.radius.astype(np.float32))
         self.center = mi.TensorXf(poses.position.astype(np.float32)).array
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
-        self.constants = mi.Float([self.radius, self.sigma_v, self.peak, self.norm])
-        dr.make_opaque(self.center, self.beam, self.constants)
+        dr.make_opaque(self.center, self.beam, self.radius)
 
     def _center(self, fiber: mi.UInt32) -> mi.Point3f:
         return dr.gather(mi.Point3f, self.center, fiber)
@@ -75,14 +68,13 @@ class FiberLight:
         square: mi.Point2f,
     ) -> tuple[mi.Point3f, mi.Vector3f]:  # fmt: skip
         """Return origin and direction of rays drawn from the mixture over nodes."""
-        sigma_v, norm = self._constant(1), self._constant(3)
         origin, frame = self.sample_position(fiber, pick, square)
-        local = sample_direction(direction[0], direction[1], sigma_v, norm)
+        local = self.profiles.sample(fiber, direction[0], direction[1])
         return origin, frame.to_world(local)
 
     def ray(self, fiber: mi.UInt32, p: mi.Point3f, d: mi.Vector3f) -> LampRay:
         """Return what the lines through ``p`` along ``d``, the way of the light, carry."""
-        radius, sigma_v, peak, norm = (self._constant(i) for i in range(4))
+        radius = dr.gather(mi.Float, self.radius, fiber)
         radiance, mixture, joined = [], mi.Float(0.0), mi.Float(0.0)
         offset = p - self._center(fiber)
         for j in range(self.nodes):
@@ -94,8 +86,8 @@ class FiberLight:
             # The node that drew the ray must count as hit in spite of rounding.
             inside = (cos > COSINE_MIN) & (dr.squared_norm(hit) <= dr.square(radius * 1.0001))
             theta = dr.unit_angle(mi.Vector3f(beam), mi.Vector3f(d))
-            radiance.append(dr.select(inside, peak * falloff(theta, sigma_v), 0.0))
-            mixture += dr.select(inside, density(theta, sigma_v, norm) / cos, 0.0)
+            radiance.append(dr.select(inside, self.profiles.radiance(fiber, theta), 0.0))
+            mixture += dr.select(inside, self.profiles.density(fiber, theta) / cos, 0.0)
             joined += dr.select(inside & (distance > 0), dr.square(distance) / cos, 0.0)
         share = 1.0 / (self.nodes * dr.pi * dr.square(radius))
         return LampRay(radiance, mixture * share, joined * share)
@@ -115,7 +107,8 @@ class FiberLight:
         """
         node = dr.minimum(mi.UInt32(pick * self.nodes), self.nodes - 1)
         frame = mi.Frame3f(self._beam(fiber, node))
-        disk = self._constant(0) * mi.warp.square_to_uniform_disk_concentric(square)
+        radius = dr.gather(mi.Float, self.radius, fiber)
+        disk = radius * mi.warp.square_to_uniform_disk_concentric(square)
         point = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
         return mi.Point3f(point), frame
 
@@ -123,9 +116,6 @@ class FiberLight:
         """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face."""
         offset = self._center(fiber) - o
         ahead = dr.dot(offset, d)
-        radius = self._constant(0)
+        radius = dr.gather(mi.Float, self.radius, fiber)
         miss = dr.squared_norm(offset - ahead * d)
         return (miss <= dr.square(radius * 1.0001)) & (ahead > -radius) & (ahead < end)
-
-    def _constant(self, index: int) -> mi.Float:
-        return dr.gather(mi.Float, self.constants, mi.UInt32(index))

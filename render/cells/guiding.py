@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.lamp_aim import LampAim
-from render.geometry import fiber_poses
+from render.geometry import fiber_poses, flat_fiber_poses
 from render.paths.vertex import Vertex
 from render.scene import Scene
 
@@ -27,16 +27,17 @@ LOGISTIC_SCALE = 1.0
 
 
 class FiberGlow:
-    """Points where the light of each fiber leaves the diffuser, at one bend."""
+    """Points where the light of each lamp enters the clear pad, at one bend."""
 
     def __init__(self, scene: Scene, bend: float) -> None:
         """Upload the frames; ``bend`` in radians."""
         poses = fiber_poses(scene, bend)
-        depth = scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
+        height = flat_fiber_poses(scene).foot[:, 2]
+        foot = poses.foot + poses.layer[:, None] * poses.face_inward
         # Measured from the camera-side face, so that [-thickness, thickness] is wall and mirror.
-        foot = poses.position + depth * poses.inward - scene.fibers.height * poses.up
+        foot -= height[:, None] * poses.up
         self.thickness = scene.pad.thickness
-        frames = np.stack([foot, poses.along, poses.inward, poses.up], axis=1)
+        frames = np.stack([foot, poses.face_along, poses.face_inward, poses.face_up], axis=1)
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         dr.make_opaque(self.frames)
 

@@ -17,8 +17,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.arrays import Array
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.geometry import fiber_poses
+from render.geometry import LOWER, fiber_poses
 from render.paths.reflection_lobe import ReflectionLobe
 from render.scene import Scene
 
@@ -35,13 +36,14 @@ NEWTON_STEPS = 4
 class Way:
     """How light comes from the lamp, and the ``share`` of the directions that aim so.
 
-    Reflected in a ``wall`` beside it (-1, 1: which; 0: none), in the ``opposite`` one, in the lower
-    face (``mirrored``), or through the lower face from ``below``.
+    Reflected in a ``wall`` beside it (-1, 1: which; 0: none), in the ``opposite`` one (-1: before
+    and behind a lamp below the pad), in the lower face (``mirrored``), or through the lower face
+    from ``below``.
     """
 
     share: float
     wall: int = 0
-    opposite: bool = False
+    opposite: int = 0
     mirrored: bool = False
     below: bool = False
 
@@ -55,46 +57,48 @@ class LampAim:
     def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
         """Upload the lamps; ``bend`` in radians."""
         poses = fiber_poses(scene, bend)
-        foot = poses.position + scene.fibers.gap * poses.inward
-        margin = scene.diffuser.thickness if scene.diffuser else 0.0
-        # Where the walls beside a lamp are, along its edge; planes for a flat pad only.
-        half = np.array([scene.pad.width / 2 + margin, scene.pad.length / 2, 0.0])
-        low, high = -half, half + [0.0, margin, 0.0]
-        ends = np.stack([poses.along * low, poses.along * high]).sum(axis=-1)
-        start = (poses.along * foot).sum(axis=-1)
-        across = (np.abs(poses.inward) * (high - low)).sum(axis=-1)
-        walls = np.column_stack([(np.sort(ends, axis=0) - start).T, across])
-        self.walls = mi.Float(walls.astype(np.float32).ravel())
+        from_below = poses.face == LOWER
+        far_axis = np.where(from_below[:, None], poses.face_up, poses.face_inward)
+        # Where the walls beside a lamp are, along its face; planes for a flat pad only.
+        low, high = scene.box.low * [1, 1, 0], scene.box.high * [1, 1, 0]
+        walls = np.concatenate(
+            [_between(axis, low, high, poses.foot) for axis in (poses.face_along, far_axis)], axis=1
+        )
+        self.walls = mi.Float(np.column_stack([walls, from_below]).astype(np.float32).ravel())
         self.mirror = mirror
-        radius = scene.fibers.diameter / 2
-        lowest = poses.position[:, 2].min() - radius if bend == 0.0 else np.inf
+        ends = poses.position[:, 2] - poses.radius
+        lowest = ends[~from_below].min(initial=np.inf) if bend == 0.0 else np.inf
         ways = [Way(0.4), Way(0.3, mirrored=True)]
         if not mirror.curved:
             both = (False, True)
+            sides = (-1, 1) if from_below.any() else (1,)
             ways += [Way(0.05, wall=w, mirrored=m) for w in (-1, 1) for m in both]
-            ways += [Way(0.02, w, True, mirrored=m) for w in (-1, 0, 1) for m in both]
+            ways += [Way(0.02, w, s, mirrored=m) for s in sides for w in (-1, 0, 1) for m in both]
         if lowest < 0.0:
             ways.append(Way(0.2, below=True))
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
         self.main_ways = self.ways[:2]
-        frames = np.stack([foot, poses.along, poses.inward, poses.position], axis=1)
+        frames = np.stack(
+            [poses.foot, poses.face_along, poses.face_inward, poses.position, far_axis], axis=1
+        )
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         slope = scene.pad.roughness / np.sqrt(2.0)
-        self.constants = mi.Float([radius, scene.pad.index, slope])
-        dr.make_opaque(self.frames, self.walls, self.constants)
+        self.radius = mi.Float(poses.radius.astype(np.float32))
+        self.constants = mi.Float([scene.pad.index, slope])
+        dr.make_opaque(self.frames, self.walls, self.radius, self.constants)
 
     def sample(
         self, fiber: mi.UInt32, a: mi.Point3f, pick: mi.Float, x: mi.Float, y: mi.Float
     ) -> mi.Vector3f:
         """Return directions from points ``a`` at the end of ``fiber``; ``pick`` draws the way."""
-        wall, opposite = mi.Float(0.0), mi.Bool(False)
+        wall, opposite = mi.Float(0.0), mi.Float(0.0)
         mirrored, below = mi.Bool(False), mi.Bool(False)
         total = 0.0
         for way in self.ways:
             chosen = pick >= total
             wall = dr.select(chosen, float(way.wall), wall)
-            opposite = dr.select(chosen, way.opposite, opposite)
+            opposite = dr.select(chosen, float(way.opposite), opposite)
             mirrored = dr.select(chosen, way.mirrored, mirrored)
             below = dr.select(chosen, way.below, below)
             total += way.share
@@ -124,35 +128,39 @@ class LampAim:
 
     def _lobe_of(self, fiber: mi.UInt32, a: mi.Point3f, way: Way) -> tuple[ReflectionLobe, _Unfold]:
         return self._lobe(
-            fiber, a, mi.Float(way.wall), mi.Bool(way.opposite), mi.Bool(way.mirrored),
+            fiber, a, mi.Float(way.wall), mi.Float(way.opposite), mi.Bool(way.mirrored),
             mi.Bool(way.below),
         )  # fmt: skip
 
     def _lobe(
-        self, fiber: mi.UInt32, a: mi.Point3f, wall: mi.Float, opposite: mi.Bool,
+        self, fiber: mi.UInt32, a: mi.Point3f, wall: mi.Float, opposite: mi.Float,
         mirrored: mi.Bool, below: mi.Bool,
     ) -> tuple[ReflectionLobe, _Unfold]:  # fmt: skip
         """Return the lobe about the lamp as seen from the unfolded ``a``, and the unfolding."""
-        foot, along, inward, lamp = (
-            dr.gather(mi.Vector3f, self.frames, 4 * fiber + i) for i in range(4)
+        foot, along, inward, lamp, far_axis = (
+            dr.gather(mi.Vector3f, self.frames, 5 * fiber + i) for i in range(5)
         )
-        radius, index, slope = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(3))
+        radius = dr.gather(mi.Float, self.radius, fiber)
+        index, slope = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(2))
+        # What comes in through the lower face has not been reflected by it.
+        mirrored &= dr.gather(mi.Float, self.walls, 5 * fiber + 4) == 0.0
         # Through the lower face: what of the lamp is below the pad.
         up = mi.Vector3f(0.0, 0.0, 1.0)
         foot = dr.select(below, mi.Vector3f(lamp.x, lamp.y, 0.0), foot)
         inward = dr.select(below, up, inward)
         lamp.z = dr.select(below, dr.minimum(lamp.z, -0.5 * radius), lamp.z)
         # ------------------------- Image of the point ----------------------------------
-        end = dr.gather(mi.Float, self.walls, 3 * fiber + dr.select(wall > 0, mi.UInt32(1), 0))
+        end = dr.gather(mi.Float, self.walls, 5 * fiber + dr.select(wall > 0, mi.UInt32(1), 0))
         by_wall = wall != 0
         aside = 2.0 * (end - dr.dot(mi.Vector3f(a) - foot, along))
         seen = a + dr.select(by_wall, aside, 0.0) * along
-        far = dr.gather(mi.Float, self.walls, 3 * fiber + 2)
-        ahead = 2.0 * (far - dr.dot(mi.Vector3f(a) - foot, inward))
-        seen += dr.select(opposite, ahead, 0.0) * inward
+        by_far = opposite != 0
+        far = dr.gather(mi.Float, self.walls, 5 * fiber + dr.select(opposite > 0, mi.UInt32(3), 2))
+        ahead = 2.0 * (far - dr.dot(mi.Vector3f(a) - foot, far_axis))
+        seen += dr.select(by_far, ahead, 0.0) * far_axis
         image, normal = self.mirror.image(seen, mi.Point3f(foot))
         seen = dr.select(mirrored, image, seen)
-        unfold = _Unfold([(along, by_wall), (inward, opposite), (normal, mirrored)])
+        unfold = _Unfold([(along, by_wall), (far_axis, by_far), (normal, mirrored)])
         # ------------------------- Snell's law at the face -----------------------------
         inside = dr.maximum(dr.dot(mi.Vector3f(seen) - foot, inward), 1e-3)
         outside = dr.maximum(-dr.dot(lamp - foot, inward), 1e-4)
@@ -192,6 +200,12 @@ class LampAim:
             dr.maximum(wide, MIN_WIDTH), dr.maximum(narrow, MIN_WIDTH),
         )  # fmt: skip
         return lobe, unfold
+
+
+def _between(axis: Array, low: Array, high: Array, foot: Array) -> Array:
+    """Return how far along ``axis`` the two walls are from ``foot``, ``(fiber, 2)`` ascending."""
+    ends = np.stack([(axis * low).sum(axis=-1), (axis * high).sum(axis=-1)], axis=1)
+    return np.asarray(np.sort(ends, axis=1) - (axis * foot).sum(axis=-1, keepdims=True))
 
 
 @dataclass

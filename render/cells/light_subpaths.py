@@ -94,10 +94,9 @@ class CoatingTarget:
     def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
         """Upload one plane per lit edge, the diffuser's inner face; ``bend`` in radians."""
         poses = fiber_poses(scene, bend)
-        thickness = scene.diffuser.thickness if scene.diffuser else 0.0
-        foot = poses.position + (scene.fibers.gap + thickness) * poses.inward
+        foot = poses.foot + poses.layer[:, None] * poses.face_inward
         planes: dict[tuple[float, ...], None] = {}
-        for point, normal in zip(foot, poses.inward, strict=True):
+        for point, normal in zip(foot, poses.face_inward, strict=True):
             planes.setdefault((*np.round(normal, 6), float(np.round(point @ normal, 6))))
         self.planes = [mi.Float(list(plane)) for plane in planes]
         self.mirror = mirror

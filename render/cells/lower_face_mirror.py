@@ -33,7 +33,7 @@ class LowerFaceMirror:
         radius = 1.0 / kappa if self.curved else 0.0
         slope = scene.pad.roughness / np.sqrt(2.0)
         self.constants = mi.Float(
-            [scene.camera.y, scene.pad.thickness + radius, radius + scene.pad.thickness, slope]
+            [scene.camera.pivot, scene.pad.thickness + radius, radius + scene.pad.thickness, slope]
         )
         dr.make_opaque(self.constants)
 

@@ -1,7 +1,17 @@
 """Where everything is: pad, fibers, facets and camera at any bend."""
 
 from render.geometry.bending import bend_frames, bend_points, curvature, unbend_points
-from render.geometry.holder import ALONG, FiberHolder, lit_offset
+from render.geometry.camera_rays import (
+    camera_axes,
+    camera_origin,
+    camera_rays,
+    half_view,
+    lens_directions,
+    lens_positions,
+    pixel_directions,
+    pixel_positions,
+)
+from render.geometry.holder import ALONG, PLAY, FiberHolder
 from render.geometry.indenter import (
     SHADOW_LENGTH,
     BoltHead,
@@ -12,24 +22,30 @@ from render.geometry.indenter import (
     imprint_depth,
     pyramids,
 )
-from render.geometry.layout import (
+from render.geometry.lamp_poses import (
+    LOWER,
     FiberPoses,
-    facet_normals,
-    facets,
+    MirrorTwins,
     fiber_edges,
     fiber_poses,
     flat_fiber_poses,
-    flat_sites,
-    mirrored_fibers,
-    pyramid,
+    mirror_twins,
 )
+from render.geometry.layout import declared_sites, facet_normals, facets, pyramid
 from render.geometry.microfacets import Floats, fresnel, sample_rough_face
-from render.geometry.refraction import distance_to_coating, refract_into_pad
-from render.geometry.symmetry import is_mirror_symmetric, mirror_image, with_mirror_images
-from render.geometry.visibility import (
-    FacetMasks,
-    camera_origin,
-    camera_rays,
-    facet_masks,
-    pixel_directions,
+from render.geometry.refraction import aim_at, distance_to_coating, refract_into_pad
+from render.geometry.seen_sites import (
+    RULE,
+    camera_coverage,
+    check_seen,
+    counted_sites,
+    flat_sites,
+    seen_targets,
 )
+from render.geometry.symmetry import (
+    camera_is_symmetric,
+    is_mirror_symmetric,
+    mirror_image,
+    with_mirror_images,
+)
+from render.geometry.visibility import FacetMasks, facet_masks

@@ -26,11 +26,11 @@ def bend_points(scene: Scene, points: Array, bend: float) -> Array:
     ``1 / curvature + w``. Written with sinc so that bend 0 is exact and 1e-6 loses nothing.
     """
     kappa = curvature(scene, bend)
-    u = points[..., 1] - scene.camera.y
+    u = points[..., 1] - scene.camera.pivot
     w = scene.pad.thickness - points[..., 2]
     angle = kappa * u
     # np.sinc(a / pi) = sin(a) / a, 1 at a = 0.
-    y = scene.camera.y + u * np.sinc(angle / np.pi) + w * np.sin(angle)
+    y = scene.camera.pivot + u * np.sinc(angle / np.pi) + w * np.sin(angle)
     sag = 0.5 * kappa * u**2 * np.sinc(angle / (2 * np.pi)) ** 2
     z = scene.pad.thickness + sag - w * np.cos(angle)
     return np.stack([points[..., 0], y, z], axis=-1)
@@ -41,7 +41,7 @@ def bend_frames(scene: Scene, y: Array, bend: float) -> Array:
 
     Column 0 is across (+x), column 1 the tangent towards the tip, column 2 towards the coating.
     """
-    angle = curvature(scene, bend) * (np.asarray(y) - scene.camera.y)
+    angle = curvature(scene, bend) * (np.asarray(y) - scene.camera.pivot)
     cos, sin, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     rows = [[one, zero, zero], [zero, cos, -sin], [zero, sin, cos]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
@@ -53,8 +53,10 @@ def unbend_points(scene: Scene, points: Array, bend: float) -> Array:
     Written without differences of large radii, so that bend 1e-6 loses nothing either.
     """
     kappa = curvature(scene, bend)
-    y, w = points[..., 1] - scene.camera.y, scene.pad.thickness - points[..., 2]
+    y, w = points[..., 1] - scene.camera.pivot, scene.pad.thickness - points[..., 2]
     radius = np.hypot(kappa * y, 1.0 + kappa * w)
     below = (kappa * (y**2 + w**2) + 2.0 * w) / (radius + 1.0)
     along = np.arctan2(kappa * y, 1.0 + kappa * w) / kappa if kappa else y
-    return np.stack([points[..., 0], scene.camera.y + along, scene.pad.thickness - below], axis=-1)
+    return np.stack(
+        [points[..., 0], scene.camera.pivot + along, scene.pad.thickness - below], axis=-1
+    )

@@ -1,8 +1,9 @@
 """The wall that holds the fibers around the pad, and what holes for them leave of it.
 
-Seen from above, walls stand along the left, tip and right edge and meet in miters at the corners.
-Their inner faces go through the fiber ends. All ends are at one height and all fibers have one
-tilt, so fibers that cross in this view would have to pass through each other. The flat pad is the
+Seen from above, walls stand along the left, tip and right edge (and along the base, where a row is)
+and meet in miters at the corners. Their inner faces go through the fiber ends. Fibers of one row,
+and of rows at nearly one height, that cross in this view would have to pass through each other;
+lamps that do not turn need no hole. The flat pad is the
 tightest state: bending spreads the fibers of a side.
 """
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry.layout import fiber_edges, flat_fiber_poses
+from render.geometry.lamp_poses import flat_fiber_poses
 from render.scene import HOLDER_THICKNESS, Edge, Scene
 
 PLAY = 0.1
@@ -28,9 +29,9 @@ ALONG: dict[Edge, Array] = {
     "left": np.array([0.0, 1.0]),
     "tip": np.array([1.0, 0.0]),
     "right": np.array([0.0, -1.0]),
+    "base": np.array([-1.0, 0.0]),
 }
-"""Which way fibers are numbered on an edge: left from base to tip, across, right back to the base.
-"""
+"""Which way fibers are numbered on an edge: around the pad, from the left edge's base."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,8 @@ class FiberHolder:
         first, last: ``(border,)`` the fibers before and after it, -1 for a corner.
         corner: ``(border,)`` mm, where the inner faces meet, in the direction of `ALONG` of the
             edge of the border's fiber; 0 between fibers.
-        thickness: mm, of the walls; hole: mm, diameter of the holes.
+        thickness: mm, of the walls.
+        hole: ``(fiber,)`` mm, diameter of the holes.
         least: ``(border,)`` mm that must be left.
     """
 
@@ -57,37 +59,46 @@ class FiberHolder:
     last: NDArray[np.int64]
     corner: Array
     thickness: float
-    hole: float
+    hole: Array
     least: Array
 
     @classmethod
     def of(cls, scene: Scene) -> FiberHolder:
         """Return the holder of a scene."""
-        limits, poses, edges = scene.constraints, flat_fiber_poses(scene), fiber_edges(scene)
-        way = np.array([ALONG[edge] for edge in edges])
+        limits, lamps, poses = scene.constraints, scene.placed_lamps(), flat_fiber_poses(scene)
+        way = np.array([ALONG[lamp.edge] if lamp.edge else np.zeros(2) for lamp in lamps])
+        place = (poses.position[:, :2] * way).sum(axis=1)
+        hole = 2 * poses.radius + PLAY
+        held = [i for i, lamp in enumerate(lamps) if lamp.edge and lamp.turns]
+        base_wall = any(lamps[i].edge == "base" for i in held)
         borders = []
-        for i, edge in enumerate(edges):
-            half = scene.pad.width if edge == "tip" else scene.pad.length
-            end = half / 2 + lit_offset(scene)
-            starts, ends = i == 0 or edges[i - 1] != edge, edges[i + 1 : i + 2] != [edge]
-            if starts and edge != "left":
-                borders.append((-1, i, -end))
-            if not ends:
-                borders.append((i, i + 1, 0.0))
-            elif edge != "right":
-                borders.append((i, -1, end))
+        for edge in ALONG:
+            # Rows at different heights pass each other.
+            own = sorted((i for i in held if lamps[i].edge == edge), key=lambda i: place[i])
+            half = scene.pad.width if edge in ("tip", "base") else scene.pad.length
+            for i in own:
+                height, level = poses.position[:, 2], poses.position[i, 2]
+                others = [j for j in own if abs(height[j] - level) < (hole[i] + hole[j]) / 2]
+                end = half / 2 + scene.box.rim + poses.gap[i]
+                if i == others[0] and (edge != "left" or base_wall):
+                    borders.append((-1, i, -end))
+                after = others[others.index(i) + 1 :]
+                if after:
+                    borders.append((i, after[0], 0.0))
+                elif edge != "right" or base_wall:
+                    borders.append((i, -1, end))
         first, last, corner = np.array(borders, dtype=float).reshape(-1, 3).T
         holder = cls(
-            place=(poses.position[:, :2] * way).sum(axis=1),
+            place=place,
             turns=(poses.along[:, :2] * way).sum(axis=1),
             first=first.astype(np.int64),
             last=last.astype(np.int64),
             corner=corner,
             thickness=HOLDER_THICKNESS if limits is None else limits.holder_thickness,
-            hole=scene.fibers.diameter + PLAY,
+            hole=hole,
             least=np.zeros(len(corner)),
         )
-        upright = holder.walls(np.full(len(edges), np.pi / 2))
+        upright = holder.walls(np.full(len(lamps), np.pi / 2))
         return replace(holder, least=np.minimum(LEAST_WALL, upright - 1e-9))
 
     def walls(self, phi: Array) -> Array:
@@ -134,10 +145,5 @@ class FiberHolder:
 
     @property
     def sentence(self) -> str:
-        """What the holder asks of designs."""
+        """What the holder asks of designs, where it holds any."""
         return f"fibers do not meet in the holder around the pad, {self.thickness:g} mm thick"
-
-
-def lit_offset(scene: Scene) -> float:
-    """Return the distance (mm) of fiber ends from the pad's edge."""
-    return scene.fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)

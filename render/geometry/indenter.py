@@ -14,7 +14,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import SceneError
-from render.geometry.layout import facet_normals, flat_sites, pyramid
+from render.geometry.layout import declared_sites, facet_normals, pyramid
 from render.scene import Scene
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def pyramids(scene: Scene) -> Imprint:
     """Return the indenter at every site."""
     normal, corners = facet_normals(scene), pyramid(scene)
     return Imprint(
-        center=flat_sites(scene),
+        center=declared_sites(scene),
         columns=scene.sites.columns,
         rows=scene.sites.rows,
         spacing=scene.sites.spacing,
@@ -98,7 +98,7 @@ def bolt(scene: Scene, head: BoltHead | None = None) -> Imprint:
     """
     head = head or BoltHead()
     reach = np.full(2, head.imprint_radius)
-    center = _place(scene, "a bolt", reach, head.depth, flat_sites(scene)[:, 1].min())
+    center = _place(scene, "a bolt", reach, head.depth, declared_sites(scene)[:, 1].min())
     flats, down = head.radius * np.cos(np.pi / 6), np.array([0.0, 0.0, -head.depth])
     half = 0.5 * head.depth
     sides = _cone(6, np.pi / 6, flats + half / np.tan(head.drape), head.drape, -half)
@@ -122,7 +122,7 @@ def ball(scene: Scene, radius: float = 3.0, depth: float = 1.0) -> Imprint:
         SceneError: the pad is too small or too thin for it.
     """
     reach = np.sqrt(radius**2 - (radius - depth) ** 2)
-    center = _place(scene, "a ball", np.full(2, reach), depth, flat_sites(scene)[:, 1].mean())
+    center = _place(scene, "a ball", np.full(2, reach), depth, declared_sites(scene)[:, 1].mean())
     steepest = np.arccos(1.0 - depth / radius)
     rings = [
         _cone(
@@ -155,7 +155,6 @@ def body_of_file(scene: Scene, path: Path) -> Imprint:
             f"{path} is no body that can be pressed in ({type(error).__name__}), allowed: a mesh "
             "file in mm, such as STL, PLY or OBJ",
             field="press",
-            value=str(path),
         ) from None
     depth = min(FILE_DEPTH, 0.25 * scene.pad.thickness, float(np.ptp(points[:, 2])))
     if depth <= 0.0:
@@ -183,7 +182,7 @@ def body_of_file(scene: Scene, path: Path) -> Imprint:
     touching = along > distance - 1e-6
     middle = (touching.T @ wet) / touching.sum(axis=0)[:, None]
     half = np.abs(wet[:, :2]).max(axis=0) + depth / np.tan(DRAPE)
-    center = _place(scene, str(path), half, depth, flat_sites(scene)[:, 1].mean())
+    center = _place(scene, str(path), half, depth, declared_sites(scene)[:, 1].mean())
     return _single(center, normal, distance, middle, max(*half, depth))
 
 
@@ -232,7 +231,7 @@ def _place(scene: Scene, name: str, half: Array, depth: float, y: float) -> Arra
             f"not fit into the pad of {pad.width:g} x {pad.length:g} x {pad.thickness:g} mm",
             field="pad",
         )
-    wanted = np.array([flat_sites(scene)[:, 0].mean(), y])
+    wanted = np.array([declared_sites(scene)[:, 0].mean(), y])
     return np.append(np.clip(wanted, -room, room), pad.thickness)
 
 

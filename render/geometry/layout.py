@@ -1,7 +1,6 @@
-"""Where fibers, sites and facets are: positions, directions and normals at any bend.
+"""Where sites and facets are: positions and normals at any bend.
 
-Fibers are numbered around the pad: left edge from base to tip, tip edge from left to right, right
-edge from tip to base. Sites are numbered row by row from the base, each row from left (-x) to
+Sites are numbered row by row from the base, each row from left (-x) to
 right. Facet ``i`` of a site has the normal ``n_i = (theta_n, 2 pi i / faces)`` (thesis eq. 4.2 and
 4.6), azimuth 0 towards the tip, and points into the pad, at the camera.
 """
@@ -13,89 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.errors import SceneError
 from render.geometry.bending import bend_frames, bend_points
-from render.scene import EDGES, Edge, Scene
+from render.scene import Scene
 
 
-@dataclass(frozen=True)
-class FiberPoses:
-    """Fiber ends in the world frame (mm, unit vectors); every array is ``(fiber, 3)`` float64.
+def declared_sites(scene: Scene) -> Array:
+    """Return the centers of all sites of the file on the flat coating, ``(site, 3)`` mm.
 
-    ``along`` is phi = 0 (towards the tip on the sides, towards +x at the tip), ``inward`` is
-    phi = pi/2 (normal to the edge), ``up`` points to the coating.
+    Those that count are `render.geometry.seen_sites.flat_sites`.
     """
-
-    position: Array
-    along: Array
-    inward: Array
-    up: Array
-
-    def directions(self, phi: Array, tilt: float) -> Array:
-        """Return unit beam directions ``(..., fiber, 3)`` for ``phi`` ``(..., fiber)`` radians."""
-        cos, sin = np.cos(phi)[..., None], np.sin(phi)[..., None]
-        in_plane = cos * self.along + sin * self.inward
-        return np.asarray(np.cos(tilt) * in_plane + np.sin(tilt) * self.up)
-
-
-def fiber_edges(scene: Scene) -> list[Edge]:
-    """Return the edge that each fiber stands on."""
-    return [edge for edge in EDGES for _ in range(getattr(scene.fibers, edge))]
-
-
-def mirrored_fibers(scene: Scene) -> np.ndarray:
-    """Return, per fiber, the index of its mirror image in the plane x = 0.
-
-    Raises:
-        SceneError: when the left and right edges hold different numbers of fibers.
-    """
-    fibers = scene.fibers
-    if fibers.left != fibers.right:
-        raise SceneError(
-            f"fibers.left = {fibers.left} and fibers.right = {fibers.right} have no mirror "
-            "images, allowed: the same number",
-            field="fibers.left",
-            value=fibers.left,
-        )
-    return np.arange(scene.fibers.count)[::-1]
-
-
-def flat_fiber_poses(scene: Scene) -> FiberPoses:
-    """Return the fiber ends on the flat pad."""
-    margin = scene.diffuser.thickness if scene.diffuser else 0.0
-    half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
-    offset = margin + scene.fibers.gap
-    position, along, inward = [], [], []
-    for edge in EDGES:
-        n = getattr(scene.fibers, edge)
-        t = (np.arange(n) + 0.5) / n if n else np.zeros(0)
-        if edge == "tip":
-            x, y = (2 * t - 1) * half_width, np.full(n, half_length + offset)
-            along += [(1.0, 0.0, 0.0)] * n
-            inward += [(0.0, -1.0, 0.0)] * n
-        else:
-            sign = -1.0 if edge == "left" else 1.0
-            x = np.full(n, sign * (half_width + offset))
-            y = -sign * (2 * t - 1) * half_length
-            along += [(0.0, 1.0, 0.0)] * n
-            inward += [(-sign, 0.0, 0.0)] * n
-        position += [(*xy, scene.fibers.height) for xy in zip(x, y, strict=True)]
-    up = np.tile([0.0, 0.0, 1.0], (scene.fibers.count, 1))
-    return FiberPoses(np.array(position), np.array(along), np.array(inward), up)
-
-
-def fiber_poses(scene: Scene, bend: float) -> FiberPoses:
-    """Return the fiber ends in the world at ``bend`` radians; they are carried by the body."""
-    flat = flat_fiber_poses(scene)
-    turn = bend_frames(scene, flat.position[:, 1], bend)
-    along, inward, up = (
-        np.einsum("fij,fj->fi", turn, v) for v in (flat.along, flat.inward, flat.up)
-    )
-    return FiberPoses(bend_points(scene, flat.position, bend), along, inward, up)
-
-
-def flat_sites(scene: Scene) -> Array:
-    """Return the site centers on the flat coating, ``(site, 3)`` mm."""
     sites = scene.sites
     x = sites.centre_x + (np.arange(sites.columns) - (sites.columns - 1) / 2) * sites.spacing
     y = sites.centre_y + (np.arange(sites.rows) - (sites.rows - 1) / 2) * sites.spacing
@@ -130,7 +55,7 @@ def pyramid(scene: Scene) -> Array:
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets of all sites in the world frame at one bend.
+    """Facets of all declared sites in the world frame at one bend.
 
     corners ``(site, facet, corner, 3)`` mm, centroid and normal ``(site, facet, 3)``;
     ``site_position`` and ``site_normal`` ``(site, 3)`` are those of the untouched pad.
@@ -145,7 +70,7 @@ class Facets:
 
 def facets(scene: Scene, bend: float) -> Facets:
     """Return the facets at ``bend`` radians; each pyramid is rigid in its site's frame."""
-    flat = flat_sites(scene)
+    flat = declared_sites(scene)
     position = bend_points(scene, flat, bend)
     turn = bend_frames(scene, flat[:, 1], bend)
     corners = position[:, None, None] + np.einsum("sij,fcj->sfci", turn, pyramid(scene))

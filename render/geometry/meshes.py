@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.geometry.bending import bend_points
 from render.geometry.indenter import Imprint, imprint_depth
-from render.geometry.layout import facets, flat_sites, pyramid
+from render.geometry.layout import declared_sites, facets, pyramid
 from render.scene import Scene
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def pad_grid(scene: Scene, bend: float, indented: bool) -> PadGrid:
     half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
     x, y = [-half_width, half_width], [-half_length, half_length]
     if indented:
-        sites, half = flat_sites(scene), scene.indenter.clearance
+        sites, half = declared_sites(scene), scene.indenter.clearance
         x += [*(sites[:, 0] - half), *(sites[:, 0] + half)]
         y += [*(sites[:, 1] - half), *(sites[:, 1] + half)]
     if scene.diffuser:
@@ -214,7 +214,7 @@ def _mesh(points: Array, faces: Index) -> trimesh.Trimesh:
 def _site_columns(scene: Scene, grid: PadGrid) -> np.ndarray:
     """Mark the columns ``(rows, columns)`` that lie in the square cell of a site."""
     half = scene.indenter.clearance
-    sites = flat_sites(scene)
+    sites = declared_sites(scene)
     near_x = np.abs(0.5 * (grid.x[1:] + grid.x[:-1]) - sites[:, :1]) < half
     near_y = np.abs(0.5 * (grid.y[1:] + grid.y[:-1]) - sites[:, 1:2]) < half
     return np.asarray((near_y[:, :, None] & near_x[:, None, :]).any(axis=0))
@@ -228,7 +228,7 @@ def _site_faces(scene: Scene, grid: PadGrid, site: int) -> Index:
     faces_of_pyramid = scene.indenter.faces
     apex = len(grid.points) + site * (faces_of_pyramid + 1)
     base = apex + 1 + np.arange(faces_of_pyramid)
-    center = flat_sites(scene)[site]
+    center = declared_sites(scene)[site]
     border = _border(grid, center, scene.indenter.clearance)
     outline = grid.points[border] - center
     polygon = pyramid(scene)[:, 1]

@@ -38,7 +38,7 @@ def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array
     """Return the rays ``(..., 3)`` from ``origin`` after Snell refraction at the lower face."""
     kappa = curvature(scene, bend)
     kappa_face = kappa / (1.0 + kappa * scene.pad.thickness)
-    start = np.broadcast_to(origin - [0.0, scene.camera.y, 0.0], directions.shape)
+    start = np.broadcast_to(origin - [0.0, scene.camera.pivot, 0.0], directions.shape)
     distance = _distance_to_arc(kappa_face, start, directions)
     hit = np.isfinite(distance)
     local = start + np.where(hit, distance, 0.0)[..., None] * directions
@@ -52,7 +52,7 @@ def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array
     cos_in = -np.einsum("...i,...i->...", directions, normal)
     cos_out = np.sqrt(1.0 - ratio**2 * (1.0 - cos_in**2))
     refracted = ratio * directions + (ratio * cos_in - cos_out)[..., None] * normal
-    entry = local + np.array([0.0, scene.camera.y, 0.0])
+    entry = local + np.array([0.0, scene.camera.pivot, 0.0])
     flat = unbend_points(scene, entry, bend)
     on_pad = (np.abs(flat[..., 0]) <= scene.pad.width / 2) & (
         np.abs(flat[..., 1]) <= scene.pad.length / 2
@@ -60,9 +60,35 @@ def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array
     return PadRays(entry, refracted, hit & on_pad)
 
 
+AIM_STEPS, AIM_TOLERANCE = 60, 1e-6
+"""Steps in which `aim_at` corrects its aim at most, and the miss (mm) that it is content with."""
+
+
+def aim_at(
+    scene: Scene, bend: float, origin: Array, points: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the directions ``(n, 3)`` from ``origin`` that refraction leads to ``points``.
+
+    ``points`` are inside the pad, ``(n, 3)`` mm. The aim is moved by what it missed, until it
+    hits; the second array, ``(n,)``, says where it did.
+    """
+    aim = np.array(points, dtype=np.float64)
+    for _ in range(AIM_STEPS):
+        direction = aim - origin
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        rays = refract_into_pad(scene, bend, origin, direction)
+        along = np.einsum("ni,ni->n", points - rays.entry, rays.direction)
+        miss = points - rays.entry - along[:, None] * rays.direction
+        hit = np.linalg.norm(miss, axis=-1) < AIM_TOLERANCE
+        if hit.all():
+            break
+        aim += miss
+    return direction, hit & (along > 0)
+
+
 def distance_to_coating(scene: Scene, bend: float, rays: PadRays) -> Array:
     """Return the way (mm) from entry to the untouched coating, ``inf`` where a ray passes it."""
-    local = rays.entry - [0.0, scene.camera.y, scene.pad.thickness]
+    local = rays.entry - [0.0, scene.camera.pivot, scene.pad.thickness]
     return _distance_to_arc(curvature(scene, bend), local, rays.direction)
 
 

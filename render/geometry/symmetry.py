@@ -9,13 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.layout import fiber_edges, mirrored_fibers
+from render.geometry.lamp_poses import MirrorTwins, mirror_twins
+from render.geometry.seen_sites import counted_sites
 from render.scene import Scene
 
 
 def is_mirror_symmetric(scene: Scene, phi: Array) -> bool:
     """Return whether sensor and directions ``phi`` ``(fiber, node)`` rad are mirror-symmetric."""
-    return _has_twins(scene) and bool(np.allclose(phi, _mirrored_phi(scene, phi), atol=1e-12))
+    twins = _twins(scene)
+    return twins is not None and bool(np.allclose(phi, _mirrored_phi(twins, phi), atol=1e-12))
 
 
 def with_mirror_images(scene: Scene, phi: Array) -> tuple[Array, np.ndarray]:
@@ -24,24 +26,39 @@ def with_mirror_images(scene: Scene, phi: Array) -> tuple[Array, np.ndarray]:
     The first array, ``(fiber, 2 node)``, is mirror-symmetric; the second is the index in it of
     every entry of ``phi``. A sensor without twins gets ``phi`` itself.
     """
-    count = phi.shape[1]
-    if not _has_twins(scene):
+    count, twins = phi.shape[1], _twins(scene)
+    if twins is None:
         return phi, np.broadcast_to(np.arange(count), phi.shape)
-    both = np.concatenate([phi, _mirrored_phi(scene, phi)], axis=1)
+    both = np.concatenate([phi, _mirrored_phi(twins, phi)], axis=1)
     # Sorted, sides have equal lists, and at the tip the order turns round as the angles do.
     order = np.argsort(both, axis=1)
     return np.take_along_axis(both, order, axis=1), np.argsort(order, axis=1)[:, :count]
 
 
-def _has_twins(scene: Scene) -> bool:
-    return scene.fibers.left == scene.fibers.right and scene.sites.centre_x == 0.0
+def camera_is_symmetric(scene: Scene) -> bool:
+    """Return whether the mirror in x = 0 maps the camera onto itself, but for left and right."""
+    right, _, ahead = scene.camera.axes
+    return scene.camera.place[0] == ahead[0] == 0.0 and abs(right[0]) in (0.0, 1.0)
 
 
-def _mirrored_phi(scene: Scene, phi: Array) -> Array:
+def _twins(scene: Scene) -> MirrorTwins | None:
+    if not camera_is_symmetric(scene):
+        return None
+    counted = counted_sites(scene)
+    alike = scene.sites.centre_x == 0.0 and np.isin(_mirrored_sites(scene)[counted], counted).all()
+    return mirror_twins(scene) if alike else None
+
+
+def _mirrored_sites(scene: Scene) -> np.ndarray:
+    """Return, per declared site, the number of its mirror image."""
+    grid = np.arange(scene.sites.count).reshape(scene.sites.rows, scene.sites.columns)
+    return grid[:, ::-1].ravel()
+
+
+def _mirrored_phi(twins: MirrorTwins, phi: Array) -> Array:
     """Return the directions of the mirrored sensor; at the tip phi turns into pi - phi."""
-    twin = phi[mirrored_fibers(scene)]
-    tip = np.array([edge == "tip" for edge in fiber_edges(scene)])
-    twin[tip] = np.pi - twin[tip][:, ::-1]
+    twin = phi[twins.twin]
+    twin[twins.flips] = np.pi - twin[twins.flips][:, ::-1]
     return np.asarray(twin)
 
 
@@ -50,15 +67,16 @@ def mirror_image(scene: Scene, values: Array, *, facets: bool) -> Array:
 
     ``values`` is ``(..., fiber, node, bend, site[, facet])``; of a mirror-symmetric sensor.
     """
+    twins = mirror_twins(scene)
+    assert twins is not None
     axis = values.ndim - (5 if facets else 4)
-    moved = np.moveaxis(values, axis, 0)[mirrored_fibers(scene)]
-    tip = np.array([edge == "tip" for edge in fiber_edges(scene)])
+    moved = np.moveaxis(values, axis, 0)[twins.twin]
     # Behind the fiber axis: (..., node, bend, site[, facet]).
     nodes = moved.ndim - (4 if facets else 3)
-    moved[tip] = np.flip(moved[tip], axis=nodes)
-    sites = np.arange(scene.sites.count).reshape(scene.sites.rows, scene.sites.columns)
-    site_axis = moved.ndim - (2 if facets else 1)
-    moved = np.take(moved, sites[:, ::-1].ravel(), axis=site_axis)
+    moved[twins.flips] = np.flip(moved[twins.flips], axis=nodes)
+    counted = counted_sites(scene)
+    twin = np.searchsorted(counted, _mirrored_sites(scene)[counted])
+    moved = np.take(moved, twin, axis=moved.ndim - (2 if facets else 1))
     if facets:
         faces = scene.indenter.faces
         moved = np.take(moved, -np.arange(faces) % faces, axis=-1)

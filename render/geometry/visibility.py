@@ -1,8 +1,6 @@
-"""The pinhole camera: its rays, and which pixels see which facet through the refracting face.
+"""Which of the camera's pixels show which facet through the refracting face.
 
-Image convention (Mitsuba's perspective sensor, looking along +z with +y up): row 0 is the top,
-towards the tip; columns run towards -x. Pixels are square; ``camera.field_of_view`` is the full
-angle over all rows.
+Sites here are all that the file declares; `render.geometry.seen_sites` says which of them count.
 """
 
 from __future__ import annotations
@@ -14,7 +12,8 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.bending import unbend_points
-from render.geometry.layout import facets, flat_sites
+from render.geometry.camera_rays import camera_origin, camera_rays, pixel_directions
+from render.geometry.layout import declared_sites, facets
 from render.geometry.refraction import PadRays, distance_to_coating, refract_into_pad
 from render.scene import Scene
 
@@ -22,6 +21,8 @@ Index = NDArray[np.int64]
 
 BACKGROUND_RADIUS = 0.7
 """Radius of a site's background spot in units of the pyramid's radius."""
+RAYS = 8192
+"""Rays that meet a pyramid at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -56,35 +57,6 @@ class FacetMasks:
         return self.pixel[self.offset[target] : self.offset[target + 1]]
 
 
-def camera_origin(scene: Scene) -> Array:
-    """Return the pinhole's position ``(3,)`` in mm, the same at every bend."""
-    return np.array([0.0, scene.camera.y, -scene.camera.distance])
-
-
-def camera_rays(
-    scene: Scene, columns: int, rows: int, offset: tuple[float, float] = (0.5, 0.5)
-) -> tuple[Array, Array]:
-    """Return the pinhole ``(3,)`` mm and unit directions ``(rows, columns, 3)`` of all pixels.
-
-    ``offset`` is the position ``(x, y)`` within each pixel, in [0, 1]; 0.5 is its center.
-    """
-    row, column = np.meshgrid(
-        np.arange(rows, dtype=np.float64), np.arange(columns, dtype=np.float64), indexing="ij"
-    )
-    return camera_origin(scene), pixel_directions(
-        scene, columns, rows, column + offset[0], row + offset[1]
-    )
-
-
-def pixel_directions(scene: Scene, columns: int, rows: int, column: Array, row: Array) -> Array:
-    """Return unit directions ``(..., 3)`` through continuous image positions in pixels."""
-    half_height = np.tan(scene.camera.field_of_view / 2)
-    half_width = half_height * columns / rows
-    x, y = half_width * (1 - 2 * column / columns), half_height * (1 - 2 * row / rows)
-    direction = np.stack([x, y, np.ones_like(x)], axis=-1)
-    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
-
-
 def facet_masks(
     scene: Scene,
     bend: float,
@@ -106,6 +78,29 @@ def facet_masks(
     # A pixel whose center ray passes no site cannot have all its rays on one target.
     close = (_distance_to_sites(scene, bend, center_rays) < _bounding_radius(scene)).any(axis=0)
     pixels = np.nonzero(close & center_rays.inside)[0]
+    owners, owned = _owned_pixels(scene, bend, pixels, (columns, rows), margin, samples)
+    order = np.lexsort((owned, owners))
+    targets = scene.sites.count * (scene.indenter.faces + 1)
+    offset = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=targets))])
+    return FacetMasks(columns, rows, owned[order], offset, scene.sites.count, scene.indenter.faces)
+
+
+def shown_targets(
+    scene: Scene, bend: float, pixels: Index, *, margin: float = 0.15, samples: int = 3
+) -> Index:
+    """Return the targets that have one of ``pixels`` of the camera's own size for themselves.
+
+    As `facet_masks` would say, which takes all pixels.
+    """
+    size = scene.camera.columns, scene.camera.rows
+    return np.unique(_owned_pixels(scene, bend, pixels, size, margin, samples)[0])
+
+
+def _owned_pixels(
+    scene: Scene, bend: float, pixels: Index, size: tuple[int, int], margin: float, samples: int
+) -> tuple[Index, Index]:
+    """Return the targets that have pixels for themselves, and these pixels, both ``(pair,)``."""
+    columns, rows = size
     steps = (np.arange(samples) + 0.5) / samples
     step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
     fine = pixel_directions(
@@ -115,19 +110,14 @@ def facet_masks(
         (pixels % columns)[:, None] + step_x,
         (pixels // columns)[:, None] + step_y,
     )
-    rays = refract_into_pad(scene, bend, origin, fine.reshape(-1, 3))
+    rays = refract_into_pad(scene, bend, camera_origin(scene), fine.reshape(-1, 3))
     per_pixel = (len(pixels), samples**2)
-    target = _first_facet(scene, bend, rays, margin).reshape(per_pixel)
+    target = first_facet(scene, bend, rays, margin).reshape(per_pixel)
     facet_of = np.where((target == target[:, :1]).all(axis=1), target[:, 0], -1)
     spot = _background_spot(scene, bend, rays).reshape(per_pixel)
     spot_of = np.where((spot == spot[:, :1]).all(axis=1), spot[:, 0], -1)
     owners = np.concatenate([facet_of, spot_of])
-    owned = np.concatenate([pixels, pixels])[owners >= 0]
-    owners = owners[owners >= 0]
-    order = np.lexsort((owned, owners))
-    targets = scene.sites.count * (scene.indenter.faces + 1)
-    offset = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=targets))])
-    return FacetMasks(columns, rows, owned[order], offset, scene.sites.count, scene.indenter.faces)
+    return owners[owners >= 0], np.concatenate([pixels, pixels])[owners >= 0]
 
 
 def _bounding_radius(scene: Scene) -> float:
@@ -146,41 +136,46 @@ def _distance_to_sites(scene: Scene, bend: float, rays: PadRays) -> Array:
     return np.stack(distances)
 
 
-def _first_facet(scene: Scene, bend: float, rays: PadRays, margin: float) -> Index:
+def first_facet(scene: Scene, bend: float, rays: PadRays, margin: float) -> Index:
     """Return the target that each ray ``(ray,)`` meets first, -1 for none or its margin."""
     corners, faces = facets(scene, bend).corners, scene.indenter.faces
     nearest = distance_to_coating(scene, bend, rays) + 1e-9
     target = np.full(nearest.shape, -1)
     near = _distance_to_sites(scene, bend, rays) < _bounding_radius(scene)
     for site in range(scene.sites.count):
-        chosen = np.nonzero(near[site] & rays.inside)[0]
-        for facet in range(faces):
-            distance, weight = _meet_triangle(rays[chosen], corners[site, facet])
+        meeting = np.nonzero(near[site] & rays.inside)[0]
+        for first in range(0, len(meeting), RAYS):
+            chosen = meeting[first : first + RAYS]
+            distances, weights = _meet_triangles(rays[chosen], corners[site])
+            facet = distances.argmin(axis=1)[:, None]
+            distance = np.take_along_axis(distances, facet, axis=1)[:, 0]
+            within = np.take_along_axis(weights, facet, axis=1)[:, 0] >= margin / 3
             closer = distance < nearest[chosen]
-            ray = chosen[closer]
-            nearest[ray] = distance[closer]
-            within = weight[closer] >= margin / 3
-            target[ray] = np.where(within, site * (faces + 1) + facet, -1)
+            nearest[chosen[closer]] = distance[closer]
+            met = np.where(within, site * (faces + 1) + facet[:, 0], -1)
+            target[chosen[closer]] = met[closer]
     return target
 
 
-def _meet_triangle(rays: PadRays, corners: Array) -> tuple[Array, Array]:
-    """Return the way (mm) to a triangle seen from its front, and the smallest barycentric weight.
+def _meet_triangles(rays: PadRays, corners: Array) -> tuple[Array, Array]:
+    """Return the way (mm) to triangles seen from their front, and smallest barycentric weights.
 
-    Moeller and Trumbore 1997. The way is inf where the ray misses or comes from behind.
+    Both ``(ray, triangle)``; Moeller and Trumbore 1997. The way is inf where a ray misses or comes
+    from behind.
     """
-    edge1, edge2 = corners[1] - corners[0], corners[2] - corners[0]
-    p = np.cross(rays.direction, edge2)
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(rays.direction[:, None], edge2)
     # Corners run so that the normal faces the camera; a ray from the front has a positive one.
-    determinant = p @ edge1
+    determinant = np.einsum("rti,ti->rt", p, edge1)
     front = determinant > 1e-12
     safe = np.where(front, determinant, 1.0)
-    offset = rays.entry - corners[0]
-    u = np.einsum("ri,ri->r", offset, p) / safe
+    offset = rays.entry[:, None] - corners[:, 0]
+    u = np.einsum("rti,rti->rt", offset, p) / safe
     q = np.cross(offset, edge1)
-    v = np.einsum("ri,ri->r", rays.direction, q) / safe
+    v = np.einsum("ri,rti->rt", rays.direction, q) / safe
     smallest = np.minimum(np.minimum(u, v), 1.0 - u - v)
-    return np.where(front & (smallest >= 0.0), (q @ edge2) / safe, np.inf), smallest
+    way = np.einsum("rti,ti->rt", q, edge2) / safe
+    return np.where(front & (smallest >= 0.0), way, np.inf), smallest
 
 
 def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
@@ -191,7 +186,7 @@ def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
     flat = unbend_points(scene, point, bend)[:, :2]
     target = np.full(met.shape, -1)
     faces = scene.indenter.faces
-    for site, center in enumerate(flat_sites(scene)[:, :2]):
+    for site, center in enumerate(declared_sites(scene)[:, :2]):
         distance_to_center = np.hypot(*(flat - center).T)
         on_spot = met & (distance_to_center <= BACKGROUND_RADIUS * scene.indenter.radius)
         target[on_spot] = site * (faces + 1) + faces

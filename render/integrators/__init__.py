@@ -1,4 +1,4 @@
-"""Plugins for Mitsuba: ``bdpt``, ``pssmlt``, and the emitters ``fiber`` and ``measured_light``."""
+"""Plugins for Mitsuba: ``bdpt`` and ``pssmlt``, ``fiber`` and ``measured_light``, ``fisheye``."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ def register() -> None:
     variant = str(mi.variant())
     if variant in _registered:
         return
-    for name in ("profile_emitter", "fiber_emitter", "measured_emitter", "bidirectional"):
+    names = ("profile_emitter", "fiber_emitter", "measured_emitter", "bidirectional", "fisheye")
+    for name in names:
         sys.modules.pop(f"render.integrators.{name}", None)
     from render.integrators.bidirectional import BDPT, PSSMLT
     from render.integrators.fiber_emitter import FiberEmitter
+    from render.integrators.fisheye import FisheyeCamera
     from render.integrators.measured_emitter import MeasuredEmitter
 
     mi.register_emitter("fiber", FiberEmitter)
     mi.register_emitter("measured_light", MeasuredEmitter)
+    mi.register_sensor("fisheye", FisheyeCamera)
     mi.register_integrator("pssmlt", PSSMLT)
     mi.register_integrator("bdpt", BDPT)
     _registered.add(variant)

@@ -42,7 +42,6 @@ class Bidirectional(mi.SamplingIntegrator):
     """What both integrators share: parameters, and images from replicates."""
 
     def __init__(self, props: Any) -> None:
-        """Read the parameters."""
         mi.SamplingIntegrator.__init__(self, props)
         # Ranges are checked in ``render``: Mitsuba hides the type of an error in a constructor.
         self.max_depth = int(props.get("max_depth", -1))
@@ -68,7 +67,6 @@ class Bidirectional(mi.SamplingIntegrator):
             raise RenderError(
                 f"replicates = {self.replicates}, allowed: {REPLICATES_MIN} to {REPLICATES_MAX}",
                 field="replicates",
-                value=self.replicates,
             )
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
@@ -103,7 +101,6 @@ class PSSMLT(Bidirectional):
     """Primary sample space Metropolis light transport, where it lowers the error of ``bdpt``."""
 
     def __init__(self, props: Any) -> None:
-        """Read the Metropolis parameters."""
         Bidirectional.__init__(self, props)
         self.luminance_samples = int(props.get("luminance_samples", 100_000))
         self.p_large = float(props.get("p_large", 0.6))

@@ -421,7 +421,6 @@ def _kind(emitter: mi.Emitter) -> int:
             f"emitter {emitter.id()!r} is a {name}, which is not supported, allowed: {ALLOWED}; "
             "use path or volpath for this scene",
             field="emitter",
-            value=name,
         )
     return _KINDS[name]
 

@@ -36,9 +36,7 @@ class FiberEmitter(ProfileEmitter):
         ProfileEmitter.__init__(self, props)
         degrees = float(props.get("sigma_v", 15.0))
         if not 0.1 <= degrees <= 89.0:
-            raise RenderError(
-                f"sigma_v = {degrees:g} deg, allowed: 0.1 to 89 deg", field="sigma_v", value=degrees
-            )
+            raise RenderError(f"sigma_v = {degrees:g} deg, allowed: 0.1 to 89 deg", field="sigma_v")
         self.sigma_v = degrees * dr.pi / 180
         given: Any = props.get("radiance", None)
         self.given = None if given is None else float(given)

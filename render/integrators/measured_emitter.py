@@ -5,7 +5,7 @@ Attach it to a disk (or any shape) whose normal is the beam's axis::
     {'type': 'disk', 'to_world': ..., 'emitter': {'type': 'measured_light', 'filename': 'led.ies'}}
 
 Parameters: ``filename`` of an IES file or of lines of angle and intensity
-(``render.optics.measured_profile``); ``power`` (total, default 1), to which the file is scaled. It
+(``render.scene.measured_profile``); ``power`` (total, default 1), to which the file is scaled. It
 works with every Mitsuba integrator.
 """
 
@@ -22,10 +22,10 @@ from render.errors import RenderError
 from render.integrators.profile_emitter import ProfileEmitter
 from render.optics.fiber_profile import angle
 from render.optics.measured_profile import (
-    MeasuredProfile,
     measured_density,
     sample_measured,
 )
+from render.scene.measured_profile import MeasuredProfile
 
 COSINE_MIN = 1e-6
 """Where radiance is cut, which grows as 1 / cosine of what is measured at grazing angles."""

@@ -108,6 +108,4 @@ class ProfileEmitter(mi.Emitter):
 def check_amount(name: str, value: float) -> None:
     """Raise a RenderError unless ``value`` is finite and at least 0."""
     if not 0.0 <= value < float("inf"):
-        raise RenderError(
-            f"{name} = {value:g}, allowed: finite and at least 0", field=name, value=value
-        )
+        raise RenderError(f"{name} = {value:g}, allowed: finite and at least 0", field=name)

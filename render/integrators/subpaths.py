@@ -72,14 +72,9 @@ class PathLimits:
             raise RenderError(
                 f"max_depth = {self.max_depth}, allowed: at least 1 edge, or -1 for no limit",
                 field="max_depth",
-                value=self.max_depth,
             )
         if self.rr_depth < 1:
-            raise RenderError(
-                f"rr_depth = {self.rr_depth}, allowed: at least 1",
-                field="rr_depth",
-                value=self.rr_depth,
-            )
+            raise RenderError(f"rr_depth = {self.rr_depth}, allowed: at least 1", field="rr_depth")
 
     def edges(self) -> mi.UInt32:
         """Return the greatest number of edges as an opaque integer."""

@@ -21,7 +21,6 @@ def refuse_unsupported(scene: mi.Scene, sensor: mi.Sensor) -> None:
             f"variant {variant} is not supported, allowed: mono and rgb variants of llvm and cuda; "
             "use mi.set_variant('llvm_ad_rgb')",
             field="variant",
-            value=variant,
         )
     kind = sensor.class_name()
     if kind not in SENSORS:
@@ -29,7 +28,6 @@ def refuse_unsupported(scene: mi.Scene, sensor: mi.Sensor) -> None:
             f"sensor {sensor.id()!r} is a {kind}, which is not supported, allowed: "
             f"{', '.join(SENSORS.values())}; use path or volpath for this scene",
             field="sensor",
-            value=kind,
         )
     _refuse_heterogeneous(sensor.get_medium())
     for shape in scene.shapes():
@@ -57,11 +55,9 @@ def _refuse_surface(shape: mi.Shape) -> None:
                 f"the BSDF of shape {shape.id()!r} has a {PERTURBED[name]}, which is not "
                 "supported, allowed: any other BSDF; bend the mesh instead, or use path",
                 field="bsdf",
-                value=PERTURBED[name],
             )
         raise RenderError(
             f"the BSDF of shape {shape.id()!r} has a mesh_attribute texture, which is not "
             "supported, allowed: textures over uv; use path for this scene",
             field="bsdf",
-            value="mesh_attribute",
         )

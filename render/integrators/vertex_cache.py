@@ -80,7 +80,6 @@ class LightVertexCache:
     """All kept light vertices: one slot of all lanes after the other."""
 
     def __init__(self, light: LightVertices, groups: LaneGroups) -> None:
-        """Gather the vertices that each lane's light subpath left."""
         lanes = dr.width(groups.lane)
         self.groups, self.slots = groups, len(light.kept)
         self.vertices: LightVertex = _stacked(light.kept, lanes)

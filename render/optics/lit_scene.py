@@ -14,9 +14,14 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import camera_origin, fiber_poses
+from render.geometry import camera_axes, camera_origin, fiber_poses
 from render.optics.pad_scene import pad_shapes
-from render.scene import Scene
+from render.scene import Profile, Scene
+
+UPRIGHT = 0.999
+"""Cosine to the vertical above which a lamp shines straight up or down."""
+TABLE_STEPS = 360
+"""Steps of theta in which profiles go to Mitsuba as tables."""
 
 
 def lit_scene(
@@ -31,32 +36,31 @@ def lit_scene(
 ) -> Any:
     """Return the loaded Mitsuba scene of a lit sensor.
 
-    Arguments:
-        scene: the sensor.
-        phi: ``(fiber,)`` rad.
-        power: ``(fiber,)`` emitted power of each fiber; those of 0 are left out.
-        bend: rad.
-        width: pixels per row of the sensor's film.
-        height: rows, which span the camera's vertical field of view.
-        indented: pressed by the pyramids, or untouched.
+    ``phi`` is ``(fiber,)`` rad; ``power`` ``(fiber,)`` is emitted, and fibers of 0 are left out.
+    ``height`` rows of pixels span the camera's vertical field of view.
 
-    Pixel ``(row, column)`` is that of ``render.geometry.visibility``; lengths in mm.
+    Pixel ``(row, column)`` is that of ``render.geometry.camera_rays``; lengths in mm.
     """
     with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
         content = pad_shapes(scene, bend, indented, Path(folder))
-        sigma_v = float(np.degrees(scene.fibers.sigma_v))
-        content |= fiber_disks(
-            scene,
-            phi,
-            bend,
-            {
-                int(i): {"type": "fiber", "sigma_v": sigma_v, "power": float(power[i])}
-                for i in np.nonzero(power > 0)[0]
-            },
-        )
-        content["camera"] = pinhole(scene, width, height, pixel_format="luminance")
+        emitters = {
+            int(i): _emitter(lamp.profile, Path(folder) / f"lamp{i}.csv", float(power[i]))
+            for i, lamp in enumerate(scene.placed_lamps())
+            if power[i] > 0
+        }
+        content |= fiber_disks(scene, phi, bend, emitters)
+        content["camera"] = camera_sensor(scene, width, height, pixel_format="luminance")
         # Unoptimized: the loader would merge equal emitters, and each belongs to one disk.
         return mi.load_dict({"type": "scene", **content}, optimize=False)
+
+
+def _emitter(profile: Profile, path: Path, power: float) -> dict[str, Any]:
+    """Return the emitter of a lamp of ``power``; ``path`` takes what no other emitter knows."""
+    if profile.sigma_v is not None:
+        return {"type": "fiber", "sigma_v": float(np.degrees(profile.sigma_v)), "power": power}
+    theta = np.linspace(0.0, np.pi / 2, TABLE_STEPS + 1)
+    np.savetxt(path, np.column_stack([np.degrees(theta), profile.shape(theta)]), delimiter=",")
+    return {"type": "measured_light", "filename": str(path), "power": power}
 
 
 def fiber_disks(
@@ -68,17 +72,19 @@ def fiber_disks(
     merge equal emitters into one.
     """
     poses = fiber_poses(scene, bend)
-    beams = poses.directions(phi, scene.fibers.tilt)
+    beams = poses.directions(phi)
     transform = mi.ScalarTransform4f()
     disks = {}
     for i, emitter in emitters.items():
         center, beam = poses.position[i], beams[i]
         frame = transform.look_at(
-            origin=center.tolist(), target=(center + beam).tolist(), up=poses.up[i].tolist()
+            origin=center.tolist(),
+            target=(center + beam).tolist(),
+            up=(poses.up[i] if abs(beam @ poses.up[i]) < UPRIGHT else poses.along[i]).tolist(),
         )
         disks[f"fiber{i}"] = {
             "type": "disk",
-            "to_world": frame.scale(scene.fibers.diameter / 2),
+            "to_world": frame.scale(float(poses.radius[i])),
             # What comes back is lost, as with all light that leaves the silicone.
             "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
             "emitter": emitter,
@@ -86,17 +92,20 @@ def fiber_disks(
     return disks
 
 
-def pinhole(scene: Scene, width: int, height: int, **film: Any) -> dict[str, Any]:
-    """Return the camera as a ``perspective`` sensor; ``film`` adds to its film's parameters."""
-    origin = camera_origin(scene)
-    ahead = (origin + [0.0, 0.0, 1.0]).tolist()
+def camera_sensor(scene: Scene, width: int, height: int, **film: Any) -> dict[str, Any]:
+    """Return the camera as a ``perspective`` or ``fisheye`` sensor; ``film`` adds to its film.
+
+    Mitsuba 3 has no fisheye; ours is `render.integrators.fisheye`, for ``path`` and ``volpath``.
+    """
+    origin, (_, down, ahead) = camera_origin(scene), camera_axes(scene)
+    angle = float(np.degrees(scene.camera.field_of_view))
+    lens: dict[str, Any] = {"type": "perspective", "fov_axis": "y", "fov": angle, "near_clip": 0.01}
+    if scene.camera.fisheye:
+        lens = {"type": "fisheye", "fov": angle}
     return {
-        "type": "perspective",
-        "fov_axis": "y",
-        "fov": float(np.degrees(scene.camera.field_of_view)),
-        "near_clip": 0.01,
+        **lens,
         "to_world": mi.ScalarTransform4f().look_at(
-            origin=origin.tolist(), target=ahead, up=[0, 1, 0]
+            origin=origin.tolist(), target=(origin + ahead).tolist(), up=(-down).tolist()
         ),
         "film": {
             "type": "hdrfilm",

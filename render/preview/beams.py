@@ -1,61 +1,154 @@
-"""Beams of bare fiber ends, or what a thin diffuser lets pass unscattered, as point lights."""
+"""Beams of bare lamps, or what a thin diffuser lets pass unscattered, as point lights.
+
+A lamp in the air shines into the pad through every face that it lies before: the shader refracts
+its light there (Snell's law at the plane of the face) and asks whether it enters within the face.
+Clear walls send light back: the first mirror image of each lamp in each of them is one more light.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import fiber_edges, flat_fiber_poses
-from render.preview.diffuser.cache import fiber_end_of
-from render.scene import EDGES, Scene
+from render.geometry import FiberPoses, flat_fiber_poses
+from render.scene import EDGES, FACES, OUTWARD, Profile, Scene
 
-BEAM_MARK = 4
-"""Added to the number of a light's edge: the shader's mark of a beam."""
+BEAM_MARK, WALL_MARK = 8, 16
+"""Parts of a light's mark: beside the number of its face, that it is a beam, and 1 + the number of
+the wall that it is seen in."""
+PROFILE_STEPS = 1025
+"""Texels of a profile over [0, pi/2]."""
 
 
 class Beams:
-    """Fiber ends before the pad: seven points of each end face, seen through the pad's edge."""
+    """Lamps before the pad: seven points of each end, and one for each of its mirror images."""
 
     edge_albedo = 0.0
     nodes = None
 
     def __init__(self, scene: Scene) -> None:
-        """Place the images of the fiber ends behind the edge."""
-        fibers = scene.fibers
-        self._scene = scene
-        self._beam = fiber_end_of(scene)
+        """Place the lamps' images behind the faces that they shine through."""
+        self._poses = poses = flat_fiber_poses(scene)
+        profiles = [lamp.profile for lamp in scene.placed_lamps()]
+        self._peak = np.array([profile.peak_intensity for profile in profiles])
+        self._own = profile_texels(profiles)
+        self.profiles = profile_table(profiles)
         self.defines = {
             "BEAM": "1",
-            "EMISSION_TEXELS": "1",
-            "SOFT_RADIUS": f"{fibers.diameter / 2:.6f}",
+            "EMISSION_TEXELS": "1" if self._own is None else "2",
+            "SOFT_RADIUS": f"{poses.radius.min():.6f}",
         }
-        poses = flat_fiber_poses(scene)
-        # Rabinowitz and Richter's rule of degree 5 on the disk: its center and a hexagon.
-        azimuth = np.pi / 3 * np.arange(6)
-        ring = np.sqrt(2 / 3) * fibers.diameter / 2
-        along = np.concatenate([[0.0], ring * np.cos(azimuth)])
-        up = np.concatenate([[0.0], ring * np.sin(azimuth)])
-        self._weight = np.array([0.25] + [0.125] * 6)
-        # Seen from inside the pad the air gap looks longer by the index (paraxial image).
-        image = poses.position - fibers.gap * (scene.pad.index - 1) * poses.inward
-        place = image[:, None] + along[:, None] * poses.along[:, None]
-        place[..., 2] += up
-        margin = 1e-3 * scene.pad.thickness
-        place[..., 2] = np.clip(place[..., 2], margin, scene.pad.thickness - margin)
-        edge = np.array([EDGES.index(name) + BEAM_MARK for name in fiber_edges(scene)])
-        number = np.broadcast_to(edge[:, None, None], (*place.shape[:2], 1))
-        self.position = np.concatenate([place, number], axis=-1)
+        if self._own is not None:
+            self.defines["PROFILES"] = "1"
+        clear = ("base",) if scene.diffuser else EDGES
+        lists = [_lights_of(scene, poses, i, clear) for i in range(len(profiles))]
+        longest = max(map(len, lists))
+        # Beyond the end of a list: lights without power.
+        self.position = np.array([[*part, *part[:1] * (longest - len(part))] for part in lists])
+        self._weight = self.position[..., 4] * (
+            np.arange(longest) < np.array([len(part) for part in lists])[:, None]
+        )
+        self.position = self.position[..., :4]
 
     def emission(self, phi: Array) -> Array:
-        """Return beam direction in the edge's frame and peak intensity, ``(..., fiber, 7, 4)``."""
-        beam = self._beam.directions(phi)
-        shape = (*phi.shape, len(self._weight))
-        peak = np.broadcast_to(self._weight * self._beam.peak_intensity, shape)
-        beams = np.broadcast_to(beam[..., None, :], (*shape, 3))
-        return np.concatenate([beams, peak[..., None]], axis=-1)
+        """Return beam direction in the face's frame and peak intensity, ``(..., fiber, light, n)``.
+
+        With profiles of several kinds, four more numbers say which.
+        """
+        poses, shape = self._poses, (*phi.shape, self.position.shape[1])
+        beam = poses.directions(phi)
+        face = (self.position[..., 3].astype(int)) % BEAM_MARK
+        # Each light has the frame of its own face.
+        frames = np.stack(face_frames(), axis=1)[face]  # (fiber, light, axis, 3)
+        local = np.einsum("flax,...fx->...fla", frames, beam)
+        peak = np.broadcast_to(self._weight * self._peak[:, None], shape)
+        parts = [local, peak[..., None]]
+        if self._own is not None:
+            parts.append(np.broadcast_to(self._own[:, None], (*shape, 4)))
+        return np.concatenate(parts, axis=-1)
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
-        """Return all end points of all fibers."""
-        emission = np.broadcast_to(self.emission(phi), (3, *self.position.shape)).copy()
+        """Return all lights of all lamps."""
+        one = self.emission(phi)
+        emission = np.broadcast_to(one, (3, *one.shape)).copy()
         emission[..., 3] *= power.T[..., None]
-        return self.position.reshape(1, -1, 4), emission.reshape(3, -1, 4)
+        return self.position.reshape(1, -1, 4), emission.reshape(3, -1, one.shape[-1])
+
+
+def face_frames() -> tuple[Array, Array, Array]:
+    """Return the axes of all `FACES`, each ``(face, 3)``: along, into the pad, up."""
+    along = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    up = np.tile([0.0, 0.0, 1.0], (len(FACES), 1))
+    up[FACES.index("lower")] = [0.0, 1.0, 0.0]
+    return np.array(along), -OUTWARD, up
+
+
+def _lights_of(
+    scene: Scene, poses: FiberPoses, lamp: int, clear: tuple[str, ...]
+) -> list[list[float]]:
+    """Return x, y, z, mark and share of the power of each light of one lamp."""
+    box, index, lights = scene.box, scene.pad.index, []
+
+    def seen(point: Array, face: int, mark: int, share: float) -> list[float]:
+        # From inside the pad the air looks longer by the index (paraxial image).
+        image = point + (index - 1) * box.distance(point)[face] * OUTWARD[face]
+        return [*image, float(face + BEAM_MARK + mark), share]
+
+    for point, share in zip(*end_points(poses, lamp), strict=True):
+        lights += [
+            seen(point, int(face), 0, share) for face in np.flatnonzero(box.distance(point) > 0.0)
+        ]
+    center = poses.position[lamp]
+    for face in np.flatnonzero(box.distance(center) > 0.0):
+        for number, wall in enumerate(EDGES):
+            if wall in clear and number != face:
+                lights.append(seen(center, int(face), (number + 1) * WALL_MARK, 1.0))
+    return lights
+
+
+def end_points(poses: FiberPoses, lamp: int) -> tuple[Array, Array]:
+    """Return points ``(7, 3)`` of a lamp's end and their shares of its power.
+
+    Rabinowitz and Richter's rule of degree 5 on the disk: its center and a hexagon. One that turns
+    is taken to stand parallel to its face.
+    """
+    azimuth = np.pi / 3 * np.arange(6)
+    ring = np.sqrt(2 / 3) * poses.radius[lamp]
+    along = np.concatenate([[0.0], ring * np.cos(azimuth)])
+    up = np.concatenate([[0.0], ring * np.sin(azimuth)])
+    first, second = poses.face_along[lamp], poses.face_up[lamp]
+    if not poses.turns[lamp]:
+        beam = poses.directions(np.full(len(poses.tilt), np.pi / 2))[lamp]
+        first = np.cross(second, beam)
+        if np.linalg.norm(first) < 1e-6:
+            first = poses.face_along[lamp]
+        first = first / np.linalg.norm(first)
+        second = np.cross(beam, first)
+    points = poses.position[lamp] + along[:, None] * first + up[:, None] * second
+    return points, np.array([0.25] + [0.125] * 6)
+
+
+def profile_texels(profiles: list[Profile]) -> Array | None:
+    """Return kind and parameter of each lamp's profile ``(lamp, 4)``; None: one Gaussian for all.
+
+    Kind 0 is a Gaussian with 1 / (2 sigma_v), 1 a power of the cosine, 2 a row of `profile_table`.
+    """
+    if len({profile.sigma_v for profile in profiles}) == 1 and profiles[0].sigma_v is not None:
+        return None
+    rows, texels = 0, np.zeros((len(profiles), 4))
+    for i, profile in enumerate(profiles):
+        if profile.sigma_v is not None:
+            texels[i, :2] = 0.0, 1 / (2 * profile.sigma_v)
+        elif profile.cosine_exponent is not None:
+            texels[i, :2] = 1.0, profile.cosine_exponent
+        else:
+            texels[i, :2] = 2.0, rows
+            rows += 1
+    return texels
+
+
+def profile_table(profiles: list[Profile]) -> Array | None:
+    """Return the shapes of measured profiles ``(row, step)`` over [0, pi/2], or None."""
+    theta = np.linspace(0.0, np.pi / 2, PROFILE_STEPS)
+    rows = [profile.shape(theta) for profile in profiles if profile.measured is not None]
+    return np.array(rows) if rows else None

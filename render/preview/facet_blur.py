@@ -15,10 +15,11 @@ from render.geometry import (
     FacetMasks,
     bend_frames,
     camera_origin,
+    counted_sites,
     curvature,
+    declared_sites,
     facet_masks,
     facets,
-    flat_sites,
     fresnel,
     pixel_directions,
     pyramid,
@@ -39,30 +40,30 @@ def facet_blur(scene: Scene, bend: float) -> Array:
 
     Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
     the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
-    lower face over the index squared (Veach 1997, eq. 5.3). A facet that the camera cannot see
-    gets the row of a head-on, sharp view: leave it out by
-    `render.geometry.visibility.facet_masks`.
+    lower face over the index squared (Veach 1997, eq. 5.3). Sites are those that count. At a bend
+    that the scene does not name, a facet may be without a pixel: it gets the row of a head-on,
+    sharp view.
     """
     masks = _thinned(facet_masks(scene, bend))
     position = facets(scene, bend).site_position
     owner = np.repeat(np.arange(len(masks.offset) - 1), np.diff(masks.offset))
     entry, outside = _lines_of_sight(scene, bend, masks)
     directions, weight = _refracted(scene, bend, entry, outside)
-    sites, faces = masks.sites, masks.facets
-    weights = np.zeros((sites, faces + 1, faces + 1))
-    for site in range(sites):
-        turn = bend_frames(scene, flat_sites(scene)[site, 1], bend)
+    counted, faces = counted_sites(scene), masks.facets
+    weights = np.zeros((len(counted), faces + 1, faces + 1))
+    for index, site in enumerate(counted):
+        turn = bend_frames(scene, declared_sites(scene)[site, 1], bend)
         for target in range(faces + 1):
             chosen = owner == site * (faces + 1) + target
             if not chosen.any():
                 head_on = 1 - fresnel(np.ones(1), scene.pad.index)[0]
-                weights[site, target, target] = head_on[0]
+                weights[index, target, target] = head_on[0]
                 continue
             start = (entry[chosen] - position[site]) @ turn
             seen = _first_facet(scene, start, directions[chosen] @ turn)
             seen = np.where(target == faces, faces, seen)
             lines = weight[chosen]
-            weights[site, target] = (
+            weights[index, target] = (
                 np.bincount(seen.ravel(), lines.ravel(), minlength=faces + 1) / lines.size
             )
     return weights * scene.coating.albedo / (np.pi * scene.pad.index**2)
@@ -103,7 +104,7 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
     """
     kappa = curvature(scene, bend)
     kappa_face = kappa / (1 + kappa * scene.pad.thickness)
-    y = entry[..., 1] - scene.camera.y
+    y = entry[..., 1] - scene.camera.pivot
     normal = np.stack([np.zeros_like(y), kappa_face * y, kappa_face * entry[..., 2] - 1], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     across = np.broadcast_to([1.0, 0.0, 0.0], normal.shape)

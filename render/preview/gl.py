@@ -99,8 +99,6 @@ def create_context(backend: str | None = None) -> Any:
         raise GraphicsError(
             f"{VARIABLE} = {wanted!r} is not an OpenGL back end, allowed: {', '.join(BACKENDS)}",
             field=VARIABLE,
-            value=wanted,
-            allowed=", ".join(BACKENDS),
         )
     failures = []
     for name in [wanted] if wanted else BACKENDS:
@@ -116,6 +114,4 @@ def create_context(backend: str | None = None) -> Any:
         "`sudo apt install libosmesa6` or, where that package is gone, "
         "`sudo apt install libegl1 libgl1 libgl1-mesa-dri`",
         field=VARIABLE,
-        value=wanted or "any",
-        allowed=", ".join(BACKENDS),
     )

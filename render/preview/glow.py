@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import fiber_edges, flat_fiber_poses, fresnel
+from render.geometry import FiberPoses, flat_fiber_poses, fresnel
 from render.preview.diffuser.basis import MIRROR_ALONG, TERMS, linear_weights
 from render.preview.diffuser.response import SlabResponse
-from render.scene import EDGES, Scene
+from render.scene import EDGES, RIM_EDGES, Scene
 
+RIM = range(len(RIM_EDGES))
+"""Numbers of the edges that a diffuser lies on."""
 TEXELS = 3
 """RGBA texels that hold the 9 terms of one glow."""
 MAX_MERGED_STEP, MIN_MERGED_FRACTION = 0.375, 1 / 40
@@ -22,51 +24,58 @@ SOFTNESS = 0.7
 class Glow:
     """The glow of the diffuser's inner face: the slab response of every fiber, at its place."""
 
-    def __init__(self, scene: Scene, response: SlabResponse) -> None:
-        """Place the response at every fiber."""
-        self._scene, self._response = scene, response
-        self.edge_albedo = response.albedo
-        self.nodes = response.phi
+    profiles: Array | None = None
+
+    def __init__(self, scene: Scene, responses: list[SlabResponse], lamps: np.ndarray) -> None:
+        """Place the responses of ``lamps`` ``(lamp,)``, numbers of those before the diffuser."""
+        self._scene, self._responses, self._lamps = scene, responses, lamps
+        self.edge_albedo = responses[0].albedo
+        self.nodes = responses[0].phi
+        self._poses = poses = flat_fiber_poses(scene)
+        offsets = np.array([response.offsets for response in responses])
         step = max(
-            float(np.median(np.diff(response.offsets))), MAX_MERGED_STEP * scene.pad.thickness
+            float(np.median(np.diff(offsets, axis=1), axis=1).min()),
+            MAX_MERGED_STEP * scene.pad.thickness,
         )
         self.defines = {
             "GLOW": "1",
             "EMISSION_TEXELS": str(TEXELS),
             "SOFT_RADIUS": f"{SOFTNESS * step:.6f}",
         }
-        edge = np.array([EDGES.index(name) for name in fiber_edges(scene)])
-        place = flat_fiber_poses(scene).position
+        edge, place = poses.face[lamps], poses.position[lamps]
         center = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
-        half_length = np.array([_half_length(scene, number) for number in range(len(EDGES))])[edge]
+        half_length = np.array([_half_length(scene, number) for number in RIM])[edge]
         # At the tip's corners the layer goes on, and its walls send light back. At the base it
         # ends: about half of what comes back there scattered back in the endless layer as well.
         walls = _wall_reflectance(scene)
         low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
         returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
-        self._inside, self._folded = _ends(response.offsets, center, half_length, returned)
-        self._along = np.clip(
-            center[:, None] + response.offsets, -half_length[:, None], half_length[:, None]
-        )
+        self._inside, self._folded = _ends(offsets, center, half_length, returned)
+        ends = half_length[:, None]
+        self._along = np.clip(center[:, None] + offsets, -ends, ends)
         self._edge = edge
-        self.position = _on_edges(scene, self._along, edge, response.heights)
+        self.position = _on_edges(scene, self._along, edge, responses[0].heights)
 
     def emission(self, phi: Array) -> Array:
-        """Return ``(..., fiber, light, 12)``."""
-        return _packed(self._radiance(phi).reshape(*phi.shape, -1, TERMS))
+        """Return ``(..., lamp, light, 12)`` for ``phi`` ``(..., fiber)``."""
+        radiance = self._radiance(phi)
+        return _packed(radiance.reshape(*radiance.shape[:-3], -1, TERMS))
 
     def _radiance(self, phi: Array) -> Array:
-        """Return ``(..., fiber, offset, height, term)``; layers end with the edges."""
-        endless = self._response.at(phi)
+        """Return ``(..., lamp, offset, height, term)``; layers end with the edges."""
+        azimuth = azimuths(self._poses, phi)[..., self._lamps]
+        endless = np.stack(
+            [part.at(azimuth[..., i]) for i, part in enumerate(self._responses)], axis=-4
+        )
         inside = endless * self._inside[..., None, None]
         folded = np.einsum("fpo,...fozt->...fpzt", self._folded, endless * MIRROR_ALONG)
         return np.asarray(inside + folded)
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return the glow of whole edges, shared linearly between evenly spaced lights."""
-        radiance = self._radiance(phi)
+        radiance, power = self._radiance(phi), power[self._lamps]
         positions, emissions = [], []
-        for number in range(len(EDGES)):
+        for number in RIM:
             half_length = _half_length(self._scene, number)
             step = max(
                 MAX_MERGED_STEP * self._scene.pad.thickness, MIN_MERGED_FRACTION * 2 * half_length
@@ -80,8 +89,21 @@ class Glow:
             light = light.reshape(3, -1, *light.shape[3:])
             emissions.append(np.einsum("nm,cnzt->cmzt", weights, light).reshape(3, -1, TERMS))
             edge = np.array([number])
-            positions.append(_on_edges(self._scene, grid[None], edge, self._response.heights))
+            heights = self._responses[0].heights
+            positions.append(_on_edges(self._scene, grid[None], edge, heights))
         return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
+
+
+def azimuths(poses: FiberPoses, phi: Array) -> Array:
+    """Return in which direction lamps at ``phi`` ``(..., fiber)`` shine in their faces' frames.
+
+    Radians in [0, pi], 0 along the face and pi/2 straight in.
+    """
+    upright = np.abs((poses.along * poses.face_along).sum(axis=1) - 1.0) < 1e-12
+    beam = poses.directions(phi)
+    along = np.einsum("fx,...fx->...f", poses.face_along, beam)
+    inward = np.einsum("fx,...fx->...f", poses.face_inward, beam)
+    return np.where(upright & poses.turns, phi, np.arctan2(np.maximum(inward, 0.0), along))
 
 
 def _ends(
@@ -89,27 +111,29 @@ def _ends(
 ) -> tuple[Array, Array]:
     """Return what the ends of the layer make of an endless layer's lights.
 
-    Each light stands for the cell between its neighbors. The part of a cell inside the edge is
-    kept, ``(fiber, offset)``; of what lies beyond an end, the part ``returned`` ``(fiber, end)``
-    comes back mirrored, shared between the two lights nearest to its image, ``(fiber, to offset,
-    from offset)``.
+    ``offsets`` are ``(fiber, offset)``. Each light stands for the cell between its neighbors. The
+    part of a cell inside the edge is kept, ``(fiber, offset)``; of what lies beyond an end, the
+    part ``returned`` ``(fiber, end)`` comes back mirrored, shared between the two lights nearest to
+    its image, ``(fiber, to offset, from offset)``.
     """
-    middle = 0.5 * (offsets[1:] + offsets[:-1])
-    low = center[:, None] + np.concatenate([2 * offsets[:1] - middle[:1], middle])
-    high = center[:, None] + np.concatenate([middle, 2 * offsets[-1:] - middle[-1:]])
+    first, last = offsets[:, :1], offsets[:, -1:]
+    middle = 0.5 * (offsets[:, 1:] + offsets[:, :-1])
+    low = center[:, None] + np.concatenate([2 * first - middle[:, :1], middle], axis=1)
+    high = center[:, None] + np.concatenate([middle, 2 * last - middle[:, -1:]], axis=1)
     bound = half_length[:, None]
     keep = np.clip(np.minimum(high, bound) - np.maximum(low, -bound), 0.0, None) / (high - low)
-    fold = np.zeros((len(center), len(offsets), len(offsets)))
+    count = offsets.shape[1]
+    fold = np.zeros((len(center), count, count))
     for fiber, (place, end) in enumerate(zip(center, half_length, strict=True)):
-        for light in range(len(offsets)):
-            for sign, first, last in (
+        for light in range(count):
+            for sign, begin, stop in (
                 (-1, low[fiber, light], min(high[fiber, light], -end)),
                 (1, max(low[fiber, light], end), high[fiber, light]),
             ):
-                if last > first:
-                    image = max(2 * end - sign * 0.5 * (first + last), -end) * sign - place
-                    weights = linear_weights(np.array([image]), offsets)[0]
-                    beyond = (last - first) / (high[fiber, light] - low[fiber, light])
+                if stop > begin:
+                    image = max(2 * end - sign * 0.5 * (begin + stop), -end) * sign - place
+                    weights = linear_weights(np.array([image]), offsets[fiber])[0]
+                    beyond = (stop - begin) / (high[fiber, light] - low[fiber, light])
                     fold[fiber, :, light] += returned[fiber, (sign + 1) // 2] * beyond * weights
     return keep, fold
 

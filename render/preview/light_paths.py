@@ -31,19 +31,52 @@ class LightPath(NamedTuple):
     cosine: Array
 
 
-BASE_DISTANCE = 2.0
+WALL_DISTANCE = 2.0
 """Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
 MIN_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
 
 
-def near_base(scene: Scene) -> float:
-    """Return the y (mm) below which a light's image in the base counts.
+class Wall(NamedTuple):
+    """A clear edge of the pad: a plane that reflects what grazes it.
 
-    The base is the clear lower end of the pad: a plane through the bend axis, so that the image of
-    flat position (x, y, z) is (x, 2 base - y, z) at any bend. It reflects what grazes it.
+    Normal to ``axis`` (0: x, 1: y) at ``place`` (mm) in flat coordinates. It goes through the bend
+    axis or is at right angles to it, so images are those of the flat pad at any bend.
     """
-    return -scene.pad.length / 2 + BASE_DISTANCE * scene.pad.thickness
+
+    axis: int
+    place: float
+
+    @property
+    def flip(self) -> Array:
+        """Signs ``(3,)`` of a mirrored direction."""
+        return np.where(np.arange(3) == self.axis, -1.0, 1.0)
+
+    def distance(self, position: Array) -> Array:
+        """Return the distance (mm) of flat positions ``(..., 3)``."""
+        return np.asarray(np.abs(position[..., self.axis] - self.place))
+
+    def image(self, position: Array) -> Array:
+        """Return the mirror images of flat positions ``(..., 3)``."""
+        shift = np.where(np.arange(3) == self.axis, 2 * self.place, 0.0)
+        return np.asarray(position * self.flip + shift)
+
+
+def clear_walls(scene: Scene) -> list[Wall]:
+    """Return the edges without a diffuser: the base, or all of them."""
+    half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
+    walls = [Wall(1, -half_length)]
+    if scene.diffuser is None:
+        walls += [Wall(0, -half_width), Wall(1, half_length), Wall(0, half_width)]
+    return walls
+
+
+def near_wall(scene: Scene) -> float:
+    """Return the distance (mm) from a wall below which a light's image in it counts.
+
+    A diffuser around the pad sends back more than its far walls.
+    """
+    return WALL_DISTANCE * scene.pad.thickness if scene.diffuser else np.inf
 
 
 def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> LightPath:

@@ -8,29 +8,33 @@ from typing import Protocol
 import numpy as np
 
 from render.arrays import Array
-from render.preview.beams import Beams
-from render.preview.diffuser.cache import slab_of, slab_response
+from render.geometry import flat_fiber_poses
+from render.preview.beams import BEAM_MARK, Beams
+from render.preview.diffuser.cache import fiber_ends, slab_of, slab_response
 from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS
 from render.preview.glow import Glow
-from render.preview.light_paths import near_base
+from render.preview.light_paths import clear_walls, near_wall
 from render.scene import Scene
 
-IMAGE_MARK, END_MARK = 8, -1
+IMAGE_MARK, END_MARK = 128, -1
 """Parts of a light's mark, see `with_images`."""
 
 
 class PointLights(Protocol):
     """Point lights in flat pad coordinates, and what they emit for given fiber directions.
 
-    position: ``(fiber, light, 4)``: x, y, z (mm) and the number of the edge (+ 4 for a beam).
+    position: ``(fiber, light, 4)``: x, y, z (mm) and a mark: the number of the face, and for a beam
+        the marks of `render.preview.beams`.
     edge_albedo: of the pad's edges, seen from inside.
     defines: what the shader is specialized by.
+    profiles: ``(row, step)`` measured profiles of beams, or None.
     nodes: ``(node,)`` rad when emission is the polynomial in phi through these nodes, else None.
     """
 
     position: Array
     edge_albedo: float
     defines: dict[str, str]
+    profiles: Array | None
 
     @property
     def nodes(self) -> Array | None:
@@ -48,51 +52,67 @@ class PointLights(Protocol):
 
 def point_lights(scene: Scene, cache: Path | None = None) -> PointLights:
     """Return the lights that the scene requires: beams, the diffuser's glow, or both."""
-    if scene.diffuser is None:
+    behind = np.flatnonzero(flat_fiber_poses(scene).layer > 0.0)
+    if not len(behind):
         return Beams(scene)
-    glow = Glow(scene, slab_response(scene, cache=cache, rays=RAYS))
-    if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS:
+    ends = fiber_ends(scene)
+    # Rows of equal ends share one response.
+    distinct = dict.fromkeys(ends[i] for i in behind)
+    made = {end: slab_response(scene, end, cache=cache, rays=RAYS) for end in distinct}
+    glow = Glow(scene, [made[ends[i]] for i in behind], behind)
+    if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS and len(behind) == len(ends):
         return glow
-    return GlowAndBeams(glow, Beams(scene))
+    return GlowAndBeams(glow, Beams(scene), behind)
 
 
 def with_images(scene: Scene, position: Array) -> Array:
     """Return lists of lights ``(list, light, 4)`` followed by their images in the pad's base.
 
-    Only lights near the base have an image that counts. Its mark is the light's own plus 8 times
-    the light's number from 1. Lists end with the mark -1, padded to the longest.
+    Only glows near the base have an image that counts (beams have their own). Its mark is the
+    light's own plus `IMAGE_MARK` times the light's number from 1. Lists end with the mark -1,
+    padded to the longest.
     """
-    near = position[..., 1] < near_base(scene)
+    beam = position[..., 3].astype(int) & BEAM_MARK
+    base = clear_walls(scene)[0]
+    near = (base.distance(position[..., :3]) < near_wall(scene)) & (beam == 0)
     longest = int(near.sum(axis=1).max())
     images = np.zeros((len(position), longest + 1, 4))
     images[..., 3] = END_MARK
     for row, lights in enumerate(position):
         (index,) = np.nonzero(near[row])
-        image = lights[index] * [1, -1, 1, 1] - [0, scene.pad.length, 0, 0]
-        image[:, 3] += IMAGE_MARK * (index + 1)
+        mark = lights[index, 3:] + IMAGE_MARK * (index[:, None] + 1)
+        image = np.concatenate([base.image(lights[index, :3]), mark], axis=1)
         images[row, : len(index)] = image
     return np.concatenate([position, images], axis=1)
 
 
 class GlowAndBeams:
-    """The glow of a thin diffuser together with the beams that pass it unscattered."""
+    """The glow of a diffuser together with beams that pass it unscattered, or beside it."""
 
     nodes = None
 
-    def __init__(self, glow: Glow, beams: Beams) -> None:
-        """Join the two lists of lights."""
-        self._parts = (glow, beams)
-        self.position = np.concatenate([glow.position, beams.position], axis=1)
+    def __init__(self, glow: Glow, beams: Beams, behind: np.ndarray) -> None:
+        """Join the two lists of lights; ``behind`` are the lamps that make the diffuser glow."""
+        self._glow, self._beams, self._behind = glow, beams, behind
+        self.profiles = beams.profiles
+        # A lamp without a glow has lights without power in its place.
+        glowing = np.repeat(glow.position[:1], len(beams.position), axis=0)
+        glowing[behind] = glow.position
+        self.position = np.concatenate([glowing, beams.position], axis=1)
         self.edge_albedo = glow.edge_albedo
         self.defines = {**beams.defines, **glow.defines}
 
     def emission(self, phi: Array) -> Array:
         """Return ``(..., fiber, light, n)``, beams padded to the size of glows."""
-        return _joined([part.emission(phi) for part in self._parts])
+        beams, glow = self._beams.emission(phi), self._glow.emission(phi)
+        all_of = np.zeros((*phi.shape, *glow.shape[-2:]))
+        all_of[..., self._behind, :, :] = glow
+        return _joined([all_of, beams])
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return both lists, one after the other."""
-        positions, emissions = zip(*(part.merged(phi, power) for part in self._parts), strict=True)
+        parts = (self._glow, self._beams)
+        positions, emissions = zip(*(part.merged(phi, power) for part in parts), strict=True)
         return np.concatenate(positions, axis=1), _joined(list(emissions))
 
 

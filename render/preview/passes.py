@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry import SHADOW_LENGTH, Imprint, curvature
+from render.geometry import (
+    SHADOW_LENGTH,
+    Imprint,
+    camera_axes,
+    camera_origin,
+    curvature,
+    half_view,
+)
 from render.preview.gl import create_context
 from render.preview.light_paths import MIN_CURVATURE
 from render.preview.lights import PointLights, with_images
@@ -25,10 +32,7 @@ POINT_COLUMNS = 1024
 class ShaderPasses:
     """The shader programs of one scene and what they read, in an OpenGL context of its own.
 
-    Arguments:
-        scene, lights, points: what is drawn.
-        imprint: what is pressed into its pictures.
-        backend: ``osmesa``, ``egl`` or None.
+    ``imprint`` is pressed into its pictures.
     """
 
     def __init__(
@@ -51,6 +55,10 @@ class ShaderPasses:
             texels = texels.reshape(-1, 2 * POINT_COLUMNS, 3)
             self._points = float_texture(self._context, texels)
             self._fibers = float_texture(self._context, with_images(scene, lights.position))
+            self._profiles = {}
+            if lights.profiles is not None:
+                table = float_texture(self._context, lights.profiles[..., None], smooth=True)
+                self._profiles["profiles"] = table
 
     def release(self) -> None:
         """Free the OpenGL context."""
@@ -115,7 +123,7 @@ class ShaderPasses:
                 images["facet_indirect"] = float_texture(self._context, np.moveaxis(facet, 0, -1))
             uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
             shader_pass = self._pass("picture.frag", bend, 3, facet is not None)
-            picture = shader_pass.draw(size, 3, uniforms, images)
+            picture = shader_pass.draw(size, 3, uniforms, images | self._profiles)
             for image in images.values():
                 image.release()
         return picture[::-1].copy()
@@ -125,6 +133,7 @@ class ShaderPasses:
     ) -> NDArray[np.float32]:
         """Return ``(row, point, channel)``."""
         images = {"points": self._points, "lights": lights, "emissions": emissions}
+        images |= self._profiles
         uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
         shader_pass = self._pass("transport.frag", bend, channels, False)
         parts = []
@@ -142,6 +151,8 @@ class ShaderPasses:
             defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
             if bend > 0:
                 defines["BENT"] = "1"
+            if fragment == "picture.frag" and self._scene.camera.fisheye:
+                defines["FISHEYE"] = "1"
             if indented:
                 defines["FACES"] = str(len(self._imprint.normal))
             parts = ("light_paths.glsl", "shading.glsl", fragment)
@@ -149,7 +160,8 @@ class ShaderPasses:
         return self._compiled[key]
 
     def _uniforms(self, bend: float, lights: int) -> dict[str, Any]:
-        pad, fibers, layer = self._scene.pad, self._scene.fibers, self._scene.diffuser
+        pad, layer = self._scene.pad, self._scene.diffuser
+        profile = self._scene.placed_lamps()[0].profile
         kappa = max(curvature(self._scene, bend), MIN_CURVATURE)
         return {
             "thickness": pad.thickness,
@@ -157,19 +169,27 @@ class ShaderPasses:
             "kappa": kappa,
             "radius": 1 / kappa,
             "light_count": lights,
-            "inverse_width": 1 / (2 * fibers.sigma_v),
+            "inverse_width": 1 / (2 * (profile.sigma_v or 1.0)),
             "optical_thickness": (
                 (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0
             ),
+            "box_low": tuple(self._scene.box.low),
+            "box_high": tuple(self._scene.box.high),
+            "clear_half": (pad.width / 2, pad.length / 2),
+            "profile_rows": 1.0 if self._lights.profiles is None else len(self._lights.profiles),
         }
 
     def _view(self, size: tuple[int, int]) -> dict[str, Any]:
         scene, pressed = self._scene, self._imprint
-        tangent = float(np.tan(scene.camera.field_of_view / 2))
+        right, down, ahead = camera_axes(scene)
         return {
             "size": (float(size[0]), float(size[1])),
-            "tangent": (tangent * size[0] / size[1], tangent),
-            "camera": (0.0, scene.camera.y, -scene.camera.distance),
+            "half_view": half_view(scene, *size),
+            "camera": tuple(camera_origin(scene)),
+            "leftward": tuple(-right),
+            "upward": tuple(-down),
+            "ahead": tuple(ahead),
+            "pivot": scene.camera.pivot,
             "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
             "albedo": scene.coating.albedo,
             "site_first": tuple(pressed.center[0]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
-from render.geometry import Imprint, pyramids
+from render.geometry import Imprint, counted_sites, pyramids
 from render.preview.facet_blur import facet_blur
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
@@ -54,6 +53,7 @@ class Preview:
         self._lights = lights or point_lights(scene, cache)
         pressed = imprint or pyramids(scene)
         self._measures = imprint is None
+        self._counted = counted_sites(scene)
         self._points = shading_points(scene, pressed)
         self._radiosity: dict[float, Radiosity] = {}
         self._blurs: dict[float, Array] = {}
@@ -66,12 +66,7 @@ class Preview:
         """Return the preview itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the OpenGL context."""
         self.close()
 
@@ -91,7 +86,7 @@ class Preview:
         Returns:
             T ``(fiber, node, bend, site, facet)`` and background ``(fiber, node, bend, site)``.
         """
-        fibers = self.scene.fibers.count
+        fibers = self.scene.lamp_count
         phi = np.asarray(phi, dtype=np.float64)
         if phi.ndim == 1:
             phi = np.tile(phi, (fibers, 1))
@@ -114,6 +109,27 @@ class Preview:
         weights = interpolation_weights(nodes, phi)
         return np.asarray(np.einsum("fjn,fnsk->fjsk", weights, self._tables[bend]))
 
+    def skin(self, phi: Array, bends: Array) -> Array:
+        """Return irradiance on the untouched coating, ``(fiber, node, bend, row, column)``.
+
+        The middles of even cells of the pad, rows from the base and columns from -x. Unit: 1/mm^2
+        per unit power of a fiber.
+
+        Arguments:
+            phi: ``(node,)`` rad.
+            bends: ``(bend,)`` rad.
+        """
+        points = self._points
+        every = np.tile(np.asarray(phi, dtype=np.float64), (self.scene.lamp_count, 1))
+        self._check(every, np.asarray(bends))
+        seen = []
+        for bend in bends:
+            direct = self.direct_irradiance(every, float(bend)).reshape(every.size, -1, 2)[..., 0]
+            added = self._radiosity_at(float(bend)).added(direct)
+            total = (direct[:, : points.first_edge] + added)[:, points.first_patch :]
+            seen.append(total.reshape(*every.shape, points.rows, points.columns))
+        return np.stack(seen, axis=2)
+
     def draw(self, phi: Array, bend: float) -> Array:
         """Draw all cells at one bend: ``(fiber, node, site, facet + 1)``, the last the background.
 
@@ -130,10 +146,12 @@ class Preview:
         shadow = site - direct[:, facets.stop : points.first_patch, None]
         around = foot[:, facets].reshape(shape) + shadow
         facet = total[:, facets].reshape(shape) + radiosity.below(around)
+        facet, around, site = (part[:, self._counted] for part in (facet, around, site))
         blur = weights[:, :-1]
         seen = np.einsum("sij,rsj->rsi", blur[..., :-1], facet) + blur[..., -1] * around
         background = weights[:, -1, -1:] * site
-        return np.concatenate([seen, background], axis=-1).reshape(*phi.shape, points.sites, -1)
+        cells = np.concatenate([seen, background], axis=-1)
+        return cells.reshape(*phi.shape, len(self._counted), -1)
 
     def direct_irradiance(self, phi: Array, bend: float) -> Array:
         """Draw the light that has met nothing but clear faces, ``(fiber, node, point, 2)``.
@@ -154,11 +172,11 @@ class Preview:
         height: int,
         indented: bool = True,
     ) -> NDArray[np.float32]:
-        """Return linear radiance ``(height, width, 3)`` of the pad as the camera sees it.
+        """Return linear radiance ``(height, width, channel)`` of the pad as the camera sees it.
 
         Arguments:
             phi: ``(fiber,)`` rad.
-            power: ``(fiber, 3)`` in [0, 1].
+            power: ``(fiber, channel)``, what fibers give to the channels.
             bend: rad in [0, pi].
             width: columns of pixels.
             height: rows of pixels, over which the camera's field of view spreads.
@@ -168,12 +186,24 @@ class Preview:
         """
         phi, power = np.asarray(phi, dtype=np.float64), np.asarray(power, dtype=np.float64)
         self._check(phi[:, None], np.array([bend]))
-        if power.shape != (len(phi), 3) or not np.isfinite(power).all():
+        channels = len(self.scene.palette.channels)
+        if power.shape != (len(phi), channels) or not np.isfinite(power).all():
             raise DesignError(
-                f"power has shape {power.shape}, allowed: finite numbers, ({len(phi)}, 3)",
+                f"power has shape {power.shape}, allowed: finite numbers, ({len(phi)}, {channels})",
                 field="power",
-                value=power.shape,
             )
+        # Pictures of three channels each, the last ones dark where there are fewer.
+        power = np.pad(power, [(0, 0), (0, -channels % 3)])
+        parts = [
+            self._picture(phi, power[:, first : first + 3], bend, (width, height), indented)
+            for first in range(0, channels, 3)
+        ]
+        return np.concatenate(parts, axis=-1)[..., :channels]
+
+    def _picture(
+        self, phi: Array, power: Array, bend: float, size: tuple[int, int], indented: bool
+    ) -> NDArray[np.float32]:
+        """Return three channels of a picture, ``power`` ``(fiber, 3)``."""
         position, emission = self._lights.merged(phi, power)
         direct = self._open.merged(position, emission, bend)
         points = self._points
@@ -185,7 +215,7 @@ class Preview:
         )
         facet = facets.reshape(3, points.sites, points.facets) + radiosity.below(sites[..., None])
         return self._open.picture(
-            position, emission, coating, facet if indented else None, bend, (width, height)
+            position, emission, coating, facet if indented else None, bend, size
         )
 
     @property
@@ -195,12 +225,11 @@ class Preview:
         return self._passes
 
     def _check(self, phi: Array, bends: Array) -> None:
-        fibers = self.scene.fibers.count
+        fibers = self.scene.lamp_count
         if phi.ndim != 2 or len(phi) != fibers:
             raise DesignError(
                 f"phi has shape {phi.shape}, allowed: one row for each of {fibers} fibers",
                 field="phi",
-                value=phi.shape,
             )
         for name, values in (("phi", phi), ("bend", bends)):
             bad = ~((values >= 0) & (values <= np.pi))
@@ -208,8 +237,6 @@ class Preview:
                 raise DesignError(
                     f"{name} = {np.degrees(values[bad].flat[0]):g} deg, allowed: 0 to 180 deg",
                     field=name,
-                    value=float(values[bad].flat[0]),
-                    allowed="0 to 180 deg",
                 )
 
     def _radiosity_at(self, bend: float) -> Radiosity:

@@ -8,12 +8,19 @@ straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from render.arrays import Array
 from render.geometry import curvature, fresnel
-from render.preview.light_paths import LightPath, direct_path, mirrored_path, near_base
+from render.preview.light_paths import (
+    LightPath,
+    clear_walls,
+    direct_path,
+    mirrored_path,
+    near_wall,
+)
 from render.preview.shading_points import ShadingPoints
 from render.scene import Scene
 
@@ -85,19 +92,20 @@ def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> 
         sees = slice(None) if first == points.first_edge else on_edge
         source, normal, area = _spots(points, slice(first, last))
         part = np.zeros((len(target), *source.shape[1:3]))
-        near = points.position[first:last, 1] < near_base(scene)
-        image = source[:, near] * [1, -1, 1] - [0, scene.pad.length, 0]
-        for seen, place, turned, in_base in (
-            (slice(None), source, normal, False),
-            (near, image, normal[:, near] * [1, -1, 1], True),
-        ):
+        seen_in: list[tuple[Any, Array, Array, int | None]] = [(slice(None), source, normal, None)]
+        for wall in clear_walls(scene):
+            near = wall.distance(points.position[first:last]) < near_wall(scene)
+            if near.any():
+                flipped = normal[:, near] * wall.flip
+                seen_in.append((near, wall.image(source[:, near]), flipped, wall.axis))
+        for seen, place, turned, axis in seen_in:
             mirrored = mirrored_path(place, target, thickness, kappa)
             part[:, seen] += _reflected(scene, mirrored.cosine) * _coupling(
-                scene, mirrored, turned, facing, in_base
+                scene, mirrored, turned, facing, axis
             )
             direct = direct_path(place, target[sees], thickness, kappa)
             straight = np.zeros_like(part[:, seen])
-            straight[sees] = _coupling(scene, direct, turned, facing[sees], in_base)
+            straight[sees] = _coupling(scene, direct, turned, facing[sees], axis)
             part[:, seen] += straight
         parts.append((part * area).mean(axis=2))
     return np.concatenate(parts, axis=1)
@@ -121,12 +129,14 @@ def _spots(points: ShadingPoints, chosen: slice) -> tuple[Array, Array, Array]:
     return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
 
 
-def _coupling(scene: Scene, path: LightPath, normal: Array, facing: Array, in_base: bool) -> Array:
+def _coupling(
+    scene: Scene, path: LightPath, normal: Array, facing: Array, axis: int | None
+) -> Array:
     """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2).
 
-    Light of an image in the base is what the base reflects.
+    Light of an image in a wall, normal to ``axis``, is what the wall reflects.
     """
     leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
     lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
-    reflected = _reflected(scene, np.abs(path.depart[..., 1])) if in_base else 1.0
+    reflected = 1.0 if axis is None else _reflected(scene, np.abs(path.depart[..., axis]))
     return np.asarray(leaves * lands * reflected * path.spread / np.pi)

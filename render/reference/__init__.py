@@ -1,6 +1,7 @@
 """The reference, level 2: transport tables and pictures with error bars."""
 
 from render.reference.budget import TimeBudget, render_within, samples_per_pass, stored_plan
+from render.reference.convergence import converged, doubt, more_samples
 from render.reference.cost import RenderCost, measure_render_cost, trial_cost
 from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
 from render.reference.llvm import VARIANT, ensure_llvm, mitsuba

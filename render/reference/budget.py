@@ -12,6 +12,7 @@ the same passes gives the same bits, in one go or in many rounds.
 from __future__ import annotations
 
 import gc
+import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -39,16 +40,18 @@ the last one."""
 LOADING_FRACTION = 0.1
 OVERTIME_FRACTION = 0.04
 """Part of all the time by which a round may be late before it is given up for the one before."""
+COMPILED_FRACTION = 0.1
+"""Part of the seconds of the first small render of a pad, flat or bent, pressed or not, that the
+next one takes with the same kernels (``finger20``: 5 to 8 s, then 0.6)."""
+TOLERANCE = 0.1
+"""Part of all the time by which work may be late without a word."""
 
 
 @dataclass(frozen=True)
 class TimeBudget:
     """Seconds that work may take, from its beginning.
 
-    Arguments:
-        seconds: of everything together.
-        began: when the work began, by ``clock``.
-        clock: seconds that never go back.
+    It ``began`` by ``clock``, which never goes back.
 
     Example:
         >>> budget = TimeBudget(60.0, began=5.0, clock=lambda: 25.0)
@@ -76,6 +79,16 @@ class TimeBudget:
     def charged(self, seconds: float) -> TimeBudget:
         """Return the same budget with ``seconds`` more spent on it, by earlier attempts."""
         return replace(self, began=self.began - seconds)
+
+    def warning(self, least: float) -> str:
+        """Return a sentence where the rest takes ``least`` s or more, and that is too long."""
+        minutes = math.ceil((self.spent() + least) / 0.6) / 100
+        if self.spent() + least <= (1 + TOLERANCE) * self.seconds:
+            return ""
+        return (
+            f"{self.seconds / 60:.2g} minutes are too few: with the fewest samples this takes some "
+            f"{minutes:g} minutes here, and is late by the difference."
+        )
 
     def progress(self) -> Progress:
         """Return how far it is: of work that fills its time, the clock says that."""
@@ -105,17 +118,15 @@ def render_within(
 ) -> int:
     """Return how many times ``jobs`` fit into the time, at least once; all of that is rendered.
 
+    Where once takes too long, ``progress`` is told a note with the least time, after the first job.
+
     The results are in ``folder`` as ``render_transport`` keeps them, of jobs with so many times the
     iterations. Beside them lie the states of their paths: a later call with more time adds to them.
     An interrupted call goes on where it stood, and what it had taken counts.
 
-    Arguments:
-        jobs: of one unit, all of them with paths of ``per_pass`` samples (``transport_jobs``).
-        budget: of everything, with what went before and what comes after.
-        folder: of states and results.
-        reserve: seconds that must remain when the renders end; asked again before every round.
-        progress: called after every pass.
-        run: renders a job (``run_job``).
+    ``jobs`` are all those of one unit, with paths of ``per_pass`` samples (``transport_jobs``);
+    ``budget`` is of everything, with what went before and comes after, and ``reserve`` returns the
+    seconds that must remain, asked again before every round. States and results are in ``folder``.
     """
     return _Rounds(jobs, budget, folder, reserve, progress, run).fill()
 
@@ -217,6 +228,12 @@ class _Rounds:
 
             results.append(self.run(wanted, state, tick, keep=True))
             self._measure(index, times, self.budget.clock(), resumed=resumed)
+            if overtime is None and index == 0 and self.progress is not None:
+                others = len({(job.indented, job.bend > 0) for job in self.jobs}) - 1
+                again = (len(self.jobs) - 1 - others) * COMPILED_FRACTION
+                coming = (others + again) * (self.budget.clock() - times[0])
+                note = self.budget.warning(coming + self.reserved)
+                self.progress(replace(self.budget.progress(), note=note))
             # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
             gc.collect()
         return results
@@ -246,11 +263,8 @@ def stored_plan(
 ) -> Plan:
     """Return the plan in ``path``, so that a resumed run renders the same, or make one and keep it.
 
-    Arguments:
-        path: of the JSON file.
-        kind: dataclass of the plan.
-        wanted: fields that a stored plan must agree with.
-        make: chooses what is rendered, perhaps by rendering it.
+    ``kind`` is a dataclass; a stored plan must agree with ``wanted``. ``make`` chooses what is
+    rendered, perhaps by rendering it.
     """
     try:
         stored = kind(**read_json(path))

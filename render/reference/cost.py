@@ -55,10 +55,8 @@ class RenderCost:
     def samples_within(self, seconds: float, renders: Sequence[float], at_least: int = 1) -> int:
         """Return the samples that fill ``seconds``, trials included.
 
-        Arguments:
-            seconds: of one worker, or of all that work together.
-            renders: all jobs that share the time: of each, how many times these samples it takes.
-            at_least: what is rendered however little time there is.
+        The ``seconds`` are of one worker, or of all that work together. ``renders`` says of every
+        job that shares them how many times these samples it takes.
         """
         remaining = seconds - self.trials - self.fixed * len(renders)
         return max(at_least, int(remaining / (self.per_sample * sum(renders))))
@@ -75,10 +73,9 @@ def trial_cost(
 ) -> RenderCost:
     """Return what renders cost, by trials that grow until they take a time that can be measured.
 
-    Arguments:
-        jobs: of one pass or some; longer trials have the same passes more often, so that the
-            kernels that the first one compiles serve them all, and nobody measures compiling.
-        render: renders jobs and returns their seconds.
+    ``jobs`` are of one pass or some; longer trials have the same passes more often, so that the
+    kernels that the first one compiles serve them all, and nobody measures compiling. ``render``
+    returns the seconds of jobs.
     """
     # Other paths: who keeps results would not render these again.
     render([replace(job, seed=job.seed + 1) for job in jobs])
@@ -96,9 +93,7 @@ def trial_cost(
 def measure_render_cost(scene: Scene, phi: Array) -> RenderCost:
     """Return the cost of renders of ``scene`` at one bend, in samples of every cell.
 
-    Arguments:
-        scene: the sensor.
-        phi: direction nodes in rad, ``(node,)`` or ``(fiber, node)``.
+    ``phi`` are direction nodes in rad, ``(node,)`` or ``(fiber, node)``.
     """
     began = time.monotonic()
     unit = samples_of_full_pass(scene)

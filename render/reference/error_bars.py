@@ -11,9 +11,19 @@ what two halves of the replicates agree on.
 Replicates that all found nothing say that fewer than three contributions are to be expected (the
 rule of three: e^-3 is 5 %), each taken to be as large as in cells that are lit by the same fiber
 from the same direction at other sites: those of the same site share its bad luck.
+
+Of light that comes by few, bright contributions replicates know too little even where a cell is
+lit: most cells have not met one. A *lone* contribution carries more than a third of its cell. Such
+a cell has at least the standard error of an unlit one: one and a half contributions, half its light
+or more. And what happened to one cell could have happened to the others that the same fiber lights
+from the same direction: the mean square of their lone contributions, which is the variance of such
+a process, is added to the variance of all of them, as it is or in proportion to the light of their
+untouched sites, whichever is less: far sites get less light, and fainter contributions.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +34,59 @@ FACET_AXES = (4,)
 PEER_AXES = ((3, 4), (1, 3, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4))
 UNLIT_CONTRIBUTIONS = 1.5
 """Contributions in the standard error of an unlit cell: two standard errors are three of them."""
+LONE_SHARE = 1 / 3
+"""Share of a cell's light from which its largest contribution is a lone one."""
+
+
+@dataclass(frozen=True)
+class CellErrors:
+    """Mean, standard error and largest contribution of cells, as parts of the mean.
+
+    Axes ``(fiber, phi_node, bend, site[, facet])``; NaN where the camera sees nothing.
+    """
+
+    mean: Array
+    error: Array
+    largest: Array
+
+    @property
+    def lone(self) -> Array:
+        """Contributions that carry more than LONE_SHARE of their cell, else 0; NaN unseen."""
+        none = self.largest <= LONE_SHARE * self.mean
+        return np.where(none, 0.0, self.largest)
+
+
+def with_lone_contributions(
+    facets: CellErrors, sites: CellErrors, effort: float
+) -> tuple[Array, Array]:
+    """Return the standard errors of facets and of untouched sites with what lone light adds.
+
+    Arguments:
+        facets: cells of the pressed pad.
+        sites: cells of the untouched pad, under the same fibers from the same directions.
+        effort: samples of a site over those of a facet; variances of a mean fall as 1 over it.
+    """
+    lone, alone = facets.lone, sites.lone
+    seen = np.isfinite(lone).sum(axis=(3, 4)) + np.isfinite(alone).sum(axis=3)
+
+    def shared(scale: Array) -> Array:
+        """Return what peers' lone contributions add to a cell, in units of ``scale`` of sites."""
+        squares = np.nansum((lone / scale[..., None]) ** 2, axis=(3, 4))
+        squares = squares + effort * np.nansum((alone / scale) ** 2, axis=3)
+        return np.asarray(np.sqrt(squares / np.maximum(seen, 1))[..., None] * scale)
+
+    # Sites that are dark or unseen have no light to compare with.
+    light = np.where(sites.mean > 0, sites.mean, np.nan)
+    common = np.fmin(shared(np.ones_like(light)), shared(light))
+    errors = (
+        (facets, lone, common[..., None]),
+        (sites, alone, common / np.sqrt(effort)),
+    )
+    pressed, untouched = (
+        np.hypot(np.maximum(cells.error, UNLIT_CONTRIBUTIONS * single), common)
+        for cells, single, common in errors
+    )
+    return pressed, untouched
 
 
 def standard_error(replicates: Array) -> Array:
@@ -31,7 +94,7 @@ def standard_error(replicates: Array) -> Array:
 
     Arguments:
         replicates: independent estimates ``(replicate, fiber, phi_node, bend, site[, facet])``,
-            at least 0; NaN where the camera sees nothing, as is the result then.
+            at least 0.
     """
     mean, variance = _moments(replicates)
     weight = shared_weight(replicates)
@@ -84,5 +147,5 @@ def _moments(replicates: Array) -> tuple[Array, Array]:
 def _contribution(mean: Array, variance: Array, axes: tuple[int, ...]) -> Array:
     """Return the size of one contribution over ``axes`` of the cells; 0 where all are unlit."""
     present = tuple(axis for axis in axes if axis < mean.ndim)
-    light, spread = (np.nansum(a, axis=present, keepdims=True) for a in (mean, variance))
+    light, spread = (a.sum(axis=present, keepdims=True) for a in (mean, variance))
     return np.asarray(np.divide(spread, light, out=np.zeros_like(light), where=light > 0))

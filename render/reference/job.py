@@ -23,7 +23,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry import facet_masks
+from render.geometry import counted_sites, facet_masks
 from render.reference.llvm import VARIANT, mitsuba
 from render.scene import Scene, scene_content, scene_of
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
     from render.sampling.pssmlt import MarkovChains
 
-VERSION = 6
+VERSION = 7
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5
 """Probability of large steps where chains fill the cells."""
@@ -115,21 +115,26 @@ class RenderResult:
 
     Arguments:
         estimate: ``(replicate, fiber, node, target)``, float64; targets are ``(site, facet)``
-            flattened, or sites of the untouched pad. NaN where the camera sees nothing.
+            flattened, or sites of the untouched pad.
+        largest: what the largest contribution adds to their mean, ``(fiber, node, target)``; of
+            chains the largest replicate.
         seconds: spent on it, all attempts together.
     """
 
     estimate: Array
+    largest: Array
     seconds: float
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return what goes into a file."""
-        return {"estimate": self.estimate, "seconds": np.array(self.seconds)}
+        return {
+            "estimate": self.estimate, "largest": self.largest, "seconds": np.array(self.seconds)
+        }  # fmt: skip
 
     @classmethod
     def of(cls, arrays: dict[str, np.ndarray]) -> RenderResult:
         """Return the result in the arrays of a file."""
-        return cls(arrays["estimate"], float(arrays["seconds"]))
+        return cls(arrays["estimate"], arrays["largest"], float(arrays["seconds"]))
 
 
 def run_job(
@@ -151,7 +156,7 @@ def run_job(
             from there.
 
     Raises:
-        RenderError: no light found, or the camera sees no facet.
+        RenderError: no light found.
     """
     mitsuba(VARIANT)
     scene, phi = scene_of(job.scene), np.array(job.phi)
@@ -179,12 +184,13 @@ def run_job(
             save()
     if keep:
         save()
-    estimate = run.estimate().reshape(job.replicates, phi.shape[0], -1, phi.shape[1])
-    estimate = estimate.transpose(0, 1, 3, 2)
-    if not np.nansum(estimate) > 0:
+    estimate, largest = (
+        array.reshape(*array.shape[:-2], phi.shape[0], -1, phi.shape[1]).swapaxes(-1, -2)
+        for array in (run.estimate(), run.largest())
+    )
+    if not estimate.sum() > 0:
         raise _no_light()
-    estimate[..., np.diff(cells.targets.offset) == 0] = np.nan
-    return RenderResult(estimate, time.monotonic() - began)
+    return RenderResult(estimate, largest, time.monotonic() - began)
 
 
 @lru_cache(maxsize=64)
@@ -193,7 +199,7 @@ def _target_pixels(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarra
     masks = facet_masks(scene, bend)
     faces = scene.indenter.faces
     chosen = range(faces) if indented else (faces,)
-    lists = [masks.of(site, k) for site in range(scene.sites.count) for k in chosen]
+    lists = [masks.of(site, k) for site in counted_sites(scene) for k in chosen]
     offset = np.concatenate([[0], np.cumsum([len(pixels) for pixels in lists])])
     return np.concatenate(lists), offset
 
@@ -201,18 +207,11 @@ def _target_pixels(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarra
 def pad_cells(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
     """Return the path sampler of all cells of a pad; ``phi`` ``(fiber, node)`` and ``bend`` in rad.
 
-    Raises:
-        RenderError: the camera sees no facet.
+    Every site that counts has to be seen at ``bend`` (`render.geometry.check_seen`).
     """
     from render.cells.cell_sampler import CellSampler, Targets
 
     pixel, offset = _target_pixels(scene, bend, indented)
-    if offset[-1] == 0:
-        raise RenderError(
-            f"the camera sees no facet at a bend of {np.degrees(bend):g} deg: move the camera "
-            "or the sites, or raise camera.columns and camera.rows",
-            field="camera",
-        )
     return CellSampler(scene, phi, bend, indented, Targets(pixel, offset))
 
 
@@ -249,8 +248,8 @@ def flattening_weights(pilot: Array, scene: Scene) -> Array:
     From a noisy pilot, averaged over the facets of each site; dim cells are lifted only so far,
     so that a site in which the pilot saw nothing cannot draw all chains.
     """
-    fibers, nodes = scene.fibers.count, pilot.shape[1]
-    by_site = pilot.reshape(fibers, scene.sites.count, -1, nodes)
+    fibers, nodes = scene.lamp_count, pilot.shape[1]
+    by_site = pilot.reshape(fibers, len(counted_sites(scene)), -1, nodes)
     level = by_site.mean(axis=2)
     floor = PILOT_FLOOR * level.mean(axis=(1, 2), keepdims=True)
     floor = np.maximum(floor, PILOT_FLOOR**2 * level.mean())

@@ -32,7 +32,6 @@ def ensure_llvm() -> str:
             raise CompilerError(
                 f"DRJIT_LIBLLVM_PATH = {named} is not a library that loads: {_ADVICE}",
                 field="DRJIT_LIBLLVM_PATH",
-                value=named,
             )
         return named
     for name in _CANDIDATES:

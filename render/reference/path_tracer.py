@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import FacetMasks, facet_masks
+from render.errors import RenderError
+from render.geometry import FacetMasks, counted_sites, facet_masks
 from render.reference.llvm import mitsuba
 from render.scene import Scene
 
@@ -24,12 +25,24 @@ class PathTracer:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Find the pixels of all facets."""
         self.scene = scene
         self.masks = [facet_masks(scene, bend) for bend in scene.bending.angles]
 
     def radiance(self, phi: Array, power: Array, spp: int, seed: int) -> Array:
-        """Return radiance ``(bend, site, facet, 3)`` of one design; ``spp`` is per pixel."""
+        """Return radiance ``(bend, site, facet, channel)`` of one design; ``spp`` is per pixel.
+
+        Three channels are traced at once, as colors of the picture.
+        """
+        channels = power.shape[1]
+        padded = np.pad(power, [(0, 0), (0, -channels % 3)])
+        parts = [
+            self._radiance(phi, padded[:, first : first + 3], spp, seed)
+            for first in range(0, channels, 3)
+        ]
+        return np.concatenate(parts, axis=-1)[..., :channels]
+
+    def _radiance(self, phi: Array, power: Array, spp: int, seed: int) -> Array:
+        """Return radiance of three channels, ``power`` ``(fiber, 3)``."""
         mi = mitsuba(VARIANT)
         _register_tinted_fiber()
         radiance = []
@@ -42,7 +55,7 @@ class PathTracer:
             film = np.full((masks.rows, masks.columns, 3), np.nan)
             film[crop] = image[..., :3]
             pixels = film.reshape(-1, 3)
-            sites, facets = range(masks.sites), range(masks.facets)
+            sites, facets = counted_sites(self.scene), range(masks.facets)
             radiance.append([[pixels[masks.of(s, f)].mean(axis=0) for f in facets] for s in sites])
         return np.array(radiance)
 
@@ -50,21 +63,28 @@ class PathTracer:
         self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks
     ) -> tuple[Any, tuple[slice, slice]]:
         """Return the lit Mitsuba scene with its sensor, and the part of the film it records."""
-        from render.optics.lit_scene import fiber_disks, pinhole
+        from render.optics.lit_scene import camera_sensor, fiber_disks
         from render.optics.pad_scene import pad_shapes
 
         row, column = masks.pixel // masks.columns, masks.pixel % masks.columns
         top, left = int(row.min()), int(column.min())
         height, width = int(row.max()) + 1 - top, int(column.max()) + 1 - left
+        lamps = self.scene.placed_lamps()
+        if any(lamp.profile.sigma_v is None for lamp in lamps):
+            raise RenderError(
+                "a lamp's profile is not Gaussian, which this path tracer cannot draw: leave "
+                "Mitsuba's own levels out",
+                field="profile",
+            )
         emitters = {
             fiber: {
                 "type": "tinted_fiber",
-                "sigma_v": float(np.degrees(self.scene.fibers.sigma_v)),
+                "sigma_v": float(np.degrees(lamp.profile.sigma_v or 0.0)),
                 **dict(zip(("red", "green", "blue"), color.tolist(), strict=True)),
             }
-            for fiber, color in enumerate(power)
+            for fiber, (lamp, color) in enumerate(zip(lamps, power, strict=True))
         }
-        sensor = pinhole(
+        sensor = camera_sensor(
             self.scene,
             masks.columns,
             masks.rows,

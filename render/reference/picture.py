@@ -39,7 +39,7 @@ unit normals."""
 
 @dataclass(frozen=True)
 class Picture:
-    """Linear radiance ``(row, column, rgb)`` and its standard error, float64.
+    """Linear radiance ``(row, column, channel)`` and its standard error, float64.
 
     ``normal`` ``(row, column, 3)`` is that of the coating in the middle of the pixel; 0 beside it.
 
@@ -84,7 +84,7 @@ def render_image(
     Arguments:
         scene: the sensor.
         phi: ``(fiber,)`` rad.
-        power: ``(fiber, 3)`` in [0, 1].
+        power: ``(fiber, channel)``, what fibers give to the channels.
         bend: rad.
         width: pixels per row.
         height: rows, which span the camera's vertical field of view.
@@ -121,7 +121,7 @@ def render_image(
             clock.tick()
         elif progress is not None:
             progress(budget.progress())
-    images = run.estimate().reshape(REPLICATES, height, width, 3)[:, :, ::-1]
+    images = run.estimate().reshape(REPLICATES, height, width, -1)[:, :, ::-1]
     return Picture(
         images.mean(axis=0),
         images.std(axis=0, ddof=1) / np.sqrt(REPLICATES),
@@ -143,7 +143,7 @@ def smoothed(picture: Picture) -> Picture:
         np.pad(part, ring) for part in (picture.normal, picture.radiance, picture.se**2)
     )
     total = np.zeros((rows, columns))
-    mean, noise = np.zeros((rows, columns, 3)), np.zeros((rows, columns, 3))
+    mean, noise = np.zeros_like(picture.radiance), np.zeros_like(picture.radiance)
     for down in range(2 * reach + 1):
         for right in range(2 * reach + 1):
             part = np.s_[down : down + rows, right : right + columns]

@@ -20,9 +20,10 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry import is_mirror_symmetric, mirror_image
+from render.geometry import check_seen, counted_sites, is_mirror_symmetric, mirror_image
 from render.progress import Clock, OnProgress
-from render.reference.error_bars import standard_error
+from render.reference.convergence import doubt
+from render.reference.error_bars import CellErrors, standard_error, with_lone_contributions
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
 from render.scene import Scene
@@ -38,9 +39,10 @@ class TransportEstimate:
     """Rendered transport; axes ``(fiber, phi_node, bend, site, facet)``, float64.
 
     ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
-    standard error of that mean, an upper bound by the rule of three where it is 0
-    (``render.reference.error_bars``). The same for the untouched pad (``background``). A facet that
-    the camera cannot see is NaN in all of them. Unit: 1/(mm^2 sr) per unit fiber power.
+    standard error of that mean, an upper bound by the rule of three where it is 0 or rests on one
+    contribution (``render.reference.error_bars``). The same for the untouched pad (``background``).
+    Sites are those that count (``render.geometry.seen_sites``). Unit: 1/(mm^2 sr) per unit fiber
+    power.
     """
 
     T: Array
@@ -51,6 +53,11 @@ class TransportEstimate:
     background_replicates: Array
     seconds: float
     settings: dict[str, object]
+
+    @property
+    def doubt(self) -> str:
+        """Say how many facets' cells have not converged, and what they need; "" if all have."""
+        return doubt(self.T, self.se, int(str(self.settings["samples_per_cell"])))
 
 
 class JobRunner(Protocol):
@@ -92,6 +99,7 @@ def render_transport(
 
     Raises:
         RenderError: phi or bends out of range, or no light found.
+        SceneError: a site that counts is not seen at one of ``bends``.
     """
     jobs = transport_jobs(
         scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler,
@@ -149,14 +157,16 @@ def transport_jobs(
 
     Raises:
         RenderError: phi or bends out of range.
+        SceneError: a site that counts is not seen at one of ``bends``.
     """
     phi, bends = _validated(scene, phi, bends, samples, seeds)
+    check_seen(scene, bends)
     jobs = []
     for seed in seeds:
         for bend in bends:
             for indented in (True, False):
                 # One sample serves all facets of a site.
-                pairs = scene.sites.count * phi.shape[0]
+                pairs = len(counted_sites(scene)) * phi.shape[0]
                 count = samples * (1 if indented else UNTOUCHED_SAMPLES)
                 chains, iterations = _shape(count, pairs, sampler, per_pass)
                 jobs.append(
@@ -189,28 +199,39 @@ def transport_estimate(
     """
     bends = list(dict.fromkeys(job.bend for job in jobs))
     seeds = list(dict.fromkeys(job.seed for job in jobs))
-    estimates = {
-        (job.bend, job.indented, job.seed): result.estimate
+    found = {
+        (job.bend, job.indented, job.seed): result
         for job, result in zip(jobs, results, strict=True)
     }
-
-    def pads(indented: bool) -> Array:
-        stacked = np.stack([[estimates[bend, indented, seed] for seed in seeds] for bend in bends])
-        # (bend, seed, replicate, fiber, node, target) -> (replicate, fiber, node, bend, target)
-        return stacked.reshape(len(bends), -1, *stacked.shape[3:]).transpose(1, 2, 3, 0, 4)
-
-    pressed, untouched = pads(True), pads(False)
-    shape = (scene.sites.count, scene.indenter.faces)
-    pressed = pressed.reshape(*pressed.shape[:-1], *shape)
     first, phi = jobs[0], np.array(jobs[0].phi)
-    if is_mirror_symmetric(scene, phi):
-        pressed = 0.5 * (pressed + mirror_image(scene, pressed, facets=True))
-        untouched = 0.5 * (untouched + mirror_image(scene, untouched, facets=False))
+    symmetric = is_mirror_symmetric(scene, phi)
+
+    def pads(indented: bool) -> tuple[Array, CellErrors]:
+        sites = len(counted_sites(scene))
+        shape = (sites, scene.indenter.faces) if indented else (sites,)
+
+        def stacked(name: str) -> Array:
+            # (bend, seed, [replicate,] fiber, node, target) -> (replicate, fiber, node, bend, ...)
+            parts = np.stack(
+                [[getattr(found[bend, indented, seed], name) for seed in seeds] for bend in bends]
+            )
+            parts = parts.reshape(len(bends), -1, *parts.shape[-3:]).transpose(1, 2, 3, 0, 4)
+            return parts.reshape(*parts.shape[:-1], *shape)
+
+        replicates, largest = stacked("estimate"), stacked("largest").max(axis=0) / len(seeds)
+        if symmetric:
+            replicates = 0.5 * (replicates + mirror_image(scene, replicates, facets=indented))
+            largest = 0.5 * np.maximum(largest, mirror_image(scene, largest, facets=indented))
+        mean = replicates.mean(axis=0)
+        return replicates, CellErrors(mean, standard_error(replicates), largest)
+
+    (pressed, facets), (untouched, sites) = pads(True), pads(False)
+    se, background_se = with_lone_contributions(facets, sites, UNTOUCHED_SAMPLES)
     return TransportEstimate(
-        T=pressed.mean(axis=0),
-        se=standard_error(pressed),
-        background=untouched.mean(axis=0),
-        background_se=standard_error(untouched),
+        T=facets.mean,
+        se=se,
+        background=sites.mean,
+        background_se=background_se,
         replicates=pressed,
         background_replicates=untouched,
         seconds=sum(result.seconds for result in results),
@@ -227,7 +248,7 @@ def transport_estimate(
 
 def samples_of_full_pass(scene: Scene) -> int:
     """Return the samples per cell that fill one pass of MAX_CHAINS paths."""
-    return max(1, MAX_CHAINS // (scene.sites.count * scene.fibers.count))
+    return max(1, MAX_CHAINS // (len(counted_sites(scene)) * scene.lamp_count))
 
 
 def _shape(count: int, pairs: int, sampler: Sampler, per_pass: int | None) -> tuple[int, int]:
@@ -251,18 +272,16 @@ def _validated(
 ) -> tuple[Array, Array]:
     phi, bends = np.asarray(phi, dtype=np.float64), np.asarray(bends, dtype=np.float64)
     if phi.ndim == 1:
-        phi = np.tile(phi, (scene.fibers.count, 1))
-    if phi.ndim != 2 or phi.shape[0] != scene.fibers.count or phi.shape[1] == 0:
+        phi = np.tile(phi, (scene.lamp_count, 1))
+    if phi.ndim != 2 or phi.shape[0] != scene.lamp_count or phi.shape[1] == 0:
         raise RenderError(
-            f"phi has shape {phi.shape}, allowed: (node,) or ({scene.fibers.count}, node)",
+            f"phi has shape {phi.shape}, allowed: (node,) or ({scene.lamp_count}, node)",
             field="phi",
         )
     for name, values in (("phi", phi), ("bends", bends)):
         bad = ~((values >= 0.0) & (values <= np.pi))
         if bad.any() or not values.size:
-            raise RenderError(
-                f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name, value=values
-            )
+            raise RenderError(f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name)
     if samples < 1 or not len(seeds) or len(set(seeds)) != len(seeds):
         raise RenderError(
             f"samples = {samples} and seeds = {list(seeds)}, allowed: at least 1 sample "

@@ -26,6 +26,7 @@ class MonteCarlo:
         self.group = np.arange(lanes) % replicates
         self.done = 0
         self.sums = np.zeros((replicates, sampler.bins, sampler.channels))
+        self.highest = np.zeros((sampler.bins, sampler.channels))
 
     def sample(self, count: int) -> None:
         """Take ``count`` samples in every lane.
@@ -37,6 +38,9 @@ class MonteCarlo:
             splats, _ = independent_paths(self.sampler, self.lane, key(self.seed, 2, self.done))
             for splat in splats:
                 add_splat(self.sums, self.group, splat)
+                bins = np.array(splat.bin)
+                for c, values in enumerate(finite_values(splat)):
+                    np.maximum.at(self.highest[:, c], bins, values)
             self.done += 1
 
     def estimate(self) -> Array:
@@ -44,13 +48,18 @@ class MonteCarlo:
         paths = np.bincount(self.group) * self.done
         return np.asarray(self.sums / paths[:, None, None])
 
+    def largest(self) -> Array:
+        """Return what the largest contribution adds to the mean, ``(bin, channel)``."""
+        return np.asarray(self.highest / (self.done * dr.width(self.lane)))
+
     def state(self) -> dict[str, np.ndarray]:
         """Return everything that ``restore`` needs, as arrays."""
-        return {"done": np.array(self.done), "sums": self.sums}
+        return {"done": np.array(self.done), "sums": self.sums, "highest": self.highest}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Continue from a ``state``."""
-        self.done, self.sums = int(state["done"]), state["sums"]
+        self.done = int(state["done"])
+        self.sums, self.highest = state["sums"], state["highest"]
 
 
 def independent_paths(

@@ -52,9 +52,7 @@ class ChainSettings:
         for name, (low, high) in allowed.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise RenderError(
-                    f"{name} = {value:g}, allowed: {low:g} to {high:g}", field=name, value=value
-                )
+                raise RenderError(f"{name} = {value:g}, allowed: {low:g} to {high:g}", field=name)
 
 
 class MarkovChains:
@@ -115,7 +113,6 @@ class MarkovChains:
                     f"luminance_samples = {self.settings.luminance_samples}: no path of the "
                     "bootstrap carries light; raise it, or check that a light reaches the camera",
                     field="luminance_samples",
-                    value=self.settings.luminance_samples,
                 )
             self.moments[r] = len(f), f.sum(), (f**2).sum()
             lanes = np.nonzero(self.group == r)[0]
@@ -204,6 +201,13 @@ class MarkovChains:
             add_splat(total, self.group, splat, np.array(self.current_weight, dtype=np.float64))
         mutations = np.bincount(self.group, minlength=self.settings.replicates) * self.done
         return np.asarray(total / mutations[:, None, None])
+
+    def largest(self) -> Array:
+        """Return what the largest replicate adds to the mean, ``(bin, channel)``.
+
+        Samples of one chain are correlated: only replicates stand for themselves.
+        """
+        return np.asarray(self.estimate().max(axis=0) / self.settings.replicates)
 
     # -- interruption --------------------------------------------------------------------------
 

@@ -1,12 +1,13 @@
 """What a sensor is: the scene file, its quantities, constraints and tolerances."""
 
+from render.scene.camera import Camera
+from render.scene.colors import OFF, RGB, LedColor, Palette
 from render.scene.constraints import HOLDER_THICKNESS, Constraints, FixedFiber
 from render.scene.free_ranges import FreeRanges
+from render.scene.lamp_profile import Profile
+from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLamp, Row
 from render.scene.quantities import Count, Quantity
 from render.scene.schema import (
-    COLORS,
-    EDGES,
-    Edge,
     Scene,
     load_scene,
     scene_text,

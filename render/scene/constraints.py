@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import AliasChoices, Field
 
-from render.scene.quantities import Count, Part, Quantity
+from render.scene.colors import OFF, RGB, ColorName, Palette
+from render.scene.quantities import Count, Part, Quantity, since_schema_2
 
 Angle = Annotated[float, Quantity("deg", 0.0, 180.0)]
 Step = Annotated[float, Quantity("deg", 0.1, 90.0)]
@@ -29,7 +30,7 @@ class FixedFiber(Part):
 
     fiber: Index
     color: Annotated[
-        Literal["red", "green", "blue"] | None,
+        str | None,
         Field(validation_alias=AliasChoices("color", "colour")),  # as earlier scene files say
     ] = None
     angle: Angle | None = None
@@ -50,13 +51,21 @@ class ForbiddenDirections(Part):
         return not self.fibers or fiber in self.fibers
 
 
+class ColorLimits(Part):
+    """How many fibers may have a color, and the power of its LEDs (1 is full)."""
+
+    max: LedCount | None = None
+    power: PowerLimit = 1.0
+
+
 class Constraints(Part):
     """Limits of designs; everything that is not named is free.
 
-    ``max_*`` limit the number of fibers per color, ``power_*`` the power of an LED (1 is full),
-    ``angle_step`` is the smallest step of directions from 0, ``continuous_power`` lets every fiber
-    have a power of its own up to the limit. ``holder_thickness`` is that of the wall around the pad
-    that holds the fibers, which must not meet in it.
+    ``colors`` has the limits of each color by name; ``max_*`` and ``power_*`` say the same of the
+    colors that a scene has by default. ``off`` lets searches leave fibers dark. ``angle_step`` is
+    the smallest step of directions from 0, ``continuous_power`` lets every fiber have a power of
+    its own up to the limit. ``holder_thickness`` is that of the wall around the pad that holds the
+    fibers, which must not meet in it.
     """
 
     max_red: LedCount | None = None
@@ -65,17 +74,27 @@ class Constraints(Part):
     power_red: PowerLimit = 1.0
     power_green: PowerLimit = 1.0
     power_blue: PowerLimit = 1.0
+    colors: dict[ColorName, ColorLimits] | None = since_schema_2()
+    off: bool | None = since_schema_2()
     angle_step: Step | None = None
     continuous_power: bool = False
     holder_thickness: Thickness = HOLDER_THICKNESS
     fixed: Annotated[tuple[FixedFiber, ...], Field(strict=False)] = ()
     forbidden: Annotated[tuple[ForbiddenDirections, ...], Field(strict=False)] = ()
 
-    def max_counts(self, fibers: int) -> tuple[int, int, int]:
-        """Return the largest number of red, green and blue fibers, of ``fibers`` in all."""
-        limits = (self.max_red, self.max_green, self.max_blue)
-        red, green, blue = (fibers if limit is None else limit for limit in limits)
-        return red, green, blue
+    def of_color(self, name: str) -> ColorLimits:
+        """Return the limits of a color."""
+        if self.colors and name in self.colors:
+            return self.colors[name]
+        if name not in RGB.names:
+            return ColorLimits()
+        most, power = getattr(self, f"max_{name}"), getattr(self, f"power_{name}")
+        return ColorLimits.model_construct(max=most, power=power)
+
+    def max_counts(self, palette: Palette, fibers: int) -> tuple[int, ...]:
+        """Return the largest number of fibers of each color, of ``fibers`` in all."""
+        limits = (self.of_color(name).max for name in palette.names)
+        return tuple(fibers if limit is None else limit for limit in limits)
 
     def intervals(self, fiber: int) -> list[tuple[float, float]]:
         """Return the directions (rad) that ``fiber`` may have, closed intervals, ascending."""
@@ -107,8 +126,9 @@ class Constraints(Part):
             )
         ]
 
-    def problems(self, fibers: int) -> Iterator[str]:
+    def problems(self, palette: Palette, fibers: int) -> Iterator[str]:
         """Yield what cannot be fulfilled with ``fibers`` fibers, one sentence each."""
+        yield from self._unknown_colors(palette)
         named = [entry.fiber for entry in self.fixed]
         named += [fiber for gap in self.forbidden for fiber in gap.fibers]
         for fiber in sorted({fiber for fiber in named if fiber >= fibers}):
@@ -123,32 +143,52 @@ class Constraints(Part):
                     f"constraints.forbidden: low = {math.degrees(gap.low):g} deg and high = "
                     f"{math.degrees(gap.high):g} deg, allowed: low below high"
                 )
-        limits = self.max_counts(fibers)
-        if sum(limits) < fibers:
+        limits = dict(zip(palette.names, self.max_counts(palette, fibers), strict=True))
+        if sum(limits.values()) < fibers and not self.off:
+            *first, last = (f"{limit} {color}" for color, limit in limits.items())
+            every = f"{', '.join(first)} and {last}" if first else last
             yield (
-                f"constraints: at most {limits[0]} red, {limits[1]} green and {limits[2]} blue "
-                f"LEDs for {fibers} fibers cannot be fulfilled, allowed: at least {fibers} together"
+                f"constraints: at most {every} LEDs for {fibers} fibers cannot be fulfilled, "
+                f"allowed: at least {fibers} together"
             )
-        for index, color in enumerate(("red", "green", "blue")):
+        for color, limit in limits.items():
             fixed = sum(entry.color == color for entry in self.fixed)
-            if fixed > limits[index]:
+            if fixed > limit:
                 yield (
                     f"constraints fix {fixed} {color} fibers, allowed: at most "
-                    f"max_{color} = {limits[index]}"
+                    f"max_{color} = {limit}"
                 )
         for fiber in range(fibers):
             if not self.intervals(fiber) or self.grid(fiber) == []:
                 yield f"constraints leave no direction for fiber {fiber}: forbid less"
                 return
 
-    def sentences(self) -> Iterator[str]:
+    def _unknown_colors(self, palette: Palette) -> Iterator[str]:
+        allowed = f"allowed: {', '.join(palette.names)}"
+        for name in self.colors or {}:
+            if name not in palette.names:
+                yield f"constraints.colors names {name}, {allowed}"
+        for name in RGB.names:
+            limited = [key for key in (f"max_{name}", f"power_{name}")
+                       if getattr(self, key) != type(self).model_fields[key].default]  # fmt: skip
+            if limited and name not in palette.names:
+                yield f"constraints.{limited[0]}: the scene has no color {name}, {allowed}"
+            elif limited and self.colors and name in self.colors:
+                yield f"constraints.{limited[0]} and constraints.colors.{name}: say it once"
+        for entry in self.fixed:
+            if entry.color not in (None, OFF, *palette.names):
+                yield f"constraints.fixed: color = {entry.color}, {allowed}, {OFF}"
+
+    def sentences(self, palette: Palette) -> Iterator[str]:
         """Yield the limits in words."""
-        for color in ("red", "green", "blue"):
-            limit, power = getattr(self, f"max_{color}"), getattr(self, f"power_{color}")
-            if limit is not None:
-                yield f"at most {limit} {color} fibers"
-            if power < 1.0:
-                yield f"{color} LEDs at {power:g} of full power at most"
+        for color in palette.names:
+            limits = self.of_color(color)
+            if limits.max is not None:
+                yield f"at most {limits.max} {color} fibers"
+            if limits.power < 1.0:
+                yield f"{color} LEDs at {limits.power:g} of full power at most"
+        if self.off:
+            yield "fibers may be off"
         if self.angle_step is not None:
             yield f"directions in steps of {math.degrees(self.angle_step):g} deg"
         if self.continuous_power:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 
@@ -14,6 +15,25 @@ class Part(BaseModel):
     """Base of all scene parts: immutable, no unknown keys, no silent conversion."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+def since_schema_2() -> Any:
+    """Return the field of an optional key that only files of schema 2 may name.
+
+    A key that is absent is None, and leaves no trace in the hash of a scene.
+    """
+    return Field(default=None, json_schema_extra={"since_schema": 2})
+
+
+def keys_of_schema_2(part: Part, prefix: str = "") -> Iterator[str]:
+    """Yield the keys that ``part`` names and a file of schema 1 may not."""
+    for name, info in type(part).model_fields.items():
+        value, key = getattr(part, name), f"{prefix}{name}"
+        extra = info.json_schema_extra
+        if value is not None and isinstance(extra, dict) and extra.get("since_schema") == 2:
+            yield key
+        elif isinstance(value, Part):
+            yield from keys_of_schema_2(value, f"{key}.")
 
 
 @dataclass(frozen=True)

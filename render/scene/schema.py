@@ -11,25 +11,54 @@ import itertools
 import json
 import math
 import tomllib
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
 
 from render.errors import SceneError
+from render.scene.camera import Camera, Coordinate, Millimeters
+from render.scene.colors import (
+    DEFAULT_CHANNELS,
+    OFF,
+    RGB,
+    LedColor,
+    Palette,
+    colors_in,
+    palette_of,
+)
 from render.scene.constraints import Constraints
 from render.scene.free_ranges import FreeRanges
-from render.scene.quantities import Count, Part, Quantity
+from render.scene.lamps import (
+    EDGES,
+    Box,
+    Fibers,
+    ListedLamp,
+    PlacedLamp,
+    Row,
+    lamps_of_file,
+    listed_problems,
+    placed_lamps,
+    placement_problems,
+    row_problems,
+)
+from render.scene.quantities import Count, Part, Quantity, keys_of_schema_2, since_schema_2
 from render.scene.tolerances import Tolerances
 
-Edge = Literal["left", "tip", "right"]
-Color = Literal["red", "green", "blue"]
-EDGES: tuple[Edge, ...] = ("left", "tip", "right")
-COLORS: tuple[Color, ...] = ("red", "green", "blue")
 
-Millimeters = Annotated[float, Quantity("mm", 0.01, 1000.0)]
-Coordinate = Annotated[float, Quantity("mm", -1000.0, 1000.0)]
+def _known_color(value: str, info: ValidationInfo) -> str:
+    """Refuse a color that the file does not have; the context names those that it has."""
+    known = (info.context or {}).get("colors", RGB.names)
+    if value not in known:
+        allowed = ", ".join(known)
+        raise PydanticCustomError("unknown_color", "allowed: {allowed}", {"allowed": allowed})
+    return value
+
+
+KnownColor = Annotated[str, AfterValidator(_known_color)]
 
 
 class Pad(Part):
@@ -69,38 +98,6 @@ class Coating(Part):
     """The Lambertian far side of the pad, seen from inside."""
 
     albedo: Annotated[float, Quantity("", 0.0, 1.0)]
-
-
-class Fibers(Part):
-    """Fiber ends, evenly spaced per edge; Gaussian radiance profile (thesis 3.3.1).
-
-    ``height`` is the distance of the fiber axis from the camera-side face; ``gap`` the air between
-    fiber end and diffuser; ``tilt`` the fixed angle towards the coating.
-    """
-
-    left: Annotated[int, Count(0, 64)]
-    tip: Annotated[int, Count(0, 64)]
-    right: Annotated[int, Count(0, 64)]
-    diameter: Annotated[float, Quantity("mm", 0.05, 5.0)]
-    gap: Annotated[float, Quantity("mm", 0.05, 10.0)]
-    height: Annotated[float, Quantity("mm", 0.0, 100.0)]
-    sigma_v: Annotated[float, Quantity("deg", 0.1, 89.0)]
-    tilt: Annotated[float, Quantity("deg", -60.0, 60.0)]
-
-    @property
-    def count(self) -> int:
-        """Number of fibers on all edges."""
-        return self.left + self.tip + self.right
-
-
-class Camera(Part):
-    """A pinhole in air below the pad, looking at the coating (+z), image up towards the tip."""
-
-    distance: Millimeters
-    y: Coordinate
-    field_of_view: Annotated[float, Quantity("deg", 1.0, 175.0)]
-    columns: Annotated[int, Count(8, 4096)]
-    rows: Annotated[int, Count(8, 4096)]
 
 
 class Bending(Part):
@@ -143,54 +140,86 @@ class Indenter(Part):
 
 
 class Baseline(Part):
-    """The color of every edge in the design that others are compared with (thesis 5.1)."""
+    """The color of every edge in the design that others are compared with (thesis 5.1).
 
-    left: Color
-    tip: Color
-    right: Color
+    ``lamps`` are the colors of listed lamps, one by one.
+    """
+
+    left: KnownColor | None = None
+    tip: KnownColor | None = None
+    right: KnownColor | None = None
+    base: KnownColor | None = since_schema_2()
+    lamps: Annotated[tuple[KnownColor, ...], Field(strict=False)] | None = since_schema_2()
+
+    def problems(self, edges: set[str], listed: int, every_edge: bool) -> Iterator[str]:
+        """Yield what is missing or too much for rows on ``edges`` and ``listed`` lamps."""
+        needed = edges | {"left", "tip", "right"} if every_edge else edges
+        for edge in EDGES:
+            if edge in needed and getattr(self, edge) is None:
+                yield f"missing key baseline.{edge}"
+            elif edge not in needed and getattr(self, edge) is not None:
+                yield f"baseline.{edge}: no row of lamps is on that edge, leave it out"
+        if len(self.lamps or ()) != listed:
+            yield (
+                f"baseline.lamps names {len(self.lamps or ())} colors, allowed: {listed}, one for "
+                "each listed lamp"
+            )
 
 
 class Scene(Part):
     """One sensor, completely: what every level of the fidelity ladder is built from."""
 
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    schema_version: Annotated[Literal[1, 2], Field(alias="schema")]
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
     pad: Pad
     diffuser: Diffuser | None = None
     coating: Coating
-    fibers: Fibers
+    fibers: Fibers | None = None
+    rows: tuple[Row, ...] | None = since_schema_2()
+    lamps: tuple[ListedLamp, ...] | None = since_schema_2()
     camera: Camera
     bending: Bending
     sites: Sites
     indenter: Indenter
     baseline: Baseline
+    colors: Annotated[tuple[LedColor, ...], Field(strict=False, min_length=1)] | None = (
+        since_schema_2()
+    )
     constraints: Constraints | None = None
     tolerances: Tolerances | None = None
     free: FreeRanges | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _lists_become_tuples(cls, raw: Any, info: ValidationInfo) -> Any:
+        """Read the file of lamps; TOML has lists where parts are tuples."""
+        if not isinstance(raw, dict):
+            return raw
+        raw = dict(raw)
+        if "lamps_file" in raw:
+            name, folder = raw.pop("lamps_file"), (info.context or {}).get("folder", Path())
+            if "lamps" in raw:
+                raise ValueError("lamps_file: lamps are listed in this file too, allowed: one")
+            if not isinstance(name, str):
+                raise ValueError(f"lamps_file = {name}, allowed: the name of a CSV file")
+            try:
+                raw["lamps"] = lamps_of_file(folder / name)
+            except ValueError as error:
+                raise ValueError(f"lamps_file = {name}: {error}") from error
+        for key in ("rows", "lamps"):
+            if isinstance(raw.get(key), list):
+                raw[key] = tuple(raw[key])
+        return raw
+
     @model_validator(mode="after")
     def _parts_fit_together(self) -> Scene:
         problems = []
-        if self.fibers.count == 0:
-            problems.append("fibers: left, tip and right are all 0, at least one fiber is needed")
-        if self.fibers.height > self.pad.thickness:
-            problems.append(
-                f"fibers.height = {self.fibers.height:g} mm lies above the pad, "
-                f"allowed: 0 to pad.thickness = {self.pad.thickness:g} mm"
-            )
-        if self.fibers.diameter / 2 >= self.fibers.gap:
-            problems.append(
-                f"fibers.diameter = {self.fibers.diameter:g} mm cuts into the diffuser when the "
-                f"fiber turns, allowed: below 2 fibers.gap = {2 * self.fibers.gap:g} mm"
-            )
-        for edge in EDGES:
-            side = self.pad.width if edge == "tip" else self.pad.length
-            needed = getattr(self.fibers, edge) * self.fibers.diameter
-            if needed > side:
-                problems.append(
-                    f"fibers.{edge} = {getattr(self.fibers, edge)} fibers need {needed:g} mm, "
-                    f"allowed: at most the edge of {side:g} mm"
-                )
+        if self.schema_version == 1:
+            problems += [f"{key} needs schema = 2" for key in keys_of_schema_2(self)]
+            if self.constraints and any(one.color == OFF for one in self.constraints.fixed):
+                problems.append(f"constraints.fixed: color = {OFF} needs schema = 2")
+        problems += self.camera.problems()
+        problems += self._lamp_problems()
         angles = self.bending.angles
         if any(b <= a for a, b in itertools.pairwise(angles)):
             shown = ", ".join(f"{math.degrees(angle):g}" for angle in angles)
@@ -213,8 +242,20 @@ class Scene(Part):
                 f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
+        palette = self.palette
+        problems += palette.problems()
         if self.constraints is not None:
-            problems += self.constraints.problems(self.fibers.count)
+            problems += self.constraints.problems(palette, self.lamp_count)
+        if self.tolerances is not None and self.tolerances.sigma_v is not None:
+            parts: list[Row | ListedLamp] = [*self.lamp_rows, *(self.lamps or ())]
+            if all(part.profile.sigma_v is None for part in parts):
+                problems.append("tolerances.sigma_v: no lamp has a Gaussian profile, leave it out")
+        for entry in self.constraints.fixed if self.constraints is not None else ():
+            turning = self.turning
+            if entry.angle is not None and not (*turning, True)[min(entry.fiber, len(turning))]:
+                problems.append(
+                    f"constraints.fixed: lamp {entry.fiber} does not turn, leave its angle out"
+                )
         if self.tolerances is not None and self.diffuser is None:
             for name in ("scattering", "diffuser_thickness"):
                 if getattr(self.tolerances, name) is not None:
@@ -225,15 +266,126 @@ class Scene(Part):
             raise ValueError("; ".join(problems))
         return self
 
+    def _lamp_problems(self) -> Iterator[str]:
+        pad, fibers, listed = self.pad, self.fibers, self.lamps or ()
+        if fibers is None and self.schema_version == 1:
+            yield "missing key fibers"
+            return
+        if fibers is not None and self.rows is not None:
+            yield "rows: fibers are three rows already, allowed: one of the two"
+            return
+        if self.lamp_count == 0:
+            named = "fibers: left, tip and right are all 0" if fibers else "there are no lamps"
+            yield f"{named}, at least one {'fiber' if fibers else 'row or lamp'} is needed"
+        if fibers is not None:
+            yield from self._fiber_problems(fibers)
+        alone = [
+            *row_problems(self.rows or (), pad.width, pad.length),
+            *listed_problems(listed),
+        ]
+        yield from alone
+        if not alone:
+            placed = [lamp for lamp in self.placed_lamps() if fibers is None or lamp.edge is None]
+            yield from placement_problems(tuple(placed), self.box)
+        edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
+        yield from self.baseline.problems(edges, len(listed), fibers is not None)
+
+    def _fiber_problems(self, fibers: Fibers) -> Iterator[str]:
+        if fibers.height > self.pad.thickness:
+            yield (
+                f"fibers.height = {fibers.height:g} mm lies above the pad, "
+                f"allowed: 0 to pad.thickness = {self.pad.thickness:g} mm"
+            )
+        if fibers.diameter / 2 >= fibers.gap:
+            yield (
+                f"fibers.diameter = {fibers.diameter:g} mm cuts into the "
+                f"{'diffuser' if self.diffuser else 'pad'} when the fiber turns, allowed: below "
+                f"2 fibers.gap = {2 * fibers.gap:g} mm"
+            )
+        for row in fibers.rows():
+            side = self.pad.width if row.edge == "tip" else self.pad.length
+            needed = row.size * fibers.diameter
+            if needed > side:
+                yield (
+                    f"fibers.{row.edge} = {row.size} fibers need {needed:g} mm, "
+                    f"allowed: at most the edge of {side:g} mm"
+                )
+
+    def baseline_colors(self) -> tuple[str, ...]:
+        """Return the color of each lamp in the design that others are compared with."""
+        listed = iter(self.baseline.lamps or ())
+        return tuple(
+            getattr(self.baseline, lamp.edge) if lamp.edge else next(listed)
+            for lamp in self.placed_lamps()
+        )
+
+    def with_sigma_v(self, factor: float) -> Scene:
+        """Return the scene with every Gaussian profile ``factor`` times as wide."""
+
+        def wider(part: Any) -> Any:
+            if part.profile.sigma_v is None:
+                return part
+            width = {"sigma_v": part.profile.sigma_v * factor}
+            return part.model_copy(update={"profile": part.profile.model_copy(update=width)})
+
+        changed: dict[str, Any] = {
+            name: tuple(wider(part) for part in getattr(self, name))
+            for name in ("rows", "lamps")
+            if getattr(self, name) is not None
+        }
+        if self.fibers is not None:
+            width = {"sigma_v": self.fibers.sigma_v * factor}
+            changed["fibers"] = self.fibers.model_copy(update=width)
+        return self.model_copy(update=changed)
+
+    @property
+    def box(self) -> Box:
+        """The outline of the flat silicone."""
+        rim = self.diffuser.thickness if self.diffuser else 0.0
+        return Box(self.pad.width, self.pad.length, self.pad.thickness, rim)
+
+    @property
+    def lamp_rows(self) -> tuple[Row, ...]:
+        """Lamps along edges; the fibers of schema 1 are three rows."""
+        return self.fibers.rows() if self.fibers is not None else self.rows or ()
+
+    @property
+    def lamp_count(self) -> int:
+        """Number of lamps, in rows and listed."""
+        return sum(row.size for row in self.lamp_rows) + len(self.lamps or ())
+
+    @property
+    def turning(self) -> tuple[bool, ...]:
+        """Which lamps turn, in the order of their numbers."""
+        rows = [row for edge in EDGES for row in self.lamp_rows if row.edge == edge]
+        in_rows = [row.turns for row in rows for _ in range(row.size)]
+        return (*in_rows, *(lamp.turns for lamp in self.lamps or ()))
+
+    def placed_lamps(self) -> tuple[PlacedLamp, ...]:
+        """Return all lamps on the flat pad, in the order of their numbers."""
+        return placed_lamps(self.box, self.lamp_rows, self.lamps or ())
+
+    @property
+    def palette(self) -> Palette:
+        """The LED colors, and what the camera's channels see of them."""
+        return palette_of(self.colors, self.camera.channels)
+
     @property
     def hash(self) -> str:
         """16 hex digits that identify the physical content.
 
         Sources, the name, constraints, tolerances and free ranges change no light and have no part
-        in it.
+        in it; nor has the schema: what both can say has one hash.
         """
         lightless = {"name", "constraints", "tolerances", "free"}
-        content = self.model_dump(mode="json", exclude=lightless)
+        content = self.model_dump(mode="json", exclude=lightless, exclude_none=True)
+        content |= {"schema_version": 1, "diffuser": content.get("diffuser")}
+        for color in content.get("colors", ()):
+            color.pop("ink", None)
+        if self.palette == RGB:
+            content.pop("colors", None)
+        if self.palette.channels == DEFAULT_CHANNELS:
+            content["camera"].pop("channels", None)
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -246,15 +398,14 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """
     raw, origin = _read(name_or_path)
     try:
-        return Scene.model_validate(raw)
+        context = {"colors": colors_in(raw), "folder": Path(name_or_path).parent}
+        return Scene.model_validate(raw, context=context)
     except ValidationError as error:
         lines = [_sentence(problem) for problem in error.errors(include_url=False)]
         first = error.errors(include_url=False)[0]
         raise SceneError(
             f"{origin} is not a valid scene: " + "; ".join(lines),
             field=".".join(str(part) for part in first["loc"]),
-            value=first.get("input"),
-            allowed=str(first.get("ctx", {}).get("allowed", "")),
         ) from None
 
 
@@ -263,10 +414,14 @@ def sources(name_or_path: str | Path) -> dict[str, str]:
     raw, _ = _read(name_or_path)
     by_key: dict[str, str] = {}
     for part, content in raw.items():
-        if isinstance(content, dict):
-            for key, quantity in content.items():
+        listed = enumerate(content) if isinstance(content, list) else ()
+        entries = {part: content} | {f"{part}.{i}": entry for i, entry in listed}
+        for name, entry in entries.items():
+            for key, quantity in entry.items() if isinstance(entry, dict) else ():
                 if isinstance(quantity, dict) and "source" in quantity:
-                    by_key[f"{part}.{key}"] = str(quantity["source"])
+                    by_key[f"{name}.{key}"] = str(quantity["source"])
+    for color in raw.get("colors", ()):
+        by_key[f"colors.{color['name']}"] = str(color["response"]["source"])
     return by_key
 
 
@@ -293,7 +448,6 @@ def scene_text(name_or_path: str | Path) -> str:
             f"there is no scene {text_name!r}: give the path of a TOML file or one of "
             f"{', '.join(shipped_scenes())}",
             field="scene",
-            value=text_name,
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise _unreadable(text_name, error) from None
@@ -308,7 +462,7 @@ def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
 
 
 def _unreadable(origin: str, error: Exception) -> SceneError:
-    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene", value=origin)
+    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
 
 
 def _sentence(problem: Any) -> str:

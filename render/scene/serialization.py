@@ -5,9 +5,10 @@ A TOML file holds degrees, and degrees do not always come back to the same radia
 
 from __future__ import annotations
 
+import contextlib
 import json
 from functools import lru_cache
-from typing import Any
+from typing import Any, get_args
 
 from render.errors import SceneError
 from render.scene.quantities import Part
@@ -53,13 +54,20 @@ def _part(kind: type[Part], content: dict[str, Any]) -> Any:
         value = content[name]
         if isinstance(value, dict):
             value = _part(_part_class(field.annotation), value)
-        values[name] = tuple(value) if isinstance(value, list) else value
+        elif isinstance(value, list):
+            value = tuple(
+                _part(_part_class(field.annotation), item) if isinstance(item, dict) else item
+                for item in value
+            )
+        values[name] = value
     return kind.model_construct(**values)
 
 
 def _part_class(annotation: Any) -> type[Part]:
-    """Return the part's class; optional parts are unions with None."""
-    for kind in (annotation, *getattr(annotation, "__args__", ())):
-        if isinstance(kind, type) and issubclass(kind, Part):
-            return kind
+    """Return the part's class, inside unions with None and tuples of parts."""
+    if isinstance(annotation, type) and issubclass(annotation, Part):
+        return annotation
+    for kind in get_args(annotation):
+        with contextlib.suppress(TypeError):
+            return _part_class(kind)
     raise TypeError(annotation)

@@ -15,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from render.geometry import counted_sites
 from render.metric import THESIS
 from render.scene import Scene
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import UNITS, ModelMetadata
+from surrogate.runtime.metadata import UNITS, ModelMetadata, axes_of
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit
@@ -54,10 +55,11 @@ def describe_model(
     return ModelMetadata(
         scene=scene.name,
         scene_hash=scene.hash,
-        fibers=scene.fibers.count,
-        sites=scene.sites.count,
+        fibers=scene.lamp_count,
+        sites=len(counted_sites(scene)),
         facets=scene.indenter.faces,
         scene_bends=list(scene.bending.angles),
+        axes=axes_of(scene.palette.channels),
         bounds={
             "phi": [0.0, math.pi],
             "power": [0.0, 1.0],
@@ -206,7 +208,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             *settings,
             f"- cells: {fit.cells}, median relative standard error {fit.noise:.1%}",
-            f"- unreliable: {fit.unreliable} cells, not positive or uncertain by half or more; "
+            f"- unreliable: {fit.unreliable} cells, uncertain by half or more, as those are that "
+            "few light paths carry; "
             "fitted with their weight, left out of the errors of single cells",
             "",
             f"Residual: {metadata.residual['kind']}, {metadata.residual['members']} members.",

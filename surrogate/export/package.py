@@ -77,7 +77,6 @@ def check_replaceable(folder: Path) -> None:
                 f"{folder} cannot be created, its place is not a writable directory: name another "
                 "folder",
                 field="out",
-                value=str(folder),
             )
         return
     others = {item.name for item in folder.iterdir()} - FILES if folder.is_dir() else {folder.name}
@@ -86,7 +85,6 @@ def check_replaceable(folder: Path) -> None:
             f"{folder} holds {sorted(others)[0]!r}, which is no part of a model: name another "
             "folder",
             field="out",
-            value=str(folder),
         )
 
 

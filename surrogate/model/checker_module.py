@@ -82,7 +82,6 @@ class MaterialTerms(nn.Module):
     nominal: Tensor
 
     def __init__(self, free: MaterialRange) -> None:
-        """Store the terms of the scene's own material."""
         super().__init__()
         self.exponents = free.exponents.tolist()
         store_constants(self, {"nominal": free.nominal_terms})
@@ -149,11 +148,11 @@ class CheckerModule(nn.Module):
         lam: float,
         spread: tuple[float, float],
     ) -> None:
-        """Assemble the parts."""
         super().__init__()
         self.preview, self.inputs = PreviewTable(grid), CellFeatures(scene, grid)
         self.residual, self.expansion = residual, Expansion(scene)
         self.exposure, self.lam, self.spread = exposure, lam, spread
+        self.channels = len(scene.palette.channels)
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
         self.free = grid.free
         if grid.free is not None:
@@ -166,7 +165,7 @@ class CheckerModule(nn.Module):
 
         Arguments:
             phi: ``(batch, fiber)`` rad.
-            power: ``(batch, fiber, 3)`` in [0, 1].
+            power: ``(batch, fiber, channel)`` in [0, 1].
             bend: ``(batch, bend)`` rad.
             material: ``(batch, quantity)``, where the scene leaves it free, in the units of
                 :mod:`surrogate.model.materials`.
@@ -177,13 +176,14 @@ class CheckerModule(nn.Module):
         given = self._scaled(phi, power, bend, material)
         inside = _within(given)
         fibers, width = phi.shape[1], self.bends[1] - self.bends[0]
-        free = 4 * fibers + (0 if material is None else material.shape[1])
+        lights = fibers + self.channels * fibers
+        free = lights + (0 if material is None else material.shape[1])
         log_preview, residual, spread = self.transport(
             inside[:, :fibers] * math.pi,
             inside[:, free:] * width + self.bends[0],
-            None if material is None else 2.0 * inside[:, 4 * fibers : free] - 1.0,
+            None if material is None else 2.0 * inside[:, lights:free] - 1.0,
         )
-        weight = inside[:, fibers : 4 * fibers].reshape(-1, 3, fibers)
+        weight = inside[:, fibers:lights].reshape(-1, self.channels, fibers)
         shared = residual.sum(dim=0) / residual.shape[0]
         transport = torch.exp(log_preview + shared)
         counts = clip_counts(self.exposure * _superposed(weight, transport))
@@ -201,7 +201,7 @@ class CheckerModule(nn.Module):
     def _scaled(self, phi: Tensor, power: Tensor, bend: Tensor, material: Tensor | None) -> Tensor:
         """Return all inputs of a design in one row, 0 to 1 inside the trained range.
 
-        ``(batch, fiber + 3 fiber + quantity + bend)``; power by color first.
+        ``(batch, fiber + channel fiber + quantity + bend)``; power by channel first.
         """
         low, high = self.bends
         level = (bend - low) / (high - low) if high > low else bend - low
@@ -238,12 +238,12 @@ class CheckerModule(nn.Module):
     def counts_spread(
         self, transport: Tensor, deviation: Tensor, spread: Tensor, weight: Tensor
     ) -> Tensor:
-        """Return one standard deviation of the counts, ``(batch, bend, site, facet, 3)``.
+        """Return one standard deviation of the counts, ``(batch, bend, site, facet, channel)``.
 
         The disagreement of the members, which light from all fibers shares, and the calibrated
         residual of every cell, independent from fiber to fiber, add in quadrature. ``deviation`` is
         the deviation of every member's residual from their mean, ``(member, normal, batch, ...)``;
-        ``weight`` the power ``(batch, 3, fiber)``.
+        ``weight`` the power ``(batch, channel, fiber)``.
         """
         members = deviation.shape[0]
         variance = _superposed(weight * weight, (transport * spread) ** 2)
@@ -254,9 +254,10 @@ class CheckerModule(nn.Module):
 
 
 def _superposed(weight: Tensor, light: Tensor) -> Tensor:
-    """Return ``(..., batch, bend, site, normal, 3)``: light adds up over the fibers.
+    """Return ``(..., batch, bend, site, normal, channel)``: light adds up over the fibers.
 
-    ``weight`` is ``(batch, 3, fiber)``, ``light`` ``(..., normal, batch, fiber, bend, site)``.
+    ``weight`` is ``(batch, channel, fiber)``,
+    ``light`` ``(..., normal, batch, fiber, bend, site)``.
     """
     bends, sites = light.shape[-2:]
     sums = torch.matmul(weight, light.flatten(-2))

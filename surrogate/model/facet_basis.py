@@ -24,7 +24,7 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry import facet_normals, flat_fiber_poses, flat_sites
+from render.geometry import camera_is_symmetric, facet_normals, flat_fiber_poses, flat_sites
 from render.scene import Scene
 
 ORDERS = np.array([0, 1, 1, 2, 2, 3, 3, 0])
@@ -51,8 +51,12 @@ def facet_harmonics(scene: Scene) -> Array:
 
 
 def mirror_signs(scene: Scene) -> Array:
-    """Return -1 for the fibers that stand at x > 0 and are seen in the mirror, else 1."""
-    return np.where(flat_fiber_poses(scene).position[:, 0] > 1e-9, -1.0, 1.0)
+    """Return -1 for the fibers that stand at x > 0 and are seen in the mirror, else 1.
+
+    All are 1 where the camera stands or looks askew: the light that it sees has no mirror image.
+    """
+    mirrored = flat_fiber_poses(scene).position[:, 0] > 1e-9
+    return np.where(mirrored & camera_is_symmetric(scene), -1.0, 1.0)
 
 
 def turning(scene: Scene) -> tuple[Array, Array]:

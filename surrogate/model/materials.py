@@ -50,16 +50,17 @@ class MaterialRange:
 
     def unit(self, materials: Array) -> Array:
         """Return ``materials`` ``(..., quantity)`` mapped to [-1, 1] over the range."""
-        value, low, high = (
-            np.where(self.logarithmic, np.log(x), x) for x in (materials, self.low, self.high)
-        )
+        value, low, high = (self._mapped(x) for x in (materials, self.low, self.high))
         return np.asarray(2.0 * (value - low) / (high - low) - 1.0)
 
     def from_unit(self, unit: Array) -> Array:
         """Return the materials of ``unit`` ``(..., quantity)``, the inverse of :meth:`unit`."""
-        low, high = (np.where(self.logarithmic, np.log(x), x) for x in (self.low, self.high))
+        low, high = self._mapped(self.low), self._mapped(self.high)
         value = low + 0.5 * (unit + 1.0) * (high - low)
         return np.asarray(np.where(self.logarithmic, np.exp(value), value))
+
+    def _mapped(self, x: Array) -> Array:
+        return np.where(self.logarithmic, np.log(np.where(self.logarithmic, x, 1.0)), x)
 
     @property
     def exponents(self) -> np.ndarray:

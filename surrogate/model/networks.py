@@ -23,7 +23,6 @@ class NoResidual(nn.Module):
     zeros: Tensor
 
     def __init__(self, outputs: int) -> None:
-        """Store the number of basis functions."""
         super().__init__()
         self.register_buffer("zeros", torch.zeros(1, outputs))
 
@@ -44,7 +43,6 @@ class RidgeEnsemble(nn.Module):
     second: Tensor
 
     def __init__(self, weight: Tensor, inputs: int) -> None:
-        """Store the weights as constants."""
         super().__init__()
         self.register_buffer("weight", weight)
         first, second = torch.triu_indices(inputs, inputs)
@@ -76,7 +74,6 @@ class NetworkEnsemble(nn.Module):
     def __init__(
         self, members: int, inputs: int, width: int, outputs: int, generator: torch.Generator
     ) -> None:
-        """Draw the starting weights."""
         super().__init__()
 
         def layer(rows: int, columns: int) -> nn.Parameter:

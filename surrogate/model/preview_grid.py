@@ -56,11 +56,13 @@ class PreviewGrid:
         return np.asarray(out)
 
 
-def draw_grid(scene: Scene, phi_count: int, bend_count: int) -> PreviewGrid:
+def draw_grid(
+    scene: Scene, phi_count: int, bend_count: int, progress: OnProgress | None = None
+) -> PreviewGrid:
     """Draw the preview of ``scene`` on ``phi_count`` by ``bend_count`` Chebyshev nodes.
 
     phi covers [0, pi], the bend [0, largest angle of the scene]; a scene with one bend gets one
-    node there.
+    node there. ``progress`` is told of every bend.
 
     Raises:
         GraphicsError: when no OpenGL library can draw.
@@ -69,8 +71,12 @@ def draw_grid(scene: Scene, phi_count: int, bend_count: int) -> PreviewGrid:
     from render.preview import Preview
 
     phi, bends = grid_nodes(scene, phi_count, bend_count)
+    drawn, clock = [], Clock(len(bends), progress)
     with Preview(scene) as preview:
-        transport, background = preview.transport(phi, bends)
+        for bend in bends:
+            drawn.append(preview.transport(phi, bend[None]))
+            clock.tick()
+    transport, background = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
     return grid_from_transport(transport, background, phi, bends)
 
 
@@ -147,12 +153,7 @@ def draw_material_grid(
 ) -> tuple[PreviewGrid, InterpolationError | None]:
     """Return the grid of ``scene`` over what it leaves free, and its error; None without a range.
 
-    Arguments:
-        scene: the sensor.
-        phi_count: nodes in phi.
-        bend_count: nodes in the bend.
-        materials: how many are drawn.
-        progress: told of every preview that is drawn.
+    ``progress`` is told of every preview that is drawn.
     """
     free = MaterialRange.of(scene)
     if free is None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from render.arrays import Array
 from render.errors import ModelError
 from render.transport import TransportTable
-from surrogate.runtime.metadata import ModelMetadata, read_props
+from surrogate.runtime.metadata import PREVIEW, ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
 if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model may lack
@@ -30,6 +30,7 @@ class Checker:
         material: the free quantities ``(quantity,)`` of the scene that it is asked for, in the
             order and units of ``metadata.material``; empty where nothing is free.
         scene_hash: of that scene.
+        file: that it was loaded from; None for the preview, which was drawn.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class Checker:
         metadata: ModelMetadata,
         material: Array | None = None,
         scene_hash: str | None = None,
+        file: Path | None = None,
     ) -> None:
         """Take an open session; use :meth:`load` or :meth:`for_scene` for files."""
         self._session = session
@@ -45,6 +47,7 @@ class Checker:
         nominal = np.array(metadata.material.get("nominal", []), dtype=np.float64)
         self.material = nominal if material is None else material
         self.scene_hash = scene_hash or metadata.scene_hash
+        self.file = file
 
     @classmethod
     def load(
@@ -63,10 +66,10 @@ class Checker:
         Raises:
             ModelError: missing, altered, corrupt, foreign, or for another scene.
         """
-        session, metadata = _opened(path, threads)
+        session, metadata, file = _opened(path, threads)
         if scene_hash is not None and metadata.scene_hash != scene_hash:
             raise _foreign(path, metadata, scene_hash)
-        return cls(session, metadata)
+        return cls(session, metadata, file=file)
 
     @classmethod
     def for_scene(cls, path: str | Path, scene: Scene, *, threads: int | None = None) -> Checker:
@@ -79,9 +82,9 @@ class Checker:
         Raises:
             ModelError: as :meth:`load`.
         """
-        session, metadata = _opened(path, threads)
+        session, metadata, file = _opened(path, threads)
         if metadata.scene_hash == scene.hash:
-            return cls(session, metadata)
+            return cls(session, metadata, file=file)
         free = metadata.material
         if not free or scene.diffuser is None:
             raise _foreign(path, metadata, scene.hash)
@@ -89,7 +92,12 @@ class Checker:
             raise _foreign(path, metadata, scene.hash)
         values = scene.diffuser.free_values
         material = np.array([values[name] for name in free["names"]])
-        return cls(session, metadata, material, scene.hash)
+        return cls(session, metadata, material, scene.hash, file)
+
+    @property
+    def level(self) -> Literal["preview", "surrogate"]:
+        """What answers: the preview alone, or with a residual that was trained on renders."""
+        return "preview" if self.metadata.residual["kind"] == PREVIEW else "surrogate"
 
     @property
     def exposure(self) -> float:
@@ -121,24 +129,24 @@ class Checker:
 
         Arguments:
             phi: ``(N, fiber)`` rad in [0, pi].
-            power: ``(N, fiber, 3)`` in [0, 1].
+            power: ``(N, fiber, channel)`` in [0, 1], what fibers give to the channels.
             bends: ``(bend,)`` rad, the same for all designs, in [0, pi]; beyond the trained
                 bends ``domain_excess`` is positive.
 
         Returns:
-            ``counts``, ``counts_spread`` ``(N, bend, site, facet, 3)``, ``background``
-            ``(N, bend, site, 3)``, ``metric`` ``(N, bend, site)``, ``score`` ``(N,)`` over the
-            bends given, ``domain_excess`` ``(N,)``.
+            ``counts``, ``counts_spread`` ``(N, bend, site, facet, channel)``, ``background``
+            ``(N, bend, site, channel)``, ``metric`` ``(N, bend, site)``, ``score`` ``(N,)`` over
+            the bends given, ``domain_excess`` ``(N,)``.
 
         Raises:
             ModelError: wrong shape, range or unit.
         """
-        fibers = self.metadata.fibers
+        fibers, channels = self.metadata.fibers, len(self.metadata.channels)
         phi, power, bends = (np.asarray(x, dtype=np.float64) for x in (phi, power, bends))
         if phi.ndim != 2 or phi.shape[1] != fibers or len(phi) == 0:
             raise _shape_error("phi", phi, f"(designs, {fibers})")
-        if power.shape != (len(phi), fibers, 3):
-            raise _shape_error("power", power, f"({len(phi)}, {fibers}, 3)")
+        if power.shape != (len(phi), fibers, channels):
+            raise _shape_error("power", power, f"({len(phi)}, {fibers}, {channels})")
         if bends.ndim != 1 or len(bends) == 0:
             raise _shape_error("bends", bends, "(bends,)")
         _check_range("phi", phi, math.pi, "rad")
@@ -157,9 +165,9 @@ class Checker:
     def transport_table(self, phi: Array, bends: Array | None = None) -> TransportTable:
         """Return the transport at direction nodes ``phi`` ``(phi_node,)`` rad.
 
-        Light is linear: three fibers are lit per run, one per color channel, at a power that
-        clips nothing. ``se`` is one standard deviation of the model's error of single cells; the
-        background's is that of its site's facets, relatively.
+        Light is linear: as many fibers are lit per run as there are channels, each in one of its
+        own, at a power that clips nothing. ``se`` is one standard deviation of the model's error of
+        single cells; the background's is that of its site's facets, relatively.
 
         Arguments:
             phi: ascending nodes in [0, pi].
@@ -168,9 +176,10 @@ class Checker:
         phi = np.asarray(phi, dtype=np.float64)
         bends = np.array(self.metadata.scene_bends) if bends is None else np.asarray(bends)
         fibers, limit = self.metadata.fibers, self.metadata.metric.count_max
-        runs = math.ceil(fibers / 3)
-        lit = np.zeros((runs, fibers, 3))
-        lit[np.arange(fibers) // 3, np.arange(fibers), np.arange(fibers) % 3] = 1.0
+        channels = len(self.metadata.channels)
+        runs, number = math.ceil(fibers / channels), np.arange(fibers)
+        lit = np.zeros((runs, fibers, channels))
+        lit[number // channels, number, number % channels] = 1.0
         directions = np.repeat(phi, runs)[:, None].repeat(fibers, axis=1)
         power = 1.0
         while True:
@@ -182,7 +191,7 @@ class Checker:
         def cells(name: str) -> Array:
             """Return ``(fiber, phi_node, bend, site[, facet])`` of an output."""
             value = np.moveaxis(outputs[name].astype(np.float64), -1, 1)
-            value = value.reshape(len(phi), runs * 3, *value.shape[2:])[:, :fibers]
+            value = value.reshape(len(phi), runs * channels, *value.shape[2:])[:, :fibers]
             return value.swapaxes(0, 1) / (self.exposure * power)
 
         transport, spread, background = map(cells, ("counts", "counts_spread", "background"))
@@ -193,7 +202,7 @@ class Checker:
             exposure=self.exposure,
             lam=self.lam,
             scene_hash=self.scene_hash,
-            level="surrogate",
+            level=self.level,
             bends=bends,
             background=background,
             background_se=background * (spread / transport).mean(axis=-1),
@@ -208,11 +217,11 @@ def family_hash(scene: Scene, names: tuple[str, ...]) -> str:
     return scene.model_copy(update={"diffuser": layer}).hash
 
 
-def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata]:
+def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata, Path]:
     file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
     content = read_verified(file, strict=Path(path).is_dir())
     session = open_session(content, file, threads)
-    return session, read_props(session.get_modelmeta().custom_metadata_map, str(file))
+    return session, read_props(session.get_modelmeta().custom_metadata_map, str(file)), file
 
 
 def _foreign(path: str | Path, metadata: ModelMetadata, scene_hash: str) -> ModelError:
@@ -221,17 +230,12 @@ def _foreign(path: str | Path, metadata: ModelMetadata, scene_hash: str) -> Mode
         f"{file} is a model of another scene ({metadata.scene}, hash {metadata.scene_hash}), "
         f"allowed: hash {scene_hash}; train one with `tactilux train`",
         field="scene_hash",
-        value=metadata.scene_hash,
-        allowed=scene_hash,
     )
 
 
 def _shape_error(name: str, value: Array, allowed: str) -> ModelError:
     return ModelError(
-        f"{name} has shape {value.shape}, allowed: {allowed}: give one row per design",
-        field=name,
-        value=value.shape,
-        allowed=allowed,
+        f"{name} has shape {value.shape}, allowed: {allowed}: give one row per design", field=name
     )
 
 
@@ -245,6 +249,4 @@ def _check_range(name: str, value: Array, high: float, unit: str) -> None:
     raise ModelError(
         f"{name} = {worst:g} {unit}, allowed: 0 to {high:.6g}{hint or '; correct the input'}",
         field=name,
-        value=worst,
-        allowed=f"0 to {high:.6g}",
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -16,6 +16,8 @@ from render.metric import MetricConfig, current_conventions
 
 SCHEMA = "tactilux-checker-2"
 """Version 2: exposure and lambda are those of the scene's preview, not of the training renders."""
+PREVIEW = "preview"
+"""Kind of the residual of a model that is the preview alone."""
 LICENCE = "Apache-2.0"
 UNITS = {
     "phi": "rad",
@@ -46,6 +48,13 @@ AXES = {
     "domain_excess": "(batch)",
 }
 """What the axes of inputs and outputs are, and how they are counted."""
+
+
+def axes_of(channels: Sequence[str]) -> dict[str, str]:
+    """Return `AXES` of a camera with ``channels``."""
+    return AXES | {"channel": ", ".join(channels)}
+
+
 _LATER = {"material", "axes"}
 """Properties that models of an earlier version lack, and that have a default."""
 
@@ -110,6 +119,11 @@ class ModelMetadata:
         }
 
     @property
+    def channels(self) -> list[str]:
+        """Names of the camera's channels."""
+        return self.axes["channel"].split(", ")
+
+    @property
     def metric(self) -> MetricConfig:
         """The metric's conventions."""
         return MetricConfig(**current_conventions(self.conventions))
@@ -126,16 +140,12 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             f"{origin} is a model of schema tactilux-checker-1, whose scores depend on how noisy "
             "its renders were: make it again with `tactilux train`",
             field="schema",
-            value=props["schema"],
-            allowed=SCHEMA,
         )
     if props.get("schema") != SCHEMA:
         raise ModelError(
             f"{origin} is not a tactilux model of schema {SCHEMA} (it says "
             f"{props.get('schema', 'nothing')!r}): use a checker.onnx that `tactilux train` wrote",
             field="schema",
-            value=props.get("schema"),
-            allowed=SCHEMA,
         )
     texts = {"scene", "scene_hash", "training_data_hash", "git_revision", "licence", "schema"}
     try:
@@ -145,7 +155,7 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             if item.name not in _LATER or item.name in props
         }
         metadata = ModelMetadata(**content)
-        _ = metadata.metric
+        _ = metadata.metric, metadata.channels
         numbers = [
             metadata.exposure,
             metadata.lam,

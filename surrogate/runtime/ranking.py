@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from surrogate.runtime.metadata import ModelMetadata
+from surrogate.runtime.metadata import PREVIEW, ModelMetadata
 
 RELIABLE_TAU = 0.85
 """What verification asks of a ranking as well, before it believes the surrogate."""
@@ -21,6 +21,8 @@ AIM = 0.9
 """Tau that a perfect model should reach against the reference of a new training."""
 NOISE = "noise of the reference"
 """Level of the held-out errors that a perfect model would have."""
+MANY_UNCONVERGED = 0.1
+"""Share of cells from which it is a reason that they have not converged."""
 MOST = 100.0
 """More times the samples than this cannot be told from a short render."""
 
@@ -33,12 +35,16 @@ class RankingTest:
         tau: of the model against its reference.
         factor: times the samples that would let a perfect model reach AIM; at most MOST.
         samples, minutes: what the model was trained with, where it was rendered for.
+        level: kind of the model's residual, or the preview alone.
+        unconverged: share of the reference's cells that had not converged.
     """
 
     tau: float
     factor: float
     samples: int | None
     minutes: float | None
+    unconverged: float = 0.0
+    level: str = ""
 
     @classmethod
     def of(cls, metadata: ModelMetadata) -> RankingTest:
@@ -51,6 +57,9 @@ class RankingTest:
             factor=_factor(held.get(NOISE, 1.0)),
             samples=int(samples) if samples is not None else None,
             minutes=float(seconds) / 60.0 if seconds is not None else None,
+            unconverged=int(metadata.residual.get("unreliable_cells", 0))
+            / int(metadata.residual.get("cells", 1)),
+            level=str(metadata.residual["kind"]),
         )
 
     @property
@@ -62,22 +71,33 @@ class RankingTest:
         """Return what more effort would bring, as a sentence; empty for a reliable model."""
         if self.reliable:
             return ""
+        if self.level == PREVIEW:
+            return (
+                "The preview ranks designs of such sensors with a Kendall's tau of "
+                f"{self.tau:.2f}, needed: {RELIABLE_TAU:g}: train a model (tactilux train) or let "
+                "renders decide (tactilux optimize)."
+            )
         said = (
             f"This model has not shown that it can rank designs: on held-out ones Kendall's tau is "
             f"{self.tau:.2f}, needed: {RELIABLE_TAU:g}. "
         )
-        if self.factor <= 1.0:
+        many, factor = self.unconverged > MANY_UNCONVERGED, self.factor
+        if factor <= 1.0 and not many:
             return said + (
                 "The renders are good enough, so more samples will not help: the preview is too "
                 "far from them in this scene; let renders decide (tactilux optimize)."
             )
-        times = _rounded(self.factor)
+        if many:
+            said += f"Few light paths carry {self.unconverged:.0%} of the cells that it learned. "
+            # The noise of the held-out designs does not know what no path has found.
+            factor = max(factor, 2.0)
+        times = _rounded(factor)
         said += f"Its renders are too noisy: train with at least {times} times the samples"
         if self.samples is None or self.minutes is None:
             return said + "."
         return said + (
-            f" (--samples {_rounded(self.factor * self.samples)}, some "
-            f"{_rounded(self.factor * self.minutes)} minutes of rendering at the same pace)."
+            f" (--samples {_rounded(factor * self.samples)}, some "
+            f"{_rounded(factor * self.minutes)} minutes of rendering at the same pace)."
         )
 
 

@@ -31,11 +31,9 @@ def fit_spread(
     noise^2``. Errors beyond the 99.9th percentile are left to the conformal factor. All arguments
     are one-dimensional, one entry per cell.
 
-    Arguments:
-        error: out-of-fold ``T_reference / T_prediction - 1``.
-        noise: standard error of the reference, relative to the prediction.
-        ensemble: variance among the members.
-        brightness: the standardized log preview z.
+    ``error`` is out-of-fold ``T_reference / T_prediction - 1``, ``noise`` the reference's standard
+    error relative to the prediction, ``ensemble`` the variance among the members and ``brightness``
+    the standardized log preview z.
     """
     from scipy.optimize import minimize
 
@@ -65,7 +63,7 @@ def counts_spread(
         cell_spread: ``(direction, fiber, bend, site)`` calibrated residual in log T.
 
     Returns:
-        ``(design, bend, site, facet, 3)``.
+        ``(design, bend, site, facet, channel)``.
     """
     light = evaluation.designs.transport(transport[:, :, evaluation.bends, :, :-1])
     alone = light * evaluation.designs.transport(cell_spread[:, :, evaluation.bends])[..., None]
@@ -113,11 +111,8 @@ def compare(
     noise added, against S of the prediction itself. Its mean is the bias (S absorbs noise in its
     spreads), its standard deviation the noise.
 
-    Arguments:
-        evaluation: held-out designs with their answers.
-        transport: out-of-fold prediction ``(direction, fiber, bend, site, normal)``.
-        spread: ``(design, bend, site, facet, 3)`` one standard deviation of the counts.
-        rng: of the bootstrap.
+    ``transport`` is predicted out of fold, ``(direction, fiber, bend, site, normal)``; ``spread``
+    ``(design, bend, site, facet, channel)`` is one standard deviation of the counts.
     """
     guess = evaluation.counts(transport)
     error, lit = guess - evaluation.counts(evaluation.reference), spread > 0

@@ -18,7 +18,8 @@ from torch import Tensor
 
 from render.arrays import Array
 from render.errors import TableError
-from render.geometry import flat_fiber_poses
+from render.geometry import counted_sites, flat_fiber_poses
+from render.reference import converged
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
@@ -27,8 +28,6 @@ from surrogate.model.features import BRIGHTNESS
 from surrogate.model.networks import NoResidual
 from surrogate.model.preview_grid import PreviewGrid
 
-UNRELIABLE = 0.5
-"""Relative standard error from which a single cell is no yardstick; it is still fitted to."""
 NOISE_FLOOR = 0.02
 """Relative error that no render is trusted beyond (finite chains, facets of finite size)."""
 MAX_RESIDUAL = 25.0
@@ -68,8 +67,8 @@ class TrainingCells:
 
     @property
     def reliable(self) -> np.ndarray:
-        """True where the cell is positive and its relative error is below UNRELIABLE."""
-        return (self.transport > 0) & (self.error < UNRELIABLE * self.transport)
+        """True where the render of the cell has converged; others are still fitted to."""
+        return converged(self.transport, self.error)
 
 
 def training_cells(
@@ -93,7 +92,7 @@ def training_cells(
     transport, error = (np.concatenate(values) for values in zip(*parts, strict=True))
     block = np.repeat(np.arange(len(tables)), [len(table.phi) for table in tables])
     phi = np.concatenate([table.phi for table in tables])
-    phi = np.repeat(phi[:, None], scene.fibers.count, axis=1)
+    phi = np.repeat(phi[:, None], scene.lamp_count, axis=1)
     keys = _group_keys(scene, phi, bends)
     return TrainingCells(
         phi=phi,
@@ -111,14 +110,13 @@ def training_cells(
 
 def _cells_of(scene: Scene, table: TransportTable) -> tuple[Array, Array]:
     """Return transport and error ``(direction, fiber, bend, site, normal)`` of a table."""
-    expected = (scene.fibers.count, scene.sites.count, scene.indenter.faces)
+    expected = (scene.lamp_count, len(counted_sites(scene)), scene.indenter.faces)
     shape = (table.T.shape[0], *table.T.shape[3:])
     if shape != expected:
         raise TableError(
             f"the reference table has (fiber, site, facet) = {shape}, allowed: {expected} as in "
             f"the scene {scene.name}: render it for this scene",
             field="T",
-            value=shape,
         )
     if table.background is None or table.background_se is None:
         raise TableError(
@@ -218,8 +216,7 @@ class RegressionData:
     def residuals(self, coefficients: Tensor) -> Array:
         """Return log T_prediction - log T_preview, ``(member, direction, ..., normal)`` float64.
 
-        Arguments:
-            coefficients: ``(member, row, output)``.
+        ``coefficients`` are ``(member, row, output)``.
         """
         out = expand(coefficients, self.basis).double().numpy().clip(-MAX_RESIDUAL, MAX_RESIDUAL)
         return np.asarray(out.reshape(len(coefficients), *self.log_preview.shape))
@@ -289,10 +286,7 @@ def smooth_noise(transport: Array, error: Array, x: Array) -> Array:
     relative error is fitted by a linear model of the row's inputs, per normal, and the model is
     used. Cells without a positive value or error bar have no part in it.
 
-    Arguments:
-        transport: ``(..., normal)`` reference.
-        error: ``(..., normal)`` its standard error.
-        x: ``(row, input)``.
+    ``transport`` and its standard ``error`` are ``(..., normal)``, ``x`` is ``(row, input)``.
     """
     values, bars = (a.reshape(len(x), -1) for a in (transport, error))
     design = np.concatenate([np.ones((len(x), 1)), x], axis=1)

@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.metric import design_score, image_counts, site_metric
+from render.scene import RGB, Palette
 from render.transport import TransportTable
 
 
@@ -19,9 +21,8 @@ from render.transport import TransportTable
 class RandomDesigns:
     """Random lighting designs.
 
-    Arguments:
-        direction: ``(design, fiber)`` index of the direction.
-        power: ``(design, fiber, 3)``, one color per fiber at full power.
+    ``direction`` ``(design, fiber)`` is an index, ``power`` ``(design, fiber, channel)`` one color
+    per fiber at full power.
     """
 
     direction: np.ndarray
@@ -33,7 +34,11 @@ class RandomDesigns:
 
 
 def random_designs(
-    count: int, allowed: np.ndarray, block: np.ndarray, rng: np.random.Generator
+    count: int,
+    allowed: np.ndarray,
+    block: np.ndarray,
+    rng: np.random.Generator,
+    palette: Palette = RGB,
 ) -> RandomDesigns:
     """Return ``count`` designs over the directions ``allowed`` ``(direction, fiber)``.
 
@@ -49,15 +54,18 @@ def random_designs(
         np.stack([rng.choice(np.flatnonzero(ok), size=len(part)) for ok in choices.T], axis=1)
         for choices, part in zip(usable, parts, strict=True)
     ]
-    return RandomDesigns(np.concatenate(drawn), random_colors(count, fibers, rng))
+    colors = random_colors(count, fibers, rng, len(palette.names))
+    return RandomDesigns(np.concatenate(drawn), palette.matrix[colors])
 
 
-def random_colors(count: int, fibers: int, rng: np.random.Generator) -> Array:
-    """Return powers ``(design, fiber, 3)``: one color per fiber, in runs of 1, 2 or 4."""
-    color = rng.integers(0, 3, size=(count, fibers))
+def random_colors(
+    count: int, fibers: int, rng: np.random.Generator, colors: int = 3
+) -> NDArray[np.int64]:
+    """Return ``(design, fiber)``: one of so many colors per fiber, in runs of 1, 2 or 4."""
+    color = rng.integers(0, colors, size=(count, fibers))
     run = np.array([1, 2, 4])[np.arange(count) % 3]
     start = (np.arange(fibers) // run[:, None]) * run[:, None]
-    return np.eye(3)[np.take_along_axis(color, start, axis=1)]
+    return np.take_along_axis(color, start, axis=1)
 
 
 @dataclass(frozen=True)
@@ -87,12 +95,8 @@ class ColorErrors:
     ) -> ColorErrors:
         """Return the errors of ``counts`` and ``scores``.
 
-        Arguments:
-            counts: ``(design, bend, site, facet, 3)`` predicted.
-            scores: ``(design,)`` S of the prediction.
-            truth: counts of the reference.
-            noise: their standard error.
-            true_scores: S of the reference.
+        Predicted ``counts`` and the ``truth`` with its standard error ``noise`` are ``(design,
+        bend, site, facet, channel)``; both kinds of scores are ``(design,)``.
         """
         lit = np.linalg.norm(truth, axis=-1) > 0
         facet = np.linalg.norm(counts - truth, axis=-1)[lit] / np.linalg.norm(truth, axis=-1)[lit]
@@ -115,9 +119,8 @@ class ColorErrors:
 class LevelErrors(ColorErrors):
     """Errors of one level of the ladder against the reference.
 
-    Arguments:
-        level: what predicted.
-        cell_median, cell_p95: ``|T / T_reference - 1|`` of single cells.
+    ``level`` is what predicted; ``cell_median`` and ``cell_p95`` are of ``|T / T_reference - 1|``
+    of single cells.
     """
 
     level: str
@@ -148,7 +151,7 @@ class HeldOutEvaluation:
     bends: np.ndarray
 
     def counts(self, transport: Array) -> Array:
-        """Return the facets' counts ``(design, bend, site, facet, 3)``, clipped."""
+        """Return the facets' counts ``(design, bend, site, facet, channel)``, clipped."""
         light = self.designs.transport(transport[:, :, self.bends, :, :-1])
         return np.asarray(image_counts(light, self.designs.power, self.exposure))
 

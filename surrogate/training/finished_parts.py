@@ -31,9 +31,7 @@ class FinishedParts:
         >>> FinishedParts(None, "").arrays("sum", lambda: {"sum": np.array(3)})
         {'sum': array(3)}
 
-    Arguments:
-        folder: where the files are; None keeps nothing.
-        key: a hash of all that the work depends on; parts of other work are made anew.
+    ``folder`` None keeps nothing; ``key`` is a hash of all that the work depends on.
     """
 
     def __init__(self, folder: Path | None, key: str) -> None:

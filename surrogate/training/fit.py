@@ -182,22 +182,16 @@ class FitTask:
         self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray
     ) -> HeldOutEvaluation:
         """Return the evaluation of ``designs`` on cells ``held_out`` at some bends."""
-        cells = self.cells
+        about = designs, self.exposure, self.lam, held_out, bends
         return HeldOutEvaluation(
-            reference=cells.transport,
-            error=cells.error,
-            reliable=cells.reliable,
-            designs=designs,
-            exposure=self.exposure,
-            lam=self.lam,
-            held_out=held_out,
-            bends=bends,
+            self.cells.transport, self.cells.error, self.cells.reliable, *about
         )
 
     def designs(self, allowed: np.ndarray, stream: int) -> RandomDesigns:
         """Return random designs over the directions ``allowed`` ``(direction, fiber)``."""
         rng = np.random.default_rng([self.seed, stream])
-        return random_designs(self.config.designs, allowed, self.cells.block, rng)
+        count, block = self.config.designs, self.cells.block
+        return random_designs(count, allowed, block, rng, self.scene.palette)
 
     def residuals(self, model: nn.Module) -> Array:
         """Return what every member adds to the log preview, ``(member, ...)``."""
@@ -210,20 +204,16 @@ class FitTask:
         return np.asarray(np.exp(self.rows.log_preview) * np.exp(residual))
 
 
-def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
-    """Return the residual of ``task`` and all that is known about its errors."""
-    with one_thread():
-        return _fit(task, progress)
-
-
+@one_thread()
 def fit_ensembles(task: FitTask, progress: OnProgress | None) -> dict[str, nn.Module]:
     """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without evaluation."""
-    with one_thread():
-        both = _ensembles(task, progress)
-        return {"ridge": both.ridge, "network": both.network}
+    both = _ensembles(task, progress)
+    return {"ridge": both.ridge, "network": both.network}
 
 
-def _fit(task: FitTask, progress: OnProgress | None) -> Fit:
+@one_thread()
+def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
+    """Return the residual of ``task`` and all that is known about its errors."""
     cells, rows, evaluation = task.cells, task.rows, task.overall
     both = _ensembles(task, progress)
     preview = np.exp(rows.log_preview)
@@ -319,7 +309,6 @@ def _train(
     later: int,
 ) -> tuple[nn.Module, int]:
     """Return networks and steps; where time decides these, ``later`` splits need some of it too."""
-    told = in_stage(progress, name)
     steps, told = network.steps, in_stage(progress, name)
     if task.time is not None:
         steps = task.time.steps(name, network.steps, members=members, splits=later)
@@ -406,20 +395,16 @@ def _coverage(
     The pairs of fiber and direction are dealt to two halves like a chessboard (twins together);
     factors from designs of one half are tried on designs of the other, both ways.
     """
-    if len(task.cells.phi) < 2:
-        return None
-    return task.parts.value(f"coverage-{made}", Coverage, lambda: _covered(task, compared))
-
-
-def _covered(task: FitTask, compared: Callable[[HeldOutEvaluation], Comparison]) -> Coverage:
-    cells = task.cells
+    cells, everywhere = task.cells, np.ones(task.cells.group.shape, dtype=bool)
     white = np.asarray((cells.fiber_group[..., 0] + cells.direction_group[..., 0]) % 2 == 0)
-    halves: tuple[np.ndarray, ...] = (white, ~white)
-    everywhere = np.ones(cells.group.shape, dtype=bool)
-    first, second = (
-        compared(task.evaluation(task.designs(half, 2), everywhere, task.bends)) for half in halves
-    )
-    coverages = coverage(second, conformal(first)), coverage(first, conformal(second))
-    return Coverage(
-        float(np.mean([f.counts for f in coverages])), float(np.mean([f.score for f in coverages]))
-    )
+
+    def covered() -> Coverage:
+        first, second = (
+            compared(task.evaluation(task.designs(half, 2), everywhere, task.bends))
+            for half in (white, ~white)
+        )
+        tried = coverage(second, conformal(first)), coverage(first, conformal(second))
+        counts, score = np.mean([(part.counts, part.score) for part in tried], axis=0).tolist()
+        return Coverage(counts, score)
+
+    return task.parts.value(f"coverage-{made}", Coverage, covered) if len(cells.phi) > 1 else None

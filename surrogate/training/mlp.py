@@ -138,11 +138,7 @@ def _restore(
 def seconds_per_step(directions: int, normals: int, members: int, config: NetworkConfig) -> float:
     """Return the seconds of a step of `fit_networks` here, by timing some on invented rows.
 
-    Arguments:
-        directions: of the table, which set how many rows there are.
-        normals: of its cells.
-        members: networks in the ensemble.
-        config: size of the networks.
+    ``directions`` of the table set how many rows there are, with ``normals`` each.
     """
     rows, shape = directions * config.batch, (directions, config.batch, 1)
     data = RegressionData(

@@ -4,9 +4,16 @@ The new renders are of designs that a search proposed. They are few and noisy, s
 trained anew. Its residual gets a linear correction in the network's own inputs times the basis of
 the facet normal, ``r(cell) = sum_ih B_ih x_i(cell) h_h(normal)``, with independent normal priors
 ``B_ih ~ N(0, tau^2)``: Bayesian linear regression, whose posterior ``N(mean, covariance)`` is eq.
-(2.8) of Rasmussen and Williams (2006). tau is the prior standard deviation of greatest evidence
-(type II maximum likelihood; eq. (3.86) of Bishop 2006), so that renders which agree with the
-surrogate within their noise change nothing.
+(2.8) of Rasmussen and Williams (2006).
+
+tau is found by cross-validation (Stone 1974), because cells of one render share their light paths,
+and an evidence that takes their noise as independent finds trends in it. The correction by one half
+of the replicates is held against the other half: it takes the squared error of a replicate r from
+``sum w rho_r^2`` to ``sum w (rho_r - e)^2``, with rho the render's relative deviation from the
+surrogate and ``e = exp(r) - 1``. The gain, ``sum w e (2 rho_r - e)``, is linear in the render, so
+its mean over replicates is free of bias and its standard error holds whatever cells share. Where
+the largest mean gain is not above 0 by Student's t, the correction is refused: renders that do not
+bear it out change nothing.
 """
 
 from __future__ import annotations
@@ -15,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from render.arrays import Array
 from render.errors import TableError
@@ -24,8 +32,10 @@ from surrogate.model.preview_grid import PreviewGrid
 
 CELLS = 40_000
 """Cells that are treated at once: some 70 MB of products."""
-TAUS = (0.0, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2)
-"""Prior standard deviations of a coefficient that are tried; 0 leaves the surrogate as it is."""
+TAUS = (3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2)
+"""Prior standard deviations of a coefficient that are tried."""
+SUPPORT = 0.99
+"""Confidence at which renders must bear a correction out, one-sided."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +61,12 @@ class ResidualCorrection:
 
     Arguments:
         mean: ``(21 * 10,)`` coefficients B; covariance: of them.
-        tau: prior standard deviation that the renders chose.
-        cells: number of cells that it was fitted to.
+        tau: prior standard deviation that the renders chose; 0 where they bear no correction out.
     """
 
     mean: Array
     covariance: Array
     tau: float
-    cells: int
 
 
 class Refitter:
@@ -83,7 +91,7 @@ class Refitter:
         return np.concatenate([np.ones((len(rows), 1)), rows], axis=1), basis.double().numpy()
 
     def fit(self, runs: Sequence[NewRenders]) -> ResidualCorrection:
-        """Return the correction of greatest evidence given all ``runs``.
+        """Return the correction by all ``runs``, or none where held-out halves do not bear it out.
 
         Designs of one run share their light paths, so together they count as one render of each
         cell. The overall scale of every image is a nuisance with the standard deviation that its
@@ -92,77 +100,27 @@ class Refitter:
         Raises:
             TableError: a cell of the renders or of the prediction is not a number.
         """
-        blocks = [self._normal_equations(run) for run in runs]
-        inputs = len(blocks[0].right) - len(blocks[0].prior)
-        size = inputs + sum(len(block.prior) for block in blocks)
-        gram, right = np.zeros((size, size)), np.zeros(size)
-        precision, start = np.zeros(size), inputs
-        for block in blocks:
-            index = np.r_[0:inputs, start : start + len(block.prior)]
-            gram[np.ix_(index, index)] += block.gram
-            right[index] += block.right
-            precision[start : start + len(block.prior)] = 1.0 / block.prior**2
-            start += len(block.prior)
-        best: tuple[float, float, Array, Array] | None = None
-        for tau in TAUS:
-            # A coefficient of prior standard deviation 0 is 0: left out, not divided by.
-            kept = np.arange(inputs if tau == 0.0 else 0, size)
-            prior = np.where(kept < inputs, 1.0 / max(tau, 1e-12) ** 2, precision[kept])
-            covariance = np.linalg.inv(gram[np.ix_(kept, kept)] + np.diag(prior))
-            mean = covariance @ right[kept]
-            evidence = 0.5 * (
-                np.log(prior).sum() + np.linalg.slogdet(covariance)[1] + float(right[kept] @ mean)
+        rows = [self.features(run.phi, run.bends) for run in runs]
+        gains: list[Array] = []  # (tau, replicate) by run and half
+        for first in (0, 1):
+            fitted, held = (
+                [_replicates(run, slice(start, None, 2)) for run in runs]
+                for start in (first, 1 - first)
             )
-            if best is None or evidence > best[0]:
-                whole, spread = np.zeros(inputs), np.zeros((inputs, inputs))
-                if tau > 0.0:
-                    whole, spread = mean[:inputs], covariance[:inputs, :inputs]
-                best = (float(evidence), tau, whole, spread)
-        assert best is not None  # TAUS is not empty
-        return ResidualCorrection(best[2], best[3], best[1], sum(block.cells for block in blocks))
-
-    def _normal_equations(self, run: NewRenders) -> _NormalEquations:
-        from surrogate.training.dataset import NOISE_FLOOR, smooth_noise
-
-        mean = run.replicates.mean(axis=0)
-        if not (np.isfinite(mean).all() and np.isfinite(run.predicted).all()):
-            raise TableError(
-                "renders or predictions to refit with are not finite: the surrogate cannot be "
-                "refitted to cells that nobody has seen",
-                field="T",
-            )
-        count, designs = len(run.replicates), len(run.phi)
-        error = run.replicates.std(axis=0, ddof=1) / np.sqrt(count)
-        x, basis = self.features(run.phi, run.bends)
-        ratio = (mean / run.predicted).reshape(len(x), -1) - 1.0
-        noise = smooth_noise(mean, error, x[:, 1:])
-        weight = 1.0 / (designs * (noise**2 + NOISE_FLOOR**2))
-        # Scale of the pressed and of the untouched pad at every bend.
-        pads = 2 * len(run.bends)
-        whole = (
-            run.replicates[..., :-1].sum(axis=(1, 2, 4, 5)),
-            run.replicates[..., -1].sum(axis=(1, 2, 4)),
-        )
-        spreads = [s.std(axis=0, ddof=1) / np.sqrt(count) / s.mean(axis=0) for s in whole]
-        prior = np.maximum(np.stack(spreads, axis=1).ravel(), 1e-4)
-        sites = run.predicted.shape[3]
-        bend = np.arange(len(x)) // sites % len(run.bends)
-        inputs = x.shape[1] * basis.shape[1]
-        size = inputs + pads
-        normals = basis.shape[2]
-        nuisance = np.zeros((len(x), normals, pads))
-        untouched = np.arange(normals) == normals - 1
-        nuisance[np.arange(len(x))[:, None], np.arange(normals), 2 * bend[:, None] + untouched] = 1
-        gram, right = np.zeros((size, size)), np.zeros(size)
-        rows = max(1, CELLS // normals)
-        for start in range(0, len(x), rows):
-            part = slice(start, start + rows)
-            scales = nuisance[part].reshape(-1, pads)
-            columns = np.concatenate([_columns(x[part], basis[part]), scales], axis=1)
-            weighted = columns * weight[part].reshape(-1, 1)
-            gram += weighted.T @ columns
-            right += weighted.T @ ratio[part].ravel()
-        return _NormalEquations(gram, right, prior, ratio.size)
+            means = np.stack([mean for mean, _ in _posteriors(fitted, rows, TAUS)])
+            gains += [
+                _held_out_gains(one, other, *row, means)
+                for one, other, row in zip(fitted, held, rows, strict=True)
+            ]
+        mean = np.sum([gain.mean(axis=1) for gain in gains], axis=0)
+        variance = np.sum([g.var(axis=1, ddof=1) / g.shape[1] for g in gains], axis=0)
+        best = int(np.argmax(mean))
+        free = sum(gain.shape[1] - 1 for gain in gains)
+        if not mean[best] > stdtrit(free, SUPPORT) * np.sqrt(variance[best]):
+            size = means.shape[1]
+            return ResidualCorrection(np.zeros(size), np.zeros((size, size)), 0.0)
+        ((whole, covariance),) = _posteriors(runs, rows, TAUS[best : best + 1])
+        return ResidualCorrection(whole, covariance, TAUS[best])
 
     def apply(self, correction: ResidualCorrection, table: TransportTable) -> TransportTable:
         """Return ``table`` of the surrogate with the correction; its errors shrink where it knows.
@@ -198,6 +156,113 @@ class Refitter:
         )
 
 
+def _replicates(run: NewRenders, part: slice) -> NewRenders:
+    """Return the run with some of its replicates."""
+    return replace(run, replicates=run.replicates[part])
+
+
+def _ratio(run: NewRenders, rows: int) -> Array:
+    """Return the relative deviation of every replicate from the prediction, ``(R, row, normal)``.
+
+    Raises:
+        TableError: a cell of the renders or of the prediction is not a number.
+    """
+    if not (np.isfinite(run.replicates).all() and np.isfinite(run.predicted).all()):
+        raise TableError(
+            "renders or predictions to refit with are not finite: the surrogate cannot be "
+            "refitted to cells that nobody has seen",
+            field="T",
+        )
+    return np.asarray((run.replicates / run.predicted).reshape(len(run.replicates), rows, -1) - 1.0)
+
+
+def _weights(run: NewRenders, x: Array) -> Array:
+    """Return the weight ``w`` of every cell, ``(row, normal)``; designs of a run count as one."""
+    from surrogate.training.dataset import NOISE_FLOOR, smooth_noise
+
+    error = run.replicates.std(axis=0, ddof=1) / np.sqrt(len(run.replicates))
+    noise = smooth_noise(run.replicates.mean(axis=0), error, x[:, 1:])
+    return np.asarray(1.0 / (len(run.phi) * (noise**2 + NOISE_FLOOR**2)))
+
+
+def _posteriors(
+    runs: Sequence[NewRenders], rows: Sequence[tuple[Array, Array]], taus: Sequence[float]
+) -> list[tuple[Array, Array]]:
+    """Return mean and covariance of the coefficients under every prior of ``taus``.
+
+    ``rows`` has inputs and basis of every run, see ``Refitter.features``.
+    """
+    blocks = [_normal_equations(run, *row) for run, row in zip(runs, rows, strict=True)]
+    inputs = len(blocks[0].right) - len(blocks[0].prior)
+    size = inputs + sum(len(block.prior) for block in blocks)
+    gram, right = np.zeros((size, size)), np.zeros(size)
+    precision, start = np.zeros(size), inputs
+    for block in blocks:
+        index = np.r_[0:inputs, start : start + len(block.prior)]
+        gram[np.ix_(index, index)] += block.gram
+        right[index] += block.right
+        precision[start : start + len(block.prior)] = 1.0 / block.prior**2
+        start += len(block.prior)
+    found = []
+    for tau in taus:
+        precision[:inputs] = 1.0 / tau**2
+        covariance = np.asarray(np.linalg.inv(gram + np.diag(precision)), dtype=np.float64)
+        found.append(((covariance @ right)[:inputs], covariance[:inputs, :inputs]))
+    return found
+
+
+def _normal_equations(run: NewRenders, x: Array, basis: Array) -> _NormalEquations:
+    ratio, weight = _ratio(run, len(x)).mean(axis=0), _weights(run, x)
+    # Scale of the pressed and of the untouched pad at every bend.
+    pads = 2 * len(run.bends)
+    whole = (
+        run.replicates[..., :-1].sum(axis=(1, 2, 4, 5)),
+        run.replicates[..., -1].sum(axis=(1, 2, 4)),
+    )
+    count = len(run.replicates)
+    spreads = [s.std(axis=0, ddof=1) / np.sqrt(count) / s.mean(axis=0) for s in whole]
+    prior = np.maximum(np.stack(spreads, axis=1).ravel(), 1e-4)
+    sites = run.predicted.shape[3]
+    bend = np.arange(len(x)) // sites % len(run.bends)
+    size = x.shape[1] * basis.shape[1] + pads
+    normals = basis.shape[2]
+    nuisance = np.zeros((len(x), normals, pads))
+    untouched = np.arange(normals) == normals - 1
+    nuisance[np.arange(len(x))[:, None], np.arange(normals), 2 * bend[:, None] + untouched] = 1
+    gram, right = np.zeros((size, size)), np.zeros(size)
+    for part in _parts(len(x), normals):
+        scales = nuisance[part].reshape(-1, pads)
+        columns = np.concatenate([_columns(x[part], basis[part]), scales], axis=1)
+        weighted = columns * weight[part].reshape(-1, 1)
+        gram += weighted.T @ columns
+        right += weighted.T @ ratio[part].ravel()
+    return _NormalEquations(gram, right, prior)
+
+
+def _held_out_gains(
+    fitted: NewRenders, held: NewRenders, x: Array, basis: Array, means: Array
+) -> Array:
+    """Return the gain of every correction ``means`` ``(tau, input)`` on replicates held out.
+
+    ``(tau, replicate)``; the weights are those of the renders that were fitted, so that the gain
+    is linear in those that were not.
+    """
+    ratio, weight = _ratio(held, len(x)), _weights(fitted, x)
+    gains = np.zeros((len(means), len(ratio)))
+    for part in _parts(len(x), basis.shape[2]):
+        step = np.expm1(_columns(x[part], basis[part]) @ means.T)
+        lever = weight[part].reshape(-1, 1) * step
+        gains += 2.0 * lever.T @ ratio[:, part].reshape(len(ratio), -1).T
+        gains -= (lever * step).sum(axis=0)[:, None]
+    return gains
+
+
+def _parts(rows: int, normals: int) -> list[slice]:
+    """Return the rows in batches of some `CELLS` cells."""
+    size = max(1, CELLS // normals)
+    return [slice(start, start + size) for start in range(0, rows, size)]
+
+
 def _columns(x: Array, basis: Array) -> Array:
     """Return ``(row * normal, 21 * 10)`` products of inputs and basis functions."""
     product = x[:, None, :, None] * basis.transpose(0, 2, 1)[:, :, None, :]
@@ -211,4 +276,3 @@ class _NormalEquations:
     gram: Array
     right: Array
     prior: Array
-    cells: int

@@ -226,16 +226,9 @@ def render_reference(
 ) -> ReferenceData:
     """Return the reference of ``scene``, rendered in the folder ``run``, going on where it stands.
 
-    Arguments:
-        scene: the sensor.
-        run: where the plan and renders are kept.
-        seed: of the renders; every material has light paths of its own.
-        samples: per cell and material; None renders as many as time allows.
-        phi_count: nodes in phi.
-        bend_count: nodes in the bend.
-        materials: ``(material, quantity)``; None renders the scene's own alone.
-        within: the time, instead of samples.
-        progress: called as the work goes on.
+    Every one of ``materials`` ``(material, quantity)`` has light paths of its own; None renders the
+    scene's own alone. ``samples`` are per cell and material; None renders as many as the time
+    ``within`` allows.
     """
     free = MaterialRange.of(scene)
     scenes = [scene]

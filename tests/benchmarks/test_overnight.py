@@ -14,7 +14,7 @@ import pytest
 from optimize.overnight.run_directory import RECORD
 from optimize.overnight.store import STATES, Store
 from optimize.overnight.workers import FinishedJob, LocalWorker, StoredRenders
-from optimize.ui.signals import Signals
+from optimize.ui.process import Signals
 from render.chebyshev import chebyshev_nodes
 from render.progress import Clock
 from render.reference import RenderJob, transport_jobs

@@ -33,7 +33,7 @@ def scene() -> Scene:
 
 
 def problem(scene: Scene, nodes: np.ndarray, bend: float = 0.0) -> Any:
-    phi = np.tile(nodes, (scene.fibers.count, 1))
+    phi = np.tile(nodes, (scene.lamp_count, 1))
     return pad_cells(scene, phi, bend, indented=True)
 
 
@@ -62,7 +62,7 @@ def test_the_cost_of_facet_colors(
     from tests.benchmarks.plain_renderers import by_light_tracing, by_volpath
 
     cells = problem(scene, np.array([np.pi / 2]))
-    camera, fibers = scene.camera, scene.fibers.count
+    camera, fibers = scene.camera, scene.lamp_count
     lit = lit_scene(
         scene, np.full(fibers, np.pi / 2), np.ones(fibers), 0.0,
         width=camera.columns, height=camera.rows,
@@ -121,7 +121,7 @@ def test_the_cost_of_facet_colors_and_of_the_table_of_a_clear_pad(
     from tests.benchmarks.plain_renderers import by_volpath
 
     cells = problem(clear_pad, np.array([np.pi / 2]))
-    camera, fibers = clear_pad.camera, clear_pad.fibers.count
+    camera, fibers = clear_pad.camera, clear_pad.lamp_count
     lit = lit_scene(
         clear_pad, np.full(fibers, np.pi / 2), np.ones(fibers), 0.0,
         width=camera.columns, height=camera.rows,

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.check.prediction import predict
+from hw.check.prediction import SiteSpots, predict
 from hw.check.rig_tolerances import STARTS, rig_tolerances
-from hw.check.site_colors import SiteSpots
 from hw.check.sweep_check import check_sweep
 from render.geometry import flat_sites
 from render.scene import load_scene

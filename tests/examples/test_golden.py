@@ -53,14 +53,14 @@ def assert_golden(said: subprocess.CompletedProcess[str]) -> None:
     assert "largest difference from the golden output" in said.stdout
 
 
-@pytest.fixture
-def altered(tmp_path: Path) -> Path:
-    """Copy the model and change one of its weights."""
+@pytest.fixture(params=["checker.onnx", "golden.npz"])
+def altered(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Copy the model and change one bit in the middle of a file."""
     folder = tmp_path / "model"
     shutil.copytree(MODEL, folder)
-    content = bytearray((folder / "checker.onnx").read_bytes())
+    content = bytearray((folder / request.param).read_bytes())
     content[len(content) // 2] ^= 1
-    (folder / "checker.onnx").write_bytes(content)
+    (folder / request.param).write_bytes(content)
     return folder
 
 
@@ -135,6 +135,15 @@ def test_a_design_for_another_scene_is_refused(tmp_path: Path) -> None:
     assert said.returncode == 1
     assert "they must match" in said.stderr
     assert said.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"scene": "finger20"}'])
+def test_a_file_that_is_no_design_is_refused_in_one_sentence(tmp_path: Path, text: str) -> None:
+    (tmp_path / "other.json").write_text(text)
+    said = run(sys.executable, EXAMPLES / "python" / "design.py", tmp_path / "other.json")
+    assert said.returncode == 1
+    assert said.stderr.count("\n") == 1
+    assert "name a design.json" in said.stderr
 
 
 @pytest.fixture

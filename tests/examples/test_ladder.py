@@ -55,6 +55,6 @@ def test_it_climbs_from_the_preview_to_rendered_scores(
     scores = dict(re.findall(r"(baseline|best): rendered S (\S+ \+- \S+)", said))
     baseline, error = map(float, scores["baseline"].split(" +- "))
     best = float(scores["best"].split(" +- ")[0])
-    # What the surrogate says of both: 237.0 and 273.1, within 0.8.
-    assert abs(baseline - 237.0) < 4 * error + 12.0
+    # What the surrogate says of both: 234.1 and 272.5, within 1.
+    assert abs(baseline - 234.1) < 4 * error + 12.0
     assert best > baseline

@@ -20,6 +20,6 @@ def test_the_notebook_finds_a_better_design(capsys: pytest.CaptureFixture[str]) 
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), names)
     said = capsys.readouterr().out
-    assert "optimized  S  273.1" in said.replace("Optimized", "optimized")
+    assert "optimized  S  272.5" in said.replace("Optimized", "optimized")
     assert "optimized: smallest color step" in said
     assert '"scene_hash"' in said

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hw.emulator.emulated_board import EmulatedBoard
-from hw.emulator.firmware import Firmware
+from hw.emulator.emulated_board import EmulatedBoard, Firmware
 from hw.leds import ProtocolName
 from hw.leds.board import Levels
-from hw.leds.lines import framed, unframed
+from hw.leds.line_board import framed, unframed
 
 GARBAGE = b"\x00\xff\x7fE (boot) \xc3\x28\n"
 

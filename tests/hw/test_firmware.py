@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from hw.leds.board import Levels
-from hw.leds.line_board import LineBoard
-from hw.leds.lines import framed
+from hw.leds.line_board import LineBoard, framed
 from hw.leds.link import SerialLink
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from hw.emulator.firmware import WledFirmware
+from hw.emulator.emulated_board import WledFirmware
 from hw.leds.board import Levels
 
 

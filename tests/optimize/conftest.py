@@ -101,12 +101,12 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
     rng = np.random.default_rng(7)
     base = baseline_design(scene)
     shape = (len(scene.bending.angles), scene.sites.count)
-    mixed = np.arange(scene.fibers.count) % 3
+    mixed = np.arange(scene.lamp_count) % 3
     designs = [
         base,
         Design.of_colors(base.phi, mixed),
         Design.of_colors(
-            limits_of(scene).nearest_directions(rng.uniform(0.5, 2.6, scene.fibers.count)), mixed
+            limits_of(scene).nearest_directions(rng.uniform(0.5, 2.6, scene.lamp_count)), mixed
         ),
     ]
     texts = [

@@ -27,6 +27,8 @@ PITCH = 0.1
 """Of the grid of bins on the flat coating, mm, at most."""
 SUBDIVISIONS = 4
 OVERSAMPLING = 16
+FILM = 0.01
+"""mm of air between a face and a lamp that touches it."""
 
 
 class AnalogCells(NamedTuple):
@@ -93,6 +95,8 @@ def site_centers(scene: Scene) -> Floats:
 def analog_lamp(scene: Scene, fiber: int, phi: float) -> Lamp:
     """Return fiber ``fiber`` pointing in direction ``phi`` (rad)."""
     fibers = scene.fibers
+    if fibers is None:
+        return schema_2_lamp(scene, fiber, phi)
     beyond = fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
     x, y = scene.pad.width / 2, scene.pad.length / 2
     if fiber < fibers.left:
@@ -106,10 +110,57 @@ def analog_lamp(scene: Scene, fiber: int, phi: float) -> Lamp:
         center, along, inward = (x + beyond, at), (0.0, 1.0), (-1.0, 0.0)
     level = np.cos(phi) * np.array(along) + np.sin(phi) * np.array(inward)
     beam = np.array([*(np.cos(fibers.tilt) * level), np.sin(fibers.tilt)])
-    across = np.cross(beam, [0.0, 0.0, 1.0])
+    place = np.array([*center, fibers.height])
+    return Lamp(place, frame_about(beam), fibers.diameter / 2, fibers.sigma_v)
+
+
+def frame_about(beam: Floats) -> Floats:
+    """Return axes ``(3, 3)`` in columns, the last along ``beam``."""
+    across = np.cross(beam, [0.3, 0.7, 0.1])
     across /= np.linalg.norm(across)
-    frame = np.ascontiguousarray(np.stack([across, np.cross(across, beam), beam], axis=-1))
-    return Lamp(np.array([*center, fibers.height]), frame, fibers.diameter / 2, fibers.sigma_v)
+    return np.ascontiguousarray(np.stack([across, np.cross(across, beam), beam], axis=-1))
+
+
+def schema_2_lamp(scene: Scene, number: int, phi: float) -> Lamp:
+    """Return lamp ``number`` of rows and lists; rows are one to an edge here, in their order."""
+    x, y = scene.pad.width / 2, scene.pad.length / 2
+    margin = scene.diffuser.thickness if scene.diffuser else 0.0
+    for row in scene.rows or ():
+        size = len(row.at) if row.at is not None else row.count or 0
+        if number >= size:
+            number -= size
+            continue
+        half = x if row.edge in ("tip", "base") else y
+        places = row.at or tuple(half * (2 * i + 1 - size) / size for i in range(size))
+        place = sorted(places)[number if row.edge in ("left", "tip") else size - 1 - number]
+        gap = row.gap if row.turns else max(row.gap, FILM)
+        beyond = gap + (margin if row.edge != "base" else 0.0)
+        center = {
+            "left": (-x - beyond, place), "tip": (place, y + beyond),
+            "right": (x + beyond, place), "base": (place, -y - beyond),
+        }[row.edge]  # fmt: skip
+        inward = {"left": (1, 0), "tip": (0, -1), "right": (-1, 0), "base": (0, 1)}[row.edge]
+        along = (0, 1) if row.edge in ("left", "right") else (1, 0)
+        turned = phi if row.turns else np.pi / 2
+        level = np.cos(turned) * np.array(along) + np.sin(turned) * np.array(inward)
+        beam = np.array([*(np.cos(row.tilt) * level), np.sin(row.tilt)])
+        position, lamp = np.array([*center, row.height]), row
+        break
+    else:
+        listed = (scene.lamps or ())[number]
+        beam = np.array(listed.direction) / np.linalg.norm(listed.direction)
+        if listed.turns:
+            # By phi - 90 deg about z.
+            cos, sin = np.sin(phi), -np.cos(phi)
+            beam = np.array([cos * beam[0] - sin * beam[1], sin * beam[0] + cos * beam[1], beam[2]])
+        position, lamp = np.array(listed.position), listed
+        if position[2] == 0.0:
+            position[2] = -FILM
+    profile = lamp.profile
+    return Lamp(
+        position, frame_about(beam), lamp.diameter / 2, profile.sigma_v or 1.0,
+        profile.cosine_exponent or 0.0,
+    )  # fmt: skip
 
 
 def bin_areas(pad: Pad) -> Floats:

@@ -77,13 +77,15 @@ class Pad(NamedTuple):
 class Lamp(NamedTuple):
     """A disk of radius ``radius`` mm at ``center`` that shines along column 2 of ``frame``.
 
-    Radiance falls off as ``exp(-(theta / (2 sigma_v))^2)`` up to a right angle; the power is 1.
+    Radiance falls off as ``exp(-(theta / (2 sigma_v))^2)`` up to a right angle, or with an
+    ``exponent`` above 0 intensity as that power of the cosine; the power is 1.
     """
 
     center: Floats
     frame: Floats
     radius: float
     sigma_v: float
+    exponent: float = 0.0
 
 
 def compiled(function: Any) -> Any:
@@ -212,7 +214,8 @@ def lambertian(state: NDArray[np.uint64], d: Floats, normal: Floats) -> None:
 def emit(state: NDArray[np.uint64], lamp: Lamp, p: Floats, d: Floats) -> None:
     """Set ``p`` and ``d`` to a ray of the lamp, in proportion to its power."""
     mass = -math.expm1(-((math.pi / (4.0 * lamp.sigma_v)) ** 2))
-    while True:
+    theta = math.acos((1.0 - uniform(state)) ** (1.0 / (lamp.exponent + 1.0)))
+    while lamp.exponent == 0.0:
         theta = 2.0 * lamp.sigma_v * math.sqrt(-math.log1p(-mass * uniform(state)))
         if uniform(state) * theta <= math.sin(theta) * math.cos(theta):
             break

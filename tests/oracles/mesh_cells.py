@@ -163,14 +163,15 @@ class BentScene:
 
     def lamp(self, fiber: int, phi: float) -> Lamp:
         """Return fiber ``fiber`` pointing in direction ``phi`` (rad)."""
-        poses, fibers = fiber_poses(self.scene, self.bend), self.scene.fibers
-        beam = poses.directions(np.full(fibers.count, phi), fibers.tilt)[fiber]
+        poses, lamp = fiber_poses(self.scene, self.bend), self.scene.placed_lamps()[fiber]
+        beam = poses.directions(np.full(self.scene.lamp_count, phi))[fiber]
         across = np.cross(beam, poses.up[fiber])
         across /= np.linalg.norm(across)
         frame = np.stack([across, np.cross(across, beam), beam], axis=-1)
         return Lamp(
-            poses.position[fiber], np.ascontiguousarray(frame), fibers.diameter / 2, fibers.sigma_v
-        )
+            poses.position[fiber], np.ascontiguousarray(frame), lamp.diameter / 2,
+            lamp.profile.sigma_v or 1.0, lamp.profile.cosine_exponent or 0.0,
+        )  # fmt: skip
 
     def cells(self, fiber: int, phi: float, photons: int, batches: int = 16) -> AnalogCells:
         """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""

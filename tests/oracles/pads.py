@@ -26,6 +26,30 @@ BASE: dict[str, dict[str, Any]] = {
 RIM = {"thickness": (2.0, MM), "sigma_s": (4.0, "1/mm"), "sigma_a": (0.005, "1/mm"), "g": (0.75,)}
 CLEAR_RIM = RIM | {"sigma_s": (0.0, "1/mm"), "sigma_a": (0.0, "1/mm")}
 
+LAMBERTIAN: Any = "lambertian"
+GAUSSIAN: Any = {"sigma_v": (20.0, DEG)}
+COSINE_8: Any = {"cosine_exponent": (8.0,)}
+
+
+def row(edge: str, count: int, **changes: Any) -> dict[str, Any]:
+    """Return a row of Lambertian lamps with its ``changes``, mm and deg."""
+    values = {"diameter": 1.0, "gap": 0.6, "height": 2.0, "tilt": 10.0} | changes
+    units = {"diameter": MM, "gap": MM, "height": MM, "tilt": DEG}
+    lengths = {name: (values.pop(name), unit) for name, unit in units.items()}
+    return {"edge": edge, "count": count, "profile": LAMBERTIAN} | lengths | values
+
+
+def listed(x: float, y: float, z: float, *beam: float) -> dict[str, Any]:
+    """Return a lamp 1.5 mm wide; a fourth number of its ``beam`` is the power of its cosine."""
+    profile = {"cosine_exponent": (beam[3],)} if len(beam) > 3 else LAMBERTIAN
+    return {
+        "position": ([float(x), float(y), float(z)], MM),
+        "direction": (list(map(float, beam[:3])),),
+        "diameter": (1.5, MM),
+        "profile": profile,
+    }
+
+
 CASES: dict[str, dict[str, Any]] = {
     "smooth": {},
     "rough 0.01": {"pad.roughness": (0.01,)},
@@ -67,6 +91,27 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "smooth bent 45": {"bending.angles": ([45.0], DEG)},
     "clear rim": {"diffuser": CLEAR_RIM},
+    "base": {"rows": [row("base", 2)]},
+    "base rough 0.1": {"rows": [row("base", 2)], "pad.roughness": (0.1,)},
+    "base beside a rim": {"rows": [row("base", 2), row("left", 1)], "diffuser": RIM},
+    "rows of their own": {
+        "rows": [
+            row("left", 1, height=1.0, diameter=0.5, profile=GAUSSIAN),
+            row("right", 1, height=3.5, gap=2.0, tilt=-15.0, profile=COSINE_8, turns=False),
+        ],
+    },
+    "row touching": {"rows": [row("tip", 2, gap=0.0, tilt=0.0, turns=False)]},
+    "below": {"lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)]},
+    "below rough 0.1": {
+        "lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)],
+        "pad.roughness": (0.1,),
+    },
+    "below touching": {"lamps": [listed(-7, 2, 0, 0, 0, 1), listed(6, -8, 0, 0, 0, 1)]},
+    "below beside the pad": {"lamps": [listed(-13, 2, -3, 2, 0, 1), listed(4, 15, -5, 0, -1, 1)]},
+    "below a rim rough 0.1": {
+        "lamps": [listed(-6, -3, -4, 1, 0.5, 2)], "diffuser": RIM, "pad.roughness": (0.1,),
+    },
+    "beside a corner": {"lamps": [listed(-12, 14, 2, 1, -1, 0), listed(12, 14, -2, -1, -1, 1)]},
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
 
@@ -110,10 +155,24 @@ def scene_of_case(case: str) -> Scene:
         if name:
             content[part][name] = value
         else:
-            content[part] = dict(value)
-    for values in content.values():
-        for name, value in values.items():
-            if isinstance(value, tuple):
-                unit = {"unit": value[1]} if len(value) > 1 else {}
-                values[name] = {"value": value[0], "source": "chosen for this test", **unit}
-    return Scene.model_validate({"schema": 1, "name": "case", **content})
+            content[part] = value
+    newer = {"rows", "lamps"} & set(changes)
+    if newer:
+        del content["fibers"]
+        content["baseline"] = {entry["edge"]: "red" for entry in changes.get("rows", ())}
+        if "lamps" in changes:
+            content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
+    schema = {"schema": 2 if newer else 1, "name": "case"}
+    return Scene.model_validate(schema | _in_file_form(content))
+
+
+def _in_file_form(value: Any) -> Any:
+    """Return ``value`` with each tuple of a number and a unit as a scene file has it."""
+    if isinstance(value, dict):
+        return {name: _in_file_form(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_in_file_form(part) for part in value]
+    if not isinstance(value, tuple):
+        return value
+    unit = {"unit": value[1]} if len(value) > 1 else {}
+    return {"value": value[0], "source": "chosen for this test", **unit}

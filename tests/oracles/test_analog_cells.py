@@ -31,9 +31,9 @@ def without_faces(albedo: float) -> Scene:
 
 def test_lamps_and_pyramids_are_where_the_geometry_has_them() -> None:
     scene = load_scene("finger20")
-    poses, phi = fiber_poses(scene, 0.0), np.linspace(0.1, 3.0, scene.fibers.count)
-    beams = poses.directions(phi, scene.fibers.tilt)
-    for fiber in range(scene.fibers.count):
+    poses, phi = fiber_poses(scene, 0.0), np.linspace(0.1, 3.0, scene.lamp_count)
+    beams = poses.directions(phi)
+    for fiber in range(scene.lamp_count):
         lamp = analog_lamp(scene, fiber, phi[fiber])
         np.testing.assert_allclose(lamp.center, poses.position[fiber], atol=1e-12)
         np.testing.assert_allclose(lamp.frame[:, 2], beams[fiber], atol=1e-12)

@@ -25,10 +25,12 @@ def without_faces(albedo: float) -> Scene:
 
 def test_lamps_are_those_of_the_flat_pad() -> None:
     scene = scene_of_case("rim")
-    for fiber in range(scene.fibers.count):
+    for fiber in range(scene.lamp_count):
         bent, flat = BentScene(scene, 0.0).lamp(fiber, PHI), analog_lamp(scene, fiber, PHI)
-        for ours, theirs in zip(bent, flat, strict=True):
-            np.testing.assert_allclose(ours, theirs, atol=1e-12)
+        # The frames may differ by a turn about the beam, which no profile knows.
+        ours, theirs = (lamp._replace(frame=lamp.frame[:, 2]) for lamp in (bent, flat))
+        for one, other in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 @pytest.mark.parametrize("case", ["smooth", "rim rough 0.1"])

@@ -27,7 +27,7 @@ def test_every_value_of_the_file_is_listed_with_its_unit_and_source() -> None:
     for key, source in origins.items():
         assert values[key].source == source
     assert values["pad.width"].value == 18.0
-    assert values["pad.width"].unit == "mm"
+    assert values["pad.width"].unit == values["camera.distance"].unit == "mm"
     assert values["fibers.left"].value == 8
 
 
@@ -58,6 +58,18 @@ def test_a_bare_flat_scene_leaves_out_medium_and_bend_axis() -> None:
     assert "bend axis" in left_out(changed("bending", angles=(0.0,)))
     assert "rough refraction" in left_out(changed("pad", roughness=0.0))
     assert "light from the tip edge" in left_out(changed("fibers", tip=0))
+
+
+def test_light_that_renders_cannot_find_is_told_where_there_is_any() -> None:
+    def told(scene: Scene) -> bool:
+        return any("two facing walls" in what for what in left_out(scene))
+
+    smooth = changed("pad", roughness=0.0)
+    assert told(smooth)
+    assert not told(SCENE)
+    assert not told(smooth.model_copy(update={"diffuser": None}))
+    bent = smooth.bending.model_copy(update={"angles": (1.0,)})
+    assert not told(smooth.model_copy(update={"bending": bent}))
 
 
 def test_text_and_json_hold_the_same_values() -> None:

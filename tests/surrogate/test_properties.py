@@ -10,7 +10,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from render.geometry import fiber_edges, mirrored_fibers
+from render.geometry import fiber_edges, mirror_twins
 from render.metric import image_counts
 from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule
@@ -48,7 +48,7 @@ def sharp(scene: Scene, grid: PreviewGrid) -> CheckerModule:
 
 def design(scene: Scene, seed: int) -> Design:
     rng = np.random.default_rng(seed)
-    fibers = scene.fibers.count
+    fibers = scene.lamp_count
     phi = rng.choice([0.0, math.pi, *rng.uniform(0, math.pi, 6)], (1, fibers))
     power = rng.uniform(0, 1, (1, fibers, 3)) * rng.choice([0.0, 1.0], (1, fibers, 3))
     bend = rng.choice([0.0, 1e-6, *scene.bending.angles], (1, 3))
@@ -101,7 +101,7 @@ def test_the_mirrored_design_scores_the_same(
     checker: CheckerModule, scene: Scene, seed: int
 ) -> None:
     phi, power, bend = design(scene, seed)
-    twin = mirrored_fibers(scene).copy()
+    twin = mirror_twins(scene).twin.copy()
     tip = torch.tensor([edge == "tip" for edge in fiber_edges(scene)])
     turned = torch.where(tip, math.pi - phi[:, twin], phi[:, twin])
     here, there = checker(phi, power, bend), checker(turned, power[:, twin], bend)
@@ -118,7 +118,7 @@ def test_zero_residual_is_the_preview(scene: Scene, grid: PreviewGrid, seed: int
     )
     phi, power, bend = design(scene, seed)
     light = np.exp(grid.evaluate(phi[0].double().numpy(), bend[0].double().numpy()))
-    own = light[np.arange(scene.fibers.count), np.arange(scene.fibers.count)]
+    own = light[np.arange(scene.lamp_count), np.arange(scene.lamp_count)]
     expected = image_counts(own[..., :-1], power[0].double().numpy(), EXPOSURE)
     np.testing.assert_allclose(bare(phi, power, bend).counts[0], expected, rtol=2e-4, atol=1e-4)
 
@@ -148,7 +148,7 @@ def test_no_light_and_too_much_light_are_finite(
     checker: CheckerModule, sharp: CheckerModule, scene: Scene, power: float
 ) -> None:
     phi, _, bend = design(scene, 1)
-    light = torch.full((1, scene.fibers.count, 3), power)
+    light = torch.full((1, scene.lamp_count, 3), power)
     for model in (checker, sharp):
         found = model(phi, light, bend)
         assert all(value.isfinite().all() for value in found)
@@ -166,7 +166,7 @@ def test_all_fibers_one_color_and_a_single_fiber_are_finite(
     checker: CheckerModule, scene: Scene, color: int
 ) -> None:
     phi, _, bend = design(scene, 2)
-    power = torch.zeros(2, scene.fibers.count, 3)
+    power = torch.zeros(2, scene.lamp_count, 3)
     power[0, :, color] = 1.0
     power[1, 3, color] = 1.0
     found = checker(phi.expand(2, -1), power, bend.expand(2, -1))

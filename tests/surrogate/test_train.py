@@ -118,7 +118,7 @@ def test_the_loaded_model_scores_the_baseline_like_its_training_data(
     from render.scale import baseline_power
 
     checker = Checker.load(trained.folder, scene.hash)
-    phi = np.full((1, scene.fibers.count), np.pi / 2)
+    phi = np.full((1, scene.lamp_count), np.pi / 2)
     power = baseline_power(scene)
     found = checker.run(phi, power[None], np.array(scene.bending.angles))["score"][0]
     light = reference.at(phi[0])[:, [0, 2, 4]]

@@ -159,9 +159,8 @@ def test_luminance_samples_too_few_to_see_any_light_are_named_with_their_value(
     few = mono.load_dict(
         {"type": "pssmlt", "chains": 16, "luminance_samples": 16, "chains_only": True}
     )
-    with pytest.raises(RenderError, match=r"luminance_samples = 16: .* raise it") as caught:
+    with pytest.raises(RenderError, match=r"luminance_samples = 16: .* raise it"):
         few.render(scene, spp=1)
-    assert caught.value.value == 16
 
 
 @pytest.mark.parametrize(

@@ -95,7 +95,7 @@ def measured(case: str, seeds: int, photons: int) -> dict[str, Coverage]:
     for name in ("facets", "sites"):
         analog = AnalogScene(scene, indented=name == "facets")
         oracle = np.concatenate(
-            [analog.cells(f, PHI, photons).replicates for f in range(scene.fibers.count)], axis=1
+            [analog.cells(f, PHI, photons).replicates for f in range(scene.lamp_count)], axis=1
         )
         pressed = name == "facets"
         T = np.stack([(run.T if pressed else run.background).ravel() for run in runs])

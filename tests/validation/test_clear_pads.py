@@ -95,7 +95,7 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
         indented = name == "facets"
         analog = BentScene(scene, bend, indented) if bend else AnalogScene(scene, indented)
         oracle = np.concatenate(
-            [analog.cells(f, PHI, photons).replicates for f in range(scene.fibers.count)], axis=1
+            [analog.cells(f, PHI, photons).replicates for f in range(scene.lamp_count)], axis=1
         )
         result = compare(replicates.reshape(REPLICATES, -1), se.ravel(), oracle)
         found.append(result)

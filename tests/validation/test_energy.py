@@ -69,6 +69,6 @@ def test_a_pad_whose_fibers_are_all_off_is_not_rendered() -> None:
     from render.reference import render_image
 
     scene = load_scene("finger20")
-    count = scene.fibers.count
+    count = scene.lamp_count
     with pytest.raises(RenderError, match="power"):
         render_image(scene, np.full(count, 1.5), np.zeros((count, 3)), 0.0, width=8, height=8)

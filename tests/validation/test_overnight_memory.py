@@ -10,7 +10,7 @@ import numpy as np
 from optimize.overnight.status import status_of
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
-from optimize.ui.signals import Signals
+from optimize.ui.process import Signals
 from render.progress import Clock
 from render.reference import transport_jobs
 from tests.optimize.overnight.tiny import request_of, tiny_scene
@@ -38,7 +38,7 @@ def test_resident_memory_is_flat_over_many_evaluations(tmp_path: Path) -> None:
     runner = StoredRenders(store, LocalWorker(), Signals())
     while len(found) < EVALUATIONS:
         nodes = NODES[len(found) // 2 % len(NODES)]
-        phi = rng.uniform(0.5, 2.6, (scene.fibers.count, nodes))
+        phi = rng.uniform(0.5, 2.6, (scene.lamp_count, nodes))
         jobs = transport_jobs(
             scene, phi, np.array([0.0]), samples=4, seeds=[len(found)], replicates=4
         )

@@ -17,16 +17,19 @@ import pytest
 from render.geometry import bend_frames, bend_points, curvature, fresnel
 from render.preview import Preview, point_lights
 from render.preview.diffuser.basis import directional_terms
-from render.preview.light_paths import near_base
+from render.preview.light_paths import clear_walls, near_wall
 from render.preview.lights import PointLights
 from render.preview.shading_points import ShadingPoints, shading_points
-from render.scene import Scene, load_scene
+from render.scene import OUTWARD, Scene, load_scene
+from tests.oracles.pads import scene_of_case
 
 RELATIVE, ABSOLUTE, MEDIAN = 1e-3, 2e-6, 2e-5
 FEW = 0.04
 """Part of the points that may leave the tolerance in a sensor at the end of a range: deep facets
 lie at middle height as well, and a beam of 0.1 deg turns rounding into percents."""
-PLAIN = ("diffuser", "bare", "thin diffuser")
+AT_BORDERS = 0.002
+"""Part of the points that see a lamp just at the border of the face that it shines through."""
+PLAIN = ("diffuser", "bare", "thin diffuser", "below", "rows of their own", "base")
 
 
 def with_parts(scene: Scene, **parts: object) -> Scene:
@@ -38,12 +41,49 @@ def soft_inverse_square(squared: np.ndarray, lights: PointLights) -> np.ndarray:
     return 1 / (squared + soft**2 / (squared + soft))
 
 
-def to_edge(local: np.ndarray, edge: np.ndarray) -> np.ndarray:
-    """Turn local pad directions into (along the edge, into the pad, up)."""
+def to_face(local: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """Turn local pad directions into (along the face, into the pad, up)."""
     x, y, z = np.moveaxis(local, -1, 0)
-    along = np.where(edge == 1, x, y)
-    into = np.choose(edge.astype(int), [x, -y, -x])
-    return np.stack(np.broadcast_arrays(along, into, z), axis=-1)
+    face = face.astype(int)
+    along = np.where(face % 2 == 1, x, np.where(face == 4, x, y))
+    into = np.choose(face, [x, -y, -x, y, z])
+    return np.stack(np.broadcast_arrays(along, into, np.where(face == 4, y, z)), axis=-1)
+
+
+def seen_through(scene: Scene, image: np.ndarray, target: np.ndarray, face: int):
+    """Return where a lamp in air seems to be, and the factor on 1/d^2, by bisection of Snell's law.
+
+    ``image (3,)`` is the paraxial one, ``target (point, 3)``.
+    """
+    inward, box, n = -OUTWARD[face], scene.box, scene.pad.index
+    corner = np.where(inward > 0, box.low, box.high)
+    outside = max(float((corner - image) @ inward), 1e-4) / n
+    inside = (target - corner) @ inward
+    across = (target - image) * (inward == 0)
+    reach = np.linalg.norm(across, axis=-1)
+    low, high = np.zeros_like(reach), reach.copy()
+    for _ in range(80):
+        lateral = 0.5 * (low + high)
+        bent = n * lateral / np.hypot(lateral, inside) < (reach - lateral) / np.hypot(
+            reach - lateral, outside
+        )
+        low, high = np.where(bent, lateral, low), np.where(bent, high, lateral)
+    lateral = 0.5 * (low + high)
+    in_cos = inside / np.hypot(lateral, inside)
+    out_cos = outside / np.hypot(reach - lateral, outside)
+    axial = reach <= 1e-3 * inside
+    seen = np.where(axial, n * outside, inside * (reach - lateral) / np.where(axial, 1, lateral))
+    # The ray tube: how far the point of arrival moves as the lamp's ray turns.
+    moves = outside / out_cos**2 + inside * out_cos / (n * in_cos**3)
+    factor = out_cos * (inside + seen) / (n * in_cos**3 * moves)
+    entry = image + across * ((reach - lateral) / np.maximum(reach, 1e-6))[:, None]
+    entry = np.where(inward != 0, corner, entry)
+    within = (entry >= box.low) & (entry <= box.high)
+    if face == 4:
+        half = np.array([scene.pad.width, scene.pad.length]) / 2
+        within[:, :2] &= np.abs(entry[:, :2]) <= half
+    place = np.where(inward != 0, corner - seen[:, None] * inward, image)
+    return place, np.where(within.all(axis=-1) & (inside > 0), factor, 0.0)
 
 
 def straight(scene: Scene, lights: PointLights, source, target, bend: float):
@@ -104,28 +144,24 @@ def mirrored(scene: Scene, lights: PointLights, source, target, bend: float):
     return unit[0], unit[1], spread
 
 
-def intensity(scene: Scene, emission, direction, beam) -> np.ndarray:
-    """Return intensities for ``(light, n)`` emissions and directions ``(light, point, 3)``."""
-    cosine = np.maximum(direction[..., 1], 0.0)
-    glow = (
-        np.einsum("lpk,lk->lp", directional_terms(direction), emission[:, :9]) * cosine
-        if emission.shape[1] >= 9
-        else 0.0
-    )
-    if not beam.any():
-        return glow
+def glow_intensity(emission, direction) -> np.ndarray:
+    """Return intensities for ``(n,)`` emission and directions ``(point, 3)``."""
+    return directional_terms(direction) @ emission[:9] * np.maximum(direction[..., 1], 0.0)
+
+
+def beam_intensity(scene: Scene, emission, direction, face: int, profile) -> np.ndarray:
     n, layer = scene.pad.index, scene.diffuser
+    cosine = np.maximum(direction[..., 1], 0.0)
     side = n * direction[..., [0, 2]]
     inside = (side**2).sum(axis=-1) < 1
     height = np.sqrt(np.where(inside, 1 - (side**2).sum(axis=-1), 1.0))
     air = np.stack([side[..., 0], height, side[..., 1]], axis=-1)
-    towards = np.einsum("lpi,li->lp", air, emission[:, :3])
-    theta = np.arccos(np.clip(towards, -1, 1)) / (2 * scene.fibers.sigma_v)
+    towards = np.clip(air @ emission[:3], -1, 1)
     safe = np.maximum(cosine, 1e-12)
-    depth = (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0
+    depth = (layer.sigma_s + layer.sigma_a) * layer.thickness if layer and face < 3 else 0.0
     passed = (1 - fresnel(cosine, 1 / n)[0]) * np.exp(-depth / safe) * n**2 * cosine / height
-    ray = emission[:, 3:4] * np.exp(-(theta**2)) * np.maximum(towards, 0) * passed
-    return np.where(beam, np.where(inside & (cosine > 0), ray, 0.0), glow)
+    ray = emission[3] * profile.shape(np.arccos(towards)) * passed
+    return np.where(inside & (cosine > 0), ray, 0.0)
 
 
 def irradiance(
@@ -134,25 +170,51 @@ def irradiance(
     """Return direct irradiance at points and at their facets' feet, ``(fiber, node, point, 2)``."""
     emissions = lights.emission(phi.T).swapaxes(0, 1)
     result = np.zeros((*phi.shape, len(points.position), 2))
-    for fiber, list_of_lights in enumerate(lights.position):
-        place, mark = list_of_lights[:, None, :3], list_of_lights[:, None, 3]
-        beam, edge = mark >= 4, mark % 4
-        image = place * [1, -1, 1] - [0, scene.pad.length, 0]
-        near = place[..., 1] < near_base(scene)
+    base, lamps = clear_walls(scene)[0], scene.placed_lamps()
+    for fiber, light in itertools.product(range(len(phi)), range(lights.position.shape[1])):
+        place, mark = lights.position[fiber, light, :3], int(lights.position[fiber, light, 3])
+        face, beam, wall = mark % 8, mark // 8 % 2, mark // 16
+        near = not beam and base.distance(place) < near_wall(scene)
         for way, in_base in itertools.product((straight, mirrored), (False, True)):
-            source = image if in_base else place
-            depart, arrive, spread = way(scene, lights, source, points.position[None], bend)
+            source, target, factor = place, points.position, np.ones(len(points.position))
+            if in_base and not near:
+                continue
+            if wall:
+                axis = (wall - 1) % 2
+                plane = (scene.box.low if wall in (1, 4) else scene.box.high)[axis]
+                target = np.where(np.arange(3) == axis, 2 * plane - target, target)
+            if beam:
+                if way is mirrored and face == 4:
+                    continue
+                aim = target * [1, 1, -1] if way is mirrored else target
+                source, factor = seen_through(scene, place, aim, face)
+                if way is mirrored:
+                    source = np.maximum(source, [-np.inf, -np.inf, 1e-3 * scene.pad.thickness])
+            source = base.image(source) if in_base else source
+            depart, arrive, spread = way(scene, lights, np.broadcast_to(source, target.shape),
+                                         target, bend)  # fmt: skip
+            if in_base:
+                spread = (
+                    spread * fresnel(np.minimum(np.abs(depart[..., 1]), 1), 1 / scene.pad.index)[0]
+                )
+                depart = depart * [1, -1, 1]
+            if wall:
+                steep = np.minimum(np.abs(arrive[..., axis]), 1.0)
+                spread = spread * fresnel(steep, 1 / scene.pad.index)[0]
+                arrive = np.where(np.arange(3) == axis, -arrive, arrive)
             cosine = (arrive * points.normal).sum(axis=-1)
             foot = np.maximum(-arrive[..., 2], 0) * (cosine > 0)
-            if in_base:
-                steep = np.minimum(np.abs(depart[..., 1]), 1.0)
-                spread = spread * near * fresnel(steep, 1 / scene.pad.index)[0]
-                depart = depart * [1, -1, 1]
-            local = to_edge(depart, edge)
+            received = np.stack([np.maximum(cosine, 0), foot], axis=-1)
+            local = to_face(depart, np.full(len(target), face))
             for node in range(phi.shape[1]):
-                sent = intensity(scene, emissions[fiber, node], local, beam)
-                received = np.stack([np.maximum(cosine, 0), foot], axis=-1)
-                result[fiber, node] += ((sent * spread)[..., None] * received).sum(axis=0)
+                emission = emissions[fiber, node, light]
+                sent = (
+                    beam_intensity(scene, emission, local, face, lamps[fiber].profile)
+                    if beam
+                    else glow_intensity(emission, local)
+                )
+                value = np.where(factor > 0, sent * spread * factor, 0.0)
+                result[fiber, node] += value[:, None] * received
     return result
 
 
@@ -183,17 +245,24 @@ BARE_EXTREMES = [
     ("fibers.sigma_v", np.radians(0.1)), ("fibers.sigma_v", np.radians(89.0)),
     ("fibers.diameter", 0.05), ("fibers.gap", 10.0), ("pad.index", 1.0), ("pad.index", 1.7),
 ]  # fmt: skip
-SCENES = {
-    "diffuser": few,
-    "bare": lambda scene: with_parts(few(scene), diffuser=None),
-    "thin diffuser": lambda scene: few(thin(scene)),
-} | {
-    f"{'bare, ' if bare else ''}{key} {value:.3g}": lambda scene, c=(bare, key, value): with_value(
-        with_parts(few(scene), **({"diffuser": None} if c[0] else {})), c[1], c[2]
-    )
-    for bare, cases in ((False, EXTREMES), (True, BARE_EXTREMES))
-    for key, value in cases
-}
+SCENES = (
+    {
+        "diffuser": few,
+        "bare": lambda scene: with_parts(few(scene), diffuser=None),
+        "thin diffuser": lambda scene: few(thin(scene)),
+    }
+    | {
+        case: lambda scene, case=case: scene_of_case(case)
+        for case in ("below", "rows of their own", "base", "beside a corner")
+    }
+    | {
+        f"{'bare, ' if bare else ''}{key} {value:.3g}": lambda scene, c=(bare, key, value): (
+            with_value(with_parts(few(scene), **({"diffuser": None} if c[0] else {})), c[1], c[2])
+        )
+        for bare, cases in ((False, EXTREMES), (True, BARE_EXTREMES))
+        for key, value in cases
+    }
+)
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +277,7 @@ def test_the_shader_draws_what_float64_numpy_computes(
     # The numbers do not matter here, only that both sides use the same ones.
     monkeypatch.setattr("render.preview.lights.RAYS", 3_000)
     scene = SCENES[name](load_scene("finger20"))
-    phi = np.array([[0.0, 1.3], [0.7, 2.9], [np.pi / 2, np.pi]])
+    phi = np.array([[0.0, 1.3], [0.7, 2.9], [np.pi / 2, np.pi]])[: scene.lamp_count]
     with Preview(scene, cache=cache) as preview:
         lights, points = point_lights(scene, cache), shading_points(scene)
         for bend in (0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi):
@@ -223,7 +292,10 @@ def test_the_shader_draws_what_float64_numpy_computes(
             error = np.abs(drawn - exact)
             allowed = RELATIVE * exact + ABSOLUTE * exact.max(axis=2, keepdims=True)
             off = (error > allowed) & apart
-            assert off.mean() <= (0.0 if name in PLAIN else FEW), f"{bend}: {off.mean():.2%}"
+            allowed_off = (
+                (AT_BORDERS if "BEAM" in lights.defines else 0.0) if name in PLAIN else FEW
+            )
+            assert off.mean() <= allowed_off, f"{bend}: {off.mean():.2%}"
             lit = apart & (exact > 1e-3 * exact.max())
             assert np.median(error[lit] / exact[lit]) < (1 if name in PLAIN else 50) * MEDIAN
         mine = preview.direct_irradiance(phi, np.pi / 2)

@@ -15,8 +15,8 @@ from hw.calibration.material import NAMES, PER_UNIT, Material
 from hw.calibration.reference_lines import Setup
 from hw.calibration.refine import refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure
+from hw.emulator.demonstration import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from hw.emulator.rig import random_parameters, rendered_images
-from hw.emulator.session import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
 from optimize.design import baseline_design
 from optimize.scoring import open_model
 from render.preview import cache_folder
@@ -79,7 +79,7 @@ def drawn_model() -> LineModel:
 def test_every_bounded_value_is_near_the_truth_or_its_interval_holds_it(seed: int) -> None:
     scene, model = load_scene("finger20"), drawn_model()
     design, truth = baseline_design(scene), random_parameters(scene, seed)
-    setup, fibers = Setup(scene, design.phi, BENDS), range(scene.fibers.count)
+    setup, fibers = Setup(scene, design.phi, BENDS), range(scene.lamp_count)
     lit = [fibers[own] for own in CALIBRATION_FIBERS]
     images = rendered_images(setup, truth, lit, samples=RIG_SAMPLES)
     truth = replace(truth, gain=single_exposure(truth, images))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
 
-from optimize.design import Array, Colors
+from optimize.design import DARK, Array, Colors
 from optimize.scoring import TableScorer
 from render.errors import DesignError
 
@@ -19,7 +18,7 @@ class ColorResult:
 
     Arguments:
         method: ``grouped``, ``quick`` or ``exact``.
-        colors: ``(F,)``, 0/1/2 = R/G/B.
+        colors: ``(F,)``, indices of the palette, -1 for off.
         score: S of eq. (4.7) in counts, float64.
         evaluated: how many assignments were scored.
         seconds: wall time.
@@ -45,15 +44,16 @@ class ColorResult:
 
 
 def canonical(colors: Colors) -> Colors:
-    """Return ``colors`` ``(..., F)`` renamed in the order in which they first appear.
+    """Return ``colors`` ``(..., F)`` renamed in the order in which they first appear; off stays.
 
     M depends on colors through norms and distances only, so renaming them changes no score as
-    long as no channel has its own material or LED power.
+    long as each has a channel of its own and none its own material or LED power.
     """
     flat = colors.reshape(-1, colors.shape[-1])
     renamed = np.empty_like(flat)
     for row, names in zip(renamed, flat, strict=True):
-        order = {name: index for index, name in enumerate(dict.fromkeys(names.tolist()))}
+        lit = dict.fromkeys(name for name in names.tolist() if name != DARK)
+        order = {name: index for index, name in enumerate(lit)} | {DARK: DARK}
         row[:] = [order[name] for name in names.tolist()]
     return renamed.reshape(colors.shape)
 
@@ -64,10 +64,20 @@ def ranked(colors: Colors, scores: Array) -> tuple[tuple[tuple[int, ...], float]
     return tuple((tuple(row), score) for row, score in pairs)
 
 
-def renamed_like(colors: Colors, reference: Colors) -> Colors:
-    """Return ``colors`` renamed so that most fibers keep their color of ``reference``."""
-    names = [np.array(order) for order in itertools.permutations(range(3))]
-    return max((order[colors] for order in names), key=lambda new: int((new == reference).sum()))
+def renamed_like(colors: Colors, reference: Colors, count: int = 3) -> Colors:
+    """Return ``colors`` of ``count`` renamed so that most fibers keep their color of ``reference``.
+
+    An assignment problem; of equally good names the first in order are taken. Off stays off.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    # Digits of less than one fiber prefer names in their order.
+    place = np.arange(count)
+    shared = -0.5 / count * place / np.power(float(count), place)[:, None]
+    both = (colors != DARK) & (reference != DARK)
+    np.add.at(shared, (colors[both], reference[both]), 1.0)
+    names = linear_sum_assignment(shared, maximize=True)[1]
+    return np.where(colors == DARK, DARK, names[colors])
 
 
 def raise_unreachable() -> NoReturn:
@@ -80,10 +90,15 @@ def raise_unreachable() -> NoReturn:
 
 
 def color_units(scorer: TableScorer, phi: Array) -> Array:
-    """Return the counts ``(F, 3, B * S, K)`` that each fiber adds to a channel of its color."""
+    """Return the counts ``(F, choice, B * S, K, C)`` that each fiber adds with each color.
+
+    Choices are the colors of the palette, then off where that is one.
+    """
     light = scorer.light(phi)
     if not scorer.table.by_channel:
         light = light[..., None]
-    light = np.moveaxis(light, -1, 1)
-    light = light.reshape(scorer.fibers, light.shape[1], -1, scorer.facets)
-    return np.asarray(light * scorer.led_power[:, :, None, None])
+    light = light.reshape(scorer.fibers, 1, -1, scorer.facets, light.shape[-1])
+    units = light * scorer.led_power[:, :, None, None, None]
+    units = units * scorer.palette.matrix[:, None, None, :]
+    dark = int(scorer.limits.may_be_off)
+    return np.pad(units, [(0, 0), (0, dark), (0, 0), (0, 0), (0, 0)])

@@ -1,9 +1,9 @@
 """All color assignments of some light sources, scored as fast as the processor allows.
 
 Light adds up, so an assignment's counts are the sum of three shorter ones: a *prefix* (one task
-per prefix), a *middle* and a *suffix*. All 3^4 middles and 3^5 suffixes are summed once; an
-assignment then costs one addition per count before the metric. Suffixes are the lanes of the
-kernel. Scores are float32: callers score the few best again in float64.
+per prefix), a *middle* and a *suffix*. All n^4 middles and n^5 suffixes of n choices are summed
+once; an assignment then costs one addition per count before the metric. Suffixes are the lanes of
+the kernel. Scores are float32: callers score the few best again in float64.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class BestAssignments:
     """The ``keep`` best assignments, best first, and how many were scored.
 
     Arguments:
-        colors: ``(keep, unit)``, 0/1/2.
+        choices: ``(keep, unit)``, 0 to n - 1.
         scores: ``(keep,)`` float32.
         evaluated: number of assignments scored.
     """
 
-    colors: Colors
+    choices: Colors
     scores: Single
     evaluated: int
 
@@ -52,9 +52,9 @@ class Quota:
     """SearchLimits of colorings, by unit.
 
     Arguments:
-        allowed: ``(U, 3)`` which colors each unit may have.
+        allowed: ``(U, choice)`` which colors each unit may have.
         fibers: ``(U,)`` fibers of each unit.
-        led_counts: ``(3,)`` LEDs of each color, one for every fiber.
+        led_counts: ``(choice,)`` LEDs of each color, one for every fiber.
     """
 
     allowed: NDArray[np.bool_]
@@ -62,10 +62,11 @@ class Quota:
     led_counts: Colors
 
     @classmethod
-    def open(cls, units: int) -> Quota:
+    def open(cls, units: int, choices: int) -> Quota:
         """Return the quota that allows everything."""
         one = np.ones(units, dtype=np.int64)
-        return cls(np.ones((units, 3), dtype=bool), one, np.full(3, units, dtype=np.int64))
+        full = np.full(choices, units, dtype=np.int64)
+        return cls(np.ones((units, choices), dtype=bool), one, full)
 
     @classmethod
     def of(cls, limits: SearchLimits, groups: Colors | None = None) -> Quota:
@@ -77,35 +78,41 @@ class Quota:
         return cls(allowed, np.bincount(member).astype(np.int64), limits.led_counts)
 
     @property
+    def choices(self) -> int:
+        """How many colors there are, off among them where that is one."""
+        return int(self.allowed.shape[1])
+
+    @property
     def limited(self) -> bool:
         """Whether anything is forbidden."""
         return bool(not self.allowed.all() or (self.led_counts < self.fibers.sum()).any())
 
     def codes(self, start: int, stop: int) -> Colors:
-        """Return the base-3 codes of all colorings of units ``start`` to ``stop`` that fit."""
+        """Return the base-n codes of all colorings of units ``start`` to ``stop`` that fit."""
         count = stop - start
-        codes: Colors = np.arange(3**count, dtype=np.int64)
+        codes: Colors = np.arange(self.choices**count, dtype=np.int64)
         if not self.limited or not count:
             return codes
-        chosen = digits(codes, count)
+        chosen = digits(codes, count, self.choices)
         fits = self.allowed[np.arange(start, stop), chosen].all(axis=1)
         fits &= (self.used(codes, start, stop) <= self.led_counts).all(axis=1)
         return codes[fits]
 
     def used(self, codes: Colors, start: int, stop: int) -> Colors:
-        """Return the fibers per color ``(N, 3)`` of ``codes`` over units ``start`` to ``stop``."""
-        chosen, weight = digits(codes, stop - start), self.fibers[start:stop]
-        return np.stack([((chosen == c) * weight).sum(axis=1) for c in range(3)], axis=1)
+        """Return fibers per color ``(N, choice)`` of ``codes`` over units ``start`` to ``stop``."""
+        chosen, weight = digits(codes, stop - start, self.choices), self.fibers[start:stop]
+        used = [((chosen == c) * weight).sum(axis=1) for c in range(self.choices)]
+        return np.stack(used, axis=1)
 
 
 class Enumeration:
-    """All ``3^U`` assignments of ``units``, the counts ``(U, 3, B * S, K)`` each adds per color.
+    """All ``n^U`` assignments of ``units``, the counts ``(U, n, B * S, K, C)`` of every choice.
 
     Arguments:
-        units: counts added to channel c by unit u when it has color c.
+        units: counts added to every channel by unit u when it has color c.
         bends: number of bends B.
-        symmetric: colors may be renamed, so only assignments that start with color 0 and
-            continue with color 1 are scored (a sixth of all).
+        symmetric: all choices are colors that may be renamed, so only assignments that start with
+            color 0 and continue with color 1 are scored (of three colors a sixth of all).
         quota: what colors units may have; all unless given.
     """
 
@@ -132,14 +139,13 @@ class Enumeration:
         self.units, self.bends, self.symmetric = len(units), bends, symmetric
         self.lam, self.config = lam, config
         self.constants = kernel_constants(config, lam, np.float32)
-        suffix = min(self.units, SUFFIX)
-        while suffix > 1 and 3**suffix * 4 * units[0].size > _SUFFIX_BYTES:
-            suffix -= 1
-        middle = min(self.units - suffix, MIDDLE)
+        self.choices, size = units.shape[1], 4 * units[0, 0].size
+        suffix = _most_units(min(self.units, SUFFIX), self.choices, size)
+        middle = _most_units(min(self.units - suffix, MIDDLE), self.choices, size)
         self.prefix = self.units - suffix - middle
-        self.quota = quota or Quota.open(self.units)
+        self.quota = quota or Quota.open(self.units, self.choices)
         first, second = self.prefix, self.prefix + middle
-        self._all_suffixes: int = 3**suffix
+        self._all_suffixes: int = self.choices**suffix
         self._codes = self.quota.codes(first, second), self.quota.codes(second, self.units)
         self._used = tuple(
             self.quota.used(codes, start, stop)
@@ -149,7 +155,7 @@ class Enumeration:
         )
         self.middles, self.suffixes = map(len, self._codes)
         # float64 sums, rounded once: (assignment, cell, facet, channel).
-        self._prefix_units = np.moveaxis(units[:first], 1, -1)
+        self._prefix_units = units[:first]
         self._middle = _all_sums(units[first:second])[self._codes[0]].astype(np.float32)
         self._blocks = _lane_blocks(_all_sums(units[second:])[self._codes[1]])
 
@@ -158,9 +164,7 @@ class Enumeration:
         """Number of assignments that are scored."""
         if self.quota.limited:
             return sum(1 for _ in self._prefix_codes()) * self.middles * self.suffixes
-        tasks: int = 3**self.prefix
-        if self.symmetric and self.prefix:
-            tasks = (tasks // 3 + 1) // 2
+        tasks = sum(1 for _ in self._prefix_codes()) if self.symmetric else self._all_prefixes
         return tasks * self.middles * self.suffixes
 
     def best(
@@ -186,7 +190,7 @@ class Enumeration:
                 clock.tick(len(batch) * per_task)
                 if limit is not None and done >= limit:
                     break
-        return BestAssignments(digits(codes, self.units), scores, done)
+        return BestAssignments(digits(codes, self.units, self.choices), scores, done)
 
     def workers(self) -> int:
         """Return how many tasks run at once: as many as the process has cores."""
@@ -199,22 +203,27 @@ class Enumeration:
         if self.quota.limited and self.prefix:
             return map(int, self.quota.codes(0, self.prefix))
         if not (self.symmetric and self.prefix):
-            return range(3**self.prefix)
-        # Base-3 numbers below 3^(p-1) start with color 0; those in [3^j, 2 3^j) continue with 1.
-        ranges = (range(3**j, 2 * 3**j) for j in range(self.prefix - 1))
+            return range(self._all_prefixes)
+        # Base-n numbers below n^(p-1) start with color 0; those in [n^j, 2 n^j) continue with 1.
+        base = self.choices
+        ranges = (range(base**j, min(2, base) * base**j) for j in range(self.prefix - 1))
         return itertools.chain([0], *ranges)
 
+    @property
+    def _all_prefixes(self) -> int:
+        return int(self.choices**self.prefix)
+
     def _task(self, code: int, keep: int, threshold: np.float32) -> tuple[Single, Colors]:
-        chosen = digits(np.array([code]), self.prefix)[0]
+        chosen = digits(np.array([code]), self.prefix, self.choices)[0]
         base = np.zeros(self._middle.shape[1:])
         for unit, color in enumerate(chosen):
-            base[..., color] += self._prefix_units[unit, ..., color]
+            base += self._prefix_units[unit, color]
         used = self.quota.used(np.array([code]), 0, self.prefix)[0]
         free = self.quota.led_counts - used
         scores, codes = self.best_of_tile(base.astype(np.float32), free, keep, threshold)
         middle, suffix = np.divmod(codes, self.suffixes)
         whole = self._codes[0][middle] * self._all_suffixes + self._codes[1][suffix]
-        below = 3 ** (self.units - self.prefix)
+        below = self.choices ** (self.units - self.prefix)
         return scores, whole + code * below
 
     def best_of_tile(
@@ -222,10 +231,10 @@ class Enumeration:
     ) -> tuple[Single, Colors]:
         """Return scores and codes of the best assignments above ``threshold`` on top of ``base``.
 
-        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(3,)``
+        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(choice,)``
         fibers per color may still be used.
         """
-        from optimize.scoring.metric_kernel import best_of_tile
+        from optimize.scoring.metric_kernel import best_of_tile, channel_mark
 
         scores, codes = np.empty(keep, np.float32), np.empty(keep, np.int64)
         count = best_of_tile(
@@ -235,6 +244,7 @@ class Enumeration:
             self.suffixes,
             self.bends,
             self.constants,
+            channel_mark(base.shape[-1], np.float32),
             threshold,
             free,
             self._used[0],
@@ -246,18 +256,22 @@ class Enumeration:
 
 
 def _all_sums(units: Array) -> Array:
-    """Return the counts ``(3^U, B * S, K, 3)`` of all assignments of ``units``."""
-    sums = np.zeros((1, *units.shape[2:], 3))
+    """Return the counts ``(n^U, B * S, K, C)`` of all assignments of ``units``."""
+    sums = np.zeros((1, *units.shape[2:]))
     for unit in units:
-        added = np.zeros((3, *units.shape[2:], 3))
-        for color in range(3):
-            added[color, ..., color] = unit[color]
-        sums = (sums[:, None] + added).reshape(-1, *sums.shape[1:])
+        sums = (sums[:, None] + unit).reshape(-1, *sums.shape[1:])
     return sums
 
 
+def _most_units(units: int, choices: int, size: int) -> int:
+    """Return how many of ``units`` are summed at once, ``size`` bytes per sum; at least one."""
+    while units > 1 and choices**units * size > _SUFFIX_BYTES:
+        units -= 1
+    return units
+
+
 def _lane_blocks(sums: Array) -> Single:
-    """Return ``sums`` ``(n, B * S, K, 3)`` as ``(block, B * S, K, 3, lane)``, padded with zeros."""
+    """Return ``sums`` ``(n, B * S, K, C)`` as ``(block, B * S, K, C, lane)``, padded with zeros."""
     lanes = min(LANES, max(16, -(-len(sums) // 16) * 16))
     blocks = -(-len(sums) // lanes)
     padded = np.zeros((blocks * lanes, *sums.shape[1:]), np.float32)
@@ -266,7 +280,7 @@ def _lane_blocks(sums: Array) -> Single:
     return np.ascontiguousarray(np.moveaxis(parts, 1, -1))
 
 
-def digits(codes: Colors, count: int) -> Colors:
-    """Return ``count`` base-3 digits of each code, the first unit's most significant."""
-    powers = 3 ** np.arange(count - 1, -1, -1, dtype=np.int64)
-    return np.asarray(codes[:, None] // powers % 3, dtype=np.int64)
+def digits(codes: Colors, count: int, base: int = 3) -> Colors:
+    """Return ``count`` digits of each code, the first unit's most significant."""
+    powers = base ** np.arange(count - 1, -1, -1, dtype=np.int64)
+    return np.asarray(codes[:, None] // powers % base, dtype=np.int64)

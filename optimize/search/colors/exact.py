@@ -25,8 +25,8 @@ from render.progress import OnProgress
 
 # Best assignments that are scored again in float64 and examined for ties.
 KEEP = 128
-# 26 fibers take two days at the measured rate.
-MAX_FIBERS = 26
+# Of three colors that may be renamed; 26 fibers take two days at the measured rate.
+MAX_COLORINGS = 3**26
 
 
 def exact_colors(
@@ -36,10 +36,11 @@ def exact_colors(
     *,
     device: str | None = None,
 ) -> ColorResult:
-    """Return the best of all ``3^F`` colorings for directions ``phi`` ``(F,)`` rad.
+    """Return the best of all ``n^F`` colorings for directions ``phi`` ``(F,)`` rad.
 
     float32 scores select the best 128, float64 scores order them. Colors are exchangeable unless
-    LED powers, materials or limits differ by color; then all ``3^F`` are scored. Ties are those
+    responses, LED powers, materials or limits differ by color, or off is a choice; then all ``n^F``
+    are scored. Ties are those
     that the errors of the table cannot tell from the best; ``ties_complete`` is False when the 128
     kept do not reach beyond them, or beyond the rounding of float32. ``device`` is that of torch;
     None is the processor by a compiled kernel of our own.
@@ -48,12 +49,15 @@ def exact_colors(
         TactiluxError: more fibers than any machine could search.
     """
     start = time.perf_counter()
-    if scorer.fibers > MAX_FIBERS:
+    units = color_units(scorer, phi)
+    choices, most = units.shape[1], 1
+    while choices > 1 and choices ** (most + 1) <= MAX_COLORINGS:
+        most += 1
+    if choices > 1 and scorer.fibers > most:
         raise TactiluxError(
-            f"an exact search over {scorer.fibers} fibers would never end, allowed: at most "
-            f"{MAX_FIBERS}; use the method quick",
+            f"an exact search over {scorer.fibers} fibers of {choices} choices each would never "
+            f"end, allowed: at most {most}; use the method quick",
             field="fibers",
-            value=scorer.fibers,
         )
     kind = Enumeration
     if device is not None:
@@ -61,21 +65,22 @@ def exact_colors(
 
         kind = torch_enumeration(device)
     search = kind(
-        color_units(scorer, phi),
+        units,
         scorer.bends,
         scorer.table.lam,
         scorer.config,
-        symmetric=scorer.colors_alike,
+        symmetric=scorer.colors_alike and not scorer.limits.may_be_off,
         quota=Quota.of(scorer.limits),
     )
     best = search.best(KEEP, progress)
     if not len(best.scores):
         raise_unreachable()
-    checked = scorer.scores(best.colors, phi)
+    found = scorer.limits.colors_of(best.choices)
+    checked = scorer.scores(found, phi)
     rounding = 2.0 * float(np.abs(checked - best.scores).max())
     full = len(best.scores) == KEEP
     crowded = full and checked.max() - best.scores[-1] <= rounding
-    colors = canonical(best.colors) if scorer.colors_alike else best.colors
+    colors = canonical(found) if scorer.colors_alike else found
     colors = np.unique(colors, axis=0)
     scores = scorer.scores(colors, phi)
     order = np.argsort(-scores, kind="stable")

@@ -52,11 +52,11 @@ def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
             scorer.bends,
             scorer.table.lam,
             scorer.config,
-            symmetric=scorer.colors_alike,
+            symmetric=scorer.colors_alike and not scorer.limits.may_be_off,
             quota=Quota.of(scorer.limits, groups),
         )
         best = search.best(_KEEP)
-        candidates.append(best.colors[:, groups])
+        candidates.append(scorer.limits.colors_of(best.choices)[:, groups])
         evaluated += best.evaluated
     pool = np.concatenate(candidates)
     if not len(pool):
@@ -101,7 +101,7 @@ def repair_boundaries(scorer: TableScorer, phi: Array, colors: Colors) -> tuple[
 
 
 def _summed_by_group(units: Array, groups: Colors) -> Array:
-    """Return the units of whole groups, ``(G, 3, B * S, K)``; ``groups`` ``(F,)`` holds 0..G-1."""
+    """Return the units of whole groups, ``(G, n, B * S, K, C)``; ``groups`` has 0..G-1."""
     sums = np.zeros((int(groups.max()) + 1, *units.shape[1:]))
     np.add.at(sums, groups, units)
     return sums

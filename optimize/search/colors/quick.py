@@ -38,14 +38,15 @@ def quick_colors(
     limits = scorer.limits
     if limits.colors_limited:
         # Random preferences make random allowed colorings.
-        preferences = rng.uniform(size=(restarts, scorer.fibers, 3))
+        preferences = rng.uniform(size=(restarts, *limits.allowed.shape))
         random = np.array([limits.nearest_colors(row) for row in preferences])
         random = random.reshape(restarts, -1)
         starts = [colors for colors in starts if limits.fits(colors[None])[0]]
     else:
-        random = rng.integers(0, 3, size=(restarts, scorer.fibers))
+        random = rng.integers(0, limits.allowed.shape[1], size=(restarts, scorer.fibers))
     search = _TwoOpt(scorer, phi)
-    queue = [np.asarray(colors, dtype=np.int64) for colors in starts] + list(random)
+    queue = [np.asarray(colors, dtype=np.int64) for colors in starts]
+    queue += list(limits.colors_of(random))
     optima: dict[tuple[int, ...], float] = {}
     clock = Clock(len(queue), progress)
     for colors in queue:
@@ -70,65 +71,70 @@ class _TwoOpt:
     """Best-improvement search; counts are updated by differences, never summed anew."""
 
     def __init__(self, scorer: TableScorer, phi: Array) -> None:
-        from optimize.scoring.metric_kernel import kernel_constants, score_moves
+        from optimize.scoring.metric_kernel import channel_mark, kernel_constants, score_moves
 
         self.score_moves = score_moves
         self.units = color_units(scorer, phi)
         self.bends = scorer.bends
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
-        self.pairs = _moves(scorer.fibers)
+        self.mark = channel_mark(scorer.channels, np.float64)
+        self.choices = self.units.shape[1]
+        self.pairs = _moves(scorer.fibers, self.choices - 1)
         self.limits = scorer.limits
         self.evaluated = 0
 
     def climb(self, colors: Colors) -> tuple[Colors, float]:
         """Return the local optimum that best-improvement steps from ``colors`` reach."""
-        fibers = len(self.units)
+        fibers, others = len(self.units), self.choices - 1
+        chosen = colors % self.choices  # off, -1, is the last choice
         score = -np.inf
         while True:
-            counts = np.zeros((*self.units.shape[2:], 3))
-            for unit, color in zip(self.units, colors, strict=True):
-                counts[..., color] += unit[color]
-            # Move 2 f + s gives fiber f the color s + 1 further on; the last one does nothing.
-            change = np.zeros((*counts.shape, 2 * fibers + 1))
+            counts = np.zeros(self.units.shape[2:])
+            for unit, choice in zip(self.units, chosen, strict=True):
+                counts += unit[choice]
+            # Move f others + s gives fiber f the choice s + 1 further on; the last does nothing.
+            change = np.zeros((*counts.shape, others * fibers + 1))
             for fiber in range(fibers):
-                old = colors[fiber]
-                for step in (0, 1):
-                    new = (old + step + 1) % 3
-                    change[..., old, 2 * fiber + step] = -self.units[fiber, old]
-                    change[..., new, 2 * fiber + step] = self.units[fiber, new]
-            pairs = self._allowed(colors)
-            scores = self.score_moves(counts, change, pairs, self.bends, self.constants, _LANES)
+                unit, old = self.units[fiber], chosen[fiber]
+                for step in range(others):
+                    new = (old + step + 1) % self.choices
+                    change[..., others * fiber + step] = unit[new] - unit[old]
+            pairs = self._allowed(chosen)
+            scores = self.score_moves(
+                counts, change, pairs, self.bends, self.constants, self.mark, _LANES
+            )
             self.evaluated += len(scores)
             best = int(np.argmax(scores))
             # Move 0 keeps the colors.
             score = float(scores[0])
             if not improves(scores[best], score):
-                return colors, score
-            colors = _moved(colors, pairs[best : best + 1])[0]
+                return self.limits.colors_of(chosen), score
+            chosen = _moved(chosen, pairs[best : best + 1], self.choices)[0]
 
-    def _allowed(self, colors: Colors) -> NDArray[np.int64]:
-        """Return the moves from ``colors`` that stay within the limits."""
+    def _allowed(self, chosen: Colors) -> NDArray[np.int64]:
+        """Return the moves from ``chosen`` that stay within the limits."""
         if not self.limits.colors_limited:
             return self.pairs
-        return np.ascontiguousarray(self.pairs[self.limits.fits(_moved(colors, self.pairs))])
+        moved = self.limits.colors_of(_moved(chosen, self.pairs, self.choices))
+        return np.ascontiguousarray(self.pairs[self.limits.fits(moved)])
 
 
-def _moved(colors: Colors, pairs: NDArray[np.int64]) -> Colors:
-    """Return ``colors`` ``(F,)`` after each of ``pairs`` ``(N, 2)`` of moves, ``(N, F)``."""
-    fibers, rows = len(colors), np.arange(len(pairs))
+def _moved(chosen: Colors, pairs: NDArray[np.int64], choices: int) -> Colors:
+    """Return ``chosen`` ``(F,)`` after each of ``pairs`` ``(N, 2)`` of moves, ``(N, F)``."""
+    fibers, rows, others = len(chosen), np.arange(len(pairs)), max(choices - 1, 1)
     steps = np.zeros((len(pairs), fibers + 1), dtype=np.int64)
     for move in pairs.T:
-        steps[rows, move // 2] = move % 2 + 1
-    return np.asarray((colors + steps[:, :fibers]) % 3)
+        steps[rows, move // others] = move % others + 1
+    return np.asarray((chosen + steps[:, :fibers]) % choices)
 
 
-def _moves(fibers: int) -> NDArray[np.int64]:
+def _moves(fibers: int, others: int) -> NDArray[np.int64]:
     """Return ``(n, 2)`` moves to make together: none, every single one, every two fibers' ones."""
-    nothing = 2 * fibers
-    single = [(move, nothing) for move in range(2 * fibers)]
+    nothing = others * fibers
+    single = [(move, nothing) for move in range(nothing)]
     double = [
         (first, second)
-        for first in range(2 * fibers)
-        for second in range(first - first % 2 + 2, 2 * fibers)
+        for first in range(nothing)
+        for second in range(first - first % others + others, nothing)
     ]
     return np.array([(nothing, nothing), *single, *double], dtype=np.int64)

@@ -35,7 +35,6 @@ def torch_enumeration(device: str) -> type[Enumeration]:
             f"torch cannot use the device {device!r} ({reason}): leave --device out to search on "
             "the processor",
             field="device",
-            value=device,
         ) from None
 
     class TorchEnumeration(Enumeration):

@@ -8,11 +8,13 @@ import os
 import warnings
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from render.errors import RenderError, TableError
 from render.files import read_npz, write_npz
+from render.geometry import flat_fiber_poses
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import RAYS, SlabResponse, compute_response
@@ -22,16 +24,20 @@ VERSION = 3
 """Part of the cache key: raise it when the walk or the basis changes."""
 
 
-def slab_response(scene: Scene, *, cache: Path | None = None, rays: int = RAYS) -> SlabResponse:
-    """Return the response for the scene's diffuser and fibers, from the cache or made now.
+def slab_response(
+    scene: Scene,
+    fiber_end: FiberEnd | None = None,
+    *,
+    cache: Path | None = None,
+    rays: int = RAYS,
+) -> SlabResponse:
+    """Return the response for the scene's diffuser, from the cache or made now.
 
-    Arguments:
-        scene: must have a diffuser.
-        cache: folder of the cache; by default ``$XDG_CACHE_HOME/tactilux``.
-        rays: light paths that are followed.
+    ``fiber_end`` shines on it; None: the scene's fibers, which are all alike. ``cache`` is by
+    default in ``$XDG_CACHE_HOME/tactilux``; ``rays`` light paths are followed.
     """
-    slab, fiber_end = slab_of(scene), fiber_end_of(scene)
-    content = {"version": VERSION, "rays": rays, "slab": asdict(slab), "beam": asdict(fiber_end)}
+    slab, fiber_end = slab_of(scene), fiber_end or fiber_end_of(scene)
+    content = {"version": VERSION, "rays": rays, "slab": asdict(slab), "beam": _beam(fiber_end)}
     key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
     path = (cache or cache_folder()) / f"slab-{key}.npz"
     if path.exists():
@@ -63,9 +69,30 @@ def slab_of(scene: Scene) -> Slab:
 
 
 def fiber_end_of(scene: Scene) -> FiberEnd:
-    """Return the fiber ends of a scene."""
-    fibers = scene.fibers
-    return FiberEnd(fibers.diameter, fibers.gap, fibers.height, fibers.sigma_v, fibers.tilt)
+    """Return the end of the first lamp: that of all fibers, which are alike."""
+    return fiber_ends(scene)[0]
+
+
+def fiber_ends(scene: Scene) -> list[FiberEnd]:
+    """Return the ends of all lamps, as seen from the faces that they shine through."""
+    if scene.fibers is not None and not scene.lamps:
+        row = scene.fibers.rows()[0]
+        return [FiberEnd(row.diameter, row.gap, row.height, row.tilt, row.profile)] * len(
+            scene.turning
+        )
+    gap = flat_fiber_poses(scene).gap
+    return [
+        FiberEnd(
+            lamp.diameter, round(float(gap[i]), 9), float(lamp.position[2]), lamp.tilt, lamp.profile
+        )
+        for i, lamp in enumerate(scene.placed_lamps())
+    ]
+
+
+def _beam(end: FiberEnd) -> dict[str, Any]:
+    """Return what the response depends on; a Gaussian's sigma_v stands beside the rest."""
+    kept = {name: getattr(end, name) for name in ("diameter", "gap", "height", "tilt")}
+    return kept | end.profile.model_dump(exclude_none=True)
 
 
 def cache_folder() -> Path:

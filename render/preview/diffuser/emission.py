@@ -14,20 +14,21 @@ import numpy as np
 from render.arrays import Array
 from render.geometry import sample_rough_face
 from render.preview.diffuser.random_walk import Photons, Slab, deflect, tangent_frame
+from render.scene import Profile
 
 
 @dataclass(frozen=True)
 class FiberEnd:
-    """A fiber end: ``diameter``, ``gap`` and ``height`` in mm, ``sigma_v`` and ``tilt`` in rad.
+    """A fiber end: ``diameter``, ``gap`` and ``height`` in mm, ``tilt`` in rad.
 
-    Radiance exp(-(theta / (2 sigma_v))^2) about the beam (thesis 3.3.1), from a disk normal to it.
+    A disk normal to the beam with the radiance of ``profile``.
     """
 
     diameter: float
     gap: float
     height: float
-    sigma_v: float
     tilt: float
+    profile: Profile
 
     def directions(self, phi: Array) -> Array:
         """Return unit beam directions ``(..., 3)`` in the layer's frame."""
@@ -38,7 +39,7 @@ class FiberEnd:
 
     def radiance(self, theta: Array) -> Array:
         """Return the radiance, on-axis 1, at angles ``theta`` (rad) from the beam."""
-        return np.asarray(np.exp(-((theta / (2 * self.sigma_v)) ** 2)) * (theta < np.pi / 2))
+        return self.profile.radiance(theta)
 
     @property
     def peak_intensity(self) -> float:
@@ -48,7 +49,8 @@ class FiberEnd:
 
     def _density(self) -> tuple[Array, Array]:
         # Steps shrink with the beam, so that its profile is resolved however narrow it is.
-        theta = np.minimum(12 * self.sigma_v, np.pi / 2) * np.linspace(0, 1, 4001)
+        width = self.profile.sigma_v or np.pi
+        theta = np.minimum(12 * width, np.pi / 2) * np.linspace(0, 1, 4001)
         return theta, self.radiance(theta) * np.sin(theta) * np.cos(theta)
 
     def flux(self) -> tuple[Array, Array]:

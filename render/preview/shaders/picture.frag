@@ -1,11 +1,13 @@
-// The finger as the camera sees it: pinhole ray, refraction at the lower face, then the coating or
+// The finger as the camera sees it: its ray, refraction at the lower face, then the coating or
 // a facet of a pyramid, shaded with the same irradiance() that fills the transport array.
 
 #define NOTHING vec4(0.0)
 
 uniform vec2 size;            // pixels
-uniform vec2 tangent;         // half the field of view, across and along
-uniform vec3 camera;          // flat frame: x, y, -distance
+uniform vec2 half_view;       // the lens's image of half the columns and half the rows
+uniform vec3 camera;          // world
+uniform vec3 leftward, upward, ahead;  // in the camera's picture; ours is its mirror image
+uniform float pivot;          // y at which the bent pad touches the plane of the flat one
 uniform vec2 half_pad;        // half width and length of the pad
 uniform float albedo;
 uniform sampler2D indirect;   // interreflected irradiance on the coating, over the pad
@@ -36,7 +38,7 @@ float curved = 0.0;
 
 // World to flat position; `turn` receives cosine and sine of the local frame's rotation.
 vec3 unbend(vec3 world, out vec2 turn) {
-    float y = world.y - camera.y, w = thickness - world.z;
+    float y = world.y - pivot, w = thickness - world.z;
     vec2 spoke = vec2(1.0 + curved * w, curved * y);
     float radius = length(spoke);
     turn = spoke / radius;
@@ -44,7 +46,7 @@ vec3 unbend(vec3 world, out vec2 turn) {
 #ifdef BENT
     y = atan(spoke.y, spoke.x) / kappa;
 #endif
-    return vec3(world.x, camera.y + y, thickness - below);
+    return vec3(world.x, pivot + y, thickness - below);
 }
 
 vec3 to_local(vec3 d, vec2 turn) {
@@ -53,8 +55,15 @@ vec3 to_local(vec3 d, vec2 turn) {
 
 void main() {
     vec2 image = 2.0 * gl_FragCoord.xy / size - 1.0;
-    vec3 ray = normalize(vec3(tangent * image, 1.0));
-    vec3 start = vec3(camera.x, 0.0, camera.z);
+    vec2 side = half_view * image;
+#ifdef FISHEYE
+    float angle = max(length(side), 1e-9);
+    vec3 look = vec3(side * sin(angle) / angle, cos(angle));
+#else
+    vec3 look = vec3(side, 1.0);
+#endif
+    vec3 ray = normalize(look.x * leftward + look.y * upward + look.z * ahead);
+    vec3 start = camera - vec3(0.0, pivot, 0.0);
     float bend = curved / (1.0 + curved * thickness);
     float way = way_to_arc(bend, start, ray);
     pixel = NOTHING;
@@ -67,7 +76,7 @@ void main() {
     way = way_to_arc(curved, entry - vec3(0.0, 0.0, thickness), inside);
     if (way < 0.0) return;
     vec2 turn;
-    vec3 target = unbend(entry + way * inside + vec3(0.0, camera.y, 0.0), turn);
+    vec3 target = unbend(entry + way * inside + vec3(0.0, pivot, 0.0), turn);
     if (any(greaterThan(abs(target.xy), half_pad))) return;
     target.z = thickness;
     vec3 facing = vec3(0.0, 0.0, -1.0);

@@ -1,8 +1,9 @@
 // The shading function: direct irradiance at a point of the pad from a list of secondary lights,
 // straight and by way of the lower face, per channel.
 
-// (light, list): x, y, z in flat pad coordinates (mm); mark: the edge's number, + 4 for a beam,
-// + 8 (i + 1) for the image of light i in the pad's base, -1 behind the last light of a list.
+// (light, list): x, y, z in flat pad coordinates (mm); mark: the number of its face (left, tip,
+// right, base, lower), + 8 for a beam, + 16 (w + 1) for one seen in wall w, + 128 (i + 1) for the
+// image of light i in the pad's base, -1 behind the last light of a list.
 uniform sampler2D lights;
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
@@ -13,29 +14,97 @@ uniform int light_count;
 #define Spectrum float
 #endif
 
-// A local direction in the frame of an edge: along it, into the pad, towards the coating.
-vec3 to_edge(vec3 direction, int edge) {
-    if (edge == 1) return vec3(direction.x, -direction.y, direction.z);
-    return vec3(direction.y, edge == 0 ? direction.x : -direction.x, direction.z);
+// A local direction in the frame of a face: along it, into the pad, upwards.
+vec3 to_face(vec3 direction, int face) {
+    if (face == 4) return direction.xzy;
+    if (face == 3) return direction;
+    if (face == 1) return vec3(direction.x, -direction.y, direction.z);
+    return vec3(direction.y, face == 0 ? direction.x : -direction.x, direction.z);
 }
 
 #ifdef BEAM
 
 uniform float inverse_width;      // 1 / (2 sigma_v), rad^-1
 uniform float optical_thickness;  // of the diffuser, 0 without one
+uniform vec3 box_low, box_high;   // of the silicone, diffuser included
+uniform vec2 clear_half;          // half the clear pad
 
-// A fiber end behind the pad's smooth edge: Gaussian about its beam in air, refracted into the
-// pad, dimmed by the diffuser. The emission is the beam and the intensity in air along it.
-float beam_intensity(vec4 emission, vec3 d) {
+#ifdef PROFILES
+uniform sampler2D profiles;  // measured profiles, a row each, over [0, pi/2]
+uniform float profile_rows;
+const float QUARTER_TURN = 1.5707963267948966;
+#endif
+
+// Intensity at an angle from the axis, relative to its peak.
+float profile_shape(float theta, float cosine, vec4 own) {
+#ifdef PROFILES
+    if (cosine <= 0.0) return 0.0;
+    if (own.x > 1.5) {
+        float steps = float(textureSize(profiles, 0).x);
+        float place = (theta / QUARTER_TURN * (steps - 1.0) + 0.5) / steps;
+        return texture(profiles, vec2(place, (own.y + 0.5) / profile_rows)).r;
+    }
+    if (own.x > 0.5) return pow(cosine, own.y);
+    return exp(-theta * theta * own.y * own.y) * cosine;
+#else
+    theta *= inverse_width;
+    return exp(-theta * theta) * max(cosine, 0.0);
+#endif
+}
+
+// A lamp in air is at `image` as one sees it from inside behind `face` along its normal. Returns
+// where it seems to be from `target` by Snell's law, and in `factor` what that makes of the inverse
+// square of the distance; 0 where the light would enter beside the face.
+vec3 seen_through(vec3 image, vec3 target, int face, out float factor) {
+    int axis = face == 4 ? 2 : (face == 0 || face == 2) ? 0 : 1;
+    float way = face == 1 || face == 2 ? -1.0 : 1.0;
+    float plane = way > 0.0 ? box_low[axis] : box_high[axis];
+    float n = refractive_index;
+    float outside = max(way * (plane - image[axis]), 1e-4) / n;
+    float inside = way * (target[axis] - plane);
+    vec3 across = target - image;
+    across[axis] = 0.0;
+    float reach = length(across);
+    // Newton's method for the part of the way across that is inside, from the paraxial ray.
+    float critical = inside * inversesqrt(max(n * n - 1.0, 1e-6));
+    float lateral = min(reach * inside / (inside + n * outside), critical);
+    for (int i = 0; i < 6; ++i) {
+        float rest = reach - lateral;
+        float near = inversesqrt(lateral * lateral + inside * inside);
+        float far = inversesqrt(rest * rest + outside * outside);
+        float slope = n * inside * inside * near * near * near
+            + outside * outside * far * far * far;
+        lateral = clamp(lateral - (n * lateral * near - rest * far) / slope, 0.0, reach);
+    }
+    float rest = reach - lateral;
+    float cos_in = inside * inversesqrt(lateral * lateral + inside * inside);
+    float cos_out = outside * inversesqrt(rest * rest + outside * outside);
+    float seen = reach > 1e-3 * inside ? inside * rest / lateral : n * outside;
+    float cubed = n * cos_in * cos_in * cos_in;
+    float stretch = outside / (cos_out * cos_out) + inside * cos_out / cubed;
+    vec3 entry = image + across * (rest / max(reach, 1e-6));
+    entry[axis] = plane;
+    bool enters = inside > 0.0 && all(greaterThanEqual(entry, box_low))
+        && all(lessThanEqual(entry, box_high));
+    if (face == 4) enters = enters && all(lessThanEqual(abs(entry.xy), clear_half));
+    factor = enters ? cos_out * (inside + seen) / (cubed * stretch) : 0.0;
+    image[axis] = plane - way * seen;
+    return image;
+}
+
+// A lamp behind a smooth face: its profile about its beam in air, refracted into the pad, dimmed
+// by the diffuser. The emission is the beam and the peak of the intensity in air.
+float beam_intensity(vec4 emission, vec4 own, vec3 d, int face) {
     vec2 side = refractive_index * d.xz;
     float squared = 1.0 - dot(side, side);
     if (d.y <= 0.0 || squared <= 0.0) return 0.0;
     vec3 air = vec3(side.x, sqrt(squared), side.y);
     float cosine = dot(air, emission.xyz);
-    float theta = atan(length(cross(air, emission.xyz)), cosine) * inverse_width;
+    float theta = atan(length(cross(air, emission.xyz)), cosine);
     float solid_angle = refractive_index * refractive_index * d.y / air.y;
-    float passed = (1.0 - reflectance(d.y)) * exp(-optical_thickness / d.y);
-    return emission.w * exp(-theta * theta) * max(cosine, 0.0) * passed * solid_angle;
+    float passed = 1.0 - reflectance(d.y);
+    if (face < 3) passed *= exp(-optical_thickness / d.y);
+    return emission.w * profile_shape(theta, cosine, own) * passed * solid_angle;
 }
 
 #endif
@@ -52,14 +121,20 @@ float glow_intensity(vec4 low, vec4 high, float last, vec3 d) {
 #endif
 
 // What light `i` of emission row `row` sends into two directions.
-vec2 intensities(int i, int row, bool beam, vec3 d, vec3 m) {
+vec2 intensities(int i, int row, bool beam, int face, vec3 d, vec3 m) {
     ivec2 texel = ivec2(i * EMISSION_TEXELS, row);
     vec4 low = texelFetch(emissions, texel, 0);
 #ifdef BEAM
 #ifdef GLOW
     if (beam)
 #endif
-    return vec2(beam_intensity(low, d), beam_intensity(low, m));
+    {
+        vec4 own = vec4(0.0);
+#ifdef PROFILES
+        own = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
+#endif
+        return vec2(beam_intensity(low, own, d, face), beam_intensity(low, own, m, face));
+    }
 #endif
 #ifdef GLOW
     vec4 high = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
@@ -102,18 +177,46 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
     for (int i = 0; i < light_count; ++i) {
         vec4 light = texelFetch(lights, ivec2(i, first), 0);
         if (light.w < 0.0) break;
-        int mark = int(light.w), sender = mark < 8 ? i : mark / 8 - 1;
-        bool beam = (mark & 4) != 0;
-        vec2 turn = half_turn(light.xyz, position);
-        Path direct = direct_path(light.xyz, position, turn);
-        Path mirrored = mirrored_path(light.xyz, position, turn);
-        vec2 spread = vec2(direct.spread, mirrored.spread);
-        if (mark >= 8) {
+        int mark = int(light.w), sender = mark < 128 ? i : mark / 128 - 1, face = mark & 7;
+        bool beam = (mark & 8) != 0;
+        vec3 target = position, straight = light.xyz, folded = light.xyz;
+        vec2 factor = vec2(1.0);
+#ifdef BEAM
+        // Seen in a wall, the target is mirrored instead of the lamp.
+        int wall = (mark >> 4) & 7, across = 1 - (wall & 1);
+        if (wall > 0)
+            target[across] = 2.0 * (wall == 1 || wall == 4 ? box_low : box_high)[across]
+                - target[across];
+#ifdef GLOW
+        if (beam)
+#endif
+        {
+            straight = seen_through(light.xyz, target, face, factor.x);
+            vec3 below = vec3(target.xy, -target.z);
+            if (face == 4) factor.y = 0.0;
+            else folded = seen_through(light.xyz, below, face, factor.y);
+            if (factor.x + factor.y == 0.0) continue;
+            // What cannot be reflected in the lower face has no mirrored way.
+            folded.z = max(folded.z, 1e-3 * thickness);
+        }
+#endif
+        Path direct = direct_path(straight, target, half_turn(straight, target));
+        Path mirrored = mirrored_path(folded, target, half_turn(folded, target));
+        vec2 spread = factor * vec2(direct.spread, mirrored.spread);
+        if (mark >= 128) {
             spread *= vec2(reflectance(abs(direct.depart.y)), reflectance(abs(mirrored.depart.y)));
             direct.depart.y = -direct.depart.y;
             mirrored.depart.y = -mirrored.depart.y;
         }
-        vec3 d = to_edge(direct.depart, mark & 3), m = to_edge(mirrored.depart, mark & 3);
+#ifdef BEAM
+        if (wall > 0) {
+            spread *= vec2(reflectance(abs(direct.arrive[across])),
+                           reflectance(abs(mirrored.arrive[across])));
+            direct.arrive[across] = -direct.arrive[across];
+            mirrored.arrive[across] = -mirrored.arrive[across];
+        }
+#endif
+        vec3 d = to_face(direct.depart, face), m = to_face(mirrored.depart, face);
         vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
         vec2 here = spread * max(cosine, 0.0);
 #ifdef FACES
@@ -124,12 +227,12 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
             * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0);
 #if CHANNELS == 3
         for (int c = 0; c < 3; ++c) {
-            vec2 sent = intensities(sender, 3 * list + c, beam, d, m);
+            vec2 sent = intensities(sender, 3 * list + c, beam, face, d, m);
             sum.here[c] += dot(here, sent);
             sum.foot[c] += dot(foot, sent);
         }
 #else
-        vec2 sent = intensities(sender, list, beam, d, m);
+        vec2 sent = intensities(sender, list, beam, face, d, m);
         sum.here += dot(here, sent);
         sum.foot += dot(foot, sent);
 #endif

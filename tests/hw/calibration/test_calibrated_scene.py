@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import math
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hw.calibration.calibrated_scene import calibrated_toml
+from hw.calibration.calibration import calibrated_toml
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.rig_fit import fit_rig
+from optimize.scoring import find_model
 from render.scene import Scene, load_scene, sources
+from render.transport import TransportTable
+from surrogate.train import TrainConfig, train
+from surrogate.training.fit import FitConfig
+from surrogate.training.mlp import NetworkConfig
 from tests.hw.calibration.toy import photographs, toy_model
+from tests.optimize.cli.conftest import (  # noqa: F401
+    small_model,
+    small_reference,
+    small_scene,
+)
 
 
 def test_fitted_values_say_calibrated_with_date_and_interval(
@@ -40,3 +52,32 @@ def test_fitted_values_say_calibrated_with_date_and_interval(
     assert after.camera == scene.camera
     assert after.sites == scene.sites
     assert said["pad.width"] == "assumed"
+
+
+def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(
+    table: MaterialTable,
+    scene: Scene,
+    small_scene: Path,  # noqa: F811
+    small_model: Path,  # noqa: F811
+    small_reference: TransportTable,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = fit_rig(scene, toy_model(table), photographs(scene)[0])
+    path = tmp_path / "calibrated" / "scene.toml"
+    path.parent.mkdir()
+    path.write_text(calibrated_toml(small_scene, load_scene(small_scene), found, "2026-01-31"))
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(small_model, tmp_path / "models" / "small8")
+    after = load_scene(path)
+    assert find_model(after) is None
+    # What `tactilux train calibrated/scene.toml` does, on a table that stands for renders.
+    quick = FitConfig(members=2, network=NetworkConfig(width=8, steps=20), designs=40)
+    train(
+        after,
+        Path("models") / after.name,
+        table=replace(small_reference, scene_hash=after.hash),
+        config=TrainConfig(preview_nodes=(9, 3), fit=quick),
+    )
+    assert find_model(after) == Path("models") / "small8-calibrated"
+    assert find_model(load_scene(small_scene)) == Path("models") / "small8"

@@ -8,7 +8,7 @@ import pytest
 from hw.calibration.pad_light import BLOCKS, PadLight, render_pad_light
 from hw.calibration.reference_lines import Setup
 from render.arrays import Array
-from render.geometry import facet_masks, flat_sites
+from render.geometry import declared_sites, facet_masks
 from render.scene import Scene, load_scene
 
 LIT = [0, 4, 9]
@@ -29,7 +29,8 @@ def reference_cells(scene: Scene, bend: float) -> tuple[Array, Array]:
     masks = facet_masks(scene, bend)
     lists = [masks.of(site, scene.indenter.faces) for site in range(scene.sites.count)]
     targets = Targets(np.concatenate(lists), np.cumsum([0, *(len(pixels) for pixels in lists)]))
-    sampler = CellSampler(scene, np.full((20, 1), np.pi / 2), bend, False, targets)
+    lit = np.ones((len(lists), 20), dtype=bool)
+    sampler = CellSampler(scene, np.full((20, 1), np.pi / 2), bend, False, targets, lit)
     run = MonteCarlo(sampler, 4096, 8, 2)
     run.sample(10)
     found = run.estimate().reshape(8, 20, -1)
@@ -50,7 +51,7 @@ def light() -> PadLight:
 def test_it_agrees_with_the_references_own_cells(light: PadLight) -> None:
     scene = small_scene()
     wanted, wanted_error = reference_cells(scene, 0.6)
-    centers = flat_sites(scene)[:, :2]
+    centers = declared_sites(scene)[:, :2]
     offsets = np.mgrid[-1:2, -1:2].reshape(2, -1).T * light.cell / light.blocks
     misses, errors = [], []
     for fiber in LIT:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.calibration.calibration import told
-from hw.calibration.calibration_report import render_report
+from hw.calibration.calibration import render_report, told
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import Setup

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hw.calibration.line_model import LineModel
+from hw.calibration.log_ratio import field_modes
 from hw.calibration.material import Material, sobol_materials
 from hw.calibration.material_table import MaterialTable, fitted_table
 from hw.calibration.measurement import Measurement
-from hw.calibration.model_error import field_modes
 from hw.calibration.reference_lines import frame_positions, reference_lines
 from hw.camera.photo_set import PhotoSet
 from hw.camera.projection import pad_positions
@@ -34,7 +34,7 @@ def toy_log_light(scene: Scene, material: Array) -> Array:
     """Return log light ``(bend, fiber, point)`` at the reference lines."""
     across, along = frame_positions().T
     drawn = np.stack([toy(material, across, along, bend) for bend in (0, 1)])
-    drawn = drawn[:, None].repeat(scene.fibers.count, axis=1)
+    drawn = drawn[:, None].repeat(scene.lamp_count, axis=1)
     return np.where(reference_lines(scene).inside, drawn, np.nan)
 
 

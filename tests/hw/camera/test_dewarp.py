@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.camera.dewarp import Dewarp, load_lens
-from hw.camera.projection import intrinsics
+from hw.camera.projection import Dewarp, load_lens
 from hw.errors import CaptureError
 from render.geometry import pixel_directions
 from render.scene import load_scene
@@ -29,7 +28,10 @@ def lens_file(tmp_path: Path, text: str = LENS) -> Path:
     return path
 
 
-def test_every_direction_lands_where_the_pinhole_has_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_every_direction_lands_where_the_camera_has_it(tmp_path: Path, fisheye: bool) -> None:
+    camera = SCENE.camera.model_copy(update={"lens": "fisheye"} if fisheye else {})
+    scene = SCENE.model_copy(update={"camera": camera})
     lens = load_lens(lens_file(tmp_path))
     # A photograph whose color says in which direction each pixel of the fisheye looks.
     x, y = (np.arange(640) - 319.5) / 200, (np.arange(480) - 239.5) / 200
@@ -38,11 +40,12 @@ def test_every_direction_lands_where_the_pinhole_has_it(tmp_path: Path) -> None:
     bent = theta * (1 + 0.05 * theta**2 - 0.01 * theta**4 + 0.002 * theta**6)
     angle = np.interp(radius, bent, theta)
     photo = np.repeat(angle[..., None], 3, axis=-1)
-    found = Dewarp(lens, SCENE)(photo)[..., 0]
+    found = Dewarp(lens, scene)(photo)[..., 0]
     rows, columns = SCENE.camera.rows, SCENE.camera.columns
     row, column = np.mgrid[0:rows:50, 0:columns:40]
-    direction = pixel_directions(SCENE, columns, rows, column + 0.5, row + 0.5)
-    wanted = np.arccos(direction[..., 2])
+    wanted = np.hypot(column + 0.5 - columns / 2, row + 0.5 - rows / 2) / (rows / 2)
+    half = np.radians(55.0)
+    wanted = half * wanted if fisheye else np.arctan(np.tan(half) * wanted)
     inside = wanted < 0.9
     np.testing.assert_allclose(found[row, column][inside], wanted[inside], atol=0.005)
 
@@ -71,7 +74,8 @@ def test_a_bad_lens_is_refused(tmp_path: Path, old: str, new: str) -> None:
 
 def test_the_pinhole_agrees_with_the_renderers_rays() -> None:
     direction = pixel_directions(SCENE, 36, 60, np.array([10.5]), np.array([20.5]))[0]
-    matrix = intrinsics(SCENE, 36, 60)
+    focal = 30 / np.tan(np.radians(55.0))
+    matrix = np.array([[focal, 0.0, 17.5], [0.0, focal, 29.5], [0.0, 0.0, 1.0]])
     # The renderer's columns run towards -x and rows towards -y.
     seen = matrix @ (np.array([-direction[0], -direction[1], direction[2]]) / direction[2])
     np.testing.assert_allclose(seen[:2], [10.0, 20.0], atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.camera.linearity import linearity
-from hw.camera.photo import DARK_FRAMES
+from hw.camera.photo_set import DARK_FRAMES
 from hw.errors import CalibrationError
 from render.arrays import Array
 

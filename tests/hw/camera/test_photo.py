@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hw.camera.photo import check_photo, linear, read_photo
+from hw.camera.photo_set import check_photo, linear, read_photo
 from hw.errors import CaptureError
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (6, 4, 3)).astype(np.uint8)

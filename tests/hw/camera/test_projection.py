@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hw.camera.projection import pad_positions, pixels_of, rotation
-from hw.check.site_colors import RADIUS, SiteSpots
+from hw.check.prediction import RADIUS, SiteSpots
 from render.geometry import facet_masks, flat_sites
 from render.scene import load_scene
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hw.check.channel_order import check_order
+from hw.camera.self_test import check_order
 from hw.check.prediction import PadPrediction
 from hw.errors import CaptureError
 from render.arrays import Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hw.check.power_prior import PowerFits, around_one, between
+from hw.check.sweep_check import PowerFits, around_one, between
 
 
 @pytest.mark.parametrize("best", [0.7, 1.0, 1.2])

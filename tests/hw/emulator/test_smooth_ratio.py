@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.calibration.log_ratio import LogRatios
-from hw.emulator.smooth_ratio import SmoothRatio
+from hw.emulator.rig import SmoothRatio
 from render.arrays import Array
 
 

@@ -21,15 +21,24 @@ def test_channels_are_sent_in_the_order_of_the_wiring() -> None:
     assert levels.tolist() == [[0, 255, 0], [128, 0, 0], [0, 0, 51]]
 
 
+def test_six_colors_take_two_leds_per_fiber_and_one_takes_one() -> None:
+    six = np.zeros((2, 6))
+    six[0, 4], six[1, 0], six[1, 5] = 1.0, 0.2, 0.4
+    levels = ChannelMap((1, 0), "grb", 6).levels(six, PowerLimits())
+    assert levels.tolist() == [[0, 51, 0], [0, 0, 102], [0, 0, 0], [255, 0, 0]]
+    mono = ChannelMap.straight(2, colors=1)
+    assert mono.levels(np.array([[1.0], [0.4]]), PowerLimits()).tolist() == [
+        [255, 0, 0],
+        [102, 0, 0],
+    ]
+    with pytest.raises(PowerError, match=r"allowed: \(2, 1\) in 0 to 1"):
+        mono.levels(six, PowerLimits())
+
+
 def test_too_much_current_is_refused_and_not_dimmed() -> None:
-    limits = PowerLimits(milliamperes=20, total_milliamperes=30)
+    limits = PowerLimits(total_milliamperes=30)
     with pytest.raises(PowerError, match="34 mA, allowed: 30 mA; lower --scale"):
         ChannelMap.straight(3).levels(POWER, limits)
-
-
-def test_too_bright_an_led_is_refused() -> None:
-    with pytest.raises(PowerError, match=r"at most 0\.8"):
-        ChannelMap.straight(3).levels(POWER, PowerLimits(highest=0.8))
 
 
 def test_power_that_is_not_a_number_is_refused() -> None:

@@ -65,13 +65,16 @@ def test_all_leds_are_off_when_the_program_is_told_to_end(
         "from hw.leds import ProtocolName\n"
         "from hw.leds.ports import open_board\n"
         "from hw.leds.channels import ChannelMap\n"
-        "from hw.leds.fiber_lights import FiberLights, interruptible\n"
+        "from hw.leds.fiber_lights import FiberLights\n"
+        "from optimize.ui.process import run_process\n"
         # Started in the background, tests would hand on that SIGINT is ignored.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "connect = partial(open_board, sys.argv[1], ProtocolName.LINES, leds=20)\n"
-        "with interruptible(), FiberLights(connect, ChannelMap.straight(20)) as lights:\n"
-        "    lights.set(np.eye(3)[np.arange(20) % 3])\n"
-        "    lights.hold(None)\n"
+        "def main():\n"
+        "    with FiberLights(connect, ChannelMap.straight(20)) as lights:\n"
+        "        lights.set(np.eye(3)[np.arange(20) % 3])\n"
+        "        lights.hold(None)\n"
+        "run_process(lambda: main)\n"
     )
     child = subprocess.Popen(
         [sys.executable, "-c", code, str(rig.port)], cwd=ROOT, stderr=subprocess.DEVNULL

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hw.errors import ProtocolError
-from hw.leds.lines import crc8, framed, unframed
+from hw.leds.line_board import crc8, framed, unframed
 
 
 def test_what_is_framed_can_be_unframed() -> None:

@@ -108,8 +108,8 @@ def test_a_design_that_is_not_there_or_no_json(refused: Callable[..., str], tmp_
 
 
 def test_a_model_that_is_not_there(refused: Callable[..., str], small_scene: Path) -> None:
-    assert "tactilux train" in refused("explore", small_scene)
     assert "--model" in refused("explore", small_scene, "--model", "nowhere")
+    assert "--model" in refused("optimize", small_scene, "--model", "nowhere")
 
 
 def test_an_altered_model(
@@ -241,10 +241,6 @@ def test_constraints_that_contradict_each_other(
     assert "at least 8 together" in refused("explore", tight, "--model", small_model)
 
 
-def test_optimizing_without_a_surrogate(refused: Callable[..., str], small_scene: Path) -> None:
-    assert "tactilux train" in refused("optimize", small_scene)
-
-
 def test_a_device_for_another_method_or_that_is_not_there(
     refused: Callable[..., str], tmp_path: Path
 ) -> None:
@@ -275,7 +271,6 @@ def test_designs_that_cannot_be_reconstructed(
     refused: Callable[..., str], design: Path, small_scene: Path
 ) -> None:
     assert "--scene" in refused("reconstruct", design)
-    assert "tactilux train" in refused("reconstruct", design, "--scene", small_scene)
 
 
 def test_an_option_that_does_not_exist_is_exit_code_two(tactilux: Run) -> None:
@@ -292,3 +287,14 @@ def replace_model(folder: Path, content: bytes) -> None:
     lines = [own if line.endswith("checker.onnx") else line for line in sums]
     (folder / "checker.sha256").write_text("\n".join(lines) + "\n")
     (folder / "checker.onnx").write_bytes(content)
+
+
+def test_a_page_to_play_with_of_nothing(
+    refused: Callable[..., str], design: Path, small_scene: Path, tmp_path: Path
+) -> None:
+    assert "there is no scene 'finger21'" in refused("play", "finger21")
+    assert "cannot be read" in refused("play", tmp_path / "none.json", "--scene", small_scene)
+    assert "is a directory: name a file with --out" in refused("play", "--out", tmp_path)
+    assert "allowed: .html, .htm" in refused("play", "--out", tmp_path / "page.png")
+    edit(design, lambda content: content["angles_deg"].pop())
+    assert "angles_deg has 7 entries, allowed: 8" in refused("play", design, "--scene", small_scene)

@@ -94,11 +94,12 @@ def test_the_design_that_it_writes_has_the_score_that_it_claims(
 def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explored) -> None:
     assert {item.name for item in (explored.place / "runs").iterdir()} == {"small8-explore"}
     names = {item.name for item in (explored.place / "runs" / "small8-explore").iterdir()}
-    pictures = {f"{kind}-{stage}.png" for kind in ("scheme", "metric", "facets")
+    kinds = {"scheme": "svg", "metric": "png", "facets": "png"}
+    pictures = {f"{name}-{stage}.{kind}" for name, kind in kinds.items()
                 for stage in ("baseline", "colors", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
     texts = {"design.json", "baseline.json", "report.html", "result.json"}
-    texts |= {"mounted.json", "wiring.csv", "jig.stl"}
+    texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html"}
     assert names == pictures | texts | {"convergence.png"}
 
 

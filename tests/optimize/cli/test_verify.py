@@ -43,6 +43,7 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
         "design",
         "difference",
         "surrogate",
+        "converged",
         "render_seconds",
         "seeds",
     ]

@@ -43,7 +43,7 @@ def test_shared_nodes_hold_every_design_and_its_mirror_image(finger20: Scene, ti
     scene = variant(finger20, tip=tip)
     designs = HeldOutDesigns.of(scene, 7, 0)
     nodes, index = designs.nodes
-    assert nodes.shape == (scene.fibers.count, 14)
+    assert nodes.shape == (scene.lamp_count, 14)
     assert is_mirror_symmetric(scene, nodes)
     np.testing.assert_array_equal(nodes[np.arange(len(nodes)), index], designs.phi)
 
@@ -52,7 +52,7 @@ def test_a_sensor_without_mirror_images_gets_its_designs_alone(finger20: Scene) 
     scene = variant(finger20, left=7)
     designs = HeldOutDesigns.of(scene, 4, 0)
     nodes, index = designs.nodes
-    assert nodes.shape == (scene.fibers.count, 4)
+    assert nodes.shape == (scene.lamp_count, 4)
     np.testing.assert_array_equal(nodes[np.arange(len(nodes)), index], designs.phi)
 
 

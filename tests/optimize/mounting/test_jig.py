@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from optimize.design import Design, baseline_design, limits_of
 from optimize.mounting import JigError, drilling_jig, stl_bytes
-from render.geometry import FiberHolder, flat_fiber_poses, lit_offset
+from render.geometry import FiberHolder, flat_fiber_poses
 from render.scene import Scene, load_scene
 
 FINGER20 = load_scene("finger20")
@@ -47,7 +47,11 @@ def test_its_volume_is_that_of_the_walls_less_the_holes() -> None:
     phi = design.phi + np.radians(np.resize([10.0, -15.0, 20.0], 20))
     mesh = printed(FINGER20, Design(phi, design.power))
     low, high = mesh.bounds
-    x, y, wall = 9.0 + lit_offset(FINGER20), 15.0 + lit_offset(FINGER20), 3.0
+    x, y, wall = (
+        9.0 + (FINGER20.box.rim + FINGER20.fibers.gap),
+        15.0 + (FINGER20.box.rim + FINGER20.fibers.gap),
+        3.0,
+    )
     area = 2 * wall * (y + wall - low[1]) + 2 * x * wall
     corners = 48  # a polygon stands for the circle
     circle = 0.5 * corners * np.sin(2 * np.pi / corners) * (0.85 / 2) ** 2
@@ -61,7 +65,7 @@ def test_the_rims_of_the_holes_lie_around_the_fibers() -> None:
     phi = limits.nearest_directions(rng.uniform(0.3, 2.8, 20))
     mesh = printed(FINGER20, Design(phi, np.tile([1.0, 0.0, 0.0], (20, 1))))
     poses = flat_fiber_poses(FINGER20)
-    beams = poses.directions(phi, FINGER20.fibers.tilt)
+    beams = poses.directions(phi)
     away = mesh.vertices[:, None] - poses.position
     apart = np.linalg.norm(away - (away * beams).sum(-1, keepdims=True) * beams, axis=-1)
     on_rim = np.abs(apart - 0.425) < 1e-4

@@ -25,7 +25,7 @@ def test_rows_lead_back_to_the_beams(finger20: Scene) -> None:
     sheet = mount(finger20, turned(finger20, -22.0))
     rows = list(csv.DictReader(io.StringIO(wiring_csv(sheet))))
     poses = flat_fiber_poses(finger20)
-    beams = poses.directions(sheet.design.phi, finger20.fibers.tilt)
+    beams = poses.directions(sheet.design.phi)
     for axis, name in enumerate("xyz"):
         place = [float(row[f"{name}_mm"]) for row in rows]
         assert place == pytest.approx(poses.position[:, axis], abs=1e-3)
@@ -43,13 +43,13 @@ def test_leds_channels_and_currents_follow_the_board(finger20: Scene) -> None:
     power[0], power[1] = 0.0, (0.5, 0.0, 0.0)
     design = Design(np.full(20, math.pi / 2), power)
     leds = tuple(range(19, -1, -1))
-    sheet = mount(finger20, design, feeds=Feeds(leds, "grb", 30.0))
+    sheet = mount(finger20, design, feeds=Feeds(leds, "grb"))
     off, dim, full = sheet.fibers[:3]
     assert (off.color, off.led, off.channel, off.current_ma) == ("off", 19, None, 0.0)
-    assert (dim.color, dim.led, dim.channel, dim.current_ma) == ("red", 18, 3 * 18 + 1, 15.0)
-    assert (full.channel, full.current_ma) == (3 * 17 + 1, 30.0)
+    assert (dim.color, dim.led, dim.channel, dim.current_ma) == ("red", 18, 3 * 18 + 1, 10.0)
+    assert (full.channel, full.current_ma) == (3 * 17 + 1, 20.0)
     assert sheet.fibers[8].channel == 3 * 11 + 2  # blue
-    assert sheet.current == pytest.approx(18 * 30.0 + 15.0)
+    assert sheet.current == pytest.approx(18 * 20.0 + 10.0)
     plain = mount(finger20, design)
     assert [row.led for row in plain.fibers] == list(range(20))
 

@@ -12,7 +12,7 @@ import render.reference.job
 from optimize.overnight.run_directory import RunError, locked, writing
 from optimize.overnight.store import Store
 from optimize.overnight.workers import LocalWorker, StoredRenders
-from optimize.ui.signals import Signals
+from optimize.ui.process import Signals
 from render.progress import Clock
 from render.scene import Scene, load_scene
 from tests.optimize.overnight.tiny import request_of, tiny_jobs

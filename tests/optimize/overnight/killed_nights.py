@@ -1,7 +1,7 @@
 """Kills a whole night of the tiny sensor again and again, for real, and says what that cost.
 
 Every attempt is a new process that imports all it needs, as a user's is. Lifetimes are drawn evenly
-from half to one and a half times the mean. Seconds are those of the processor that an attempt has
+from nothing to twice the mean. Seconds are those of the processor that an attempt has
 used: on a machine with nothing else to do they are those on the wall.
 
 Usage: killed_nights.py FOLDER SEED MEAN_LIFE
@@ -61,7 +61,7 @@ def main() -> None:
     lives: list[float] = []
     done = False
     while not done and len(lives) < MAX_ATTEMPTS:
-        done, seconds = attempt(scene, folder / "broken", rng.uniform(0.5, 1.5) * mean)
+        done, seconds = attempt(scene, folder / "broken", rng.uniform(0.0, 2.0) * mean)
         lives.append(seconds)
     print(json.dumps({"done": done, "unbroken": unbroken, "broken": sum(lives), "lives": lives}))
 

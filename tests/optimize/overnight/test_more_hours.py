@@ -58,7 +58,7 @@ class PretendedWorkers:
             seconds = 0.5 + 1e-4 * job.samples
             self.now += seconds
             tick(job.samples)
-            result = RenderResult(light * noise, seconds)
+            result = RenderResult(light * noise, np.zeros_like(light), seconds)
             yield FinishedJob(index, result, "pretended")
 
     def close(self) -> None:

@@ -51,9 +51,9 @@ def summary(night: OvernightResult) -> list[str]:
 def test_the_report_needs_no_other_file_and_no_network(night_report: Path) -> None:
     html = night_report.read_text()
     sources = re.findall(r'(?:src|href)="([^"]*)"', html)
-    # Scheme, map and facets of five finalists, six bolts, three plots, and the wiring sheet's.
-    assert len(sources) == 3 * 5 + 6 + 3 + 1
-    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    # Sensor; scheme, map and facets of five finalists, six bolts, three plots, the wiring sheet's.
+    assert len(sources) == 1 + 3 * 5 + 6 + 3 + 1
+    assert all(re.match(r"data:image/(png|svg\+xml);base64,", source) for source in sources)
     assert not re.search(r"<script|<link|@import|url\(|https?://", html)
 
 

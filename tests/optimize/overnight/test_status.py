@@ -29,7 +29,7 @@ def run(tmp_path: Path) -> Path:
     jobs = tiny_jobs(scene, 4)
     kinds = ["1/trial"] * 2 + ["1/table"] * 4 + ["1/final"]
     for job, kind, seconds in zip(jobs, kinds, (1.0, 1.0, 2.0, 2.0, 2.0, 6.0, 5.0), strict=False):
-        store.keep(job, RenderResult(np.zeros(1), seconds), kind, "here")
+        store.keep(job, RenderResult(np.zeros(1), np.zeros(1), seconds), kind, "here")
     store._began -= 30.0
     store.close("stopped")
     return run
@@ -50,7 +50,7 @@ def test_a_render_that_was_made_again_counts_once(run: Path, tmp_path: Path) -> 
     scene = tiny_scene(tmp_path)
     store = Store(run, request_of(scene), print)
     again = tiny_jobs(scene, 4)[2]
-    store.keep(again, RenderResult(np.zeros(1), 2.0), "1/table", "here")
+    store.keep(again, RenderResult(np.zeros(1), np.zeros(1), 2.0), "1/table", "here")
     store.close("stopped")
     assert scaling_of(run)[1] == pytest.approx(before[1], abs=0.5)
 

@@ -75,7 +75,8 @@ def opened(scene: Scene, tmp_path: Path, said: list[str]) -> Iterator[Opener]:
 
 @pytest.fixture
 def result() -> RenderResult:
-    return RenderResult(np.random.default_rng(0).random((4, 5, 1, 8)), 1.5)
+    light = np.random.default_rng(0).random((4, 5, 1, 8))
+    return RenderResult(light, 0.25 * light.max(axis=0), 1.5)
 
 
 def contents(run: Path) -> dict[Path, bytes]:
@@ -94,6 +95,7 @@ def test_a_render_comes_back_bit_equal_with_its_seconds(
     kept = opened().finished(job)
     assert kept is not None
     np.testing.assert_array_equal(kept.estimate, result.estimate)
+    np.testing.assert_array_equal(kept.largest, result.largest)
     assert kept.seconds == result.seconds
 
 
@@ -215,7 +217,7 @@ def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, sce
     db.execute("UPDATE meta SET value = '99' WHERE name = 'schema'")
     db.commit()
     db.close()
-    with pytest.raises(RunError, match="version 99 of the format, this program reads version 3"):
+    with pytest.raises(RunError, match="version 99 of the format, this program reads version 4"):
         Store(tmp_path, request_of(scene), print)
     with pytest.raises(RunError, match="version 99"):
         status_of(tmp_path)

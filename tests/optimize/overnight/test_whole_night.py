@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optimize.overnight.report import write_report
 from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RENDERS
@@ -137,3 +138,19 @@ def test_interrupts_kills_and_a_jumping_clock_change_nothing(
     assert code == 0, said
     assert outcome(run) == outcome(tiny_night.run)
     assert status_of(run).attempts == 2 + len(ENDED_IN)
+
+
+def test_the_wiring_sheet_of_a_night_says_what_rounding_angles_takes(
+    tiny_night: TinyNight, tmp_path: Path
+) -> None:
+    html = (tiny_night.run / "report.html").read_text()
+    said = re.search(r"the design scores ([\d.]+) so, and ([\d.]+) with angles as found; "
+                     r"rounding takes (-?[\d.]+) counts", html)  # fmt: skip
+    assert said is not None
+    rounded, found, price = map(float, said.groups())
+    assert price == pytest.approx(found - rounded, abs=0.11)  # of tenths
+    assert "5° of every fiber&#39;s angle" in html
+    # A copy without the model has no price, and is a report all the same.
+    night = OvernightResult.load(tiny_night.run)
+    shutil.copy(tiny_night.run / "scene.toml", tmp_path)
+    assert "Angles are rounded to 5°.</" in write_report(night, tmp_path).read_text()

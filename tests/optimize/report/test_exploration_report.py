@@ -13,8 +13,8 @@ from optimize.mounting import mount
 from optimize.report import render_report, warnings, wiring_context
 from surrogate.runtime import RankingTest
 
-RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0)
-NOISY = RankingTest(tau=0.41, factor=20.0, samples=200, minutes=1.5)
+RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0, unconverged=0.0)
+NOISY = RankingTest(tau=0.41, factor=20.0, samples=200, minutes=1.5, unconverged=0.0)
 PIXEL = b"\x89PNG fake"
 
 
@@ -46,15 +46,17 @@ def report(stages: list[Stage], ranking: RankingTest = RELIABLE) -> str:
         confidence="90%",
         made="1 January 2026",
         verify_command="tactilux verify design.json",
+        play="play.html",
         wiring=wiring_context(mount(stages[-1].scene, stages[-1].design), stages[-1].title),
     )
 
 
 def test_the_report_needs_no_other_file_and_no_network(sample_stages: StageMaker) -> None:
     html = report(sample_stages(30, 40, 50))
-    sources = re.findall(r'(?:src|href)="([^"]*)"', html)
-    assert len(sources) == 3 * 3 + 2 * 3 + 1 + 1
-    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    sources = re.findall(r'src="([^"]*)"', html)
+    assert len(sources) == 1 + 3 * 3 + 2 * 3 + 1 + 1
+    assert re.findall(r'href="([^"]*)"', html) == ["play.html"]
+    assert all(re.match(r"data:image/(png|svg\+xml);base64,", source) for source in sources)
     assert not re.search(r"<script|<link|@import|url\(|https?://", html)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba.core.caching import CacheImpl
 
-from optimize.scoring.metric_kernel import compiled, kernel_constants, score_lanes
+from optimize.scoring.metric_kernel import channel_mark, compiled, kernel_constants, score_lanes
 from render.metric import MetricConfig, clip_counts, design_score, site_metric
 
 CONVENTIONS = [
@@ -23,7 +23,8 @@ def compiled_score(
     base: np.ndarray, block: np.ndarray, bends: int, lam: float, config: MetricConfig
 ) -> np.ndarray:
     out = np.empty(block.shape[-1], block.dtype)
-    score_lanes(base, block, bends, kernel_constants(config, lam, block.dtype), out)
+    mark = channel_mark(base.shape[-1], block.dtype.type)
+    score_lanes(base, block, bends, kernel_constants(config, lam, block.dtype), mark, out)
     return out
 
 
@@ -50,6 +51,35 @@ def test_it_equals_the_metric_under_every_convention(
     block[0, 1] = -500.0  # a black facet in every lane
     args = (base, block, bends, 60.0, config)
     np.testing.assert_allclose(compiled_score(*args), plain_score(*args), rtol=0, atol=error)
+
+
+def direct_score(counts: np.ndarray, lam: float) -> float:
+    """Eqs. (4.6) and (4.7) of ``(bend, site, facet, channel)``, written out in plain Python."""
+    by_cell = []
+    for row in counts:
+        for facets in row:
+            seen = [[min(max(float(v), 0.0), 255.0) for v in facet] for facet in facets]
+            length = [math.sqrt(sum(v * v for v in facet)) for facet in seen]
+            hue = [[v / n for v in facet] for facet, n in zip(seen, length, strict=True)]
+            step = [math.dist(one, two) for one, two in zip(hue, hue[1:] + hue[:1], strict=True)]
+            parts = [(sum(x) / len(x) - float(np.std(x))) for x in (length, step)]
+            by_cell.append(parts[0] + lam * parts[1])
+    metric = np.array(by_cell).reshape(counts.shape[:2])
+    return float(metric.mean() - metric.mean(axis=0).std() - metric.mean(axis=1).std())
+
+
+@pytest.mark.parametrize("channels", [1, 6])
+def test_any_number_of_channels_is_the_formula(channels: int) -> None:
+    rng = np.random.default_rng(channels)
+    block = rng.uniform(-5.0, 280.0, (2 * 3, 5, channels, 4))
+    block[..., 0, :] = np.abs(block[..., 0, :]) + 1.0  # no facet is black
+    args = (np.zeros(block.shape[:-1]), block, 2, 30.0, MetricConfig())
+    for lane, score in enumerate(compiled_score(*args)):
+        counts = block[..., lane].reshape(2, 3, 5, channels)
+        assert score == pytest.approx(direct_score(counts, 30.0), rel=1e-12)
+        clipped = clip_counts(counts)
+        plain = design_score(site_metric(clipped, 30.0)).score
+        assert float(plain) == pytest.approx(direct_score(counts, 30.0), rel=1e-12)
 
 
 def test_one_bend_one_site_has_no_spread() -> None:

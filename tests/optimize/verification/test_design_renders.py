@@ -9,11 +9,13 @@ import pytest
 
 from optimize.design import Design, ScoreSettings, baseline_design
 from optimize.verification.design_renders import (
+    FinalistEvaluation,
     distinct_directions,
     evaluate_finalists,
 )
 from render.scene import Scene
 from render.transport import TransportTable
+from tests.optimize.conftest import MakeTable
 from tests.optimize.verification.pretended_renders import BASE, biased, pretended
 
 
@@ -52,3 +54,40 @@ def test_the_evaluation_of_finalists_tells_a_gain_from_a_tie(
                         base.power)[0]  # fmt: skip
     score = found.score("baseline").score
     assert score.value == pytest.approx(exact, abs=4 * score.se)
+
+
+BUDGET = 5.0
+
+
+def verdict(make_table: MakeTable, noise: float, power: float, seed: int) -> FinalistEvaluation:
+    """Return that on a design and its equal at less power, one second a batch."""
+    table = make_table()
+    table = replace(table, bends=np.arange(2.0), background=table.T[..., 0])
+    base = Design.of_colors(np.full(8, np.pi / 2), np.arange(8) * 3 // 8)
+    return evaluate_finalists(
+        pretended(table, noise, strength=0.0, seconds=1.0),
+        ScoreSettings(table.exposure, table.lam),
+        [("winner", base), ("runner-up", Design(base.phi, power * base.power))],
+        samples=1, seeds=[100 * seed], leader="winner", seconds=BUDGET,
+    )  # fmt: skip
+
+
+def test_looking_again_keeps_to_the_error_rate_and_to_the_budget(make_table: MakeTable) -> None:
+    found = [verdict(make_table, 0.1, 1.0, seed) for seed in range(24)]
+    decided = [low > 0.0 or high < 0.0 for low, high in (
+        entry.interval("winner", "runner-up") for entry in found)]  # fmt: skip
+    assert sum(decided) <= 4  # of 24 ties; more than 4 have a chance of 1 in 160 at 5 %
+    assert max(entry.renders.seconds for entry in found) <= BUDGET
+    # Some ties cannot be decided any more long before the time is used.
+    assert min(entry.renders.seconds for entry in found) < BUDGET
+    assert all(entry.confidence >= 0.95 for entry in found)
+
+
+def test_finalists_are_rendered_until_the_verdict_is_significant(make_table: MakeTable) -> None:
+    clear, close = verdict(make_table, 0.1, 0.8, 1), verdict(make_table, 0.3, 0.9, 3)
+    assert clear.renders.seconds == 1.0
+    assert 1.0 < close.renders.seconds <= BUDGET
+    for found in (clear, close):
+        assert found.best("runner-up") == found.best("winner") == "winner"
+        assert found.interval("runner-up", "winner")[0] > 0.0
+    assert len(close.renders.replicates) == 8 * close.renders.seconds

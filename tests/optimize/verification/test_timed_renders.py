@@ -39,7 +39,7 @@ def played(
     patch.setattr(timed_renders, "render_within", machine.render_within)
 
     def nothing(designs: Any, **_: Any) -> DesignRenders:
-        return DesignRenders(tuple(designs), base.phi, base.phi, 0.0)
+        return DesignRenders(tuple(designs), base.phi, base.phi, base.phi, 0.0)
 
     patch.setattr(timed_renders, "reference_renders", lambda *_, **__: nothing)
     budget = TimeBudget(180.0, machine.now, lambda: machine.now)

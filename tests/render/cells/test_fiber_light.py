@@ -38,7 +38,7 @@ def drawn(mono: ModuleType, light: FiberLight, fiber: int) -> tuple[np.ndarray, 
 def test_every_direction_node_emits_unit_power(
     mono: ModuleType, scene: Scene, fiber: int, bend: float
 ) -> None:
-    phi = np.tile(np.linspace(0.2, np.pi - 0.2, 5), (scene.fibers.count, 1))
+    phi = np.tile(np.linspace(0.2, np.pi - 0.2, 5), (scene.lamp_count, 1))
     _, weights = drawn(mono, FiberLight(scene, phi, bend), fiber)
     error = weights.std(axis=1) / np.sqrt(COUNT)
     assert np.isfinite(weights).all()
@@ -48,10 +48,10 @@ def test_every_direction_node_emits_unit_power(
 def test_with_one_node_the_weight_is_the_ratio_of_power_to_sampling_density(
     mono: ModuleType, scene: Scene
 ) -> None:
-    phi = np.full((scene.fibers.count, 1), np.pi / 2)
+    phi = np.full((scene.lamp_count, 1), np.pi / 2)
     directions, weights = drawn(mono, FiberLight(scene, phi, 0.0), 4)
     sigma_v, area = scene.fibers.sigma_v, np.pi * (scene.fibers.diameter / 2) ** 2
-    beam = fiber_poses(scene, 0.0).directions(phi[:, 0], scene.fibers.tilt)[4]
+    beam = fiber_poses(scene, 0.0).directions(phi[:, 0])[4]
     cosine = np.clip(directions @ beam, -1, 1)
     theta = np.arccos(cosine)
     scale = peak_radiance(sigma_v, area) * area * 4 * np.pi * sigma_v**2 * truncated_mass(sigma_v)

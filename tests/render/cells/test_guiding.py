@@ -58,7 +58,7 @@ def test_every_facet_aims_at_every_fiber_with_a_positive_finite_density(
     mono: ModuleType, scene: Scene, bend: float
 ) -> None:
     points = facet_points(scene, bend)
-    count = scene.fibers.count
+    count = scene.lamp_count
     a = lanes(mono, np.repeat(points, count, axis=0))
     fibers = mono.UInt32(np.tile(np.arange(count, dtype=np.uint32), len(points)))
     rng = np.random.default_rng(2)

@@ -22,7 +22,7 @@ def radiance_of_sites(scene: Scene) -> np.ndarray:
     """Return ``(fiber, site)`` of direct light alone, by quadrature over the lamps' disks."""
     place = facets(scene, 0.0)
     normal = place.site_normal[0]  # of a flat pad, everywhere
-    lamps = [analog_lamp(scene, fiber, PHI) for fiber in range(scene.fibers.count)]
+    lamps = [analog_lamp(scene, fiber, PHI) for fiber in range(scene.lamp_count)]
     arriving = [irradiance(place.site_position, normal, lamp) for lamp in lamps]
     return scene.coating.albedo / np.pi * np.array(arriving)
 

@@ -23,14 +23,14 @@ def test_walls_are_what_cylinders_along_the_beams_leave(finger20: Scene) -> None
     """The holes' rims, by intersecting their cylinders with the faces of the wall."""
     holder, poses = FiberHolder.of(finger20), flat_fiber_poses(finger20)
     phi = np.random.default_rng(1).uniform(0.6, 2.5, 20)
-    beams = poses.directions(phi, finger20.fibers.tilt)
+    beams = poses.directions(phi)
     turn = np.linspace(0.0, 2 * np.pi, 2000)
     low, high = np.zeros((2, 20)), np.zeros((2, 20))
     for f in range(8):  # the left edge: along y, into the pad along x
         side = np.cross(beams[f], [0.0, 0.0, 1.0])
         side /= np.linalg.norm(side)
         ring = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(beams[f], side)
-        ring *= holder.hole / 2
+        ring *= holder.hole[f] / 2
         for face, x in enumerate((0.0, -holder.thickness)):
             rim = ring + ((x - ring[:, 0]) / beams[f, 0])[:, None] * beams[f]
             y = poses.position[f, 1] + rim[:, 1]
@@ -45,7 +45,7 @@ def test_walls_are_what_cylinders_along_the_beams_leave(finger20: Scene) -> None
 def test_upright_fibers_fit_however_close(finger20: Scene, left: int) -> None:
     dense = with_fibers(finger20, left=left)
     holder = FiberHolder.of(dense)
-    assert not list(holder.problems(np.full(dense.fibers.count, np.pi / 2)))
+    assert not list(holder.problems(np.full(dense.lamp_count, np.pi / 2)))
 
 
 @pytest.mark.parametrize(("first", "flip"), [(3, 1), (9, 1), (15, -1)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from render.errors import SceneError
 from render.geometry import (
     facet_normals,
     facets,
@@ -13,7 +12,7 @@ from render.geometry import (
     fiber_poses,
     flat_fiber_poses,
     flat_sites,
-    mirrored_fibers,
+    mirror_twins,
     pyramid,
 )
 from render.scene import Scene, load_scene
@@ -23,7 +22,7 @@ BENDS = [0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi]
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-def with_fibers(**values: int) -> Scene:
+def with_fibers(**values: float) -> Scene:
     return SCENE.model_copy(update={"fibers": SCENE.fibers.model_copy(update=values)})
 
 
@@ -54,10 +53,10 @@ def test_any_edge_may_be_dark(counts: tuple[int, int, int]) -> None:
 
 @pytest.mark.parametrize("bend", BENDS)
 def test_half_pi_points_into_the_pad_and_zero_along_the_edge(bend: float) -> None:
-    poses = fiber_poses(SCENE, bend)
-    inward = poses.directions(np.full(20, np.pi / 2), 0.0)
+    poses = fiber_poses(with_fibers(tilt=0.0), bend)
+    inward = poses.directions(np.full(20, np.pi / 2))
     np.testing.assert_allclose(inward, poses.inward, atol=1e-15)
-    np.testing.assert_allclose(poses.directions(np.zeros(20), 0.0), poses.along)
+    np.testing.assert_allclose(poses.directions(np.zeros(20)), poses.along)
     np.testing.assert_allclose(poses.inward[:8], [[1, 0, 0]] * 8, atol=1e-15)
     np.testing.assert_allclose(poses.along[8:12], [[1, 0, 0]] * 4, atol=1e-15)
     np.testing.assert_allclose(poses.inward[12:], [[-1, 0, 0]] * 8, atol=1e-15)
@@ -67,31 +66,31 @@ def test_half_pi_points_into_the_pad_and_zero_along_the_edge(bend: float) -> Non
 def test_the_tilt_lifts_every_beam_towards_the_coating(bend: float) -> None:
     poses = fiber_poses(SCENE, bend)
     tilt = SCENE.fibers.tilt
-    beams = poses.directions(np.linspace(0, np.pi, 20), tilt)
+    beams = poses.directions(np.linspace(0, np.pi, 20))
     np.testing.assert_allclose(np.linalg.norm(beams, axis=1), 1.0)
     np.testing.assert_allclose(np.einsum("fi,fi->f", beams, poses.up), np.sin(tilt))
 
 
 def test_directions_take_a_batch_of_designs() -> None:
     phi = np.linspace(0, np.pi, 60).reshape(3, 20)
-    assert fiber_poses(SCENE, 0.0).directions(phi, 0.1).shape == (3, 20, 3)
+    assert fiber_poses(SCENE, 0.0).directions(phi).shape == (3, 20, 3)
 
 
 @pytest.mark.parametrize("bend", BENDS)
 def test_fibers_are_mirror_images_in_the_plane_x_zero(bend: float) -> None:
-    poses, twin = fiber_poses(SCENE, bend), mirrored_fibers(SCENE)
+    poses, twin = fiber_poses(SCENE, bend), mirror_twins(SCENE).twin
     np.testing.assert_allclose(poses.position[twin], poses.position * MIRROR, atol=1e-12)
     phi = np.linspace(0.1, 3.0, 20)
-    tip = np.array([edge == "tip" for edge in fiber_edges(SCENE)])
-    mirrored_phi = np.where(tip, np.pi - phi[twin], phi[twin])
-    beams = poses.directions(phi, 0.2)[twin]
-    expected = poses.directions(mirrored_phi, 0.2) * MIRROR
+    flips = mirror_twins(SCENE).flips
+    assert flips.tolist() == [edge == "tip" for edge in fiber_edges(SCENE)]
+    mirrored_phi = np.where(flips, np.pi - phi[twin], phi[twin])
+    beams = poses.directions(phi)[twin]
+    expected = poses.directions(mirrored_phi) * MIRROR
     np.testing.assert_allclose(beams * MIRROR, expected * MIRROR, atol=1e-12)
 
 
 def test_unequal_sides_have_no_mirror_image() -> None:
-    with pytest.raises(SceneError, match=r"fibers.left = 7 and fibers.right = 8"):
-        mirrored_fibers(with_fibers(left=7))
+    assert mirror_twins(with_fibers(left=7)) is None
 
 
 def test_sites_run_row_by_row_from_the_base_left() -> None:

@@ -24,7 +24,7 @@ def scene() -> Scene:
 
 
 def nodes(scene: Scene) -> Array:
-    return np.tile(chebyshev_nodes(4, 0.0, np.pi), (scene.fibers.count, 1))
+    return np.tile(chebyshev_nodes(4, 0.0, np.pi), (scene.lamp_count, 1))
 
 
 @pytest.mark.parametrize("facets", [True, False])
@@ -32,7 +32,7 @@ def nodes(scene: Scene) -> Array:
 def test_mirroring_twice_changes_nothing(
     scene: Scene, facets: bool, leading: tuple[int, ...]
 ) -> None:
-    shape = (*leading, scene.fibers.count, 4, 2, scene.sites.count)
+    shape = (*leading, scene.lamp_count, 4, 2, scene.sites.count)
     shape += (scene.indenter.faces,) if facets else ()
     values = np.random.default_rng(1).random(shape)
     once = mirror_image(scene, values, facets=facets)
@@ -51,7 +51,7 @@ def test_directions_that_differ_between_left_and_right_break_the_mirror(scene: S
 
 
 def test_tip_directions_that_lean_to_one_side_break_the_mirror(scene: Scene) -> None:
-    assert not is_mirror_symmetric(scene, np.full((scene.fibers.count, 1), 1.0))
+    assert not is_mirror_symmetric(scene, np.full((scene.lamp_count, 1), 1.0))
 
 
 def test_a_sensor_with_more_fibers_on_one_side_has_no_mirror(scene: Scene) -> None:
@@ -65,7 +65,7 @@ def test_values_made_from_the_geometry_alone_are_their_own_mirror_image(scene: S
     bend = 0.7
     poses = fiber_poses(scene, bend)
     phi = nodes(scene)
-    beams = poses.directions(phi.T, scene.fibers.tilt)  # (node, fiber, 3)
+    beams = poses.directions(phi.T)  # (node, fiber, 3)
     sites = flat_sites(scene)
     sites = np.column_stack([sites, np.zeros(len(sites))]) if sites.shape[1] == 2 else sites
     way = bend_points(scene, sites, bend)[None] - poses.position[:, None]  # (fiber, site, 3)
@@ -74,7 +74,7 @@ def test_values_made_from_the_geometry_alone_are_their_own_mirror_image(scene: S
     distance = np.linalg.norm(way, axis=-1)
     pad = towards + distance[:, None]
     cells = pad[..., None] + lit[:, :, None, :]
-    shape = (scene.fibers.count, 4, 1, scene.sites.count)
+    shape = (scene.lamp_count, 4, 1, scene.sites.count)
     np.testing.assert_allclose(
         mirror_image(scene, pad.reshape(shape), facets=False), pad.reshape(shape), atol=1e-9
     )

@@ -22,8 +22,8 @@ def test_the_plugin_and_the_cell_sampler_draw_the_same_coating(
     from render.optics.lit_scene import lit_scene
 
     scene = load_scene("finger20")
-    phi = np.full(scene.fibers.count, np.pi / 2)
-    power = np.zeros(scene.fibers.count)
+    phi = np.full(scene.lamp_count, np.pi / 2)
+    power = np.zeros(scene.lamp_count)
     power[:8] = 1.0
     mitsuba_scene = lit_scene(scene, phi, power, bend, width=WIDTH, height=HEIGHT)
     integrator = mono.load_dict({"type": "bdpt", "error_bars": True, "replicates": 16})

@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 
 from render.errors import RenderError
-from render.optics.measured_profile import (
-    STEPS,
-    MeasuredProfile,
-    measured_density,
-    sample_measured,
-)
+from render.optics.measured_profile import measured_density, sample_measured
+from render.scene.measured_profile import STEPS, MeasuredProfile
 
 LAMBERT = "\n".join(f"{d}; {1000 * np.cos(np.radians(d)):.6f}" for d in range(91))
 IES = """IESNA:LM-63-2002

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from render.geometry import FacetMasks, facet_masks
 from render.preview.facet_blur import facet_blur
 from render.scene import Scene, load_scene
 
@@ -47,15 +46,3 @@ def test_the_untouched_site_is_seen_as_itself(scene: Scene) -> None:
     last = facet_blur(scene, 0.0)[:, -1]
     np.testing.assert_array_equal(last[:, :-1], 0.0)
     assert (last[:, -1] > 0).all()
-
-
-def test_what_the_camera_cannot_see_is_seen_head_on(scene: Scene) -> None:
-    indenter = scene.indenter.model_copy(update={"slope": np.radians(75.0)})
-    steep = scene.model_copy(update={"indenter": indenter})
-    masks: FacetMasks = facet_masks(steep, 0.0)
-    assert not masks.seen.all()
-    weights = facet_blur(steep, 0.0) / scale(steep)
-    site, facet = np.argwhere(~masks.seen)[0]
-    reflected = ((steep.pad.index - 1) / (steep.pad.index + 1)) ** 2
-    assert weights[site, facet, facet] == pytest.approx(1 - reflected)
-    assert np.isfinite(weights).all()

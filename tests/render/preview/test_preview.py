@@ -10,9 +10,19 @@ import pytest
 
 import render.preview.lights
 from render.errors import DesignError, GraphicsError
-from render.geometry import facet_normals, fiber_edges, flat_sites, mirrored_fibers
+from render.geometry import (
+    camera_rays,
+    counted_sites,
+    distance_to_coating,
+    facet_normals,
+    fiber_edges,
+    flat_sites,
+    mirror_twins,
+    refract_into_pad,
+    unbend_points,
+)
 from render.preview import Preview
-from render.scene import Scene, load_scene
+from render.scene import Camera, Scene, load_scene
 
 BENDS = np.array([0.0, 1e-6, np.pi / 4, np.pi])
 PHI = np.array([0.0, 0.6, np.pi - 0.6, np.pi])
@@ -75,7 +85,7 @@ def test_the_mirrored_sensor_sees_mirrored_light(
     values = transport[0][:, :, :, site][..., facet]
     # A side's direction keeps its angle from the tip; at the tip phi becomes pi - phi.
     values = np.where(tip[:, None, None, None, None], values[:, ::-1], values)
-    np.testing.assert_allclose(values[mirrored_fibers(scene)], transport[0], rtol=1e-3)
+    np.testing.assert_allclose(values[mirror_twins(scene).twin], transport[0], rtol=1e-3)
 
 
 def test_between_its_nodes_transport_is_what_the_shader_draws(preview: Preview) -> None:
@@ -228,3 +238,65 @@ def test_a_closed_preview_says_so(scene: Scene, cache: Path) -> None:
     preview.close()
     with pytest.raises(GraphicsError, match="closed"):
         preview.draw(np.ones((20, 1)), 0.0)
+
+
+def test_sites_that_do_not_count_have_no_cells_and_the_others_keep_theirs(
+    scene: Scene, cache: Path
+) -> None:
+    # The middle third of the picture, pixel by pixel.
+    angle = 2 * np.arctan(np.tan(scene.camera.field_of_view / 2) / 3)
+    size = {"columns": scene.camera.columns // 3, "rows": scene.camera.rows // 3}
+    camera = scene.camera.model_copy(update={"field_of_view": angle, **size})
+    narrow = scene.model_copy(update={"camera": camera})
+    counted = counted_sites(narrow)
+    assert 0 < len(counted) < scene.sites.count
+    drawn = []
+    for each in (narrow, scene):
+        with Preview(each, cache=cache) as preview:
+            drawn.append(preview.transport(np.array([np.pi / 2]), np.array([0.0])))
+    for few, all_sites in zip(*drawn, strict=True):
+        np.testing.assert_allclose(few, all_sites[:, :, :, counted], rtol=1e-5)
+
+
+def test_a_turned_camera_draws_the_turned_picture(scene: Scene, cache: Path) -> None:
+    def drawn(columns: int, rows: int, **pose: object) -> np.ndarray:
+        angle = 2 * np.arctan(np.tan(np.radians(45.0)) * rows / 60)
+        camera = Camera.model_construct(field_of_view=angle, columns=360, rows=600, **pose)
+        moved = scene.model_copy(update={"camera": camera})
+        with Preview(moved, cache=cache) as preview:
+            phi = np.full(scene.lamp_count, np.pi / 2)
+            return preview.picture(phi, baseline(scene), 0.0, columns, rows)
+
+    straight = drawn(36, 60, position=(0.0, 3.0, -10.0))
+    assert straight.any()
+    half = drawn(36, 60, position=(0.0, 3.0, -10.0), up=(0.0, -1.0, 0.0))
+    np.testing.assert_allclose(half[::-1, ::-1], straight, rtol=1e-4, atol=1e-9)
+    # Up is +x, so that the right of our picture, which is +x, comes to the top.
+    quarter = drawn(60, 36, position=(0.0, 3.0, -10.0), up=(1.0, 0.0, 0.0))
+    np.testing.assert_allclose(quarter, np.rot90(straight), rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
+def test_a_pixel_of_an_askew_camera_shows_what_its_ray_meets(
+    scene: Scene, cache: Path, lens: str
+) -> None:
+    camera = Camera.model_construct(
+        position=(4.0, -9.0, -12.0), look_at=(1.0, 2.0, 4.0), lens=lens,
+        field_of_view=np.radians(80.0), columns=360, rows=600,
+    )  # fmt: skip
+    moved = scene.model_copy(update={"camera": camera})
+    with Preview(moved, cache=cache) as preview:
+        phi = np.full(scene.lamp_count, np.pi / 2)
+        picture = preview.picture(phi, baseline(scene), 0.7, 90, 150, indented=False)
+    rays = refract_into_pad(moved, 0.7, *camera_rays(moved, 90, 150))
+    way = distance_to_coating(moved, 0.7, rays)
+    met = rays.inside & np.isfinite(way)
+    flat = unbend_points(
+        moved, rays.entry + np.where(met, way, 0.0)[..., None] * rays.direction, 0.7
+    )
+    half = np.array([scene.pad.width, scene.pad.length]) / 2
+    on_pad = met & (np.abs(flat[..., :2]) < half).all(axis=-1)
+    lit = picture.sum(axis=-1)[:, ::-1] > 0
+    assert 0.2 < on_pad.mean() < 0.95
+    # Only pixels on the border may differ, by rounding.
+    assert (lit != on_pad).mean() < 0.02

@@ -14,7 +14,7 @@ import pytest
 from pydantic import ValidationError
 
 import render.preview.lights
-from render.errors import RenderError
+from render.errors import RenderError, SceneError
 from render.preview import Preview
 from render.scene import Count, Quantity, Scene
 
@@ -38,10 +38,16 @@ ALONG: dict[tuple[str, str], dict[str, Any]] = {
 IMPOSSIBLE = {
     ("pad.width", "low"), ("pad.length", "low"),
     *((f"sites.centre_{axis}", end) for axis in "xy" for end in ("low", "high")),
+    ("camera.field_of_view", "high"),
 }  # fmt: skip
 # Too little light comes through, or hits so thin an edge, to say anything.
 OPAQUE = {
     ("diffuser.thickness", "high"), ("diffuser.sigma_a", "high"), ("pad.thickness", "low"),
+}  # fmt: skip
+# The camera has no pixel for every facet of the site.
+UNSEEN = {
+    ("pad.thickness", "high"), ("fibers.height", "high"), ("camera.rows", "low"),
+    ("indenter.faces", "high"), ("indenter.radius", "low"),
 }  # fmt: skip
 BLACK = {("coating.albedo", "low")}
 
@@ -71,7 +77,6 @@ def content(**changes: float) -> dict[str, Any]:
     found["fibers"] |= {"left": 1, "tip": 1, "right": 1}
     found["sites"] |= {"columns": 1, "rows": 1}
     found["indenter"] |= {"faces": 4}
-    found["camera"] |= {"columns": 90, "rows": 150}
     for key, value in changes.items():
         part, name = key.split(".")
         if isinstance(RANGES[key], Count):
@@ -108,6 +113,10 @@ def test_at_the_ends_of_its_range_light_is_finite_and_positive(
     scene = Scene.model_validate(changed)
     if (key, end) in OPAQUE:
         with pytest.raises(RenderError, match="the diffuser lets only"):
+            Preview(scene, cache=cache)
+        return
+    if (key, end) in UNSEEN:
+        with pytest.raises(SceneError, match="the camera sees none of 1 sites whole"):
             Preview(scene, cache=cache)
         return
     with Preview(scene, cache=cache) as preview:

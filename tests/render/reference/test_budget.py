@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -68,7 +69,7 @@ class Machine:
         finally:
             seconds = spent + self.now - began
             write_npz(state, {"done": np.array(done), "seconds": np.array(seconds)})
-        return RenderResult(np.full(1, float(done)), seconds)
+        return RenderResult(np.full(1, float(done)), np.zeros(1), seconds)
 
 
 def steady(rate: float) -> Callable[[float], float]:
@@ -110,6 +111,32 @@ def test_a_time_is_kept_within_a_tenth_on_machines_that_nobody_timed(
     for job in jobs:
         finished = replace(job, iterations=units * job.iterations)
         assert read_npz(tmp_path / f"{finished.name}.npz")["estimate"] == finished.iterations
+
+
+@pytest.mark.usefixtures("no_scenes")
+@pytest.mark.parametrize("minutes", [0.3, 3.0])
+def test_a_time_that_is_too_short_is_said_after_the_first_job_with_what_it_takes(
+    minutes: float, tmp_path: Path
+) -> None:
+    machine, seconds = Machine(steady(200_000.0), compiling=6.0), 60.0 * minutes
+    jobs, told = unit_jobs(load_scene("finger20"), seconds), []
+
+    def listen(at: Progress) -> None:
+        if at.note:
+            told.append((machine.now - 1000.0, at.note))
+
+    budget = TimeBudget(seconds, machine.now, lambda: machine.now)
+    render_within(
+        jobs, budget, tmp_path, reserve=lambda: 3.0, progress=listen, run=machine.run
+    )  # fmt: skip
+    if minutes > 1.0:
+        assert not told
+        return
+    ((when, note),) = told
+    assert when < 10.0
+    assert note.startswith("0.3 minutes are too few: with the fewest samples this takes some ")
+    least = 60.0 * float(re.findall(r"[\d.]+", note)[1])
+    assert least == pytest.approx(budget.spent() + 3.0, rel=0.3)
 
 
 @pytest.mark.usefixtures("no_scenes")

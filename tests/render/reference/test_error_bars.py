@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from render.reference.error_bars import shared_weight, standard_error
+from render.reference.error_bars import (
+    CellErrors,
+    shared_weight,
+    standard_error,
+    with_lone_contributions,
+)
 
 SHAPE = (3, 4, 2, 5, 10)  # fiber, phi node, bend, site, facet
 
@@ -106,13 +111,74 @@ def test_a_direction_that_lit_nothing_borrows_from_the_others_and_a_dark_fiber_f
     assert np.ptp(error[2, :, 0]) == 0
 
 
-def test_the_untouched_pad_has_no_facets_and_hidden_cells_stay_nan() -> None:
-    replicates = rare(6, np.full(SHAPE[:4], 0.7), 0.1)
-    replicates[..., 2] = np.nan
-    error = standard_error(replicates)
-    assert np.isnan(error[..., 2]).all()
-    assert (np.delete(error, 2, axis=-1) > 0).all()
+def test_the_untouched_pad_has_no_facets_and_error_bars_all_the_same() -> None:
+    assert (standard_error(rare(6, np.full(SHAPE[:4], 0.7), 0.1)) > 0).all()
 
 
 def test_where_nothing_at_all_is_lit_no_bar_is_made_up() -> None:
     assert (standard_error(np.zeros((8, *SHAPE))) == 0).all()
+
+
+def glints(seed: int, samples: int, rate: float) -> tuple[np.ndarray, CellErrors]:
+    """Return the expected light of cells, and what ``samples`` of each find of it.
+
+    Light of 1 comes in many even contributions, and 2 in those of 2 / ``rate`` that one sample in
+    1 / ``rate`` finds, for all facets of a site at once.
+    """
+    rng = np.random.default_rng(seed)
+    even = rng.gamma(samples, 1.0 / samples, (8, *SHAPE))
+    found = rng.poisson(samples * rate / 8, (8, *SHAPE[:4], 1)) * np.ones(SHAPE[4])
+    size = 2.0 / rate / samples
+    replicates = even + 8 * size * found
+    mean = replicates.mean(axis=0)
+    largest = np.where(found.sum(axis=0) > 0, size, 5.0 / samples)
+    return np.full(SHAPE, 3.0), CellErrors(mean, standard_error(replicates), largest)
+
+
+def test_cells_that_missed_what_their_peers_met_once_are_covered_too() -> None:
+    without, within = [], []
+    for seed in range(4):
+        truth, cells = glints(seed, 600, rate=1 / 800)
+        dark = CellErrors(*(np.full(SHAPE[:4], np.nan) for _ in range(3)))
+        error, _ = with_lone_contributions(cells, dark, 2.0)
+        off = np.abs(cells.mean - truth)
+        missed = cells.mean < 1.5
+        assert missed.mean() > 0.3
+        without.append((off <= 2.365 * cells.error)[missed].mean())
+        within.append((off <= 2.365 * error).mean())
+    assert np.mean(without) < 0.05
+    assert np.mean(within) > 0.9
+
+
+def test_a_cell_of_which_one_contribution_is_a_third_is_uncertain_by_half_of_it() -> None:
+    mean, error = np.ones(SHAPE), np.full(SHAPE, 0.1)
+    largest = np.full(SHAPE, 0.01)
+    largest[0, 0, 0, 0, 0] = 0.34
+    sites = CellErrors(mean[..., 0], error[..., 0], largest[..., 1])
+    found, background = with_lone_contributions(CellErrors(mean, error, largest), sites, 2.0)
+    assert found[0, 0, 0, 0, 0] > 0.5
+    # One of 55 cells: another one's error grows by sqrt(0.1^2 + 0.34^2 / 55) and a site's by less,
+    # and cells under other light keep theirs.
+    np.testing.assert_allclose(found[0, 0, 0, 1], np.hypot(0.1, 0.34 / np.sqrt(55)))
+    np.testing.assert_allclose(background[0, 0, 0], np.hypot(0.1, 0.34 / np.sqrt(110)))
+    np.testing.assert_array_equal(found[1:], error[1:])
+    np.testing.assert_array_equal(found[0, 1:], error[0, 1:])
+
+
+def test_where_no_contribution_stands_alone_errors_are_those_of_the_replicates() -> None:
+    _, cells = glints(1, 100_000, rate=0.01)
+    sites = CellErrors(*(part[..., 0] for part in (cells.mean, cells.error, cells.largest)))
+    found, background = with_lone_contributions(cells, sites, 2.0)
+    np.testing.assert_array_equal(found, cells.error)
+    np.testing.assert_array_equal(background, sites.error)
+
+
+def test_cells_that_nobody_sees_stay_nan_beside_lone_contributions() -> None:
+    _, cells = glints(2, 600, rate=1 / 800)
+    parts = [part.copy() for part in (cells.mean, cells.error, cells.largest)]
+    for part in parts:
+        part[..., 2, 3] = np.nan
+    sites = CellErrors(*(part[..., 0] for part in parts))
+    found, _ = with_lone_contributions(CellErrors(*parts), sites, 2.0)
+    assert np.isnan(found[..., 2, 3]).all()
+    assert np.isfinite(np.delete(found, 2, axis=3)).all()

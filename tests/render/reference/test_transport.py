@@ -31,7 +31,7 @@ def estimate(scene: Scene) -> TransportEstimate:
 def test_every_axis_of_the_estimate_is_where_the_table_wants_it(
     scene: Scene, estimate: TransportEstimate
 ) -> None:
-    shape = (scene.fibers.count, 1, 1, scene.sites.count, scene.indenter.faces)
+    shape = (scene.lamp_count, 1, 1, scene.sites.count, scene.indenter.faces)
     assert estimate.T.shape == estimate.se.shape == shape
     assert estimate.background.shape == estimate.background_se.shape == shape[:-1]
     assert estimate.replicates.shape == (4, *shape)
@@ -84,6 +84,7 @@ def test_an_interrupted_render_goes_on_and_ends_bit_equal_to_an_unbroken_one(
     assert reports[-1].done == reports[-1].total
     np.testing.assert_array_equal(resumed.replicates, estimate.replicates)
     np.testing.assert_array_equal(resumed.background_replicates, estimate.background_replicates)
+    np.testing.assert_array_equal(resumed.se, estimate.se)
 
     # A damaged file, as after a full disk: what was lost is rendered again.
     for path in tmp_path.rglob("*untouched*.npz"):

@@ -9,6 +9,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from render.scene import Count, Quantity
+from render.scene.quantities import Part, keys_of_schema_2, since_schema_2
 
 
 class Probe(BaseModel):
@@ -103,3 +104,19 @@ def test_counts_outside_the_range_are_refused_with_the_whole_range(value: int) -
 @pytest.mark.parametrize("value", [1.0, 1.5, "2", True])
 def test_counts_are_whole_numbers(value: object) -> None:
     assert message(number=value)
+
+
+class Inner(Part):
+    old: int
+    new: int | None = since_schema_2()
+
+
+class Outer(Part):
+    inner: Inner
+    part: Inner | None = since_schema_2()
+
+
+def test_keys_of_schema_2_are_named_where_a_file_has_them() -> None:
+    assert list(keys_of_schema_2(Outer(inner=Inner(old=1)))) == []
+    both = Outer(inner=Inner(old=1, new=0), part=Inner(old=1))
+    assert list(keys_of_schema_2(both)) == ["inner.new", "part"]

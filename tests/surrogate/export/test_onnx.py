@@ -29,7 +29,7 @@ def session(model_folder: Path) -> onnxruntime.InferenceSession:
 
 def _feeds(scene: Scene, batch: int, bends: int, seed: int = 0) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
-    fibers = scene.fibers.count
+    fibers = scene.lamp_count
     return {
         "phi": rng.uniform(0, np.pi, (batch, fibers)).astype(np.float32),
         "power": rng.uniform(0, 1, (batch, fibers, 3)).astype(np.float32),
@@ -76,7 +76,7 @@ def test_the_file_keeps_the_contract(model_folder: Path, scene: Scene) -> None:
     def axes(value: onnx.ValueInfoProto) -> list[str | int]:
         return [d.dim_param or d.dim_value for d in value.type.tensor_type.shape.dim]
 
-    fibers, sites, facets = scene.fibers.count, scene.sites.count, scene.indenter.faces
+    fibers, sites, facets = scene.lamp_count, scene.sites.count, scene.indenter.faces
     assert {i.name: axes(i) for i in model.graph.input} == {
         "phi": ["batch", fibers],
         "power": ["batch", fibers, 3],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from render.geometry import fiber_edges, mirrored_fibers
+from render.geometry import fiber_edges, mirror_twins
 from render.metric import image_counts
 from render.preview import Preview
 from render.scene import Scene
@@ -38,7 +38,7 @@ def checker(scene: Scene, grid: PreviewGrid) -> CheckerModule:
 
 def _design(scene: Scene, count: int = 2) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     rng = np.random.default_rng(5)
-    fibers = scene.fibers.count
+    fibers = scene.lamp_count
     return (
         torch.as_tensor(rng.uniform(0, np.pi, (count, fibers)), dtype=torch.float32),
         torch.as_tensor(rng.uniform(0, 1, (count, fibers, 3)), dtype=torch.float32),
@@ -52,7 +52,7 @@ def test_without_residual_the_counts_are_those_of_the_preview(
     bare = CheckerModule(
         scene, grid, NoResidual(SIZE), exposure=EXPOSURE, lam=LAM, spread=(-3.0, 0.0)
     )
-    phi = torch.full((1, scene.fibers.count), float(grid.phi[3]))
+    phi = torch.full((1, scene.lamp_count), float(grid.phi[3]))
     _, power, _ = _design(scene, 1)
     bends = grid.bends[[0, 2]]
     with Preview(scene) as preview:
@@ -79,8 +79,7 @@ def test_an_untrained_network_is_the_preview(scene: Scene, grid: PreviewGrid) ->
 def test_light_of_two_designs_adds_up(checker: CheckerModule, scene: Scene) -> None:
     phi, power, bend = _design(scene, 1)
     parts = [
-        power * mask
-        for mask in (torch.arange(scene.fibers.count)[:, None] % 2 == k for k in (0, 1))
+        power * mask for mask in (torch.arange(scene.lamp_count)[:, None] % 2 == k for k in (0, 1))
     ]
     both, first, second = (checker(phi, p, bend) for p in (power, *parts))
     torch.testing.assert_close(both.counts, first.counts + second.counts, rtol=1e-5, atol=1e-4)
@@ -116,7 +115,7 @@ def test_permuted_colors_permute_the_counts_and_leave_the_score(
 @torch.no_grad()
 def test_the_mirrored_design_has_the_mirrored_picture(checker: CheckerModule, scene: Scene) -> None:
     phi, power, bend = _design(scene, 1)
-    twin = mirrored_fibers(scene).copy()
+    twin = mirror_twins(scene).twin.copy()
     tip = torch.tensor([edge == "tip" for edge in fiber_edges(scene)])
     turned = torch.where(tip, math.pi - phi[:, twin], phi[:, twin])
     here, there = checker(phi, power, bend), checker(turned, power[:, twin], bend)

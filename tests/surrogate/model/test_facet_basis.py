@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from render.geometry import facet_normals, flat_fiber_poses, flat_sites, mirrored_fibers
+from render.geometry import facet_normals, flat_fiber_poses, flat_sites, mirror_twins
 from render.scene import Scene
 from surrogate.model.facet_basis import SIZE, Expansion, facet_harmonics, harmonics
 
 
 def _expand(scene: Scene, index: int, log_preview: torch.Tensor | None = None) -> np.ndarray:
     """Return basis function ``index``, ``(fiber, site, normal)``."""
-    shape = (1, scene.fibers.count, 1, scene.sites.count)
+    shape = (1, scene.lamp_count, 1, scene.sites.count)
     if log_preview is None:
         log_preview = torch.zeros(scene.indenter.faces + 1, *shape)
     unit = torch.zeros(1, SIZE, *shape)
@@ -46,12 +46,12 @@ def test_every_basis_function_of_a_twin_is_the_mirror_image(scene: Scene) -> Non
     facets = [*(-np.arange(faces) % faces), faces]
     for index in range(SIZE):
         here = _expand(scene, index)
-        there = here[mirrored_fibers(scene)][:, sites[:, ::-1].ravel()][..., facets]
+        there = here[mirror_twins(scene).twin][:, sites[:, ::-1].ravel()][..., facets]
         np.testing.assert_allclose(here, there, atol=1e-6)
 
 
 def test_contrast_terms_leave_the_untouched_pad_alone_and_stay_bounded(scene: Scene) -> None:
-    shape = (1, scene.fibers.count, 1, scene.sites.count)
+    shape = (1, scene.lamp_count, 1, scene.sites.count)
     log_preview = torch.zeros(scene.indenter.faces + 1, *shape)
     log_preview[0], log_preview[1] = -40.0, 40.0
     first, second = (_expand(scene, SIZE - k, log_preview) for k in (2, 1))

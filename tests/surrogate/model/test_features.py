@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from render.geometry import fiber_edges, mirrored_fibers
+from render.geometry import fiber_edges, mirror_twins
 from render.scene import Scene
 from surrogate.model.checker_module import PreviewTable
 from surrogate.model.features import FEATURE_NAMES, CellFeatures
@@ -22,22 +22,22 @@ def _inputs(scene: Scene, grid: PreviewGrid, phi: np.ndarray) -> torch.Tensor:
 
 
 def test_inputs_are_finite_and_of_order_one(scene: Scene, grid: PreviewGrid) -> None:
-    phi = np.linspace(0, np.pi, 9)[:, None].repeat(scene.fibers.count, axis=1)
+    phi = np.linspace(0, np.pi, 9)[:, None].repeat(scene.lamp_count, axis=1)
     x = _inputs(scene, grid, phi)
-    assert x.shape == (9, scene.fibers.count, 4, scene.sites.count, len(FEATURE_NAMES))
+    assert x.shape == (9, scene.lamp_count, 4, scene.sites.count, len(FEATURE_NAMES))
     assert x.isfinite().all()
     assert x.abs().max() < 6.0
 
 
 def test_mirror_twins_have_the_same_inputs(scene: Scene, grid: PreviewGrid) -> None:
     rng = np.random.default_rng(0)
-    phi = rng.uniform(0, np.pi, (1, scene.fibers.count))
-    twin = phi[:, mirrored_fibers(scene)]
+    phi = rng.uniform(0, np.pi, (1, scene.lamp_count))
+    twin = phi[:, mirror_twins(scene).twin]
     tip = np.array([edge == "tip" for edge in fiber_edges(scene)])
     twin[:, tip] = np.pi - twin[:, tip]
     sites = np.arange(scene.sites.count).reshape(scene.sites.rows, scene.sites.columns)
     here = _inputs(scene, grid, phi)
-    there = _inputs(scene, grid, twin)[:, mirrored_fibers(scene).copy()]
+    there = _inputs(scene, grid, twin)[:, mirror_twins(scene).twin.copy()]
     there = there[:, :, :, sites[:, ::-1].ravel().copy()]
     # The drawn preview itself is symmetric to a few per mille only.
     np.testing.assert_allclose(here, there, atol=0.05)

@@ -51,7 +51,7 @@ def _edit(folder: Path, change: str) -> Path:
 
 def test_batches_of_any_size_give_the_same_answers(checker: Checker, scene: Scene) -> None:
     rng = np.random.default_rng(0)
-    fibers = scene.fibers.count
+    fibers = scene.lamp_count
     phi, power = rng.uniform(0, np.pi, (130, fibers)), rng.uniform(0, 1, (130, fibers, 3))
     bends = np.array(scene.bending.angles)
     many = checker.run(phi, power, bends)

@@ -50,6 +50,16 @@ def test_where_the_renders_are_good_more_of_them_are_not_advised(trained: Traine
     assert "more samples will not help" in advice
 
 
+def test_cells_that_few_light_paths_carry_are_named_as_a_reason(trained: Trained) -> None:
+    about = described(trained.metadata, 0.4, 0.6)
+    words = "Few light paths carry"
+    for share in (0.05, 0.34):
+        residual = about.residual | {"unreliable_cells": int(1000 * share), "cells": 1000}
+        advice = RankingTest.of(replace(about, residual=residual)).advice()
+        assert (f"{words} 34% of the cells" in advice) == (share == 0.34)
+        assert (words in advice) == (share == 0.34)
+
+
 @pytest.mark.parametrize("noise", [0.3, 0.6])
 def test_as_many_times_the_samples_let_a_perfect_model_reach_the_aim(
     trained: Trained, noise: float

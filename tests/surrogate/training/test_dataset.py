@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from render.errors import TableError
-from render.geometry import mirrored_fibers
+from render.geometry import mirror_twins
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
@@ -24,7 +24,7 @@ from surrogate.training.dataset import (
 
 def test_mirror_twins_share_a_group(scene: Scene, reference: TransportTable) -> None:
     group = training_cells(scene, [reference]).group
-    twins = group[:, mirrored_fibers(scene)]
+    twins = group[:, mirror_twins(scene).twin]
     sides = np.array([0, 1, 2, 5, 6, 7])
     tips = np.array([3, 4])
     np.testing.assert_array_equal(group[:, sides], twins[:, sides])

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from render.reference import TimeBudget
-from render.scene import Scene, load_scene
+from render.scene import load_scene
+from surrogate.train import TrainConfig, training_cost
 from surrogate.training import fit_time
 from surrogate.training.fit_time import MIN_STEPS, FitTime
-from surrogate.training.mlp import NetworkConfig
 
-MEMBERS, DIRECTIONS, BENDS = 5, 11, 8
+MEMBERS, BENDS = 5, 5
 
 
 @dataclass
@@ -45,17 +45,9 @@ class Machine:
 
 
 def limit_of(machine: Machine, minutes: float, folder: Path) -> FitTime:
-    scene: Scene = load_scene("finger20")
-    return FitTime(
-        TimeBudget(60.0 * minutes, machine.now, lambda: machine.now),
-        folder / "fit.json",
-        {"minutes": minutes},
-        scene=scene,
-        directions=DIRECTIONS,
-        bends=BENDS,
-        members=MEMBERS,
-        network=NetworkConfig(),
-    )
+    cost = training_cost(load_scene("finger20"), TrainConfig(), BENDS)
+    budget = TimeBudget(60.0 * minutes, machine.now, lambda: machine.now)
+    return FitTime(budget, folder / "fit.json", {"minutes": minutes}, cost)
 
 
 @pytest.mark.parametrize("minutes", [5.0, 15.0, 60.0])
@@ -64,7 +56,7 @@ def test_renders_and_fit_together_take_their_time(
     minutes: float, slower: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Seconds as they were once measured, and on a machine that is three times as slow.
-    machine = Machine(0.005 * slower, (14.0 * slower, 6.0 * slower))
+    machine = Machine(0.005 * slower, (10.5 * slower, 6.0 * slower))
     monkeypatch.setattr(fit_time, "seconds_per_step", machine.trial)
     limit = limit_of(machine, minutes, tmp_path)
     machine.now += 60.0 * minutes - limit.reserve() - limit.budget.spent()
@@ -73,10 +65,31 @@ def test_renders_and_fit_together_take_their_time(
     assert steps == 10_000 or minutes < 60.0
 
 
+def test_a_time_that_cannot_be_kept_is_said_before_everything_with_the_least_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine = Machine(0.005, (0.0, 0.0))
+    monkeypatch.setattr(fit_time, "seconds_per_step", machine.trial)
+    assert limit_of(machine, 5.0, tmp_path).warning() == ""
+    said = limit_of(machine, 0.3, tmp_path).warning()
+    assert said.startswith("0.3 minutes are too few: with the fewest samples this takes some ")
+    # Preview, ten renders, ridge, networks and the rest of finger20, in s.
+    least = 27.0 + 22.5 + 10.5 + 1.0 + 6.0
+    assert 60.0 * float(said.split("some ")[1].split()[0]) == pytest.approx(least, rel=0.1)
+
+
+def test_a_night_gives_the_networks_what_its_time_affords() -> None:
+    cost = training_cost(load_scene("finger20"), TrainConfig(), BENDS)
+    steps = cost.affordable(60.0, 0.005, 200)
+    assert 0.005 * cost.fit(steps) == pytest.approx(60.0, abs=0.02)
+    assert cost.affordable(1.0, 0.005, 200) == 200
+    assert cost.affordable(1e6, 0.005, 200) == 10_000
+
+
 def test_a_machine_that_slows_down_gets_fewer_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    machine = Machine(0.005, (14.0, 6.0))
+    machine = Machine(0.005, (10.5, 6.0))
     monkeypatch.setattr(fit_time, "seconds_per_step", machine.trial)
     limit = limit_of(machine, 5.0, tmp_path)
     machine.now += 300.0 - limit.reserve() - limit.budget.spent()

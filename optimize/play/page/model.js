@@ -1,0 +1,231 @@
+/* Light is linear: transport at direction nodes, superposed; then the metric M (thesis, eq. 4.6)
+   and the score S (eq. 4.7) with exact slopes. Axes as in the tables: fiber, node, bend, site,
+   facet; colors last. Angles in rad. */
+
+/* The 16-bit tables of the page as numbers. */
+function decodeTables(text, tables) {
+  const raw = atob(text), bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+  const whole = new Uint16Array(bytes.buffer), found = {};
+  for (const [name, { first, count, step }] of Object.entries(tables))
+    found[name] = Float64Array.from(whole.subarray(first, first + count), (v) => v * step);
+  return found;
+}
+
+/* Polynomials through distinct nodes: barycentric weights (Berrut and Trefethen 2004, eq. 4.2). */
+class Nodes {
+  constructor(at) {
+    this.at = at;
+    const span = 4 / (at[at.length - 1] - at[0] || 4);
+    this.base = at.map((x, j) => 1 / at.reduce((p, y, i) => (i === j ? p : p * span * (x - y)), 1));
+    /* Derivatives at the nodes (eqs. 9.4 and 9.5). */
+    this.slopes = at.map((x, i) => at.map((y, j) =>
+      i === j ? 0 : this.base[j] / this.base[i] / (x - y)));
+    this.slopes.forEach((row, i) => { row[i] = -row.reduce((a, b) => a + b, 0); });
+  }
+
+  weights(x) {
+    const hit = this.at.findIndex((y) => Math.abs(x - y) < 1e-12);
+    if (hit >= 0) return this.at.map((_, j) => (j === hit ? 1 : 0));
+    const terms = this.base.map((b, j) => b / (x - this.at[j]));
+    const total = terms.reduce((a, b) => a + b, 0);
+    return terms.map((t) => t / total);
+  }
+
+  slopeWeights(x) {
+    const w = this.weights(x);
+    return this.at.map((_, j) => w.reduce((sum, wi, i) => sum + wi * this.slopes[i][j], 0));
+  }
+}
+
+/* What all lamps send to some cells; the rows of lamps that did not turn are kept. */
+class Superposition {
+  constructor(nodes, table, fibers) {
+    this.nodes = nodes;
+    this.table = table;
+    this.fibers = fibers;
+    this.cells = table.length / fibers / nodes.at.length;
+    this.rows = new Float64Array(fibers * this.cells);
+    this.turned = new Float64Array(fibers).fill(NaN);
+    this.total = new Float64Array(this.cells * 3);
+  }
+
+  mix(fiber, weights, out, start) {
+    const { cells, table } = this, count = weights.length;
+    out.fill(0, start, start + cells);
+    for (let j = 0; j < count; j++) {
+      const weight = weights[j], first = (fiber * count + j) * cells;
+      if (weight) for (let i = 0; i < cells; i++) out[start + i] += weight * table[first + i];
+    }
+  }
+
+  /* Unclipped counts, (cell, color), for directions and LED powers. */
+  sum({ phi, power }) {
+    const { cells, rows, total } = this;
+    total.fill(0);
+    for (let f = 0; f < this.fibers; f++) {
+      if (phi[f] !== this.turned[f]) {
+        this.mix(f, this.nodes.weights(phi[f]), rows, f * cells);
+        this.turned[f] = phi[f];
+      }
+      for (let c = 0; c < 3; c++) {
+        const p = power[3 * f + c];
+        if (p) for (let i = 0; i < cells; i++) total[3 * i + c] += p * rows[f * cells + i];
+      }
+    }
+    return total;
+  }
+}
+
+class Model {
+  constructor(page, tables) {
+    this.page = page;
+    this.fibers = page.fibers.length;
+    [this.bends, this.sites, this.facets] = [page.bends.length, page.sites.length, page.normals.length];
+    this.nodes = new Nodes(page.phi);
+    this.light = new Superposition(this.nodes, tables.facets, this.fibers);
+    this.flat = new Superposition(this.nodes, tables.background, this.fibers);
+    this.skin = new Superposition(this.nodes, tables.skin, this.fibers);
+    this.slope = new Float64Array(this.light.cells);
+  }
+
+  /* Score, its parts, the map of M (bend, site) and the fraction of clipped facets. */
+  rate(counts) {
+    const { countMax, ddof, cyclic, lam } = this.page.metric;
+    const { bends, sites, facets } = this, metric = new Float64Array(bends * sites);
+    const length = new Float64Array(facets), hue = new Float64Array(3 * facets);
+    const pairs = cyclic ? facets : facets - 1, step = new Float64Array(pairs);
+    let full = 0;
+    for (let m = 0; m < metric.length; m++) {
+      for (let k = 0; k < facets; k++) {
+        const at = 3 * (m * facets + k);
+        let square = 0, clips = false;
+        for (let c = 0; c < 3; c++) {
+          const raw = counts[at + c], v = raw < 0 ? 0 : raw > countMax ? countMax : raw;
+          clips ||= raw >= countMax;
+          hue[3 * k + c] = v;
+          square += v * v;
+        }
+        full += clips;
+        length[k] = Math.sqrt(square);
+        if (square) for (let c = 0; c < 3; c++) hue[3 * k + c] /= length[k];
+      }
+      for (let k = 0; k < pairs; k++) {
+        const next = k + 1 < facets ? k + 1 : 0;
+        let square = 0;
+        for (let c = 0; c < 3; c++) square += (hue[3 * next + c] - hue[3 * k + c]) ** 2;
+        step[k] = Math.sqrt(square);
+      }
+      metric[m] = evenMean(length, ddof) + lam * evenMean(step, ddof);
+    }
+    const [bySite, byBend] = this.means(metric), mean = average(metric);
+    const parts = { mean, spreadSites: deviation(bySite, ddof), spreadBends: deviation(byBend, ddof) };
+    return { score: mean - parts.spreadSites - parts.spreadBends, ...parts, metric,
+      clipped: full / (metric.length * facets) };
+  }
+
+  means(metric) {
+    const bySite = new Float64Array(this.sites), byBend = new Float64Array(this.bends);
+    for (let b = 0; b < this.bends; b++)
+      for (let s = 0; s < this.sites; s++) {
+        bySite[s] += metric[b * this.sites + s] / this.bends;
+        byBend[b] += metric[b * this.sites + s] / this.sites;
+      }
+    return [bySite, byBend];
+  }
+
+  /* S and its exact slopes by the directions, counts per rad (optimize.scoring.score_gradient). */
+  climbing(design) {
+    const counts = this.light.sum(design), rated = this.rate(counts);
+    const { countMax, ddof, cyclic, lam } = this.page.metric, { bends, sites, facets } = this;
+    const [bySite, byBend] = this.means(rated.metric);
+    const one = evenMeanSlopes(bySite, ddof), two = evenMeanSlopes(byBend, ddof);
+    const slopes = new Float64Array(counts.length), pairs = cyclic ? facets : facets - 1;
+    const length = new Float64Array(facets), hue = new Float64Array(3 * facets);
+    const step = new Float64Array(pairs), flow = new Float64Array(3 * pairs);
+    const byHue = new Float64Array(3 * facets);
+    for (let b = 0, m = 0; b < bends; b++) for (let s = 0; s < sites; s++, m++) {
+      const weight = one[s] / bends + two[b] / sites - 1 / (bends * sites), first = 3 * m * facets;
+      for (let k = 0; k < facets; k++) {
+        let square = 0;
+        for (let c = 0; c < 3; c++) {
+          hue[3 * k + c] = Math.min(Math.max(counts[first + 3 * k + c], 0), countMax);
+          square += hue[3 * k + c] ** 2;
+        }
+        length[k] = Math.sqrt(square);
+        if (square) for (let c = 0; c < 3; c++) hue[3 * k + c] /= length[k];
+      }
+      for (let k = 0; k < pairs; k++) {
+        const next = (k + 1) % facets;
+        let square = 0;
+        for (let c = 0; c < 3; c++) {
+          flow[3 * k + c] = hue[3 * next + c] - hue[3 * k + c];
+          square += flow[3 * k + c] ** 2;
+        }
+        step[k] = Math.sqrt(square);
+      }
+      const byLength = evenMeanSlopes(length, ddof), byStep = evenMeanSlopes(step, ddof);
+      byHue.fill(0);
+      for (let k = 0; k < pairs; k++) for (let c = 0; c < 3; c++) {
+        const pull = (lam * byStep[k] * flow[3 * k + c]) / (step[k] || 1);
+        byHue[3 * ((k + 1) % facets) + c] += pull;
+        byHue[3 * k + c] -= pull;
+      }
+      for (let k = 0; k < facets; k++) {
+        let along = 0;
+        for (let c = 0; c < 3; c++) along += byHue[3 * k + c] * hue[3 * k + c];
+        for (let c = 0; c < 3; c++) {
+          const at = 3 * k + c, raw = counts[first + at];
+          if (raw <= 0 || raw >= countMax) continue;
+          slopes[first + at] = weight
+            * (byLength[k] * hue[at] + (byHue[at] - along * hue[at]) / (length[k] || 1));
+        }
+      }
+    }
+    const phi = new Float64Array(this.fibers);
+    for (let f = 0; f < this.fibers; f++) {
+      if (!isLit(design, f)) continue;
+      this.light.mix(f, this.nodes.slopeWeights(design.phi[f]), this.slope, 0);
+      for (let c = 0; c < 3; c++) {
+        const p = design.power[3 * f + c];
+        if (p) for (let i = 0; i < this.slope.length; i++)
+          phi[f] += p * this.slope[i] * slopes[3 * i + c];
+      }
+    }
+    return { ...rated, phi };
+  }
+}
+
+function average(values) {
+  let sum = 0;
+  for (const v of values) sum += v;
+  return sum / values.length;
+}
+
+/* Standard deviation in two passes, divided by n - ddof. */
+function deviation(values, ddof) {
+  const mean = average(values);
+  let sum = 0;
+  for (const v of values) sum += (v - mean) ** 2;
+  return Math.sqrt(sum / (values.length - ddof));
+}
+
+function evenMean(values, ddof) { return average(values) - deviation(values, ddof); }
+
+function evenMeanSlopes(values, ddof) {
+  const mean = average(values), spread = deviation(values, ddof) || 1;
+  return Float64Array.from(values, (v) =>
+    1 / values.length - (v - mean) / ((values.length - ddof) * spread));
+}
+
+/* Designs: phi (fiber) rad, power (fiber, color) 0 to 1. A lamp's color is its strongest. */
+const OFF = 3;
+function colorOf({ power }, f) {
+  const [r, g, b] = [power[3 * f], power[3 * f + 1], power[3 * f + 2]];
+  const best = Math.max(r, g, b);
+  return best > 0 ? [r, g, b].indexOf(best) : OFF;
+}
+function isLit({ power }, f) { return power[3 * f] + power[3 * f + 1] + power[3 * f + 2] > 0; }
+function copyOf({ phi, power }) {
+  return { phi: Float64Array.from(phi), power: Float64Array.from(power) };
+}

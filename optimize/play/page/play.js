@@ -1,0 +1,396 @@
+/* The page's state and its controls. */
+
+const page = JSON.parse(document.getElementById("page").textContent);
+const model = new Model(page, decodeTables(document.getElementById("tables").textContent.trim(), page.tables));
+const limits = new Limits(page);
+const find = (id) => document.getElementById(id);
+const one = (value) => value.toFixed(1);
+
+function designOf({ angles_deg, power }) {
+  return { phi: Float64Array.from(angles_deg, (a) => Math.min(a * DEGREE, Math.PI)),
+    power: Float64Array.from(power.flat()) };
+}
+function rate(design) { return model.rate(model.light.sum(design)); }
+
+const known = { baseline: designOf(page.designs.baseline), optimum: designOf(page.designs.optimum) };
+const ratings = { baseline: rate(known.baseline), optimum: rate(known.optimum) };
+const heights = [...ratings.baseline.metric, ...ratings.optimum.metric];
+const heatScale = [Math.min(...heights), Math.max(...heights)];
+/* The link's form: 4 bytes of the scene's hash, then 16 bits for the angle and for each power. */
+const mark = page.scene.hash.slice(0, 8);
+
+const state = {
+  mine: designOf(page.designs.start), show: "mine", selected: 0, bend: 0, touch: page.touches.length - 1,
+  center: [0, 0], past: [], future: [], kept: null, climb: null, rated: null,
+};
+state.kept = copyOf(state.mine);
+state.center = page.sites[Math.floor(page.sites.length / 2)].slice();
+
+const shownDesign = () => (state.show === "mine" ? state.mine : known[state.show]);
+
+/* ---- changes, and taking them back ---- */
+
+function edit(change) {
+  stop();
+  if (state.show !== "mine") [state.mine, state.show] = [copyOf(known[state.show]), "mine"];
+  change(state.mine);
+  redraw();
+}
+
+function same(a, b) {
+  return a.phi.every((v, i) => v === b.phi[i]) && a.power.every((v, i) => v === b.power[i]);
+}
+
+/* The end of a gesture: one step of undo, and the link. */
+function keep() {
+  if (same(state.kept, state.mine)) return;
+  state.past.push(state.kept);
+  state.future = [];
+  state.kept = copyOf(state.mine);
+  settle();
+}
+
+function settle() {
+  history.replaceState(null, "", `#${linkOf(state.mine)}`);
+  redraw();
+  announce();
+}
+
+function travel(from, to) {
+  if (!from.length) return;
+  stop();
+  to.push(state.kept);
+  state.kept = from.pop();
+  [state.mine, state.show] = [copyOf(state.kept), "mine"];
+  settle();
+}
+
+const act = {
+  shown: shownDesign,
+  center: () => state.center,
+  select(f) { if (state.selected !== f) { state.selected = f; redraw(); } },
+  turn(f, phi, ended) {
+    if (phi !== null && page.fibers[f].turns) edit((design) => { design.phi[f] = Math.min(Math.max(phi, 0), Math.PI); });
+    if (ended) keep();
+  },
+  recolor(f, color) {
+    edit((design) => {
+      const old = colorOf(design, f), next = color === null ? (old + 1) % 4 : color;
+      const part = old === OFF ? 1 : design.power[3 * f + old] / limits.color[old];
+      for (let c = 0; c < 3; c++) design.power[3 * f + c] = c === next ? part * limits.color[c] : 0;
+    });
+    keep();
+  },
+  power(f, change, ended = true) {
+    const c = colorOf(shownDesign(), f);
+    if (c === OFF) return;
+    const part = shownDesign().power[3 * f + c] / limits.color[c];
+    act.dim(f, Math.round(100 * (part + change)) / 100, ended);
+  },
+  /* A part of the allowed power; a lamp that is not off keeps its color. */
+  dim(f, part, ended) {
+    edit((design) => {
+      const c = colorOf(design, f);
+      if (c === OFF) return;
+      const old = design.power[3 * f + c], next = Math.min(Math.max(part, 0.01), 1) * limits.color[c];
+      for (let k = 0; k < 3; k++) design.power[3 * f + k] *= next / old;
+    });
+    if (ended) keep();
+  },
+  move(center) {
+    const touch = page.touches[state.touch];
+    if (!touch || !center) return;
+    const half = [page.pad.width / 2, page.pad.length / 2].map((h) => Math.max(h - touch.reach, 0));
+    state.center = center.map((v, i) => Math.min(Math.max(v, -half[i]), half[i]));
+    redraw();
+  },
+};
+
+/* ---- uphill ---- */
+
+function climbOn() {
+  if (!state.climb) return;
+  const more = state.climb.advance(30);
+  state.mine = copyOf(state.climb.design);
+  find("uphill-said").textContent = `${one(state.climb.score)} after `
+    + `${state.climb.evaluated.toLocaleString("en")} designs`;
+  redraw();
+  if (more) setTimeout(climbOn);
+  else stop("Nothing nearby is better: one lamp's turn, or new colors of two lamps, do not help.");
+}
+
+function stop(said = "") {
+  if (!state.climb) return;
+  state.climb = null;
+  find("uphill").textContent = "Push uphill";
+  if (said) find("uphill-said").textContent += `. ${said}`;
+  keep();
+}
+
+find("uphill").addEventListener("click", () => {
+  if (state.climb) { stop("Stopped."); return; }
+  if (state.show !== "mine") [state.mine, state.show] = [copyOf(known[state.show]), "mine"];
+  state.climb = new Climb(model, limits, state.mine);
+  find("uphill").textContent = "Stop";
+  climbOn();
+});
+
+/* ---- links and files ---- */
+
+function linkOf({ phi, power }) {
+  const numbers = [];
+  for (let f = 0; f < phi.length; f++)
+    numbers.push(phi[f] / Math.PI, ...power.subarray(3 * f, 3 * f + 3));
+  const bytes = [0, 2, 4, 6].map((i) => parseInt(mark.slice(i, i + 2), 16));
+  for (const v of numbers) {
+    const whole = Math.round(65535 * v);
+    bytes.push(whole >> 8, whole & 255);
+  }
+  return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+}
+
+/* The design of a link; null where the link has none, an error where it is no design of this page. */
+function designOfLink(text) {
+  if (!text) return null;
+  let raw;
+  try { raw = atob(text.replaceAll("-", "+").replaceAll("_", "/")); } catch { raw = ""; }
+  const bytes = Array.from(raw, (c) => c.charCodeAt(0));
+  const hash = bytes.slice(0, 4).map((b) => b.toString(16).padStart(2, "0")).join("");
+  if (bytes.length !== 4 + 8 * model.fibers) throw new Error("is damaged");
+  if (hash !== mark) throw new Error("is for another sensor");
+  const value = (i) => (256 * bytes[4 + 2 * i] + bytes[5 + 2 * i]) / 65535;
+  const design = { phi: new Float64Array(model.fibers), power: new Float64Array(3 * model.fibers) };
+  for (let f = 0; f < model.fibers; f++) {
+    design.phi[f] = value(4 * f) * Math.PI;
+    for (let c = 0; c < 3; c++) design.power[3 * f + c] = value(4 * f + 1 + c);
+  }
+  return design;
+}
+
+function openLink() {
+  try {
+    const design = designOfLink(location.hash.slice(1));
+    if (!design) return;
+    edit((mine) => Object.assign(mine, design));
+    keep();
+  } catch (error) {
+    find("said").textContent = `The design in the link ${error.message}, so it is left out.`;
+  }
+}
+
+/* What tactilux reads: optimize.design.design_file. */
+function designFile(design) {
+  const rated = rate(design), half = page.halfWidth, fibers = Array.from(design.phi, (_, f) => f);
+  return {
+    schema: 2, scene: page.scene.name, scene_hash: page.scene.hash,
+    angles_deg: fibers.map((f) => Math.min(design.phi[f] / DEGREE, 180)),
+    colors: fibers.map((f) => NAMES[colorOf(design, f)]),
+    power: fibers.map((f) => Array.from(design.power.subarray(3 * f, 3 * f + 3))),
+    level: page.level,
+    score: { value: rated.score, interval: [rated.score - half, rated.score + half], mean: rated.mean,
+      spread_sites: rated.spreadSites, spread_bends: rated.spreadBends },
+    lam: page.metric.lam, exposure: page.metric.exposure, conventions: page.metric.conventions,
+    versions: page.versions,
+  };
+}
+
+find("save").addEventListener("click", () => {
+  const text = `${JSON.stringify(designFile(shownDesign()), null, 2)}\n`, link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+  link.download = `${page.scene.name}-design.json`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  find("said").textContent = `Saved as ${link.download}: tactilux verify ${link.download} proves it.`;
+});
+
+find("share").addEventListener("click", async () => {
+  const address = `${location.href.split("#")[0]}#${linkOf(shownDesign())}`;
+  history.replaceState(null, "", address);
+  try {
+    await navigator.clipboard.writeText(address);
+    find("said").textContent = "Copied: the link holds this design, for whoever has this page.";
+  } catch {
+    find("said").textContent = "The address of this page now holds the design: copy it from there.";
+  }
+});
+
+/* ---- controls ---- */
+
+find("undo").addEventListener("click", () => travel(state.past, state.future));
+find("redo").addEventListener("click", () => travel(state.future, state.past));
+document.addEventListener("keydown", (event) => {
+  if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
+  if (event.shiftKey) travel(state.future, state.past); else travel(state.past, state.future);
+  event.preventDefault();
+});
+function choices(host, name, titles, chosen) {
+  titles.forEach((title, i) => {
+    const label = document.createElement("label"), input = document.createElement("input");
+    Object.assign(input, { type: "radio", name, value: i });
+    input.addEventListener("change", () => chosen(i));
+    label.append(input, Object.assign(document.createElement("span"), { textContent: title }));
+    host.append(label);
+  });
+  return (i) => { host.querySelectorAll("input")[i].checked = true; };
+}
+const shows = ["mine", "baseline", "optimum"];
+const checkShow = choices(find("show"), "show", ["Yours", "Baseline", "Optimum"], (i) => {
+  stop();
+  state.show = shows[i];
+  redraw();
+  announce();
+});
+const checkBend = choices(find("bend"), "bend", page.bends.map((b) => `${Math.round(b / DEGREE)}°`),
+  (i) => { state.bend = i; redraw(); });
+const checkTouch = choices(find("touch"), "touch", [...page.touches.map((t) => t.title), "Nothing"],
+  (i) => { state.touch = i; act.move(state.center); redraw(); });
+const checkColor = choices(find("color"), "color", ["R", "G", "B", "Off"],
+  (i) => act.recolor(state.selected, i));
+find("color").querySelectorAll("label").forEach((label, i) => {
+  label.className = NAMES[i];
+  label.querySelector("input").setAttribute("aria-label", NAMES[i]);
+});
+for (const [id, change] of [
+  ["angle", (value, ended) => act.turn(state.selected, value * DEGREE, ended)],
+  ["power", (value, ended) => act.dim(state.selected, value / 100, ended)],
+]) {
+  find(id).addEventListener("input", (event) => change(Number(event.target.value), false));
+  find(id).addEventListener("change", () => keep());
+}
+for (const [id, way] of [["before", -1], ["after", 1]]) find(id).addEventListener("click", () => {
+  act.select((state.selected + way + model.fibers) % model.fibers);
+});
+/* The camera's picture moves the touch, too. */
+{
+  const canvas = find("camera");
+  let last = null;
+  canvas.addEventListener("pointerdown", (event) => {
+    last = [event.clientX, event.clientY];
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!last) return;
+    const scale = page.pad.length / canvas.clientHeight;
+    act.move([state.center[0] + (event.clientX - last[0]) * scale,
+      state.center[1] - (event.clientY - last[1]) * scale]);
+    last = [event.clientX, event.clientY];
+  });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
+}
+
+/* ---- drawing ---- */
+
+const sensor = new SensorView(find("sensor"), page, act);
+const facetMap = new SiteMap(find("facets"), page), heatMap = new SiteMap(find("heat"), page);
+const camera = new Camera(find("camera"), page);
+find("camera").style.aspectRatio = `${page.camera.columns} / ${page.camera.rows}`;
+find("no-camera").hidden = Boolean(camera.gl);
+[find("low").textContent, find("high").textContent] = heatScale.map(Math.round);
+
+let waiting = 0;
+function redraw() { waiting ||= requestAnimationFrame(() => { waiting = 0; draw(); }); }
+
+/* What there is to see of a design at one bend, in unclipped counts (the skin: irradiance). */
+function seen(design, bend, touch, center) {
+  const at = (values, size) => values.subarray(3 * bend * size, 3 * (bend + 1) * size);
+  return {
+    facets: at(model.light.sum(design), model.sites * model.facets),
+    flat: at(model.flat.sum(design), model.sites),
+    skin: at(model.skin.sum(design), page.skinShape[0] * page.skinShape[1]),
+    bend: page.bends[bend], touch, center,
+  };
+}
+
+function draw() {
+  const design = shownDesign(), { countMax } = page.metric, touch = page.touches[state.touch];
+  const rated = (state.rated = model.rate(model.light.sum(design)));
+  const scene = seen(design, state.bend, touch, state.center);
+  sensor.draw({ design, selected: state.selected, fullPower: limits.color, skin: scene.skin, touch,
+    center: state.center, countMax: (countMax * Math.PI * page.pad.index ** 2) / page.camera.albedo });
+  facetMap.facets(scene.facets, countMax);
+  heatMap.heat(rated.metric.subarray(state.bend * model.sites, (state.bend + 1) * model.sites), heatScale);
+  drawCamera(scene);
+  drawScore(design, rated);
+  drawControls(design);
+}
+
+function drawCamera(scene) {
+  const canvas = find("camera"), wide = Math.round(canvas.clientWidth * Math.min(window.devicePixelRatio || 1, 2));
+  const high = Math.round((wide * page.camera.rows) / page.camera.columns);
+  if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
+  camera.draw(scene);
+}
+
+function drawScore(design, rated) {
+  const half = page.halfWidth, gain = rated.score - ratings.baseline.score;
+  find("score").textContent = one(rated.score);
+  find("interval").textContent = `${one(rated.score - half)} to ${one(rated.score + half)}`;
+  find("gain").textContent = Math.abs(gain) < 0.05 ? "as the baseline"
+    : `${gain > 0 ? "+" : "−"}${one(Math.abs(gain))} against the baseline`;
+  find("gain").className = gain > 2 * half ? "better" : gain < -2 * half ? "worse" : "";
+  find("mean").textContent = one(rated.mean);
+  find("spread-sites").textContent = one(rated.spreadSites);
+  find("spread-bends").textContent = one(rated.spreadBends);
+  const [low, high] = [ratings.baseline.score, Math.max(ratings.optimum.score, ratings.baseline.score + 1)];
+  const place = (s) => Math.min(Math.max(((s - low) / (high - low)) * 60 + 25, 0), 100);
+  find("marker").style.left = `${place(rated.score)}%`;
+  find("band").style.left = `${place(rated.score - half)}%`;
+  find("band").style.width = `${place(rated.score + half) - place(rated.score - half)}%`;
+  const said = limits.problems(design), colors = new Set(Array.from(design.phi, (_, f) => colorOf(design, f)));
+  if (colors.size === 1) said.push(colors.has(OFF) ? "All lamps are off."
+    : "One color lights everything: S may like it, but nobody can read azimuths from it.");
+  if (rated.clipped > page.clipped) said.push(`${(100 * rated.clipped).toFixed(0)} % of the facets saturate the camera.`);
+  const shown = said.slice(0, 3).join(" ") + (said.length > 3 ? ` And ${said.length - 3} more.` : "");
+  if (find("problems").textContent !== shown) find("problems").textContent = shown;
+}
+
+function drawControls(design) {
+  const f = state.selected, color = colorOf(design, f), fiber = page.fibers[f];
+  const part = color === OFF ? 0 : design.power[3 * f + color] / limits.color[color];
+  const degrees = design.phi[f] / DEGREE;
+  find("lamp-name").textContent = `Fiber ${f}, ${fiber.edge}`;
+  checkColor(color);
+  checkShow(shows.indexOf(state.show));
+  find("angle").value = degrees;
+  find("angle").disabled = !fiber.turns;
+  find("angle-said").textContent = `${degrees.toFixed(0)}°`;
+  find("power").value = Math.round(100 * part);
+  find("power").disabled = color === OFF;
+  find("power-said").textContent = color === OFF ? "off" : `${Math.round(100 * part)} %`;
+  find("undo").disabled = !state.past.length;
+  find("redo").disabled = !state.future.length;
+}
+
+let pause = 0;
+function announce() {
+  clearTimeout(pause);
+  pause = setTimeout(() => {
+    const rated = state.rated, gain = rated.score - ratings.baseline.score;
+    const metric = rated.metric.subarray(state.bend * model.sites, (state.bend + 1) * model.sites);
+    find("spoken").textContent = `Score ${one(rated.score)}, ${one(Math.abs(gain))} `
+      + `${gain < 0 ? "below" : "above"} the baseline.`;
+    find("heat").setAttribute("aria-label", `Metric M over the sites, from ${Math.round(Math.min(...metric))} `
+      + `to ${Math.round(Math.max(...metric))} counts at this bend`);
+  }, 300);
+}
+
+checkBend(0);
+checkTouch(state.touch);
+openLink();
+draw();
+announce();
+window.addEventListener("hashchange", openLink);
+new ResizeObserver(redraw).observe(document.body);
+
+/* For programs: the score of a design as this page has it. */
+window.tactilux = {
+  rate: (angles_deg, power) => rate(designOf({ angles_deg, power })),
+  design: () => designFile(shownDesign()),
+  climbing: () => Boolean(state.climb),
+  /* The camera's picture as a PNG in a data URL, of a touch (its number) at a place in mm. */
+  picture: (touch, bend, center, width, height) => {
+    const canvas = Object.assign(document.createElement("canvas"), { width, height });
+    new Camera(canvas, page).draw(seen(shownDesign(), bend, page.touches[touch], center));
+    return canvas.toDataURL();
+  },
+};

@@ -1,0 +1,165 @@
+"""What the page knows: 16-bit tables of light, and the sensor, its limits and touches as JSON."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from optimize.design import Array, SearchLimits, limits_of
+from render.errors import SceneError
+from render.geometry import (
+    SHADOW_LENGTH,
+    Imprint,
+    ball,
+    bolt,
+    camera_axes,
+    camera_origin,
+    counted_sites,
+    declared_sites,
+    facet_normals,
+    fiber_edges,
+    flat_fiber_poses,
+    flat_sites,
+    half_view,
+    pyramids,
+)
+from render.geometry.holder import LEAST_SINE
+from render.scene import Scene
+
+LEVELS = 65535
+"""Steps of a 16-bit table: the largest value has this number."""
+TOUCH_DEPTH = 1.0
+"""mm that touches are pressed in, or a quarter of the pad."""
+BEAM = 5.0, 0.22
+"""Length of a drawn beam: at most so many mm, and at most so much of the pad's width."""
+
+
+def packed(tables: Mapping[str, Array]) -> tuple[str, dict[str, dict[str, float]]]:
+    """Return non-negative tables as one base64 text of 16-bit integers, and where each one is.
+
+    A table has one ``step``: value = integer * step, so its error is at most half a step, 8e-6 of
+    its largest value. float64 in, ``first`` and ``count`` in integers.
+    """
+    parts, places, first = [], {}, 0
+    for name, table in tables.items():
+        step = float(table.max()) / LEVELS or 1.0
+        parts.append(np.round(np.clip(table, 0.0, None) / step).astype("<u2").ravel())
+        places[name] = {"first": first, "count": table.size, "step": step}
+        first += table.size
+    return base64.b64encode(np.concatenate(parts).tobytes()).decode("ascii"), places
+
+
+def sensor_facts(scene: Scene) -> dict[str, Any]:
+    """Return where everything is, in mm and rad: what the page draws and what its limits are."""
+    poses = flat_fiber_poses(scene)
+    fibers = [
+        {
+            "edge": edge if edge == "listed" else f"{edge} edge",
+            "turns": bool(turns),
+            **{axis: float(at[i]) for i, axis in enumerate("xy")},
+            "along": along[:2].tolist(),
+            "inward": inward[:2].tolist(),
+        }
+        for edge, turns, at, along, inward in zip(
+            fiber_edges(scene), poses.turns, poses.position, poses.along, poses.inward, strict=True
+        )
+    ]
+    pad, camera, sites = scene.pad, scene.camera, scene.sites
+    right, down, ahead = camera_axes(scene)
+    return {
+        "fibers": fibers,
+        "beam": min(BEAM[0], BEAM[1] * pad.width),
+        "pad": {
+            "width": pad.width,
+            "length": pad.length,
+            "thickness": pad.thickness,
+            "index": pad.index,
+            "rim": scene.diffuser.thickness if scene.diffuser else 0.0,
+        },
+        "sites": flat_sites(scene)[:, :2].tolist(),
+        "grid": {
+            "columns": sites.columns,
+            "rows": sites.rows,
+            "spacing": sites.spacing,
+            "first": declared_sites(scene)[0, :2].tolist(),
+            "counted": counted_sites(scene).tolist(),
+        },
+        "normals": facet_normals(scene).tolist(),
+        "camera": {
+            "columns": camera.columns,
+            "rows": camera.rows,
+            "albedo": scene.coating.albedo,
+            "fisheye": camera.fisheye,
+            "half_view": list(half_view(scene, camera.columns, camera.rows)),
+            "place": camera_origin(scene).tolist(),
+            "axes": [(-right).tolist(), (-down).tolist(), ahead.tolist()],
+            "pivot": camera.pivot,
+        },
+        "bends": list(scene.bending.angles),
+        "limits": _limits(limits_of(scene)),
+        "touches": list(_touches(scene)),
+        "shadow": SHADOW_LENGTH,
+    }
+
+
+def large_pyramid(scene: Scene) -> Imprint:
+    """Return one pyramid with the indenter's normals, large enough to be seen."""
+    unit = scene.indenter.depth / scene.indenter.radius
+    depth = min(TOUCH_DEPTH, 0.25 * scene.pad.thickness)
+    room = 0.4 * min(scene.pad.width, scene.pad.length)
+    return pyramids(
+        scene.model_copy(
+            update={
+                "sites": scene.sites.model_copy(update={"columns": 1, "rows": 1}),
+                "indenter": scene.indenter.model_copy(update={"radius": min(depth / unit, room)}),
+            }
+        )
+    )
+
+
+def _touches(scene: Scene) -> Iterator[dict[str, Any]]:
+    """Yield what can be pressed in; a body that the pad is too small for is left out."""
+    for title, make in (("Bolt", bolt), ("Ball", ball), ("Pyramid", large_pyramid)):
+        try:
+            body = make(scene)
+        except SceneError:
+            continue
+        outline = _outline(body)
+        yield {
+            "name": title.lower(),
+            "title": title,
+            "planes": np.column_stack([body.normal, body.distance]).round(7).tolist(),
+            "size": body.size,
+            "reach": float(np.abs(outline).max()),
+            "outline": "M" + "L".join(f"{x:.2f} {-y:.2f}" for x, y in outline) + "Z",
+        }
+
+
+def _outline(body: Imprint) -> Array:
+    """Return the outline ``(point, 2)`` mm of a body in the coating's plane, from its center."""
+    turn = np.linspace(0.0, 2 * np.pi, 96, endpoint=False)
+    way = np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+    speed = way @ body.normal[:, :2].T
+    with np.errstate(divide="ignore"):
+        along = np.where(speed > 1e-9, body.distance / speed, np.inf).min(axis=1)
+    return np.asarray(along[:, None] * way)
+
+
+def _limits(limits: SearchLimits) -> dict[str, Any]:
+    """Return the limits of a search; one interval of directions per fiber or more."""
+    holder = limits.holder
+    assert holder is not None  # `limits_of` always has one
+    walls = {name: np.asarray(value).tolist() for name, value in asdict(holder).items()}
+    return {
+        "allowed": limits.allowed.tolist(),
+        "counts": limits.led_counts.tolist(),
+        "power": limits.led_power.tolist(),
+        "low": limits.low.tolist(),
+        "high": limits.high.tolist(),
+        "step": limits.step,
+        "holder": {**walls, "leastSine": LEAST_SINE},
+    }

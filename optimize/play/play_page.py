@@ -1,0 +1,233 @@
+"""One HTML file to play with: no server, no network, and a policy inside that forbids both.
+
+The page holds the transport table of a `Checker` at direction nodes as 16-bit integers, superposes
+it, and rates what it shows by the metric itself; nothing in it is learned or fitted again.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from optimize.design import Array, Design, dimmed_baseline, limits_of
+from optimize.play.page_data import large_pyramid, packed, sensor_facts
+from optimize.scoring import TableScorer
+from optimize.search import refine_locally
+from optimize.search.colors import quick_colors
+from optimize.ui.output import write_result
+from optimize.ui.provenance import package_versions
+from render.chebyshev import chebyshev_nodes
+from render.errors import TableError
+from render.scene import RGB, Scene
+from render.transport import TransportTable
+from surrogate.runtime import Checker
+
+PHI_NODES = 13
+"""Direction nodes: of finger20's scores 11 miss checker.onnx by up to 0.025 counts, 13 by 0.003."""
+MAX_BYTES = 3_000_000
+"""Size of a page."""
+CLIPPED = 0.01
+"""A design with a larger fraction of saturated facets gets a warning."""
+TESTED, SEARCHES = 64, 3
+"""Random designs that page and model are compared on; rounds of colors and directions."""
+SCRIPTS = ("model.js", "uphill.js", "sensor.js", "maps.js", "camera.js", "play.js")
+
+
+@dataclass(frozen=True, eq=False)
+class PlayPage:
+    """What a page is made of.
+
+    Arguments:
+        scene: the sensor.
+        checker: its model.
+        start: what the page opens with; None is the baseline.
+        optimum: the best design known; None searches one, colors by 2-opt and directions by slopes.
+        command: that made the page, for its footer.
+    """
+
+    scene: Scene
+    checker: Checker
+    start: Design | None = None
+    optimum: Design | None = None
+    command: str = ""
+
+    def html(self) -> str:
+        """Return the page.
+
+        Raises:
+            TableError: it would be larger than `MAX_BYTES`, has light per color channel, or LEDs
+                other than red, green and blue.
+            GraphicsError: nothing here can draw the preview that its pictures are made of.
+        """
+        if self.scene.palette != RGB:
+            raise TableError(
+                f"the page knows the LEDs {', '.join(RGB.names)}, and scene {self.scene.name} has "
+                f"{', '.join(self.scene.palette.names)}: explore the scene instead",
+                field="colors",
+            )
+        table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+        if table.by_channel:
+            raise TableError(
+                "the page superposes light that is alike in all channels, and this table has an "
+                "axis of channels: explore the scene instead",
+                field="T",
+            )
+        assert table.background is not None  # of a Checker
+        scorer = TableScorer(table, self.checker.metadata.metric, limits=limits_of(self.scene))
+        baseline = dimmed_baseline(self.scene)
+        optimum = self.optimum or best_design(scorer, baseline)
+        skin = skin_light(self.scene, table.phi)
+        text, places = packed(
+            {
+                "facets": table.exposure * table.T,
+                "background": table.exposure * table.background,
+                "skin": table.exposure * skin,
+            }
+        )
+        facts = sensor_facts(self.scene) | {
+            "scene": {"name": self.scene.name, "hash": self.scene.hash},
+            "level": table.level,
+            "phi": table.phi.tolist(),
+            "tables": places,
+            "skinShape": skin.shape[-2:],
+            "metric": self._metric(table),
+            "halfWidth": self.checker.score_half_width,
+            "clipped": CLIPPED,
+            "designs": {
+                "baseline": _plain(baseline),
+                "optimum": _plain(optimum),
+                "start": _plain(self.start or baseline),
+            },
+            "shader": {
+                "paths": _preview_shader("light_paths.glsl"),
+                "picture": _preview_shader("picture.frag"),
+                "relief": _part("relief.glsl"),
+            },
+            "versions": package_versions("numpy"),
+        }
+        html = self._filled(facts, text, scorer, (baseline, optimum))
+        if len(html.encode()) >= MAX_BYTES:
+            raise TableError(
+                f"the page would have {len(html.encode()) / 1e6:.1f} MB, allowed: below "
+                f"{MAX_BYTES / 1e6:g} MB; a scene with fewer sites, facets or bends fits",
+                field="page",
+            )
+        return html
+
+    def _metric(self, table: TransportTable) -> dict[str, Any]:
+        config = self.checker.metadata.metric
+        return {
+            "exposure": table.exposure,
+            "lam": table.lam,
+            "countMax": config.count_max,
+            "ddof": config.ddof,
+            "cyclic": config.cyclic,
+            "conventions": asdict(config),
+        }
+
+    def _filled(
+        self, facts: dict[str, Any], text: str, scorer: TableScorer, known: tuple[Design, Design]
+    ) -> str:
+        """Return the template with everything in it."""
+        style, script = _part("play.css"), '(() => {\n"use strict";\n'
+        script += "\n".join(_part(name) for name in SCRIPTS) + "\n})();"
+        level = facts["level"]
+        notes = [] if level != "preview" else [
+            f"There is no trained model of {self.scene.name}, so this page is made on the preview "
+            "(level 0): good for trying and comparing, to be confirmed by tactilux verify."
+        ]  # fmt: skip
+        scores = [f"{scorer.score(design.phi, design.power):.1f}" for design in known]
+        environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
+        return environment.from_string(_part("play.html.j2")).render(
+            scene=self.scene.name,
+            scene_hash=self.scene.hash,
+            level="0, preview" if level == "preview" else "1, surrogate",
+            source="the preview" if level == "preview" else "the scene's model",
+            notes=notes,
+            made=datetime.now(UTC).strftime("%d %B %Y"),
+            confidence=f"{self.checker.coverage:.0%}",
+            baseline_score=scores[0],
+            optimum_score=scores[1],
+            facets=scorer.facets,
+            nodes=PHI_NODES,
+            tested=TESTED,
+            worst=f"{page_error(self.checker, scorer):.3f}",
+            command=self.command,
+            policy=(
+                f"default-src 'none'; script-src '{_digest(script)}'; style-src "
+                f"'{_digest(style)}'; base-uri 'none'; form-action 'none'"
+            ),
+            style=style,
+            script=script,
+            page=json.dumps(facts, allow_nan=False).replace("<", "\\u003c"),
+            tables=text,
+        )
+
+
+def write_play(path: Path, page: PlayPage) -> None:
+    """Write the page to ``path``."""
+    write_result(path, page.html().encode())
+
+
+def best_design(scorer: TableScorer, start: Design) -> Design:
+    """Return a design that neither other colors of two lamps nor small turns improve."""
+    phi = scorer.limits.nearest_directions(np.full(len(start.phi), math.pi / 2))
+    best, score = start, scorer.score(start.phi, start.power)
+    for round_ in range(SEARCHES):
+        colors = [best.colors] if (best.colors >= 0).all() else []
+        found = quick_colors(scorer, phi, starts=colors, restarts=8 if round_ == 0 else 0)
+        design = scorer.design(phi, found.colors)
+        optimum = refine_locally(scorer, design)
+        if optimum.score <= score:
+            break
+        best, score, phi = optimum.design, optimum.score, optimum.design.phi
+    return best
+
+
+def skin_light(scene: Scene, phi: Array) -> Array:
+    """Return the preview's irradiance on the untouched coating, see `Preview.skin`."""
+    from render.preview import Preview
+
+    with Preview(scene, imprint=large_pyramid(scene)) as preview:
+        return preview.skin(phi, np.array(scene.bending.angles))
+
+
+def page_error(checker: Checker, scorer: TableScorer) -> float:
+    """Return by how many counts scores on the page's table miss the model's, at most of `TESTED`.
+
+    Random directions, colors and powers, seed 0.
+    """
+    rng, shape = np.random.default_rng(0), (TESTED, scorer.fibers)
+    phi, colors = rng.uniform(0.0, np.pi, shape), rng.integers(0, 3, shape)
+    power = np.eye(3)[colors] * rng.uniform(0.0, 1.0, (*shape, 1))
+    said = checker.run(phi, power, scorer.table.bends)["score"]
+    own = [scorer.score(*design) for design in zip(phi, power, strict=True)]
+    return float(np.abs(np.array(own) - said).max())
+
+
+def _plain(design: Design) -> dict[str, Any]:
+    return {"angles_deg": np.degrees(design.phi).tolist(), "power": design.drive.tolist()}
+
+
+def _part(name: str) -> str:
+    return (resources.files("optimize.play") / "page" / name).read_text(encoding="utf-8")
+
+
+def _preview_shader(name: str) -> str:
+    return (resources.files("render.preview") / "shaders" / name).read_text(encoding="utf-8")
+
+
+def _digest(text: str) -> str:
+    """Return the hash by which a content security policy knows an inline text."""
+    digest = hashlib.sha256(text.encode()).digest()
+    return "sha256-" + base64.b64encode(digest).decode("ascii")

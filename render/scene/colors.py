@@ -1,0 +1,150 @@
+"""LED colors: what each type of LED adds to each channel of the camera.
+
+A scene that says nothing has the LEDs red, green and blue, each seen by the channel of its name
+alone. What a fiber adds to channel c is ``power * response[color, c]`` times its transport.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from render.arrays import Array
+from render.scene.quantities import Part, Quantity
+
+OFF = "off"
+"""What a fiber without light is called, so no LED may be."""
+NAME = r"^[a-z][a-z0-9_-]{0,31}$"
+ColorName = Annotated[str, Field(pattern=NAME)]
+MAX_CHANNELS = 16
+_INKS = ("#b9770e", "#7d3c98", "#117a8b", "#a04000", "#5d6d7e", "#6c7a00")
+"""For LEDs to which a scene gives no ink, in their order."""
+_OFF_INK = "#9aa0aa"
+_SEEN_AS = {"red": (1.0, 0.0, 0.0), "green": (0.0, 1.0, 0.0), "blue": (0.0, 0.0, 1.0)}
+
+
+class LedColor(Part):
+    """A type of LED: its name and what each channel of the camera sees of its light.
+
+    ``response`` is relative: 1 where a channel sees the whole scale of the design's power.
+    ``ink`` is what reports draw it with, ``#rrggbb``.
+    """
+
+    name: ColorName
+    response: Annotated[tuple[float, ...], Quantity("", 0.0, 1.0, many=True)]
+    ink: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] | None = None
+
+
+@dataclass(frozen=True)
+class Palette:
+    """All LED colors of a scene.
+
+    Arguments:
+        names: of the colors, in their order; color i is ``names[i]``, a dark fiber's is -1.
+        response: ``(color, channel)`` in [0, 1].
+        channels: names of the camera's channels.
+        inks: ``#rrggbb`` per color, for reports.
+    """
+
+    names: tuple[str, ...]
+    response: tuple[tuple[float, ...], ...]
+    channels: tuple[str, ...]
+    inks: tuple[str, ...] = field(compare=False)
+
+    @property
+    def matrix(self) -> Array:
+        """The response ``(color, channel)``, float64."""
+        return np.array(self.response)
+
+    @property
+    def exchangeable(self) -> bool:
+        """Whether exchanging colors only exchanges channels: each has one of its own, alike."""
+        seen = self.matrix > 0.0
+        alone = (seen.sum(axis=1) == 1).all() and (seen.sum(axis=0) <= 1).all()
+        return bool(alone and len(np.unique(self.matrix[seen])) == 1)
+
+    @property
+    def one_hue(self) -> bool:
+        """Whether all colors look alike but for brightness, so that hue says nothing."""
+        return bool(np.linalg.matrix_rank(self.matrix) == 1)
+
+    @property
+    def display(self) -> Array:
+        """Linear sRGB ``(channel, 3)`` that pictures show full channels with; together white.
+
+        Red, green and blue are themselves and a lone channel is gray; others share the hues.
+        """
+        if len(self.channels) == 1:
+            return np.ones((1, 3))
+        if set(self.channels) <= set(_SEEN_AS):
+            return np.array([_SEEN_AS[name] for name in self.channels])
+        hues = np.arange(len(self.channels)) / len(self.channels)
+        colors = np.array([colorsys.hsv_to_rgb(hue, 1.0, 1.0) for hue in hues])
+        return np.asarray(colors / colors.sum(axis=0).max())
+
+    def index(self, name: str) -> int:
+        """Return the number of a color, -1 for ``off``."""
+        return -1 if name == OFF else self.names.index(name)
+
+    def name(self, index: int) -> str:
+        """Return the name of a color, ``off`` for -1."""
+        return OFF if index < 0 else self.names[index]
+
+    def ink(self, name: str) -> str:
+        """Return what a color, or ``off``, is drawn with."""
+        return _OFF_INK if name == OFF else self.inks[self.index(name)]
+
+    def problems(self) -> Iterator[str]:
+        """Yield what is wrong with the colors of a scene file, one sentence each."""
+        for what, names in (("colors", self.names), ("camera.channels", self.channels)):
+            for name in sorted({name for name in names if names.count(name) > 1}):
+                yield f"{what} name {name} twice, allowed: once"
+        if len(self.channels) > MAX_CHANNELS:
+            yield f"camera.channels are {len(self.channels)}, allowed: at most {MAX_CHANNELS}"
+        if OFF in self.names:
+            yield f"colors: {OFF} is a fiber without light, allowed: any other name"
+        for name, response in zip(self.names, self.response, strict=True):
+            if len(response) != len(self.channels):
+                yield (
+                    f"colors.{name}.response has {len(response)} values, allowed: "
+                    f"{len(self.channels)}, one per channel ({', '.join(self.channels)})"
+                )
+            elif not any(response):
+                yield f"colors.{name}.response is all 0, allowed: some channel must see it"
+
+
+DEFAULT_CHANNELS = ("red", "green", "blue")
+RGB = Palette(
+    DEFAULT_CHANNELS,
+    ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    DEFAULT_CHANNELS,
+    ("#d1352b", "#1e9e4a", "#2f5fd0"),
+)
+"""What a scene has that says nothing of colors."""
+
+
+def palette_of(colors: tuple[LedColor, ...] | None, channels: tuple[str, ...] | None) -> Palette:
+    """Return the palette of a scene's ``colors`` and its camera's ``channels``; None: as `RGB`."""
+    seen = channels or DEFAULT_CHANNELS
+    if colors is None:
+        return Palette(RGB.names, RGB.response, seen, RGB.inks)
+    spare = itertools.cycle(_INKS)
+    known = dict(zip(RGB.names, RGB.inks, strict=True))
+    inks = tuple(color.ink or known.get(color.name) or next(spare) for color in colors)
+    names = tuple(color.name for color in colors)
+    return Palette(names, tuple(color.response for color in colors), seen, inks)
+
+
+def colors_in(raw: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what fibers may be in a scene file that is read but not yet validated."""
+    named = raw.get("colors")
+    names = RGB.names
+    if isinstance(named, list):
+        names = tuple(str(one["name"]) for one in named if isinstance(one, dict) and "name" in one)
+    return names if raw.get("schema") == 1 else (*names, OFF)

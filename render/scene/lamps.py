@@ -1,0 +1,385 @@
+"""Lamps: rows along the pad's edges, and lamps that are listed one by one or in a CSV file.
+
+Lamps are numbered around the pad: left edge from base to tip, tip edge from left to right, right
+edge from tip to base, base from right to left, and then those of the list. Rows of one edge come
+one after the other. A lamp is the flat disk at the end of a fiber, or the face of an LED; it hides
+nothing from the camera.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from render.arrays import Array
+from render.scene.lamp_profile import Profile
+from render.scene.quantities import Count, Part, Quantity
+
+Edge = Literal["left", "tip", "right", "base"]
+RIM_EDGES: tuple[Edge, ...] = ("left", "tip", "right")
+"""Where a diffuser lies, if there is one."""
+EDGES: tuple[Edge, ...] = (*RIM_EDGES, "base")
+FACES = (*EDGES, "lower")
+"""What light can enter the pad through: its edges and the face on the camera's side."""
+OUTWARD = np.array(
+    [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+)
+"""Normals of `FACES`, into the air."""
+AIR_FILM = 0.01
+"""mm of air that is left between a lamp and a face that it touches: it is not glued on."""
+VERTICAL = 1e-9
+"""Horizontal part of a unit direction below which a lamp cannot turn about z."""
+
+Diameter = Annotated[float, Quantity("mm", 0.05, 50.0)]
+Vector = Annotated[tuple[float, ...], Quantity("", -1000.0, 1000.0, many=True)]
+
+
+class Fibers(Part):
+    """Fiber ends, evenly spaced per edge; Gaussian radiance profile (thesis 3.3.1).
+
+    ``height`` is the distance of the fiber axis from the camera-side face; ``gap`` the air between
+    fiber end and diffuser; ``tilt`` the fixed angle towards the coating.
+    """
+
+    left: Annotated[int, Count(0, 64)]
+    tip: Annotated[int, Count(0, 64)]
+    right: Annotated[int, Count(0, 64)]
+    diameter: Annotated[float, Quantity("mm", 0.05, 5.0)]
+    gap: Annotated[float, Quantity("mm", 0.05, 10.0)]
+    height: Annotated[float, Quantity("mm", 0.0, 100.0)]
+    sigma_v: Annotated[float, Quantity("deg", 0.1, 89.0)]
+    tilt: Annotated[float, Quantity("deg", -60.0, 60.0)]
+
+    @property
+    def count(self) -> int:
+        """Number of fibers on all edges."""
+        return self.left + self.tip + self.right
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return the fibers as rows."""
+        profile = Profile.model_construct(sigma_v=self.sigma_v)
+        shared = {name: getattr(self, name) for name in ("diameter", "gap", "height", "tilt")}
+        return tuple(
+            Row.model_construct(edge=edge, count=getattr(self, edge), profile=profile, **shared)
+            for edge in RIM_EDGES
+        )
+
+
+class Row(Part):
+    """Lamps along one edge, evenly spaced, or ``at`` given places (mm from its middle).
+
+    ``height`` is that of their centers above the camera-side face, ``gap`` the air before the pad
+    or its diffuser, ``tilt`` the fixed angle towards the coating. Lamps that do not ``turn`` shine
+    straight in.
+    """
+
+    edge: Edge
+    count: Annotated[int, Count(1, 64)] | None = None
+    at: Annotated[tuple[float, ...], Quantity("mm", -1000.0, 1000.0, many=True)] | None = None
+    diameter: Diameter
+    gap: Annotated[float, Quantity("mm", 0.0, 100.0)]
+    height: Annotated[float, Quantity("mm", -100.0, 100.0)]
+    tilt: Annotated[float, Quantity("deg", -89.0, 89.0)] = 0.0
+    profile: Profile
+    turns: bool = True
+
+    @property
+    def size(self) -> int:
+        """Number of lamps."""
+        return len(self.at) if self.at is not None else self.count or 0
+
+
+class ListedLamp(Part):
+    """One lamp at ``position`` (mm, flat pad frame) that shines along ``direction`` (any length).
+
+    One that ``turns`` does so about z, and shines along ``direction`` at 90 deg.
+    """
+
+    position: Annotated[tuple[float, ...], Quantity("mm", -1000.0, 1000.0, many=True)]
+    direction: Vector
+    diameter: Diameter
+    profile: Profile
+    turns: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedLamp:
+    """A lamp on the flat pad; vectors ``(3,)``, lengths in mm, angles in rad.
+
+    Arguments:
+        key: of the scene file, for messages.
+        edge: of its row; None where it is listed.
+        position: of the center of its end.
+        along, inward: where it shines at phi = 0 and pi/2, without ``tilt`` towards the coating.
+        face: index in `FACES` of the one that it shines through.
+        diameter, profile, turns: of its end.
+    """
+
+    key: str
+    edge: Edge | None
+    position: Array
+    along: Array
+    inward: Array
+    tilt: float
+    face: int
+    diameter: float
+    profile: Profile
+    turns: bool
+
+    @property
+    def beam(self) -> Array:
+        """Unit direction at phi = pi/2."""
+        up = np.array([0.0, 0.0, 1.0])
+        return np.asarray(math.cos(self.tilt) * self.inward + math.sin(self.tilt) * up)
+
+    @property
+    def recess(self) -> float:
+        """How far (mm) its end reaches from its center towards the face, however it turns."""
+        if self.turns:
+            return self.diameter / 2
+        across = 1.0 - float(self.beam @ OUTWARD[self.face]) ** 2
+        return self.diameter / 2 * math.sqrt(max(across, 0.0))
+
+
+@dataclass(frozen=True)
+class Box:
+    """The flat silicone: a clear pad with a diffuser ``rim`` mm thick on `RIM_EDGES`; mm."""
+
+    width: float
+    length: float
+    thickness: float
+    rim: float
+
+    @property
+    def low(self) -> Array:
+        """Corner ``(3,)`` of least coordinates."""
+        return np.array([-self.width / 2 - self.rim, -self.length / 2, 0.0])
+
+    @property
+    def high(self) -> Array:
+        """Corner ``(3,)`` of greatest coordinates."""
+        return np.array([self.width / 2 + self.rim, self.length / 2 + self.rim, self.thickness])
+
+    def distance(self, position: Array) -> Array:
+        """Return how far ``position`` lies outside of each of `FACES`, ``(5,)`` mm."""
+        low, high = self.low - position, position - self.high
+        return np.array([low[0], high[1], high[0], low[1], low[2]])
+
+    def entered(self, position: Array, beam: Array) -> int:
+        """Return the face that a beam enters through, else the one it is farthest outside of."""
+        outside = self.distance(position)
+        if not (outside > 0).any():
+            return int(outside.argmax())
+        speed = -OUTWARD @ beam
+        way = np.where((outside > 0) & (speed > 1e-9), outside / np.maximum(speed, 1e-9), -1.0)
+        last = int(way.argmax())
+        axis = int(np.abs(OUTWARD[last]).argmax())
+        place = position + way[last] * beam
+        beside = np.delete((place < self.low - 1e-9) | (place > self.high + 1e-9), axis)
+        return last if way[last] >= 0 and not beside.any() else int(outside.argmax())
+
+
+def placed_lamps(
+    box: Box, rows: tuple[Row, ...], listed: tuple[ListedLamp, ...]
+) -> tuple[PlacedLamp, ...]:
+    """Return all lamps in the order of their numbers."""
+    found: list[PlacedLamp] = []
+    for edge in EDGES:
+        for number, row in enumerate(rows):
+            if row.edge == edge:
+                found += _row_lamps(box, row, f"rows.{number}")
+    return (*found, *(_listed(box, lamp, f"lamps.{i}") for i, lamp in enumerate(listed)))
+
+
+def _row_lamps(box: Box, row: Row, key: str) -> Iterator[PlacedLamp]:
+    number = EDGES.index(row.edge)
+    outward = OUTWARD[number]
+    # Which way lamps are numbered, and where phi = 0 points.
+    way = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0]])[number]
+    along = np.array([0.0, 1.0, 0.0] if row.edge in ("left", "right") else [1.0, 0.0, 0.0])
+    half = [box.width / 2, box.length / 2]
+    length, depth = half if row.edge in ("tip", "base") else half[::-1]
+    if row.at is not None:
+        places = np.sort(np.array(row.at) * way.sum())
+    else:
+        places = (2 * (np.arange(row.size) + 0.5) / row.size - 1) * length
+    turned = PlacedLamp(
+        key=key,
+        edge=row.edge,
+        position=np.zeros(3),
+        along=along,
+        inward=-outward,
+        tilt=row.tilt,
+        face=number,
+        diameter=row.diameter,
+        profile=row.profile,
+        turns=row.turns,
+    )
+    gap = row.gap if row.turns else max(row.gap, turned.recess + AIR_FILM)
+    offset = depth + ((box.rim if row.edge in RIM_EDGES else 0.0) + gap)
+    for place in places:
+        plane = place * way + offset * outward[:2]
+        position = np.array([plane[0] + 0.0, plane[1] + 0.0, row.height])
+        face = box.entered(position, turned.beam) if row.height < 0 else number
+        yield _moved(turned, position, face)
+
+
+def _moved(lamp: PlacedLamp, position: Array, face: int) -> PlacedLamp:
+    return PlacedLamp(**{**vars(lamp), "position": position, "face": face})
+
+
+def _listed(box: Box, lamp: ListedLamp, key: str) -> PlacedLamp:
+    beam = np.array(lamp.direction[:3]) / max(np.linalg.norm(lamp.direction), 1e-30)
+    flat = float(np.hypot(beam[0], beam[1]))
+    inward = np.array([0.0, 1.0, 0.0]) if flat < VERTICAL else np.array([*beam[:2], 0.0]) / flat
+    position = np.array(lamp.position)
+    face = box.entered(position, beam)
+    placed = PlacedLamp(
+        key=key,
+        edge=None,
+        position=position,
+        along=np.array([-inward[1], inward[0], 0.0]) + 0.0,
+        inward=inward,
+        tilt=math.atan2(beam[2], flat),
+        face=face,
+        diameter=lamp.diameter,
+        profile=lamp.profile,
+        turns=lamp.turns,
+    )
+    # One that touches a face keeps a film of air.
+    missing = placed.recess + AIR_FILM - float(box.distance(position)[face])
+    if not lamp.turns and 0 < missing <= AIR_FILM * (1 + 1e-6):
+        position = position + missing * OUTWARD[face]
+    return _moved(placed, position, face)
+
+
+# ---------------------------------------- Problems -----------------------------------------------
+
+
+def row_problems(rows: tuple[Row, ...], width: float, length: float) -> Iterator[str]:
+    """Yield what is wrong with rows by themselves, one sentence each; the pad's size in mm."""
+    for number, row in enumerate(rows):
+        key = f"rows.{number}"
+        if (row.count is None) == (row.at is None):
+            yield f"{key}: needs either count or at, the places of its lamps along the edge"
+            continue
+        side = width if row.edge in ("tip", "base") else length
+        if row.at is not None:
+            if len(set(row.at)) < len(row.at):
+                yield f"{key}.at names a place twice, allowed: distinct places"
+            reach = max(abs(place) for place in row.at)
+            if reach > side / 2:
+                yield (
+                    f"{key}.at = {reach:g} mm lies beside the edge, allowed: "
+                    f"{-side / 2:g} to {side / 2:g} mm"
+                )
+        elif row.size * row.diameter > side:
+            yield (
+                f"{key}.count = {row.size} lamps need {row.size * row.diameter:g} mm, "
+                f"allowed: at most the edge of {side:g} mm"
+            )
+
+
+def listed_problems(lamps: tuple[ListedLamp, ...]) -> Iterator[str]:
+    """Yield what is wrong with listed lamps by themselves."""
+    for number, lamp in enumerate(lamps):
+        key = f"lamps.{number}"
+        for name in ("position", "direction"):
+            if len(getattr(lamp, name)) != 3:
+                yield f"{key}.{name} has {len(getattr(lamp, name))} numbers, allowed: x, y and z"
+        if not any(lamp.direction):
+            yield f"{key}.direction = 0, 0, 0 points nowhere, allowed: any other vector"
+        elif lamp.turns and not any(lamp.direction[:2]):
+            yield f"{key}: shines along z and cannot turn about it, leave out turns"
+
+
+def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
+    """Yield which lamps are where none can be: in the silicone, partly in it, or behind it."""
+    for lamp in lamps:
+        outside = float(box.distance(lamp.position)[lamp.face])
+        at = ", ".join(f"{value:g}" for value in lamp.position)
+        if lamp.position[2] > box.high[2]:
+            yield (
+                f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the pad, allowed: at most "
+                f"its thickness of {box.high[2]:g} mm"
+            )
+        elif outside <= 0.0:
+            low, high = (", ".join(f"{v:g}" for v in part) for part in (box.low, box.high))
+            yield (
+                f"{lamp.key} at ({at}) mm is inside the silicone, allowed: in the air outside the "
+                f"box from ({low}) to ({high}) mm"
+            )
+        elif lamp.recess >= outside:
+            yield (
+                f"{lamp.key} at ({at}) mm cuts {lamp.recess - outside:.3g} mm into the silicone"
+                f"{' when it turns' if lamp.turns else ''}, allowed: at least "
+                f"{lamp.recess:.3g} mm from its {FACES[lamp.face]} face"
+            )
+
+
+# ------------------------------------------ CSV --------------------------------------------------
+
+COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
+CHOICES = ("sigma_v", "cosine_exponent", "profile")
+"""Columns of which a file has one: deg, a number, or ``lambertian`` and names of profile files."""
+
+
+def lamps_of_file(path: Path) -> list[dict[str, Any]]:
+    """Return the lamps of a CSV file as the scene file would list them.
+
+    Columns, in any order: `COLUMNS` (mm; a direction of any length), one of `CHOICES`, and perhaps
+    ``turns`` (``true`` or ``false``).
+
+    Raises:
+        ValueError: one sentence that names the line, the column and what is allowed.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            rows = list(csv.DictReader(stream, skipinitialspace=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"cannot be read: {error}") from error
+    if not rows:
+        raise ValueError("has no lamps: give a header line and one line for each")
+    names = set(rows[0]) - {None}
+    chosen = [name for name in CHOICES if name in names]
+    if not set(COLUMNS) <= names or len(chosen) != 1 or names - {*COLUMNS, *CHOICES, "turns"}:
+        raise ValueError(
+            f"has the columns {', '.join(map(str, rows[0]))}, allowed: {', '.join(COLUMNS)}, one "
+            f"of {', '.join(CHOICES)}, and perhaps turns"
+        )
+    return [_lamp_of_line(row, number, chosen[0]) for number, row in enumerate(rows, start=2)]
+
+
+def _lamp_of_line(row: dict[str, str | None], line: int, choice: str) -> dict[str, Any]:
+    source = f"line {line} of the lamps file"
+
+    def number(name: str) -> float:
+        try:
+            return float(row[name] or "")
+        except ValueError:
+            raise ValueError(f"line {line}: {name} = {row[name]!r}, allowed: a number") from None
+
+    def quantity(value: Any, unit: str = "") -> dict[str, Any]:
+        return {"value": value, "source": source} | ({"unit": unit} if unit else {})
+
+    turns = (row.get("turns") or "false").strip().lower()
+    if turns not in ("true", "false"):
+        raise ValueError(f"line {line}: turns = {turns!r}, allowed: true or false")
+    profile: Any = (row[choice] or "").strip() if choice == "profile" else None
+    if profile is None:
+        profile = {choice: quantity(number(choice), "deg" if choice == "sigma_v" else "")}
+    elif profile != "lambertian":
+        profile = {"file": profile, "source": source}
+    return {
+        "position": quantity([number(name) for name in COLUMNS[:3]], "mm"),
+        "direction": quantity([number(name) for name in COLUMNS[3:6]]),
+        "diameter": quantity(number("diameter"), "mm"),
+        "profile": profile,
+        "turns": turns == "true",
+    }

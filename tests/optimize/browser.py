@@ -1,0 +1,85 @@
+"""A page as a reader meets it in Chromium: what sticks out, what is too small, what it asks for."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.image import imread
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+SMALLEST = 11.0  # CSS pixels of text
+# Width and height in CSS pixels, device pixels per CSS pixel, and whether a finger does the work.
+SCREENS = {
+    "desk": (1280, 900, 1, False),
+    "phone": (390, 844, 3, True),
+    "small phone": (320, 568, 2, True),
+}
+# Elements of the page that stick out, pictures that do not show, and text that is too small.
+EXAMINE = """([smallest, width]) => {
+    const name = e => e.tagName + (e.className ? '.' + e.className : '');
+    const wide = [...document.querySelectorAll('body *')].filter(e =>
+        e.getBoundingClientRect().right > width + 1 && !e.closest('.scroll'));
+    const scrolled = [...document.querySelectorAll('.scroll')].filter(e =>
+        e.scrollWidth > e.clientWidth + 1);
+    const blank = [...document.images].filter(e =>
+        !e.complete || !e.naturalWidth || e.getBoundingClientRect().width < 100 || !e.alt);
+    const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const small = [];
+    while (words.nextNode()) {
+        const e = words.currentNode.parentElement;
+        // What is drawn as SVG counts in units of its own.
+        const unit = e.getScreenCTM ? e.getScreenCTM().a : 1;
+        if (words.currentNode.data.trim()
+            && unit * parseFloat(getComputedStyle(e).fontSize) < smallest) small.push(e);
+    }
+    return {
+        page: document.documentElement.scrollWidth - width,
+        wide: wide.map(name), scrolled: scrolled.map(name), blank: blank.map(name),
+        small: small.map(name), pictures: document.images.length,
+    };
+}"""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a reader gets to see."""
+
+    page: int
+    wide: list[str]
+    scrolled: list[str]
+    blank: list[str]
+    small: list[str]
+    pictures: int
+    requests: list[str]
+    complaints: list[str]
+    shot: np.ndarray
+
+
+def look(browser: Browser, path: Path, screen: str) -> Look:
+    """Open a file as on one of the screens, without a network."""
+    width, height, density, touch = SCREENS[screen]
+    context = browser.new_context(
+        viewport={"width": width, "height": height},
+        device_scale_factor=density,
+        is_mobile=touch,
+        has_touch=touch,
+        offline=True,
+    )
+    with context:
+        page = context.new_page()
+        requests: list[str] = []
+        complaints: list[str] = []
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(path.as_uri())
+        found = page.evaluate(EXAMINE, [SMALLEST, width])
+        shot = imread(io.BytesIO(page.screenshot()))
+    outside = [url for url in requests if not url.startswith("data:") and url != path.as_uri()]
+    return Look(**found, requests=outside, complaints=complaints, shot=shot)

@@ -1,0 +1,102 @@
+"""Random sensors of the family that a scene file describes, drawn from a seed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from render.scene import Scene
+
+TRIES = 200
+
+
+def random_scene(seed: int) -> Scene:
+    """Return the sensor number ``seed``: size, thickness, material, lamps, camera and bends drawn.
+
+    The camera looks at all sites; half the sensors have a diffuser, a third bend. Drawn again
+    until all parts fit together.
+    """
+    rng = np.random.default_rng([2026, seed])
+    for _ in range(TRIES):
+        try:
+            return Scene.model_validate(_draw(rng, seed))
+        except ValueError:
+            continue
+    raise AssertionError(f"no scene fits together for seed {seed}")
+
+
+def _draw(rng: np.random.Generator, seed: int) -> dict[str, object]:
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(math.log(low), math.log(high))))
+
+    def value(number: float, unit: str = "") -> dict[str, object]:
+        about: dict[str, object] = {"value": round(number, 4), "source": "drawn"}
+        return about | ({"unit": unit} if unit else {})
+
+    width, length, thickness = between(10, 40), between(12, 60), between(2, 10)
+    diameter = between(0.3, 2.0)
+    radius = between(0.3, 0.9)
+    columns, rows = int(rng.integers(2, 5)), int(rng.integers(2, 6))
+    spacing = 0.6 * min(width / columns, length / rows)
+    distance = between(10, 50)
+    reach = 0.5 * spacing * max(columns, rows) + radius
+    view = math.degrees(2 * math.atan(1.3 * reach / (distance + thickness / 1.4)))
+    scene: dict[str, object] = {
+        "schema": 1,
+        "name": f"random-{seed}",
+        "pad": {
+            "width": value(width, "mm"),
+            "length": value(length, "mm"),
+            "thickness": value(thickness, "mm"),
+            "index": value(rng.uniform(1.4, 1.55)),
+            "roughness": value(between(0.02, 0.3)),
+        },
+        "coating": {"albedo": value(rng.uniform(0.3, 0.9))},
+        "fibers": {
+            "left": int(rng.integers(2, 7)),
+            "tip": int(rng.integers(2, 7)),
+            "right": int(rng.integers(2, 7)),
+            "diameter": value(diameter, "mm"),
+            "gap": value(diameter * rng.uniform(0.55, 1.5), "mm"),
+            "height": value(thickness * rng.uniform(0.25, 0.75), "mm"),
+            "sigma_v": value(between(8, 60), "deg"),
+            "tilt": value(rng.uniform(-10, 15), "deg"),
+        },
+        "camera": {
+            "distance": value(distance, "mm"),
+            "y": value(0.0, "mm"),
+            "field_of_view": value(view, "deg"),
+            "columns": 400,
+            "rows": 400,
+        },
+        "bending": {
+            "angles": {
+                "value": [0.0, 30.0, 60.0] if rng.random() < 1 / 3 else [0.0],
+                "unit": "deg",
+                "source": "drawn",
+            }
+        },
+        "sites": {
+            "columns": columns,
+            "rows": rows,
+            "spacing": value(spacing, "mm"),
+            "centre_x": value(0.0, "mm"),
+            "centre_y": value(0.0, "mm"),
+        },
+        "indenter": {
+            "faces": int(rng.integers(5, 11)),
+            "slope": value(rng.uniform(15, 45), "deg"),
+            "radius": value(radius, "mm"),
+        },
+        "baseline": {"left": "red", "tip": "green", "right": "blue"},
+    }
+    if rng.random() < 0.5:
+        g = rng.uniform(0.3, 0.9)
+        scene["diffuser"] = {
+            "thickness": value(between(0.5, 4.0), "mm"),
+            "sigma_s": value(between(0.2, 2.0) / (1 - g), "1/mm"),
+            "sigma_a": value(between(0.001, 0.1), "1/mm"),
+            "g": value(g),
+        }
+    return scene

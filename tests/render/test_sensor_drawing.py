@@ -1,0 +1,104 @@
+"""The drawing of a sensor shows what the scene has, where it is."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from render.geometry import counted_sites, declared_sites, flat_fiber_poses
+from render.scene import Camera, Scene, load_scene
+from render.sensor_drawing import sensor_svg
+
+SCENE = load_scene("finger20")
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def panels(text: str) -> list[ElementTree.Element]:
+    """Return the views of a drawing."""
+    return ElementTree.fromstring(text).findall(f"{SVG}g")
+
+
+def spots(panel: ElementTree.Element, kind: str) -> np.ndarray:
+    found = [
+        (float(e.attrib["cx"]), float(e.attrib["cy"]))
+        for e in panel.iter(f"{SVG}circle")
+        if e.attrib.get("class") == kind
+    ]
+    return np.array(found)
+
+
+def test_sites_stand_in_both_views_where_they_are_on_the_pad() -> None:
+    outside, section = panels(sensor_svg(SCENE))
+    sites = declared_sites(SCENE)
+    for panel, axis in ((outside, 0), (section, 2)):
+        drawn = spots(panel, "site")
+        wanted = np.stack([sites[:, axis], -sites[:, 1]], axis=-1)
+        # The scale is 1 mm a unit: the same up to one shift.
+        np.testing.assert_allclose(np.ptp(drawn - wanted, axis=0), 0.0, atol=2e-3)
+    np.testing.assert_allclose(spots(outside, "site")[:, 1], spots(section, "site")[:, 1])
+
+
+def test_every_lamp_has_its_number_and_the_color_that_it_is_given() -> None:
+    inks = [f"#{number:06x}" for number in range(20)]
+    text = sensor_svg(SCENE, np.full(20, 1.0), inks, section=False)
+    (outside,) = panels(text)
+    numbers = {e.text for e in outside.iter(f"{SVG}text")} - {"from outside"}
+    assert numbers == {str(number) for number in range(20)}
+    cones = [e for e in outside.iter(f"{SVG}path") if e.attrib["class"] == "colored cone"]
+    assert [cone.attrib["fill"] for cone in cones] == inks
+    # A cone leads from its lamp along its beam: from the middle of its first two corners.
+    beams = flat_fiber_poses(SCENE).directions(np.full(20, 1.0))[:, :2]
+    for cone, beam in zip(cones, beams, strict=True):
+        corner = np.array(re.findall(r"-?[\d.]+", cone.attrib["d"]), dtype=float).reshape(-1, 2)
+        way = corner[2:].mean(axis=0) - corner[:2].mean(axis=0)
+        np.testing.assert_allclose(
+            way / np.linalg.norm(way), beam / np.linalg.norm(beam) * [1, -1], atol=2e-3
+        )
+
+
+def test_sites_that_do_not_count_are_crosses() -> None:
+    camera = SCENE.camera.model_copy(update={"field_of_view": np.radians(45.0)})
+    scene = SCENE.model_copy(update={"camera": camera})
+    few = len(counted_sites(scene))
+    outside = panels(sensor_svg(scene))[0]
+    crosses = [e for e in outside.iter(f"{SVG}path") if e.attrib["class"] == "out"]
+    assert 0 < few < 15
+    assert len(spots(outside, "site")) == few
+    assert len(crosses) == 15 - few
+
+
+def test_what_the_camera_sees_is_drawn_on_the_skin() -> None:
+    camera = SCENE.camera.model_copy(update={"field_of_view": np.radians(60.0)})
+    outside = panels(sensor_svg(SCENE.model_copy(update={"camera": camera})))[0]
+    (view,) = [e for e in outside.iter(f"{SVG}path") if e.attrib["class"] == "view"]
+    corner = np.array(re.findall(r"-?[\d.]+", view.attrib["d"]), dtype=float).reshape(-1, 2)
+    # The middle of the upper border: 30 deg from the axis, then by Snell's law.
+    inside = np.arcsin(np.sin(np.radians(30.0)) / 1.41)
+    half = 10.0 * np.tan(np.radians(30.0)) + 4.0 * np.tan(inside)
+    lens = spots(outside, "lens")[0]
+    column = np.abs(corner[:, 0] - lens[0]) < 1e-3
+    np.testing.assert_allclose(np.ptp(corner[column, 1]) / 2, half, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        {"position": (3.0, -12.0, -60.0), "look_at": (0.0, 2.0, 4.0)},
+        {"position": (0.0, 3.0, -6.0), "lens": "fisheye", "field_of_view": np.radians(200.0)},
+    ],
+)
+def test_any_camera_is_drawn_in_finite_numbers(camera: dict[str, object]) -> None:
+    values = {"field_of_view": np.radians(30.0), "columns": 360, "rows": 600} | camera
+    scene: Scene = SCENE.model_copy(
+        update={
+            "camera": Camera.model_construct(**values),
+            "bending": SCENE.bending.model_copy(update={"angles": (0.0,)}),
+        }
+    )
+    text = sensor_svg(scene, dark=True)
+    assert len(panels(text)) == 2
+    assert "nan" not in text
+    assert ("60 mm below" in text) == ("look_at" in camera)
