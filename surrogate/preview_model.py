@@ -8,10 +8,8 @@ of the family (``tests/validation/test_preview_model.py``), and gives the interv
 from __future__ import annotations
 
 import hashlib
-import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,14 +17,15 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
-from render.metric import THESIS, clip_counts, design_score, site_metric
+from render.metric import clip_counts, design_score, site_metric
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
+from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.runtime import Checker, ModelMetadata
-from surrogate.runtime.metadata import PREVIEW, UNITS, axes_of
+from surrogate.runtime.metadata import PREVIEW, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
 VERSION = 2
@@ -93,7 +92,9 @@ class PreviewSession:
         grid, bends = self._grid, np.asarray(bends, dtype=np.float64)
         low, high = float(grid.bends.min()), float(grid.bends.max())
         inside = np.clip(bends, low, high)
-        beyond = np.abs(inside - bends).max() / ((high - low) or 1.0)
+        # Callers hand float32 on: what rounds to the same number there is inside.
+        outside = np.float32(inside) != np.float32(bends)
+        beyond = (outside * np.abs(inside - bends)).max() / ((high - low) or 1.0)
         at_bends = np.einsum(
             "qb,fjbsn->fjqsn", interpolation_weights(grid.bends, inside), grid.log_transport
         )
@@ -136,28 +137,12 @@ def _drawn(scene: Scene, progress: OnProgress | None) -> tuple[PreviewGrid, Scor
 def _about(scene: Scene, grid: PreviewGrid, scale: ScoreScale, half_width: float) -> ModelMetadata:
     """Return what the checker says about itself; nothing was rendered for it."""
     return ModelMetadata(
-        scene=scene.name,
-        scene_hash=scene.hash,
-        fibers=scene.lamp_count,
-        sites=scene.sites.count,
-        facets=scene.indenter.faces,
-        scene_bends=list(scene.bending.angles),
-        axes=axes_of(scene.palette.channels),
-        bounds={
-            "phi": [0.0, math.pi],
-            "power": [0.0, 1.0],
-            "bend": [float(grid.bends.min()), float(grid.bends.max())],
-        },
+        **scene_facts(scene, grid),
         exposure=scale.exposure,
         lam=scale.lam,
-        conventions=asdict(THESIS),
         conformal={"coverage": COVERAGE, "counts": COUNTS_FACTOR, "score": half_width},
         held_out=[MEASURED],
-        preview={
-            "phi_nodes": len(grid.phi),
-            "bend_nodes": len(grid.bends),
-            "floored": grid.floored,
-        },
+        preview=grid_facts(grid),
         renderer={},
         training_data_hash="",
         git_revision="",

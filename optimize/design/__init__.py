@@ -17,4 +17,11 @@ from optimize.design.design_file import (
 )
 from optimize.design.layout_file import load_layout
 from optimize.design.limits import SearchLimits, dimmed_baseline, limits_of, unlimited
-from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
+from optimize.design.rating import (
+    CLIPPED,
+    LEVEL_NAMES,
+    PARTS,
+    RatedDesign,
+    Rating,
+    ScoreSettings,
+)

@@ -15,6 +15,14 @@ from render.metric import THESIS, MetricConfig, design_score, image_counts, site
 from render.scene import Scene
 
 Level = Literal["preview", "surrogate", "reference"]
+LEVEL_NAMES: dict[str, str] = {
+    "preview": "0, preview",
+    "surrogate": "1, surrogate",
+    "reference": "2, reference",
+}
+"""The levels as pages and reports name them."""
+CLIPPED = 0.01
+"""A design with a larger fraction of saturated facets gets a warning."""
 PARTS = ("score", "mean", "spread_sites", "spread_bends")
 """S of eq. (4.7) and what it is made of."""
 

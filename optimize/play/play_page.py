@@ -19,7 +19,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from optimize.design import Array, Design, dimmed_baseline, limits_of
+from optimize.design import CLIPPED, LEVEL_NAMES, Array, Design, dimmed_baseline, limits_of
 from optimize.play.page_data import large_pyramid, packed, sensor_facts
 from optimize.scoring import TableScorer
 from optimize.search import refine_locally
@@ -36,8 +36,6 @@ PHI_NODES = 13
 """Direction nodes: of finger20's scores 11 miss checker.onnx by up to 0.025 counts, 13 by 0.003."""
 MAX_BYTES = 3_000_000
 """Size of a page."""
-CLIPPED = 0.01
-"""A design with a larger fraction of saturated facets gets a warning."""
 TESTED, SEARCHES = 64, 3
 """Random designs that page and model are compared on; rounds of colors and directions."""
 SCRIPTS = ("model.js", "uphill.js", "sensor.js", "maps.js", "camera.js", "play.js")
@@ -151,7 +149,7 @@ class PlayPage:
         return environment.from_string(_part("play.html.j2")).render(
             scene=self.scene.name,
             scene_hash=self.scene.hash,
-            level="0, preview" if level == "preview" else "1, surrogate",
+            level=LEVEL_NAMES[level],
             source="the preview" if level == "preview" else "the scene's model",
             notes=notes,
             made=datetime.now(UTC).strftime("%d %B %Y"),

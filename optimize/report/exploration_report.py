@@ -13,7 +13,7 @@ from typing import IO, Any, Protocol
 
 import numpy as np
 
-from optimize.design import PARTS, Design, Rating, save_design
+from optimize.design import LEVEL_NAMES, PARTS, Design, Rating, save_design
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.play import PlayPage, write_play
@@ -49,7 +49,6 @@ LEGEND = (
     "colored the facets of a contact are. Normal error: degrees by which a reader misses surface "
     "normals, without render noise. More: docs/score.md, and the report."
 )
-LEVELS = {"preview": "0, preview", "surrogate": "1, surrogate"}
 PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
 
 
@@ -152,7 +151,7 @@ def _facts(exploration: Exploration, seconds: float) -> list[tuple[str, str]]:
     versions = package_versions("numpy", "onnxruntime", "cma", "moderngl")
     return [
         ("Scene", f"{scene.name}, {scene.hash}"),
-        ("Level", LEVELS[exploration.checker.level]),
+        ("Level", LEVEL_NAMES[exploration.checker.level]),
         ("Seed", str(exploration.seed)),
         ("Time", f"{seconds:.1f} s"),
         ("Exposure, λ", f"{about.exposure:.6g}, {about.lam:.6g}"),

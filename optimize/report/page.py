@@ -9,13 +9,10 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from optimize.design import Design
+from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
 from render.scene import Scene
 from render.sensor_drawing import sensor_svg
-
-CLIPPED = 0.01
-"""A design with a larger fraction of saturated facets gets a warning."""
 
 
 def render_page(template: str, context: Mapping[str, Any], package: str = "optimize") -> str:

@@ -5,7 +5,6 @@ Sizes and bounds, what it was made from, how wrong it is, and when not to use it
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 import subprocess
@@ -15,12 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from render.geometry import counted_sites
-from render.metric import THESIS
 from render.scene import Scene
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
+from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import UNITS, ModelMetadata, axes_of
+from surrogate.runtime.metadata import UNITS, ModelMetadata
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit
@@ -53,21 +51,9 @@ def describe_model(
     """
     table = reference.tables[0]
     return ModelMetadata(
-        scene=scene.name,
-        scene_hash=scene.hash,
-        fibers=scene.lamp_count,
-        sites=len(counted_sites(scene)),
-        facets=scene.indenter.faces,
-        scene_bends=list(scene.bending.angles),
-        axes=axes_of(scene.palette.channels),
-        bounds={
-            "phi": [0.0, math.pi],
-            "power": [0.0, 1.0],
-            "bend": [float(grid.bends.min()), float(grid.bends.max())],
-        },
+        **scene_facts(scene, grid),
         exposure=table.exposure,
         lam=table.lam,
-        conventions=asdict(THESIS),
         conformal={
             "coverage": COVERAGE,
             "counts": fit.quantiles.counts,
@@ -77,9 +63,7 @@ def describe_model(
         },
         held_out=[asdict(row) for row in (*fit.levels, *fit.splits)],
         preview={
-            "phi_nodes": len(grid.phi),
-            "bend_nodes": len(grid.bends),
-            "floored": grid.floored,
+            **grid_facts(grid),
             **asdict(preview_error),
             **({} if left_out is None else {"materials": asdict(left_out)}),
         },

@@ -182,9 +182,15 @@ class FitTask:
         self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray
     ) -> HeldOutEvaluation:
         """Return the evaluation of ``designs`` on cells ``held_out`` at some bends."""
-        about = designs, self.exposure, self.lam, held_out, bends
         return HeldOutEvaluation(
-            self.cells.transport, self.cells.error, self.cells.reliable, *about
+            reference=self.cells.transport,
+            error=self.cells.error,
+            reliable=self.cells.reliable,
+            designs=designs,
+            exposure=self.exposure,
+            lam=self.lam,
+            held_out=held_out,
+            bends=bends,
         )
 
     def designs(self, allowed: np.ndarray, stream: int) -> RandomDesigns:

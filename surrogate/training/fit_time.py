@@ -79,11 +79,11 @@ class TrainingCost:
         ridge = RIDGE_STEPS + STEPS_PER_ROW * self.rows
         return ridge + (1.0 + SPLIT_COST * self.splits) * steps + self.export
 
-    def affordable(self, seconds: float, per_step: float, least: int) -> int:
-        """Return the networks' steps with which a fit takes ``seconds``, ``least`` of them."""
+    def affordable(self, seconds: float, per_step: float, fewest: int) -> int:
+        """Return the networks' steps, ``fewest`` or more, with which a fit takes ``seconds``."""
         free = seconds / per_step - self.fit(0)
         most = self.network.steps
-        return min(most, max(least, int(free / (1.0 + SPLIT_COST * self.splits))))
+        return min(most, max(fewest, int(free / (1.0 + SPLIT_COST * self.splits))))
 
     def per_step(self) -> float:
         """Return the seconds of a step here and now."""

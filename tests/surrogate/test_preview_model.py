@@ -10,13 +10,13 @@ import torch
 
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
-from render.scale import scene_scale
+from render.scale import ScoreScale, scene_scale
 from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
-from surrogate.model.preview_grid import draw_grid
-from surrogate.preview_model import PHI_NODES, preview_checker
+from surrogate.model.preview_grid import PreviewGrid, draw_grid
+from surrogate.preview_model import PHI_NODES, PreviewSession, preview_checker
 from surrogate.runtime import Checker, RankingTest
 from surrogate.runtime.model_file import OUTPUTS
 from tests.surrogate.conftest import small_scene
@@ -85,6 +85,16 @@ def test_beyond_the_bends_of_the_scene_it_is_an_extrapolation(checker: Checker) 
     asked = np.full((1, fibers), 1.0), np.ones((1, fibers, 3))
     assert checker.run(*asked, np.array([0.0]))["domain_excess"][0] == 0.0
     assert checker.run(*asked, np.array([0.5]))["domain_excess"][0] == pytest.approx(0.5)
+
+
+def test_the_scenes_own_bends_are_inside_though_float32_rounds_them_up() -> None:
+    last = np.radians(45.0)
+    grid = PreviewGrid(np.zeros((1, 1, 2, 1, 4)), np.array([1.0]), np.array([0.0, last]), 0)
+    session = PreviewSession(grid, ScoreScale(1.0, 1.0))
+    rounded = np.float64(np.float32(last))
+    assert rounded > last
+    said = session.outputs(np.ones((1, 1)), np.ones((1, 1, 3)), np.array([0.0, rounded]))
+    assert said["domain_excess"] == 0.0
 
 
 def test_what_was_drawn_is_kept_and_a_damaged_file_is_drawn_again(
