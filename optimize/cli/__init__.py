@@ -24,6 +24,7 @@ from optimize.cli import (
     reconstruct,
     render,
     report,
+    schema,
     score,
     sensitivity,
     status,
@@ -53,7 +54,7 @@ app = typer.Typer(
 )
 for _command in (
     explore, play, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight,
-    status, render, describe, report, colors,
+    status, render, describe, report, colors, schema,
 ):  # fmt: skip
     app.command(_command.__name__.rpartition(".")[2])(_command.run)
 

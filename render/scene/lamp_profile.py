@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ValidationInfo, model_validator
+from pydantic import GetJsonSchemaHandler, ValidationInfo, model_validator
+from pydantic_core import CoreSchema
 
 from render.arrays import Array
 from render.errors import RenderError
 from render.scene.measured_profile import MeasuredProfile
-from render.scene.quantities import Part, Quantity
+from render.scene.quantities import Part, Quantity, closed_table, quantity_form
 
 FORM = (
     '"lambertian", { sigma_v = {...} }, { cosine_exponent = {...} } or '
@@ -26,7 +27,7 @@ FORM = (
 class Profile(Part):
     """One of three: ``sigma_v``, ``cosine_exponent``, or ``angles`` with ``intensity``.
 
-    ``sigma_v`` (rad): radiance ``exp(-(theta / (2 sigma_v))^2)`` (thesis 3.3.1).
+    ``sigma_v`` (deg in files, rad here): radiance ``exp(-(theta / (2 sigma_v))^2)`` (thesis 3.3.1).
     ``cosine_exponent`` n: intensity ``cos(theta)^n``, as in data sheets of LEDs; 1 is Lambertian. A
     measured profile has ``angles`` (rad) and ``intensity`` (1/sr at unit power), read from an IES
     or a CSV file.
@@ -55,6 +56,23 @@ class Profile(Part):
         return {
             "angles": tuple(measured.theta.tolist()),
             "intensity": tuple(measured.intensity.tolist()),
+        }
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema of the forms that a file may have."""
+        known = handler.resolve_ref_schema(handler(schema))["properties"]
+        path = {"type": "string", "description": "IES or CSV, relative to the scene file."}
+        forms = [{name: known[name]} for name in ("sigma_v", "cosine_exponent")]
+        return {
+            "description": "How the light of a lamp falls off beside its axis.",
+            "anyOf": [
+                {"enum": ["lambertian"]},
+                quantity_form({"file": path}, ""),
+                *(closed_table(form) for form in forms),
+            ],
         }
 
     @property

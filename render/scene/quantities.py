@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 
@@ -66,6 +66,17 @@ class Quantity:
             number = core_schema.tuple_variable_schema(number, min_length=1, strict=False)
         return core_schema.no_info_before_validator_function(self._unwrap, number)
 
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema of the form that the file must have."""
+        value: dict[str, Any] = {"type": "number", "minimum": self.low, "maximum": self.high}
+        if self.many:
+            value = {"type": "array", "items": value, "minItems": 1}
+        return quantity_form({"value": value}, self.unit) | {
+            "description": allowed_range(self.low, self.high, self.unit)
+        }
+
     @property
     def shape(self) -> str:
         """The form that the file must have, for error messages."""
@@ -104,6 +115,17 @@ class Count:
             self._within, core_schema.int_schema(strict=True)
         )
 
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema of the number."""
+        return {
+            "type": "integer",
+            "minimum": self.low,
+            "maximum": self.high,
+            "description": allowed_range(self.low, self.high, ""),
+        }
+
     def _within(self, value: int) -> int:
         check_range(value, self.low, self.high, "")
         return value
@@ -114,3 +136,28 @@ def check_range(value: float, low: float, high: float, unit: str) -> None:
     if not low <= value <= high:
         allowed = f"{low:g} to {high:g} {unit}".rstrip()
         raise PydanticCustomError("out_of_range", "allowed: {allowed}", {"allowed": allowed})
+
+
+def quantity_form(fields: dict[str, Any], unit: str) -> dict[str, Any]:
+    """Return the JSON schema of ``fields`` with the ``unit``, where there is one, and a source."""
+    source = {
+        "type": "string",
+        "pattern": r"\S",
+        "description": 'Where the value comes from, or "assumed".',
+    }
+    return closed_table(fields | ({"unit": {"enum": [unit]}} if unit else {}) | {"source": source})
+
+
+def closed_table(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON schema of a table of exactly these ``fields``."""
+    return {
+        "type": "object",
+        "properties": fields,
+        "required": list(fields),
+        "additionalProperties": False,
+    }
+
+
+def allowed_range(low: float, high: float, unit: str) -> str:
+    """Return the sentence that names a range, for editors."""
+    return f"Allowed: {low:g} to {high:g} {unit}".rstrip() + "."

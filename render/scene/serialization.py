@@ -53,21 +53,21 @@ def _part(kind: type[Part], content: dict[str, Any]) -> Any:
             continue
         value = content[name]
         if isinstance(value, dict):
-            value = _part(_part_class(field.annotation), value)
+            value = _part(part_class(field.annotation), value)
         elif isinstance(value, list):
             value = tuple(
-                _part(_part_class(field.annotation), item) if isinstance(item, dict) else item
+                _part(part_class(field.annotation), item) if isinstance(item, dict) else item
                 for item in value
             )
         values[name] = value
     return kind.model_construct(**values)
 
 
-def _part_class(annotation: Any) -> type[Part]:
+def part_class(annotation: Any) -> type[Part]:
     """Return the part's class, inside unions with None and tuples of parts."""
     if isinstance(annotation, type) and issubclass(annotation, Part):
         return annotation
     for kind in get_args(annotation):
         with contextlib.suppress(TypeError):
-            return _part_class(kind)
+            return part_class(kind)
     raise TypeError(annotation)

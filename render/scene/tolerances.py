@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, GetCoreSchemaHandler
+from pydantic import AfterValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from render.arrays import Array
-from render.scene.quantities import Part, check_range
+from render.scene.quantities import Part, allowed_range, check_range, quantity_form
 
 RELATIVE = "relative"
 
@@ -67,6 +67,16 @@ class SpreadOf:
         return core_schema.no_info_plain_validator_function(
             self._read, serialization=core_schema.to_string_ser_schema()
         )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema of the form that the file must have."""
+        deviation = {"type": "number", "minimum": 0, "not": {"enum": [0]}, "maximum": self.high}
+        fields = {"distribution": {"enum": ["normal", "uniform"]}, "deviation": deviation}
+        return quantity_form(fields, self.unit) | {
+            "description": allowed_range(0.0, self.high, self.unit)
+        }
 
     def _read(self, raw: object) -> Spread:
         if isinstance(raw, Spread):

@@ -148,6 +148,11 @@ def random_case(number: int) -> dict[str, Any]:
 
 def scene_of_case(case: str) -> Scene:
     """Return the scene of a case: the base with its changes; ``random N`` is one of many."""
+    return Scene.model_validate(content_of_case(case))
+
+
+def content_of_case(case: str) -> dict[str, Any]:
+    """Return what the scene file of a case would hold."""
     changes = random_case(int(case[7:])) if case.startswith("random ") else CASES[case]
     content: dict[str, Any] = {part: dict(values) for part, values in BASE.items()}
     for key, value in changes.items():
@@ -163,7 +168,7 @@ def scene_of_case(case: str) -> Scene:
         if "lamps" in changes:
             content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
     schema = {"schema": 2 if newer else 1, "name": "case"}
-    return Scene.model_validate(schema | _in_file_form(content))
+    return schema | dict(_in_file_form(content))
 
 
 def _in_file_form(value: Any) -> Any:

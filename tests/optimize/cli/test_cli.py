@@ -21,6 +21,7 @@ COMMANDS = (
     "render",
     "describe",
     "colors",
+    "schema",
 )
 
 
