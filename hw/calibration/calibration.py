@@ -31,9 +31,9 @@ from optimize.ui.console import ProgressBar, note
 from optimize.ui.output import fresh_directory, write_manifest
 from render.arrays import Array
 from render.errors import RenderError
-from render.files import write_json, write_text
+from render.files import write_bytes, write_json, write_text
 from render.preview import cache_folder
-from render.scene import RGB, Scene, load_scene, scene_text
+from render.scene import RGB, Scene, load_scene, standalone
 
 
 def calibrate_sets(
@@ -83,6 +83,8 @@ def calibrate_sets(
     found.require_known()
     today = date.today().isoformat()
     with fresh_directory(target) as work:
+        for name, content in standalone(scene_name).files.items():
+            write_bytes(work / name, content)
         write_text(work / "scene.toml", calibrated_toml(scene_name, scene, found, today))
         result = {
             "scene": str(target / "scene.toml"),
@@ -152,7 +154,7 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
 
     ``scene`` is what the file holds; the ISO ``date`` is written beside each value.
     """
-    raw = tomllib.loads(scene_text(source))
+    raw = tomllib.loads(standalone(source).text)
     assert scene.diffuser is not None
     # From fitted values to those of the file.
     per_event = 1 / (1 - scene.diffuser.g)
@@ -194,7 +196,9 @@ def _written(raw: dict[str, Any]) -> str:
 def _value(item: Any) -> str:
     if isinstance(item, dict):
         return "{ " + ", ".join(f"{key} = {_value(part)}" for key, part in item.items()) + " }"
-    # Strings, numbers and lists of these are the same in JSON; TOML has no other numbers here.
+    if isinstance(item, list):
+        return "[" + ", ".join(map(_value, item)) + "]"
+    # Strings and numbers are the same in JSON; TOML has no other numbers here.
     return json.dumps(item, ensure_ascii=False)
 
 

@@ -1,7 +1,8 @@
 """What a finished night knows, and the files that keep it: all that its report is made from.
 
-In the run directory: ``scene.toml`` (as the user wrote it), ``night.npz`` (arrays and JSON, no
-pickle) and, for all other commands, ``designs/<key>.json`` (design files with rendered ratings).
+In the run directory: ``scene.toml`` (as the user wrote it) with the files that it names,
+``night.npz`` (arrays and JSON, no pickle) and, for all other commands, ``designs/<key>.json``
+(design files with rendered ratings).
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from optimize.design import Array, Design, Rating, ScoreSettings, save_design
 from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
-from render.files import read_npz, write_npz, write_text
+from render.files import read_npz, write_bytes, write_npz
 from render.geometry import counted_sites
 from render.metric import clipped_fraction
-from render.scene import Scene, load_scene, scene_text
+from render.scene import Scene, load_scene, standalone
 
 SCENE, NIGHT, DESIGNS = "scene.toml", "night.npz", "designs"
 SCHEMA = 2
@@ -241,7 +242,12 @@ def _validated(content: dict[str, object]) -> OvernightResult:
 
 
 def keep_scene(run: Path, name_or_path: str | Path) -> None:
-    """Copy a scene file into ``run``, with its comments and sources, unless it is there."""
-    text = scene_text(name_or_path)
-    if not (run / SCENE).is_file() or (run / SCENE).read_text(encoding="utf-8") != text:
-        write_text(run / SCENE, text)
+    """Copy a scene file into ``run``, with its comments and sources, unless it is there.
+
+    The files that it names come with it, so that ``run`` may go elsewhere alone.
+    """
+    scene = standalone(name_or_path)
+    # The scene last: where it lies, its files do.
+    for name, content in {**scene.files, SCENE: scene.text.encode()}.items():
+        if not (run / name).is_file() or (run / name).read_bytes() != content:
+            write_bytes(run / name, content)

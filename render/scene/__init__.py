@@ -15,4 +15,5 @@ from render.scene.schema import (
     sources,
 )
 from render.scene.serialization import scene_content, scene_of
+from render.scene.standalone import standalone
 from render.scene.tolerances import Spread, Tolerances

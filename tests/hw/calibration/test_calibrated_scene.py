@@ -19,6 +19,7 @@ from render.transport import TransportTable
 from surrogate.train import TrainConfig, train
 from surrogate.training.fit import FitConfig
 from surrogate.training.mlp import NetworkConfig
+from tests.colored_scenes import SAID, scene_with
 from tests.hw.calibration.toy import photographs, toy_model
 from tests.optimize.cli.conftest import (  # noqa: F401
     small_model,
@@ -52,6 +53,14 @@ def test_fitted_values_say_calibrated_with_date_and_interval(
     assert after.camera == scene.camera
     assert after.sites == scene.sites
     assert said["pad.width"] == "assumed"
+
+
+def test_lists_of_a_scene_come_back(scene: Scene, table: MaterialTable, tmp_path: Path) -> None:
+    scene_with(tmp_path, SAID)
+    found = fit_rig(scene, toy_model(table), photographs(scene)[0])
+    path = tmp_path / "calibrated.toml"
+    path.write_text(calibrated_toml(tmp_path / "scene.toml", scene, found, "2026-01-31"))
+    assert load_scene(path).palette == scene.palette
 
 
 def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(

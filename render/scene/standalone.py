@@ -1,0 +1,89 @@
+"""A scene with every file that it names, so that a copy of them is read again from there alone.
+
+A scene file may name a CSV file of lamps, and it or that file may name measured profiles, each
+relative to the scene file.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from render.errors import SceneError
+from render.scene.lamps import lamps_of_file
+from render.scene.schema import load_scene, scene_text
+
+OUTSIDE = "files"
+"""Folder of the copies of what lies elsewhere than beside the scene file or below."""
+
+
+@dataclass(frozen=True)
+class StandaloneScene:
+    """A scene file's text as it was written, and the bytes of its files by their relative names.
+
+    In ``text`` and in the files nothing is changed but names that lead elsewhere.
+    """
+
+    text: str
+    files: Mapping[str, bytes]
+
+
+def standalone(name_or_path: str | Path) -> StandaloneScene:
+    """Return a valid scene's text with all the files that it names.
+
+    Raises:
+        SceneError: the scene is none, or a name that leads elsewhere is written in another way
+            than ``file = "..."``.
+    """
+    load_scene(name_or_path)  # whatever is wrong with the files is told there
+    text = scene_text(name_or_path)
+    raw, folder = tomllib.loads(text), Path(name_or_path).parent
+    table = raw.get("lamps_file")
+    listed = lamps_of_file(folder / table) if table is not None else []
+    profiles = [*_profiles(raw.get("rows", ())), *_profiles(raw.get("lamps", ()))]
+    names = dict.fromkeys([*profiles, *_profiles(listed)])
+    kept = {name: _kept_name(name, number) for number, name in enumerate(names)}
+    files = {kept[name]: (folder / name).read_bytes() for name in names}
+    if table is not None:
+        content = (folder / table).read_text(encoding="utf-8-sig")
+        for name in _profiles(listed):
+            content = re.sub(rf"(?<![^,\s\"]){re.escape(name)}(?![^,\s\"])", kept[name], content)
+        kept[table] = _kept_name(table, len(names))
+        files[kept[table]] = content.encode()
+    for name in profiles:
+        text = _renamed(text, "file", name, kept[name])
+    if table is not None:
+        text = _renamed(text, "lamps_file", table, kept[table])
+    return StandaloneScene(text, files)
+
+
+def _profiles(lamps: Any) -> Iterator[str]:
+    for lamp in lamps:
+        if isinstance(lamp["profile"], dict) and "file" in lamp["profile"]:
+            yield lamp["profile"]["file"]
+
+
+def _kept_name(name: str, number: int) -> str:
+    path = PurePath(name)
+    if path.is_absolute() or ".." in path.parts:
+        return f"{OUTSIDE}/{number}-{path.name}"
+    return name
+
+
+def _renamed(text: str, key: str, old: str, new: str) -> str:
+    """Return the text of a TOML file in which ``key`` names another file."""
+    if old == new:
+        return text
+    named = re.compile(rf"(\b{key}\s*=\s*)([\"']){re.escape(old)}\2")
+    changed, count = named.subn(lambda found: f'{found[1]}"{new}"', text)
+    if not count:
+        raise SceneError(
+            f'{key} = {old} lies outside of the scene\'s folder: write it as {key} = "{old}", or '
+            "put the file beside the scene",
+            field=key,
+        )
+    return changed
