@@ -18,6 +18,7 @@ from optimize.cli import (
     describe,
     explore,
     frontier,
+    new,
     optimize,
     overnight,
     play,
@@ -54,7 +55,7 @@ app = typer.Typer(
 )
 for _command in (
     explore, play, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight,
-    status, render, describe, report, colors, schema,
+    status, render, describe, report, colors, new, schema,
 ):  # fmt: skip
     app.command(_command.__name__.rpartition(".")[2])(_command.run)
 

@@ -74,7 +74,7 @@ class Quantity:
         if self.many:
             value = {"type": "array", "items": value, "minItems": 1}
         return quantity_form({"value": value}, self.unit) | {
-            "description": allowed_range(self.low, self.high, self.unit)
+            "description": f"Allowed: {allowed_range(self.low, self.high, self.unit)}."
         }
 
     @property
@@ -123,7 +123,7 @@ class Count:
             "type": "integer",
             "minimum": self.low,
             "maximum": self.high,
-            "description": allowed_range(self.low, self.high, ""),
+            "description": f"Allowed: {allowed_range(self.low, self.high, '')}.",
         }
 
     def _within(self, value: int) -> int:
@@ -134,7 +134,7 @@ class Count:
 def check_range(value: float, low: float, high: float, unit: str) -> None:
     """Refuse a value outside ``[low, high]``, also NaN, with the whole allowed range."""
     if not low <= value <= high:
-        allowed = f"{low:g} to {high:g} {unit}".rstrip()
+        allowed = allowed_range(low, high, unit)
         raise PydanticCustomError("out_of_range", "allowed: {allowed}", {"allowed": allowed})
 
 
@@ -159,5 +159,9 @@ def closed_table(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def allowed_range(low: float, high: float, unit: str) -> str:
-    """Return the sentence that names a range, for editors."""
-    return f"Allowed: {low:g} to {high:g} {unit}".rstrip() + "."
+    """Return a range in words.
+
+    >>> allowed_range(0.0, 180.0, "deg")
+    '0 to 180 deg'
+    """
+    return f"{low:g} to {high:g} {unit}".rstrip()

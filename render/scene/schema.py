@@ -396,9 +396,20 @@ def load_scene(name_or_path: str | Path) -> Scene:
     Raises:
         SceneError: names every problem at once, each with key, value and allowed range.
     """
-    raw, origin = _read(name_or_path)
+    return scene_from_text(scene_text(name_or_path), str(name_or_path), Path(name_or_path).parent)
+
+
+def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
+    """Return the validated scene of a TOML text; ``origin`` is what errors call it.
+
+    ``folder`` is where the files lie that it names.
+
+    Raises:
+        SceneError: as `load_scene` does.
+    """
+    raw = _parsed(text, origin)
     try:
-        context = {"colors": colors_in(raw), "folder": Path(name_or_path).parent}
+        context = {"colors": colors_in(raw), "folder": folder}
         return Scene.model_validate(raw, context=context)
     except ValidationError as error:
         lines = [_sentence(problem) for problem in error.errors(include_url=False)]
@@ -411,18 +422,23 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 def sources(name_or_path: str | Path) -> dict[str, str]:
     """Return the source of every value of a scene file, keyed like ``pad.width``."""
-    raw, _ = _read(name_or_path)
-    by_key: dict[str, str] = {}
-    for part, content in raw.items():
-        listed = enumerate(content) if isinstance(content, list) else ()
-        entries = {part: content} | {f"{part}.{i}": entry for i, entry in listed}
-        for name, entry in entries.items():
-            for key, quantity in entry.items() if isinstance(entry, dict) else ():
-                if isinstance(quantity, dict) and "source" in quantity:
-                    by_key[f"{name}.{key}"] = str(quantity["source"])
-    for color in raw.get("colors", ()):
-        by_key[f"colors.{color['name']}"] = str(color["response"]["source"])
-    return by_key
+    raw = _parsed(scene_text(name_or_path), str(name_or_path))
+    return dict(_sources(raw))
+
+
+def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the keys and sources of all values in a part of a scene file; colors have names."""
+    if isinstance(content, dict) and "source" in content:
+        yield key, str(content["source"])
+        return
+    parts: Any = content.items() if isinstance(content, dict) else ()
+    if isinstance(content, list):
+        parts = enumerate(content)
+    for name, part in parts:
+        if key == "colors":
+            yield f"colors.{part['name']}", str(part["response"]["source"])
+        else:
+            yield from _sources(part, f"{key}.{name}" if key else str(name))
 
 
 def shipped_scenes() -> list[str]:
@@ -453,10 +469,9 @@ def scene_text(name_or_path: str | Path) -> str:
         raise _unreadable(text_name, error) from None
 
 
-def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
-    origin = str(name_or_path)
+def _parsed(text: str, origin: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(scene_text(name_or_path)), origin
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _unreadable(origin, error) from None
 

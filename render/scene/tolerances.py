@@ -75,7 +75,7 @@ class SpreadOf:
         deviation = {"type": "number", "minimum": 0, "not": {"enum": [0]}, "maximum": self.high}
         fields = {"distribution": {"enum": ["normal", "uniform"]}, "deviation": deviation}
         return quantity_form(fields, self.unit) | {
-            "description": allowed_range(0.0, self.high, self.unit)
+            "description": f"Allowed: {allowed_range(0.0, self.high, self.unit)}."
         }
 
     def _read(self, raw: object) -> Spread:

@@ -22,6 +22,7 @@ COMMANDS = (
     "describe",
     "colors",
     "schema",
+    "new",
 )
 
 

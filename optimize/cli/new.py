@@ -1,0 +1,133 @@
+"""``tactilux new``: a commented scene file from flags, or from questions at a terminal."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from typer import Argument, Option
+
+from optimize.cli.options import Json
+from optimize.ui.console import note, print_json, reserved_stdout
+from render.errors import SceneError
+
+if TYPE_CHECKING:
+    from render.scene.new_scene import Answers
+
+
+def run(
+    name: Annotated[str, Argument(help="Name of the scene.")] = "my-sensor",
+    out: Annotated[Path | None, Option(help="The file (default: <name>.toml).")] = None,
+    width: Annotated[float | None, Option(help="Of the pad, across, mm.")] = None,
+    length: Annotated[float | None, Option(help="Of the pad, from base to tip, mm.")] = None,
+    thickness: Annotated[float | None, Option(help="Of the clear gel, mm.")] = None,
+    diffuser: Annotated[
+        float | None, Option(help="Thickness of the diffuser on the edges, mm; 0 for none.")
+    ] = None,
+    left: Annotated[int | None, Option(help="Lamps along the left edge.")] = None,
+    tip: Annotated[int | None, Option(help="Lamps along the tip.")] = None,
+    right: Annotated[int | None, Option(help="Lamps along the right edge.")] = None,
+    base: Annotated[int | None, Option(help="Lamps along the base.")] = None,
+    lamp: Annotated[
+        Literal["fiber", "led"] | None, Option(help="Fibers turn; LEDs do not, and shine wide.")
+    ] = None,
+    colors: Annotated[
+        str | None, Option(help="Of the lit edges, from left to base: red,blue,green; or white.")
+    ] = None,
+    distance: Annotated[float | None, Option(help="From the camera to the pad, mm.")] = None,
+    field_of_view: Annotated[
+        float | None, Option(help="Of the camera along the pad, degrees (default: all of it).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a commented scene file of a sensor of your own."""
+    from optimize.ui.output import check_file, write_result
+    from render.geometry import counted_sites
+    from render.scene import shipped_scenes
+    from render.scene.new_scene import Answers, scene_file
+    from render.scene.schema import scene_from_text
+
+    given = {
+        "width": width, "length": length, "thickness": thickness, "diffuser": diffuser,
+        "left": left, "tip": tip, "right": right, "base": base, "distance": distance,
+        "field_of_view": field_of_view,
+    }  # fmt: skip
+    with reserved_stdout() as stream:
+        path = out or Path(f"{name}.toml")
+        check_file(path, (".toml",))
+        if path.exists():
+            raise SceneError(f"{path} is there: name another file with --out", field="out")
+        if name in shipped_scenes():
+            raise SceneError(
+                f"name = {name} comes with tactilux, allowed: any other name", field="name"
+            )
+        numbers = {key: float(value) for key, value in given.items() if value is not None}
+        if not numbers and lamp is None and colors is None and sys.stdin.isatty():
+            answers = _ask(name)
+        else:
+            named = tuple(part.strip() for part in colors.split(",")) if colors is not None else ()
+            answers = Answers(name, numbers, lamp or "fiber", named)
+        text = scene_file(answers)
+        scene = scene_from_text(text, name, Path())
+        try:
+            sites = len(counted_sites(scene))
+        except SceneError:
+            raise _blind(answers) from None
+        write_result(path, text.encode())
+        if as_json:
+            result: dict[str, object] = {"scene": scene.name, "scene_hash": scene.hash}
+            print_json(stream, result | {"file": str(path), "sites": sites})
+        else:
+            stream.write(f"Scene: {path}, go on with tactilux explore {path}\n")
+
+
+def _blind(answers: Answers) -> SceneError:
+    """Return what to say where the camera sees no site whole."""
+    usual = {k: v for k, v in answers.numbers.items() if k not in ("distance", "field_of_view")}
+    (distance, angle), (far, whole) = answers.view, replace(answers, numbers=usual).view
+    return SceneError(
+        f"--distance = {distance:g} mm with --field-of-view = {angle:g} deg shows no site whole, "
+        f"allowed: for example {far:g} mm with {whole:g} deg, which shows all of the pad",
+        field="distance",
+    )
+
+
+def _ask(name: str) -> Answers:
+    """Return the answers of the person at the terminal; what they cannot be is asked again."""
+    from render.scene.new_scene import COLORS, LAMPS, QUESTIONS, Answers
+
+    note("Enter takes what stands in brackets; Ctrl-C ends it without a file.")
+    answers = Answers(name, {})
+    while (lamp := _answer(f"lamps: {' or '.join(LAMPS)}", "fiber")) not in LAMPS:
+        note(f"{lamp}, allowed: {', '.join(LAMPS)}")
+    answers = replace(answers, lamp=lamp)
+    for key, question in QUESTIONS.items():
+        unit = f", {question.unit}" if question.unit else ""
+        while True:
+            usual = "what shows the pad" if question.default is None else f"{answers.size(key):g}"
+            said = _answer(f"{question.words}{unit}", usual)
+            if said == usual:
+                break
+            try:
+                answers = replace(answers, numbers={**answers.numbers, key: question.number(said)})
+                break
+            except SceneError as error:
+                note(str(error))
+    while True:
+        usual = ",".join(answers.edge_colors.values())
+        said = _answer(f"colors of {', '.join(answers.lit)}, of {', '.join(COLORS)}", usual)
+        try:
+            return replace(answers, colors=tuple(part.strip() for part in said.split(",")))
+        except SceneError as error:
+            note(str(error))
+
+
+def _answer(question: str, usual: str) -> str:
+    """Ask one question on stderr, where results are not."""
+    print(f"{question} [{usual}]: ", end="", file=sys.stderr, flush=True)
+    said = sys.stdin.readline()
+    if not said:
+        raise SceneError("the answers ended before the questions did: no file is written")
+    return said.strip() or usual

@@ -1,0 +1,355 @@
+"""A commented scene file from a few answers: what is not answered is assumed, and says so."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from render.errors import SceneError
+from render.scene.lamps import EDGES
+from render.scene.quantities import allowed_range
+
+GIVEN, ASSUMED = "as given to tactilux new", "assumed"
+INDEX = 1.41
+LAMPS = {
+    "fiber": (0.75, 0.4, "profile = { sigma_v = { value = 15.0, unit = \"deg\", source = "
+              "\"assumed: the end of a fiber\" } }\nturns = true"),
+    "led": (1.0, 0.1, "profile = \"lambertian\"  # assumed\nturns = false"),
+}  # fmt: skip
+"""Diameter and gap in mm, profile: what one kind of lamp is assumed to be."""
+COLORS = {"red": (1.0, 0.0, 0.0), "green": (0.0, 1.0, 0.0), "blue": (0.0, 0.0, 1.0),
+          "white": (1.0, 1.0, 1.0)}  # fmt: skip
+"""What the red, green and blue channel see of an LED, relative to its power."""
+PIXELS = 600
+
+
+@dataclass(frozen=True)
+class Question:
+    """A number that a new scene needs.
+
+    Arguments:
+        words: what is asked.
+        low, high: closed allowed range, in ``unit``.
+        default: what is assumed; None where other answers decide.
+    """
+
+    words: str
+    unit: str
+    low: float
+    high: float
+    default: float | None
+
+    def number(self, said: str) -> float:
+        """Return what was typed as a number, whole where lamps are counted."""
+        try:
+            value = float(said)
+        except ValueError:
+            value = math.nan
+        if math.isnan(value) or (not self.unit and value != round(value)):
+            kind = "a whole number" if not self.unit else "a number"
+            raise SceneError(
+                f"{said}, allowed: {kind}, {allowed_range(self.low, self.high, self.unit)}"
+            )
+        return value
+
+    def check(self, name: str, value: float) -> None:
+        """Refuse a ``value`` out of range."""
+        if not self.low <= value <= self.high:
+            allowed = allowed_range(self.low, self.high, self.unit)
+            raise SceneError(f"{flag_of(name)} = {value:g}, allowed: {allowed}", field=name)
+
+
+QUESTIONS = {
+    "width": Question("width of the pad, across", "mm", 4.0, 100.0, 18.0),
+    "length": Question("length of the pad, from base to tip", "mm", 4.0, 100.0, 30.0),
+    "thickness": Question("thickness of the clear gel", "mm", 1.0, 50.0, 4.0),
+    "diffuser": Question("thickness of the diffuser on the edges, 0 for none",
+                         "mm", 0.0, 20.0, 2.0),
+    "left": Question("lamps along the left edge", "", 0, 64, 8),
+    "tip": Question("lamps along the tip", "", 0, 64, 4),
+    "right": Question("lamps along the right edge", "", 0, 64, 8),
+    "base": Question("lamps along the base", "", 0, 64, 0),
+    "distance": Question("from the camera to the pad", "mm", 1.0, 500.0, None),
+    "field_of_view": Question("field of view of the camera, along the pad",
+                              "deg", 5.0, 170.0, None),
+}  # fmt: skip
+"""By the names of the flags, with dashes there."""
+
+
+def flag_of(name: str) -> str:
+    """Return the option that answers a question.
+
+    >>> flag_of("field_of_view")
+    '--field-of-view'
+    """
+    return "--" + name.replace("_", "-")
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What is known of a new sensor; the rest is assumed.
+
+    Arguments:
+        name: of the scene.
+        numbers: by the names of `QUESTIONS`; those that nobody answered are absent.
+        lamp: one of `LAMPS`.
+        colors: of the lit edges, in the order of `EDGES`, of `COLORS`; empty for red, blue,
+            green and red.
+    """
+
+    name: str
+    numbers: Mapping[str, float]
+    lamp: str = "fiber"
+    colors: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse what no sensor can be.
+
+        Raises:
+            SceneError: names the flag, its value and what is allowed.
+        """
+        if not re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", self.name):
+            raise SceneError(
+                f"name = {self.name}, allowed: small letters, digits, - and _, at most 64",
+                field="name",
+            )
+        for name, value in self.numbers.items():
+            QUESTIONS[name].check(name, value)
+        self._check_lamps()
+        for color in self.colors:
+            if color not in COLORS:
+                raise SceneError(
+                    f"--colors names {color}, allowed: {', '.join(COLORS)}", field="colors"
+                )
+        if self.colors and len(self.colors) != len(self.lit):
+            raise SceneError(
+                f"--colors names {len(self.colors)} colors, allowed: {len(self.lit)}, one for each "
+                f"edge with lamps ({', '.join(self.lit)})",
+                field="colors",
+            )
+
+    def _check_lamps(self) -> None:
+        for edge in EDGES:
+            most = min(self._places(edge), 64)
+            if self.size(edge) > most:
+                raise SceneError(
+                    f"--{edge} = {self.size(edge):g}, allowed: 0 to {most} lamps of "
+                    f"{self.diameter:g} mm side by side",
+                    field=edge,
+                )
+        if not self.lit:
+            raise SceneError(
+                "--left, --tip, --right and --base are 0, allowed: at least one lamp", field="left"
+            )
+
+    @property
+    def lit(self) -> tuple[str, ...]:
+        """The edges with lamps."""
+        return tuple(edge for edge in EDGES if self.size(edge) > 0)
+
+    @property
+    def edge_colors(self) -> dict[str, str]:
+        """The color of each edge with lamps."""
+        usual = {"left": "red", "tip": "blue", "right": "green", "base": "red"}
+        chosen = self.colors or tuple(usual[edge] for edge in self.lit)
+        return dict(zip(self.lit, chosen, strict=True))
+
+    def size(self, name: str) -> float:
+        """Return an answer, or what is assumed instead."""
+        if name in self.numbers:
+            return self.numbers[name]
+        default = QUESTIONS[name].default
+        assert default is not None
+        if name in EDGES and default:
+            # At most every second place of a short edge.
+            return max(min(default, self._places(name) // 2), 1)
+        return default
+
+    @property
+    def view(self) -> tuple[float, float]:
+        """Distance (mm) and field of view (deg) of the camera, by default of the whole pad."""
+        usual = round(max(self.size("width"), self.size("length")) / 3, 1)
+        distance = self.numbers.get("distance", usual)
+        optical = distance + self.size("thickness") / INDEX
+        whole = math.ceil(2 * math.degrees(math.atan(self.size("length") / 2 / optical)))
+        return distance, self.numbers.get("field_of_view", float(min(whole, 170)))
+
+    def _places(self, edge: str) -> int:
+        """Return how many lamps fit along an edge, side by side."""
+        return int(self.size("width" if edge in ("tip", "base") else "length") / self.diameter)
+
+    @property
+    def diameter(self) -> float:
+        """Of a lamp, mm."""
+        return LAMPS[self.lamp][0]
+
+
+def scene_file(answers: Answers) -> str:
+    """Return the TOML text of the scene file."""
+    camera = _Camera.of(answers)
+    return "\n".join(
+        [
+            _head(answers),
+            _pad(answers),
+            *([_diffuser(answers)] if answers.size("diffuser") > 0 else []),
+            '[coating]\nalbedo = { value = 0.6, source = "assumed: gray paint" }\n',
+            *(_row(answers, edge) for edge in answers.lit),
+            camera.text,
+            "# A pad that bends has more angles, such as [0.0, 45.0, 90.0].\n"
+            '[bending]\nangles = { value = [0.0], unit = "deg", source = "assumed: rigid" }\n',
+            _sites(answers, camera),
+            "# The design that others are compared with.\n[baseline]\n"
+            + "\n".join(f'{edge} = "{color}"' for edge, color in answers.edge_colors.items()),
+            *_other_colors(answers),
+        ]
+    ).rstrip() + "\n"  # fmt: skip
+
+
+def _quantity(name: str, value: float, unit: str, source: str) -> str:
+    unit = f', unit = "{unit}"' if unit else ""
+    return f'{name} = {{ value = {float(value)!r}{unit}, source = "{source}" }}'
+
+
+def _answered(answers: Answers, name: str, key: str = "") -> str:
+    source = GIVEN if name in answers.numbers else ASSUMED
+    return _quantity(key or name, answers.size(name), QUESTIONS[name].unit, source)
+
+
+def _head(answers: Answers) -> str:
+    return f"""# Written by tactilux new. Every value has its unit and its source: those that are assumed await
+# a data sheet, a caliper or `tactilux hw calibrate`; `tactilux describe` lists them all.
+# x runs across the pad, y from its base to its tip, z from the camera's side to the skin.
+schema = 2
+name = "{answers.name}"
+"""  # noqa: E501
+
+
+def _pad(answers: Answers) -> str:
+    return "\n".join(
+        [
+            "# The clear gel. Roughness is Beckmann's alpha of its outer faces; 0 is polished.",
+            "[pad]",
+            *(_answered(answers, name) for name in ("width", "length", "thickness")),
+            _quantity("index", INDEX, "", "assumed: clear silicone"),
+            _quantity("roughness", 0.1, "", "assumed: molded faces"),
+            "",
+        ]
+    )
+
+
+def _diffuser(answers: Answers) -> str:
+    return "\n".join(
+        [
+            "# The scattering layer on the left, tip and right edge, of the same index as the pad.",
+            "[diffuser]",
+            _answered(answers, "diffuser", "thickness"),
+            _quantity("sigma_s", 4.0, "1/mm", "assumed: reduced scattering 1 /mm"),
+            _quantity("sigma_a", 0.005, "1/mm", "assumed"),
+            _quantity("g", 0.75, "", "assumed"),
+            "",
+        ]
+    )
+
+
+def _row(answers: Answers, edge: str) -> str:
+    diameter, gap, profile = LAMPS[answers.lamp]
+    count = int(answers.size(edge))
+    noun = (
+        "optical fibers, which may turn" if answers.lamp == "fiber" else "LEDs, which do not turn"
+    )
+    return "\n".join(
+        [
+            f"# Along the {edge}: {noun}. `at` instead of `count` names places.",
+            "[[rows]]",
+            f'edge = "{edge}"',
+            f"count = {count}  # {GIVEN if edge in answers.numbers else ASSUMED}",
+            _quantity("diameter", diameter, "mm", ASSUMED),
+            _quantity("gap", gap, "mm", "assumed: air before the pad or its diffuser"),
+            _quantity("height", answers.size("thickness") / 2, "mm", "assumed: half the thickness"),
+            _quantity("tilt", 10.0, "deg", "assumed: a slight angle towards the skin"),
+            profile,
+            "",
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class _Camera:
+    """What the camera sees of the skin.
+
+    Arguments:
+        text: the section of the scene file.
+        half: half of the seen part of the skin across and along the pad, mm.
+    """
+
+    text: str
+    half: tuple[float, float]
+
+    @staticmethod
+    def of(answers: Answers) -> _Camera:
+        width, length = answers.size("width"), answers.size("length")
+        # The longer side of the picture has PIXELS, and its shape is that of the pad.
+        pixel = max(width, length) / PIXELS
+        columns, rows = (max(round(side / pixel), 8) for side in (width, length))
+        distance, angle = answers.view
+        optical = distance + answers.size("thickness") / INDEX
+        viewed = GIVEN if "field_of_view" in answers.numbers else "assumed: the whole pad"
+        placed = GIVEN if "distance" in answers.numbers else ASSUMED
+        half = optical * math.tan(math.radians(angle) / 2)
+        lines = [
+            "# A pinhole: photographs are dewarped. It looks straight at the skin from below.",
+            "[camera]",
+            _quantity("distance", distance, "mm", placed),
+            _quantity("y", 0.0, "mm", "assumed: below the middle"),
+            _quantity("field_of_view", angle, "deg", viewed),
+            f"columns = {columns}  # assumed",
+            f"rows = {rows}  # assumed",
+            "",
+        ]
+        return _Camera("\n".join(lines), (half * columns / rows, half))
+
+
+def _sites(answers: Answers, camera: _Camera) -> str:
+    """Return sites that fit on the part of the skin that is seen, and their pyramid."""
+    sides = [answers.size("width"), answers.size("length")]
+    seen = [min(side / 2, half) for side, half in zip(sides, camera.half, strict=True)]
+    radius = min(max(0.6, max(sides) / 50), answers.size("thickness"), min(seen) / 2)
+    radius = max(math.floor(20 * radius) / 20, 0.05)
+    # Between the outermost centers: pyramids must not leave the pad, nor what is seen of it.
+    room = [max(2 * (0.95 * half - 1.5 * radius), 0.0) for half in seen]
+    counts = [next(n for n in (most, 3, 2, 1) if n == 1 or side / (n - 1) >= 3 * radius)
+              for side, most in zip(room, (3, 5), strict=True)]  # fmt: skip
+    apart = [side / (n - 1) for side, n in zip(room, counts, strict=True) if n > 1]
+    # In twentieths of a mm, and never so near that pyramids touch.
+    steps = [16 * min(apart, default=0.0), 60 * radius + 1]
+    spacing = math.floor(max(steps)) / 20
+    return "\n".join(
+        [
+            "# Where the skin is tested: contacts in a grid, each a small pyramid.",
+            "[sites]",
+            f"columns = {counts[0]}",
+            f"rows = {counts[1]}",
+            _quantity("spacing", spacing, "mm", ASSUMED),
+            _quantity("centre_x", 0.0, "mm", ASSUMED),
+            _quantity("centre_y", 0.0, "mm", ASSUMED),
+            "",
+            "[indenter]",
+            "faces = 10",
+            _quantity("slope", 30.0, "deg", ASSUMED),
+            _quantity("radius", radius, "mm", ASSUMED),
+            "",
+        ]
+    )
+
+
+def _other_colors(answers: Answers) -> list[str]:
+    """Return the LEDs, where one is other than red, green and blue."""
+    if "white" not in answers.colors:
+        return []
+    lines = ["", "# What the channels red, green and blue of the camera see of each LED."]
+    for name, response in COLORS.items():
+        shown = f'{{ value = {list(response)}, source = "assumed: no overlap of channels" }}'
+        lines += ["[[colors]]", f'name = "{name}"', f"response = {shown}", ""]
+    return lines

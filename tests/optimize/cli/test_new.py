@@ -1,0 +1,197 @@
+"""`tactilux new` writes a scene file that loads, is described and explored; or nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optimize.exploration import explore
+from optimize.scoring import open_model
+from render.describe import describe
+from render.errors import SceneError
+from render.geometry import camera_coverage
+from render.scene import load_scene, sources
+from render.scene.new_scene import LAMPS, QUESTIONS, Answers, scene_file
+from render.scene.schema import scene_from_text
+
+Run = Callable[..., Any]
+
+
+def test_without_answers_it_is_a_finger_whose_values_are_all_assumed(tactilux: Run) -> None:
+    said = tactilux("new", "mine", "--json")
+    assert said.code == 0
+    assert json.loads(said.out)["file"] == "mine.toml"
+    scene = load_scene("mine.toml")
+    assert (scene.name, scene.lamp_count) == ("mine", 20)
+    origins = sources("mine.toml")
+    assert len(origins) > 30
+    assert all(origin.startswith("assumed") for origin in origins.values())
+    described = tactilux("describe", "mine.toml")
+    assert "15 of 15 sites count" in described.out
+
+
+def test_flags_become_values_that_say_so(tactilux: Run) -> None:
+    flags = ("--width", 20.5, "--length", 25, "--diffuser", 0, "--lamp", "led", "--tip", 0,
+             "--base", 3, "--colors", "white,green,red", "--distance", 24)  # fmt: skip
+    assert tactilux("new", "--out", "mini.toml", *flags).code == 0
+    scene, origins = load_scene("mini.toml"), sources("mini.toml")
+    assert scene.pad.width == 20.5
+    assert scene.camera.distance == 24
+    assert scene.diffuser is None
+    assert [row.edge for row in scene.lamp_rows] == ["left", "right", "base"]
+    assert set(scene.turning) == {False}
+    assert scene.baseline_colors()[0] == "white"
+    assert origins["pad.width"] == origins["camera.distance"] == "as given to tactilux new"
+    assert origins["pad.thickness"] == "assumed"
+    assert tactilux("describe", "mini.toml").code == 0
+
+
+def test_a_new_scene_is_explored_at_once(tactilux: Run) -> None:
+    words = ("--lamp", "led", "--diffuser", 0, "--left", 2, "--tip", 1, "--right", 2)
+    assert tactilux("new", "quick", *words, "--width", 8, "--length", 8).code == 0
+    scene = load_scene("quick.toml")
+    checker = open_model(scene)
+    assert checker.level == "preview"
+    found = explore(scene, checker)
+    assert found.stages[-1].rating.score >= found.stages[0].rating.score
+
+
+def test_no_file_is_overwritten(tactilux: Run) -> None:
+    Path("mine.toml").write_text("precious")
+    said = tactilux("new", "mine")
+    assert (said.code, said.out) == (2, "")
+    assert said.err == "tactilux: mine.toml is there: name another file with --out\n"
+    assert Path("mine.toml").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (("--width", 101), "--width = 101, allowed: 4 to 100 mm"),
+        (("--width", "nan"), "--width = nan, allowed: 4 to 100 mm"),
+        (("--field-of-view", 175), "--field-of-view = 175, allowed: 5 to 170 deg"),
+        (("--left", 65), "--left = 65, allowed: 0 to 64"),
+        (("--left", 41), "--left = 41, allowed: 0 to 40 lamps of 0.75 mm side by side"),
+        (("--left", 0, "--tip", 0, "--right", 0), "are 0, allowed: at least one lamp"),
+        (("--colors", "red,pink,blue"), "--colors names pink, allowed: red, green, blue, white"),
+        (("--colors", "red,blue"), "names 2 colors, allowed: 3, one for each edge with lamps"),
+        (("--colors", ""), "--colors names , allowed: red"),
+        (("--distance", 500, "--field-of-view", 170), "allowed: for example 10 mm with 99 deg"),
+        (("--out", "mine.txt"), "mine.txt does not end with a kind of file, allowed: .toml"),
+    ],
+)
+def test_a_bad_value_is_one_sentence_and_leaves_no_file(
+    tactilux: Run, flags: tuple[object, ...], sentence: str
+) -> None:
+    said = tactilux("new", *flags)
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith("tactilux: ")
+    assert said.err.count("\n") == 1
+    assert sentence in said.err
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(("name", "said"), [("finger20", "comes with tactilux"), ("My x", "small")])
+def test_a_name_that_cannot_be_is_refused(tactilux: Run, name: str, said: str) -> None:
+    refused = tactilux("new", name)
+    assert refused.code == 2
+    assert refused.err.startswith(f"tactilux: name = {name}")
+    assert said in refused.err
+
+
+def numbers_of_questions() -> st.SearchStrategy[dict[str, float]]:
+    def strategy(name: str) -> st.SearchStrategy[float]:
+        question = QUESTIONS[name]
+        if not question.unit:
+            return st.integers(0, 9).map(float)
+        # A diffuser of some micrometers is a mistake that scenes do not allow.
+        return st.floats(max(question.low, 0.05), question.high)
+
+    return st.fixed_dictionaries({}, optional={name: strategy(name) for name in QUESTIONS})
+
+
+@settings(max_examples=150, deadline=None)
+@given(numbers=numbers_of_questions(), lamp=st.sampled_from(sorted(LAMPS)))
+def test_whatever_is_answered_within_the_ranges_is_a_scene(
+    numbers: dict[str, float], lamp: str
+) -> None:
+    try:
+        answers = Answers("mine", numbers, lamp)
+    except SceneError as error:
+        refused = str(error)
+        assert "side by side" in refused or "at least one lamp" in refused
+        return
+    scene = scene_from_text(scene_file(answers), "mine", Path())
+    assert scene.lamp_count == sum(answers.size(edge) for edge in answers.lit)
+
+
+@pytest.mark.parametrize("size", [(4, 4, 1), (4, 100, 1), (100, 100, 1), (100, 4, 50), (8, 8, 50)])
+def test_a_camera_that_nobody_describes_sees_the_pad(size: tuple[float, float, float]) -> None:
+    numbers = dict(zip(("width", "length", "thickness"), size, strict=True))
+    scene = scene_from_text(scene_file(Answers("mine", numbers)), "mine", Path())
+    assert describe(scene)
+    assert camera_coverage(scene).seen.all()
+
+
+def at_terminal(folder: Path, *typed: str, stop: int = 0) -> tuple[int, str]:
+    """Answer at a pseudo terminal, or send the signal ``stop`` after the last answer.
+
+    Return the exit code and everything that the terminal showed.
+    """
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from hw.start import main; main()", "new", "typed"],
+        stdin=theirs, stdout=theirs, stderr=theirs, cwd=folder, start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+    )  # fmt: skip
+    os.close(theirs)
+    shown, answers, began = "", list(typed), time.monotonic()
+    try:
+        while time.monotonic() - began < 60:
+            try:
+                shown += os.read(ours, 4096).decode()
+            except OSError:  # the process is gone
+                break
+            if shown.endswith("]: "):
+                if answers:
+                    os.write(ours, f"{answers.pop(0)}\n".encode())
+                elif stop:
+                    process.send_signal(stop)
+                    stop = 0
+        return process.wait(30), shown
+    finally:
+        process.kill()
+        os.close(ours)
+
+
+def test_a_terminal_is_asked_and_bad_answers_again(tmp_path: Path) -> None:
+    typed = ("led", "", "3", "25", "", "none", "0", "", "0", "2.5", "2", *[""] * 4)
+    code, shown = at_terminal(tmp_path, *typed)
+    assert code == 0, shown
+    assert "--length = 3, allowed: 4 to 100 mm" in shown
+    assert "none, allowed: a number, 0 to 20 mm" in shown
+    assert "2.5, allowed: a whole number, 0 to 64" in shown
+    scene, origins = load_scene(tmp_path / "typed.toml"), sources(tmp_path / "typed.toml")
+    assert (scene.pad.width, scene.pad.length) == (18, 25)
+    assert (origins["pad.width"], origins["pad.length"]) == ("assumed", "as given to tactilux new")
+    assert scene.diffuser is None
+    assert [(row.edge, row.size) for row in scene.lamp_rows] == [("left", 8), ("right", 2)]
+
+
+def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
+    code, shown = at_terminal(tmp_path, "fiber", "20", stop=signal.SIGINT)
+    assert code == 130
+    assert "tactilux: interrupted" in shown
+    assert not list(tmp_path.iterdir())
