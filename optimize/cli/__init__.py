@@ -15,6 +15,7 @@ import typer
 
 from optimize.cli import (
     colors,
+    compare,
     describe,
     explore,
     frontier,
@@ -54,8 +55,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for _command in (
-    explore, play, score, verify, optimize, sensitivity, reconstruct, train, frontier, overnight,
-    status, render, describe, report, colors, new, schema,
+    explore, play, score, compare, verify, optimize, sensitivity, reconstruct, train, frontier,
+    overnight, status, render, describe, report, colors, new, schema,
 ):  # fmt: skip
     app.command(_command.__name__.rpartition(".")[2])(_command.run)
 

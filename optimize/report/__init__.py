@@ -1,6 +1,8 @@
 """Reports: single HTML files with pictures, and what they are drawn with."""
 
 from optimize.report.exploration_report import (
+    DESIGN,
+    REPORT,
     doubted_gain,
     print_scores,
     render_report,
@@ -11,6 +13,7 @@ from optimize.report.exploration_report import (
 from optimize.report.illustrations import (
     STAGES,
     bolt_pictures,
+    camera_pictures,
     convergence,
     design_pictures,
     drawing,

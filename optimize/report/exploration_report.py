@@ -11,16 +11,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any, Protocol
 
-import numpy as np
-
 from optimize.design import LEVEL_NAMES, PARTS, Design, Rating, save_design
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.play import PlayPage, write_play
 from optimize.report.illustrations import (
+    camera_pictures,
     convergence,
     design_pictures,
-    picture_png,
     png_bytes,
 )
 from optimize.report.page import (
@@ -40,7 +38,6 @@ from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.errors import TableError
 from render.files import write_bytes, write_text
-from render.metric import THESIS
 from surrogate.runtime import Checker, RankingTest, sha256
 
 DESIGN, BASELINE, REPORT, PLAY = "design.json", "baseline.json", "report.html", "play.html"
@@ -49,7 +46,6 @@ LEGEND = (
     "colored the facets of a contact are. Normal error: degrees by which a reader misses surface "
     "normals, without render noise. More: docs/score.md, and the report."
 )
-PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
 
 
 def write_exploration(
@@ -180,23 +176,7 @@ def explore_pictures(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
     scene, stages = exploration.scene, exploration.stages
     yield from design_pictures(scene, stages)
     yield "convergence", png_bytes(convergence(exploration.search.history))
-    yield from _previews(exploration)
-
-
-def _previews(exploration: Exploration) -> Iterator[tuple[str, bytes]]:
-    from render.preview import Preview
-
-    scene = exploration.scene
-    height = round(PREVIEW_WIDTH * scene.camera.rows / scene.camera.columns)
-    with Preview(scene) as preview:
-        for stage in (exploration.stages[0], exploration.stages[-1]):
-            for index, bend in enumerate(scene.bending.angles):
-                radiance = preview.picture(
-                    stage.design.phi, stage.design.power, bend, PREVIEW_WIDTH, height
-                )
-                counts = np.asarray(radiance, dtype=np.float64) * stage.settings.exposure
-                linear = counts @ scene.palette.display / THESIS.count_max
-                yield f"preview-{stage.key}-{index}", picture_png(linear)
+    yield from camera_pictures(scene, (stages[0], stages[-1]))
 
 
 def render_report(
@@ -295,9 +275,12 @@ def score_row(stage: Scored) -> dict[str, str]:
     }
 
 
-def doubted_gain(design: Design, ranking: RankingTest) -> str:
-    """Return why a better score of ``design`` on its model is not a gain; usually nothing."""
-    if not ranking.reliable:
+def doubted_gain(design: Design, ranking: RankingTest | None) -> str:
+    """Return why a better score of ``design`` is not a gain; usually nothing.
+
+    ``ranking`` is that of the model which scored it, None where it was rendered.
+    """
+    if ranking is not None and not ranking.reliable:
         return "the model has not shown that it can rank designs"
     return "one color lights everything, which tells no azimuth" if design.monochrome else ""
 

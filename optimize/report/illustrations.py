@@ -111,6 +111,22 @@ class Illustrated(Protocol):
         """Facet colors ``(bend, site, facet, channel)``."""
 
 
+class Seen(Protocol):
+    """A design that the camera is shown under: its key, its lights and its exposure."""
+
+    @property
+    def key(self) -> str:
+        """Names its pictures."""
+
+    @property
+    def design(self) -> Design:
+        """Directions and LED powers."""
+
+    @property
+    def settings(self) -> ScoreSettings:
+        """The camera that sees it."""
+
+
 def design_pictures(scene: Scene, entries: Sequence[Illustrated]) -> Iterator[tuple[str, bytes]]:
     """Yield ``scheme-<key>`` (SVG), ``metric-<key>`` (Fig. 5.1) and ``facets-<key>`` (Fig. 5.2).
 
@@ -224,6 +240,32 @@ def convergence(steps: Sequence[SearchStep]) -> Figure:
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False, loc="lower right")
     return figure
+
+
+PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
+
+
+def camera_pictures(scene: Scene, stages: Sequence[Seen]) -> Iterator[tuple[str, bytes]]:
+    """Yield ``preview-<key>-<bend index>``: what the camera sees, drawn by the preview (level 0).
+
+    A pyramid is pressed in at every site. Brightness is exposed as the scene's camera is, so that
+    pictures can be compared.
+
+    Raises:
+        GraphicsError: nothing here can draw.
+    """
+    from render.preview import Preview
+
+    height = round(PREVIEW_WIDTH * scene.camera.rows / scene.camera.columns)
+    with Preview(scene) as preview:
+        for stage in stages:
+            for index, bend in enumerate(scene.bending.angles):
+                radiance = preview.picture(
+                    stage.design.phi, stage.design.power, bend, PREVIEW_WIDTH, height
+                )
+                counts = np.asarray(radiance, dtype=np.float64) * stage.settings.exposure
+                linear = counts @ scene.palette.display / stage.settings.conventions.count_max
+                yield f"preview-{stage.key}-{index}", picture_png(linear)
 
 
 BOLT_ROWS = 450  # pixels of the camera's view, before it is cut to the pad

@@ -1,0 +1,109 @@
+"""A comparison as one HTML file: tables, and the pictures of all designs side by side."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from optimize.comparison.comparison import DesignComparison
+from optimize.design import LEVEL_NAMES
+from optimize.report import (
+    bend_titles,
+    camera_pictures,
+    data_uri,
+    design_pictures,
+    render_page,
+    score_row,
+    stage_pictures,
+)
+from optimize.ui.output import write_result
+from optimize.ui.provenance import package_versions
+
+
+def write_comparison(path: Path, comparison: DesignComparison, files: list[Path]) -> None:
+    """Write the page of ``comparison``, whose designs lie in ``files``, to ``path``."""
+    write_result(path, comparison_page(comparison, files).encode())
+
+
+def comparison_page(comparison: DesignComparison, files: list[Path]) -> str:
+    """Return the page as HTML with every picture inside.
+
+    Raises:
+        GraphicsError: nothing here can draw what the camera sees.
+    """
+    scene, stages = comparison.scene, comparison.stages
+    pictures = dict(design_pictures(scene, stages)) | dict(camera_pictures(scene, stages))
+    bends = bend_titles(scene)
+    best = max(stages, key=lambda stage: stage.rating.score)
+    rows = [
+        score_row(stage)
+        | stage_pictures(pictures, stage.key)
+        | {
+            "key": stage.key,
+            "normal_error": f"{stage.normal_error:.2f}°",
+            "seen": [data_uri(pictures[f"preview-{stage.key}-{i}"]) for i in range(len(bends))],
+            "best": stage is best,
+        }
+        for stage in stages
+    ]
+    words = " ".join(shlex.quote(str(file)) for file in files)
+    rendered = comparison.level == "reference"
+    chosen = shlex.quote(str(files[stages.index(best)]))
+    versions = package_versions("numpy", "onnxruntime", "mitsuba")
+    context = {
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+        "level": LEVEL_NAMES[comparison.level],
+        "lam": f"{stages[0].settings.lam:.4g}",
+        "confidence": f"{comparison.coverage:.0%}",
+        "bends": bends,
+        "stages": rows,
+        "differences": difference_rows(comparison),
+        "covers": comparison.covers,
+        "warnings": comparison.warnings,
+        "lights": _lights(comparison),
+        "next_step": f"tactilux wiring {chosen}" if rendered
+        else f"tactilux compare {words} --samples 200",
+        "rendered": rendered,
+        "facts": [
+            ("Scene", f"{scene.name}, {scene.hash}"),
+            *((stage.title, str(file)) for stage, file in zip(stages, files, strict=True)),
+            ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
+        ],
+    }  # fmt: skip
+    return render_page("comparison.html.j2", context)
+
+
+def difference_rows(comparison: DesignComparison) -> list[tuple[str, ...]]:
+    """Return every difference as text: pair, value, interval, verdict, and what was changed."""
+    return [
+        (
+            comparison.pair(one),
+            f"{one.value:+.2f}",
+            "{:+.2f} to {:+.2f}".format(*one.interval),
+            comparison.verdict(one),
+            f"{one.recolored}",
+            f"{one.turned:.1f}°",
+        )
+        for one in comparison.differences
+    ]
+
+
+def _lights(comparison: DesignComparison) -> list[dict[str, object]]:
+    """Return a row per fiber: color and angle under every design, and whether they differ."""
+    rows: list[dict[str, object]] = []
+    palette = comparison.scene.palette
+    designs = [stage.design for stage in comparison.stages]
+    for fiber in range(comparison.scene.lamp_count):
+        lights = [
+            {
+                "ink": palette.ink(design.color_names[fiber]),
+                "color": design.color_names[fiber],
+                "angle": f"{np.degrees(design.phi[fiber]):.1f}°",
+            }
+            for design in designs
+        ]
+        rows.append({"fiber": fiber, "lights": lights, "differ": lights.count(lights[0])})
+    return rows

@@ -1,0 +1,166 @@
+"""Differences of designs on a model and by renders: their intervals, and when they decide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from optimize.comparison import (
+    DesignComparison,
+    NamedDesign,
+    compare_by_renders,
+    compare_on_model,
+    comparison_page,
+)
+from optimize.design import Design, baseline_design
+from optimize.scoring import search_table
+from optimize.verification import DesignRenders, RenderDesigns
+from render.metric import design_score, image_counts, site_metric
+from render.scene import Scene
+from surrogate.runtime import Checker
+from tests.optimize.browser import look
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+NAMES = ("baseline", "turned", "the same", "red")
+
+
+@pytest.fixture(scope="module")
+def designs(finger20: Scene) -> list[NamedDesign]:
+    base = baseline_design(finger20)
+    turned = Design(np.clip(base.phi + 0.2, 0, np.pi), base.drive)
+    red = Design.of_colors(base.phi, [0] * 20)
+    return [
+        NamedDesign(name, Path(f"{name}.json"), design)
+        for name, design in zip(NAMES, (base, turned, base, red), strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def on_model(
+    finger20: Scene, finger20_checker: Checker, designs: list[NamedDesign]
+) -> DesignComparison:
+    return compare_on_model(finger20_checker, finger20, designs)
+
+
+def noisy_renders(checker: Checker, common: float, own: float) -> RenderDesigns:
+    """Return what renders the model's table, with noise that designs share and noise of each."""
+    table, rng = search_table(checker), np.random.default_rng(4)
+
+    def render(
+        designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+    ) -> DesignRenders:
+        light = np.stack([table.at(design.phi) for design in designs])
+        size = (8 * len(seeds), 1, *light.shape[1:])
+        shared = 1.0 + common * rng.standard_normal(size)
+        alone = 1.0 + own * rng.standard_normal((size[0], *light.shape))
+        noisy = light * shared * alone
+        error = noisy.std(axis=0, ddof=1) / math.sqrt(size[0])
+        return DesignRenders(tuple(designs), noisy, noisy.mean(axis=-1), error, 1.0)
+
+    return render
+
+
+def true_score(checker: Checker, design: Design) -> float:
+    """Return S of the model's table without noise, from the metric alone."""
+    light = search_table(checker).at(design.phi)
+    counts = image_counts(light, design.power, checker.exposure)
+    return float(design_score(site_metric(counts, checker.lam)).score)
+
+
+def test_every_pair_is_compared_once(on_model: DesignComparison) -> None:
+    pairs = [(one.first, one.second) for one in on_model.differences]
+    assert pairs == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+    for one in on_model.differences:
+        scores = [on_model.stages[index].rating.score for index in (one.first, one.second)]
+        assert one.value == pytest.approx(scores[1] - scores[0])
+    assert on_model.pair(on_model.differences[0]) == "B - A"
+
+
+def test_on_a_model_a_difference_reaches_further_than_a_score_unless_designs_are_equal(
+    on_model: DesignComparison, finger20_checker: Checker
+) -> None:
+    turned, same = on_model.differences[:2]
+    half = (turned.interval[1] - turned.interval[0]) / 2
+    assert half == pytest.approx(math.sqrt(2) * finger20_checker.score_half_width)
+    assert same.interval == (0.0, 0.0)
+    assert on_model.verdict(same) == "tie"
+    assert (turned.recolored, round(turned.turned, 1)) == (0, 11.5)
+
+
+def test_one_color_everywhere_is_never_called_better(
+    finger20: Scene, finger20_checker: Checker, designs: list[NamedDesign]
+) -> None:
+    poor = Design.of_colors(designs[0].design.phi, np.arange(20) % 3)
+    pair = [NamedDesign("poor", Path("poor.json"), poor), designs[3]]
+    found = compare_on_model(finger20_checker, finger20, pair)
+    (one,) = found.differences
+    assert one.interval[0] > 0
+    assert one.better is None
+    assert found.verdict(one) == "undecided"
+    assert any("tells no azimuth" in text for text in found.warnings)
+    found = compare_by_renders(
+        found, noisy_renders(finger20_checker, 0.01, 0.01), samples=9, seeds=(1, 2)
+    )
+    assert found.differences[0].better is None
+
+
+def test_renders_of_common_paths_are_paired_and_hold_the_true_difference(
+    on_model: DesignComparison, finger20_checker: Checker, designs: list[NamedDesign]
+) -> None:
+    render = noisy_renders(finger20_checker, common=0.08, own=0.004)
+    found = compare_by_renders(on_model, render, samples=100, seeds=(1, 2))
+    assert found.level == "reference"
+    turned = found.differences[0]
+    low, high = turned.interval
+    scores = [true_score(finger20_checker, entry.design) for entry in designs]
+    assert low < scores[1] - scores[0] < high
+    # Unpaired, the intervals of both scores would add up in quadrature.
+    halves = [(stage.rating.interval[1] - stage.rating.interval[0]) / 2 for stage in found.stages]
+    assert (high - low) / 2 < 0.5 * math.hypot(*halves[:2])
+    assert found.stages[0].normal_error == on_model.stages[0].normal_error
+
+
+def test_renders_that_have_not_converged_decide_nothing(
+    on_model: DesignComparison, finger20_checker: Checker
+) -> None:
+    render = noisy_renders(finger20_checker, common=20.0, own=0.0)
+    found = compare_by_renders(on_model, render, samples=1, seeds=(1, 2))
+    assert {found.verdict(one) for one in found.differences} == {"undecided"}
+    assert found.warnings[0].startswith("The renders of A have not converged")
+
+
+@pytest.fixture(scope="module")
+def page(on_model: DesignComparison, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of the first two designs."""
+    pair = replace(on_model, stages=on_model.stages[:2], differences=on_model.differences[:1])
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(comparison_page(pair, [Path("a b.json"), Path("turned.json")]))
+    return path
+
+
+@pytest.mark.parametrize("screen", ["desk", "phone"])
+def test_the_page_shows_designs_side_by_side_on_every_screen(
+    chromium: Browser, page: Path, screen: str
+) -> None:
+    seen = look(chromium, page, screen)
+    assert seen.page <= 0
+    assert seen.wide == []
+    assert seen.small == []
+    assert seen.blank == []
+    assert seen.pictures == 2 * (3 + 3)
+    assert seen.requests == []
+    assert seen.complaints == []
+
+
+def test_the_page_ends_with_the_command_that_decides(page: Path) -> None:
+    html = page.read_text()
+    command = "tactilux compare &#39;a b.json&#39; turned.json --samples 200"
+    assert command in html.partition("<h2>Next</h2>")[2]
