@@ -8,8 +8,8 @@ from optimize.comparison.comparison import (
     compare_on_model,
 )
 from optimize.comparison.comparison_page import (
-    comparison_page,
     difference_rows,
+    render_comparison,
     write_comparison,
 )
 from optimize.comparison.named_designs import NamedDesign, design_file, name_designs

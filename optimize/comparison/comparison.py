@@ -69,6 +69,7 @@ class DesignComparison:
         coverage: how often the intervals hold the true value, on the conditions in ``covers``.
         covers: what the interval of a difference covers, one sentence.
         warnings: what makes designs or scores doubtful.
+        samples: of the renders, per cell and seed; None on a model.
     """
 
     stages: tuple[Stage, ...]
@@ -76,6 +77,14 @@ class DesignComparison:
     coverage: float
     covers: str
     warnings: tuple[str, ...]
+    samples: int | None = None
+
+    @property
+    def decided(self) -> bool:
+        """Whether renders show that the best design is better than every other one."""
+        best = max(range(len(self.stages)), key=lambda i: self.stages[i].rating.score)
+        of_best = [one for one in self.differences if best in (one.first, one.second)]
+        return self.samples is not None and all(one.better == best for one in of_best)
 
     @property
     def scene(self) -> Scene:
@@ -180,6 +189,7 @@ def compare_by_renders(
         f"cancels in part. Their {CONFIDENCE:.0%} intervals cover the noise of the renders, one "
         "pair at a time; errors of the scene file are not in them.",
         tuple(doubts + _warnings(stages)),
+        samples,
     )
 
 

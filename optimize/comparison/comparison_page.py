@@ -21,13 +21,16 @@ from optimize.report import (
 from optimize.ui.output import write_result
 from optimize.ui.provenance import package_versions
 
+SAMPLES, MORE = 200, 4
+"""What the page asks for: samples per cell and seed, and times those that did not decide."""
+
 
 def write_comparison(path: Path, comparison: DesignComparison, files: list[Path]) -> None:
     """Write the page of ``comparison``, whose designs lie in ``files``, to ``path``."""
-    write_result(path, comparison_page(comparison, files).encode())
+    write_result(path, render_comparison(comparison, files).encode())
 
 
-def comparison_page(comparison: DesignComparison, files: list[Path]) -> str:
+def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
     """Return the page as HTML with every picture inside.
 
     Raises:
@@ -49,7 +52,8 @@ def comparison_page(comparison: DesignComparison, files: list[Path]) -> str:
         for stage in stages
     ]
     words = " ".join(shlex.quote(str(file)) for file in files)
-    rendered = comparison.level == "reference"
+    rendered = comparison.samples is not None
+    more = SAMPLES if comparison.samples is None else MORE * comparison.samples
     chosen = shlex.quote(str(files[stages.index(best)]))
     versions = package_versions("numpy", "onnxruntime", "mitsuba")
     context = {
@@ -64,8 +68,9 @@ def comparison_page(comparison: DesignComparison, files: list[Path]) -> str:
         "covers": comparison.covers,
         "warnings": comparison.warnings,
         "lights": _lights(comparison),
-        "next_step": f"tactilux wiring {chosen}" if rendered
-        else f"tactilux compare {words} --samples 200",
+        "next_step": f"tactilux wiring {chosen}" if comparison.decided
+        else f"tactilux compare {words} --samples {more}",
+        "decided": comparison.decided,
         "rendered": rendered,
         "facts": [
             ("Scene", f"{scene.name}, {scene.hash}"),

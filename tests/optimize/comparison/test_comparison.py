@@ -16,7 +16,7 @@ from optimize.comparison import (
     NamedDesign,
     compare_by_renders,
     compare_on_model,
-    comparison_page,
+    render_comparison,
 )
 from optimize.design import Design, baseline_design
 from optimize.scoring import search_table
@@ -142,7 +142,7 @@ def page(on_model: DesignComparison, tmp_path_factory: pytest.TempPathFactory) -
     """Return the page of the first two designs."""
     pair = replace(on_model, stages=on_model.stages[:2], differences=on_model.differences[:1])
     path = tmp_path_factory.mktemp("page") / "page.html"
-    path.write_text(comparison_page(pair, [Path("a b.json"), Path("turned.json")]))
+    path.write_text(render_comparison(pair, [Path("a b.json"), Path("turned.json")]))
     return path
 
 
@@ -164,3 +164,28 @@ def test_the_page_ends_with_the_command_that_decides(page: Path) -> None:
     html = page.read_text()
     command = "tactilux compare &#39;a b.json&#39; turned.json --samples 200"
     assert command in html.partition("<h2>Next</h2>")[2]
+
+
+@pytest.mark.parametrize(
+    ("common", "command"),
+    [(0.02, "tactilux wiring "), (20.0, "tactilux compare A.json B.json --samples 28")],
+)
+def test_a_page_of_renders_ends_with_parts_to_order_only_where_they_decide(
+    finger20: Scene,
+    finger20_checker: Checker,
+    common: float,
+    command: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn = {f"preview-{key}-{bend}": b"<svg" for key in "AB" for bend in range(3)}
+    monkeypatch.setattr(
+        "optimize.comparison.comparison_page.camera_pictures", lambda *_: drawn.items()
+    )
+    base = baseline_design(finger20)
+    poor = Design.of_colors(base.phi, np.arange(20) % 3)
+    pair = [NamedDesign("base", Path("A.json"), base), NamedDesign("poor", Path("B.json"), poor)]
+    rated = compare_on_model(finger20_checker, finger20, pair)
+    render = noisy_renders(finger20_checker, common, own=0.0)
+    found = compare_by_renders(rated, render, samples=7, seeds=(1, 2))
+    html = render_comparison(found, [entry.file for entry in pair])
+    assert f"<code>{command}" in html.partition("<h2>Next</h2>")[2]
