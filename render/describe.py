@@ -10,7 +10,16 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from render.geometry import RULE, FiberHolder, camera_coverage, counted_sites
-from render.scene import EDGES, RIM_EDGES, Constraints, FreeRanges, Quantity, Scene, Tolerances
+from render.scene import (
+    EDGES,
+    FACES,
+    RIM_EDGES,
+    Constraints,
+    FreeRanges,
+    Quantity,
+    Scene,
+    Tolerances,
+)
 
 
 @dataclass(frozen=True)
@@ -134,6 +143,10 @@ def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> It
                 key = f"colors.{color.name}"
                 yield Value(key, color.response, "", origins.get(key, ""))
             continue
+        if key == "faces" and content is not None:
+            for number, entry in enumerate(content):
+                yield from _values(entry, origins, f"{key}.{number}.")
+            continue
         if isinstance(content, BaseModel):
             yield from _values(content, origins, f"{key}.")
         elif prefix and content is not None:
@@ -167,21 +180,26 @@ def _shown(item: Value) -> str:
 def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.diffuser is None:
         yield "scattering medium", "no diffuser is declared, light enters the clear pad directly"
-    if scene.pad.roughness == 0.0:
+    smooth = [face for face, one in zip(FACES, scene.finishes, strict=True) if one.roughness == 0.0]
+    if len(smooth) == len(FACES):
         yield (
             "rough refraction",
             "pad.roughness is 0, the outer faces are smooth",
         )
-        if (
-            scene.diffuser is not None
-            and scene.diffuser.sigma_s > 0
-            and 0.0 in scene.bending.angles
-        ):
-            yield (
-                "light scattered in the diffuser that comes over two facing walls of the flat pad",
-                "level 2 has no connection over both where they are smooth: dim facets lacked 10 "
-                "to 28 % of their light; give pad.roughness the value that the faces have",
-            )
+    scatters = scene.diffuser is not None and scene.diffuser.sigma_s > 0
+    facing = {"left", "right"} <= set(smooth) or {"tip", "base"} <= set(smooth)
+    if scatters and facing and 0.0 in scene.bending.angles:
+        yield (
+            "light scattered in the diffuser that comes over two facing walls of the flat pad",
+            "level 2 has no connection over both where they are smooth: dim facets lacked 10 "
+            "to 28 % of their light; give pad.roughness the value that the faces have",
+        )
+    if scatters and "lower" in smooth and max(scene.bending.angles) > 0.0:
+        yield (
+            "light scattered in the diffuser that comes over the smooth lower face of the bent pad",
+            "level 2 finds too little of it: facets had 0.64 and untouched sites 0.5 of their "
+            "light at 45 deg; give the lower face the roughness that it has",
+        )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"

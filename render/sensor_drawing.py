@@ -21,13 +21,14 @@ from render.geometry import (
     flat_fiber_poses,
     pixel_directions,
 )
-from render.scene import Profile, Scene
+from render.scene import OUTWARD, Profile, Scene
 
 LIGHT = "--paper:#fff;--ink:#1c1f24;--soft:#5b616b;--clear:#e8f0f8;--milky:#d9dbe0;--lamp:#c2570c"
 DARK = "--paper:#16181c;--ink:#eceef1;--soft:#a2a8b3;--clear:#24303d;--milky:#3a3e46;--lamp:#f0a35e"
 STYLE = """text{{font:1.15px system-ui,sans-serif;fill:var(--soft)}}
 svg{{background:var(--paper);{light}}}{dark}
 .pad{{fill:var(--clear);stroke:var(--soft);stroke-width:.08}}.milky{{fill:var(--milky)}}
+.rough{{stroke:var(--ink);stroke-width:.3;stroke-dasharray:.15 .35}}
 .skin{{stroke:var(--ink);stroke-width:.35}}.site{{fill:var(--ink)}}
 .out{{stroke:var(--soft);stroke-width:.14}}.camera{{fill:var(--ink)}}
 .lens{{fill:none;stroke:var(--ink);stroke-width:.2}}
@@ -145,6 +146,7 @@ def _drawn(
     if scene.diffuser is not None:
         yield _rectangle(view, low, high, "milky")
     yield _rectangle(view, *clear, "pad")
+    yield from _faces(scene, view)
     yield from _camera_view(scene, view)
     if view.axes[0] == 2:
         ends = view.flat(np.array([[0.0, y, scene.pad.thickness] for y in (-half[1], half[1])]))
@@ -156,6 +158,18 @@ def _drawn(
         else:
             yield f'<path class="out" d="M{x - 0.3:.3f} {y - 0.3:.3f}l.6 .6m0-.6l-.6 .6"/>'
     yield from _lamps(scene, view, phi, inks)
+
+
+def _faces(scene: Scene, view: View) -> Iterator[str]:
+    """Draw the faces that are rougher than the smoothest, where the view shows them as lines."""
+    low, high = _block(scene)
+    smoothest = min(finish.roughness for finish in scene.finishes)
+    for finish, outward in zip(scene.finishes, OUTWARD, strict=True):
+        axis = int(np.abs(outward).argmax())
+        if axis in view.axes and finish.roughness > smoothest:
+            ends = np.stack([low, high])
+            ends[:, axis] = (high if outward[axis] > 0 else low)[axis]
+            yield _path(view.flat(ends), "rough", closed=False)
 
 
 def _lamps(

@@ -1,6 +1,6 @@
 """Connections over the smooth faces of a flat pad, by the image method.
 
-A flat pad is a box of silicone. Where its faces are smooth, light from a vertex ``y`` reaches the
+A flat pad is a box of silicone. Where faces of it are smooth, light from a vertex ``y`` reaches the
 coating over the lower face, over a wall, or over several of them, on the straight line to an image
 of ``y``: the folded line meets every mirror within the face, as in any box. No random direction
 finds a mirror image that is exact; this connects to one of them, drawn in proportion to what it may
@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from render.paths.connect import arrival_density, optical_depth, trace_to_surface
 from render.paths.vertex import Vertex, area_factor, evaluate_scattering
 from render.paths.walk import GuidingDistribution, SubpathState
-from render.scene import Scene
+from render.scene import FACES, Scene
 
 IMAGES = 18
 """Combinations of mirrors: x, y and z each none or one of theirs; 0 is no mirror at all."""
@@ -50,18 +51,30 @@ class ImageChain:
         return ImageChain(mi.UInt32(0), mi.Bool(False), mi.Float(1), mi.Spectrum(0), mi.Float(0))
 
 
+def mirror_faces(scene: Scene) -> NDArray[np.bool_]:
+    """Return which of `FACES` are mirrors, ``(5,)``: smooth boundaries to the air."""
+    return np.array(
+        [finish.roughness == 0.0 and scene.pad.index != 1.0 for finish in scene.finishes]
+    )
+
+
 class BoxImages:
-    """The mirrors of one flat pad with smooth faces."""
+    """The mirrors of one flat pad: those of its faces that are smooth."""
 
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places from the scene."""
-        margin = scene.diffuser.thickness if scene.diffuser else 0.0
-        half_width, half_length = scene.pad.width / 2 + margin, scene.pad.length / 2
+        low, high = scene.box.low, scene.box.high
         # Per axis the planes 1 and 2; 0 is no mirror.
-        places = [0, -half_width, half_width, 0, -half_length, half_length + margin, 0, 0, 0]
+        places = [0, low[0], high[0], 0, low[1], high[1], 0, low[2], 0]
         self.places = mi.Float(np.array(places, dtype=np.float32))
         self.index = mi.Float(scene.pad.index)
-        dr.make_opaque(self.places, self.index)
+        mirrors = mirror_faces(scene)
+        faces = [FACES.index(face) for face in ("left", "right", "base", "tip", "lower")]
+        there = np.ones(9, dtype=np.float32)
+        there[[1, 2, 4, 5, 7]] = mirrors[faces]
+        # Images in faces that are no mirrors are never drawn.
+        self.mirrors = None if mirrors.all() else mi.Float(there)
+        dr.make_opaque(self.places, self.index, self.mirrors)
 
     def _digits(self, image: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
         """Return which mirror of x, y and z an image takes, 0 for none."""
@@ -87,7 +100,7 @@ class BoxImages:
         return mi.fresnel(-dr.abs(cosine), self.index)[0]
 
     def _weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
-        """Return what ``y`` may send to ``a`` by an image, without visibility; above 0."""
+        """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one."""
         span = self.point(image, y.p) - a.p
         squared = dr.maximum(dr.squared_norm(span), 1e-6)
         direction = span * dr.rsqrt(squared)
@@ -97,6 +110,8 @@ class BoxImages:
         weight *= dr.select(y.volume, 1.0, facing)
         for axis, digit in enumerate(self._digits(image)):
             weight *= dr.select(digit > 0, self.reflectance(direction[axis]), 1.0)
+            if self.mirrors is not None:
+                weight *= dr.gather(mi.Float, self.mirrors, 3 * axis + digit)
         return weight
 
     @dr.syntax
@@ -108,7 +123,7 @@ class BoxImages:
         while image < IMAGES:
             here = self._weight(image, a, y)
             total += here
-            chance = here / total
+            chance = dr.select(total > 0, here / total, 0.0)
             chosen = number < chance
             number = dr.select(chosen, number / chance, (number - chance) / (1.0 - chance))
             drawn = dr.select(chosen, image, drawn)

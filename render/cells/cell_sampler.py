@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.cells.box_images import BoxImages
+from render.cells.box_images import BoxImages, mirror_faces
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
 from render.cells.guiding import FacetGuiding, FiberGlow
@@ -24,6 +24,7 @@ from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import (
+    LOWER,
     camera_axes,
     camera_origin,
     counted_sites,
@@ -76,7 +77,8 @@ def lamps_are_seen(scene: Scene) -> bool:
     could, as long as the faces are rough enough. Right either way: what is left out of the
     strategies is left out of their weights.
     """
-    return diffuser_depth(scene) < MILKY_DEPTH or scene.pad.roughness < CLEAR_ROUGHNESS
+    smoothest = min(finish.roughness for finish in scene.finishes)
+    return diffuser_depth(scene) < MILKY_DEPTH or smoothest < CLEAR_ROUGHNESS
 
 
 @dataclass(frozen=True)
@@ -141,10 +143,13 @@ class PadSampler:
         self.glow = FiberGlow(scene, bend)
         self.mirror = LowerFaceMirror(scene, bend)
         self.target = CoatingTarget(scene, bend, self.mirror)
-        smooth = scene.pad.roughness == 0.0 and scene.pad.index != 1.0
-        self.images = BoxImages(scene) if smooth and not self.mirror.curved else None
+        mirrors = mirror_faces(scene)
+        self.images = BoxImages(scene) if mirrors.any() and not self.mirror.curved else None
+        # Over a lower face without exact images directions are drawn near the mirror image.
+        self.glossy = None if self.images is not None and mirrors[LOWER] else self.mirror
         # A bent mirror has no exact image: camera subpaths find what comes out of volumes over it.
-        self.volume_ends = smooth and self.mirror.curved and scene.diffuser is not None
+        self.volume_ends = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
+        self.sharp = bool(mirrors[[lamp.face for lamp in scene.placed_lamps()]].any())
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
@@ -160,7 +165,7 @@ class PadSampler:
 
     def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
         """Return the subpaths that find lamps behind smooth faces."""
-        if self.images is None or lamp is None or self.aim is None:
+        if self.images is None or lamp is None or self.aim is None or not self.sharp:
             return None
         return AimedSubpaths(lamp, self.aim, guiding)
 
@@ -177,7 +182,7 @@ class PadSampler:
             stream,
             first,
             guiding,
-            self.mirror,
+            self.glossy,
             self.images,
             lamp,
             self.aimed(guiding, lamp),
@@ -305,7 +310,7 @@ class CellSampler(PadSampler):
             light,
             face,
             guiding,
-            self.mirror,
+            self.glossy,
             self.images,
             lamp,
             self.aimed(guiding, lamp),
@@ -364,7 +369,7 @@ class PictureSampler(PadSampler):
             light,
             mi.UInt32(0),
             guiding,
-            self.mirror,
+            self.glossy,
             self.images,
             lamp,
             self.aimed(guiding, lamp),

@@ -54,7 +54,7 @@ class FacetSubpath:
 @dr.syntax
 def trace_facet_subpath(
     scene: mi.Scene, o: mi.Point3f, d: mi.Vector3f, stream: Stream, first: mi.UInt32,
-    guiding: GuidingDistribution, mirror: LowerFaceMirror, images: BoxImages | None,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: BoxImages | None,
     lamp: Lamp | None, aimed: AimedSubpaths | None, events: int, volume_ends: bool,
 ) -> FacetSubpath:  # fmt: skip
     """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``.
@@ -92,7 +92,8 @@ def trace_facet_subpath(
                 lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
             )  # fmt: skip
             lamps += dr.select(passed, 1.0, 0.0)
-            segment.beta *= dr.select(ends == 0.0, share, 1.0)
+            # Aimed subpaths pass delta faces alone.
+            segment.beta *= dr.select((ends == 0.0) & (glossies == 0.0), share, 1.0)
             met = dr.select(passed & (choose_lamp * lamps < 1.0), segment, met)
         else:
             v.terminal = v.terminal | (v.diffuse & behind)
@@ -100,9 +101,10 @@ def trace_facet_subpath(
         v.d_vcm = dr.select(behind, v.d_vcm, 0.0)
         v.d_vc = dr.select(behind, v.d_vc, 0.0)
         # A mirror connection could have found the vertex before this one, whatever comes next.
-        if arrived & follows & has_wide_lobe(v):
-            mirrored = before_d_vcm * mirror.area_density(facet.p, before, before_n, v.p)
-            v.d_vcm = dr.minimum(v.d_vcm * (1.0 + mirrored), RATIO_MAX)
+        if mirror is not None:  # noqa: SIM102 (the other one is traced)
+            if arrived & follows & has_wide_lobe(v):
+                mirrored = before_d_vcm * mirror.area_density(facet.p, before, before_n, v.p)
+                v.d_vcm = dr.minimum(v.d_vcm * (1.0 + mirrored), RATIO_MAX)
         # So could an image connection the one that follows the facet over smooth mirrors.
         if images is not None:
             following, imaged = images.arrive(chain, v, state, facet, has_wide_lobe(v))
@@ -157,7 +159,7 @@ def trace_facet_subpath(
 @dr.syntax
 def radiance_per_node(
     scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
-    offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror,
+    offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror | None,
     images: BoxImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None,
 ) -> list[mi.Float]:  # fmt: skip
     """Return, per direction node, what the lamp and its light vertices of ``lane`` send.
@@ -197,7 +199,7 @@ def radiance_per_node(
 @dr.syntax
 def _connect(
     scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
-    guiding: GuidingDistribution, mirror: LowerFaceMirror, images: BoxImages | None,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: BoxImages | None,
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
@@ -205,24 +207,28 @@ def _connect(
     # ------------------------------ With the facet --------------------------------
     # A mirror connection could have found this glossy vertex from the wide one before it.
     mirrored = mi.Float(0.0)
-    if active & ~wide & drawn.before_wide:
-        mirrored = y.d_vcm * mirror.area_density(a.p, y.p, y.n, drawn.before)
+    if mirror is not None:  # noqa: SIM102 (the other one is traced)
+        if active & ~wide & drawn.before_wide:
+            mirrored = y.d_vcm * mirror.area_density(a.p, y.p, y.n, drawn.before)
     light = dr.mean(connect_vertices(scene, y, a, active, guiding, extra=mirrored))
     # ------------------------------ With what follows it --------------------------
     # These carry little light: each vertex tries one of them.
     to_end = numbers[2] < 0.5
     mirrored = mi.Float(0.0)
-    if wide & camera.glossy_first & ~to_end:
-        mirrored = camera.glossy.d_vcm * mirror.area_density(
-            a.p, camera.glossy.p, camera.glossy.n, y.p
-        )
+    if mirror is not None:  # noqa: SIM102 (the other one is traced)
+        if wide & camera.glossy_first & ~to_end:
+            mirrored = camera.glossy.d_vcm * mirror.area_density(
+                a.p, camera.glossy.p, camera.glossy.n, y.p
+            )
     other = dr.select(to_end, camera.end, camera.glossy)
     light += 2.0 * dr.mean(connect_vertices(scene, y, other, active, guiding, extra=mirrored))
     # ------------------------------ Over mirrors ----------------------------------
     if images is not None:
-        reflected = images.connect(scene, y, a, numbers[0], wide, guiding)
-    else:
+        number = numbers[0] if mirror is None else numbers[3]
+        light += dr.mean(images.connect(scene, y, a, number, wide, guiding))
+    if mirror is not None:
         direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
         density = mirror.density(a.p, y.p, direction)
         reflected = mirror_connection(scene, y, a, direction, density, wide, guiding=guiding)
-    return light + dr.mean(reflected)
+        light += dr.mean(reflected)
+    return light

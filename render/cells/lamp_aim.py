@@ -83,10 +83,12 @@ class LampAim:
             [poses.foot, poses.face_along, poses.face_inward, poses.position, far_axis], axis=1
         )
         self.frames = mi.Float(frames.astype(np.float32).ravel())
-        slope = scene.pad.roughness / np.sqrt(2.0)
+        slope = np.array([finish.roughness for finish in scene.finishes]) / np.sqrt(2.0)
         self.radius = mi.Float(poses.radius.astype(np.float32))
-        self.constants = mi.Float([scene.pad.index, slope])
-        dr.make_opaque(self.frames, self.walls, self.radius, self.constants)
+        # Of the faces that the lamps shine through, and of the lower one.
+        self.slope = mi.Float(slope[poses.face].astype(np.float32))
+        self.constants = mi.Float([scene.pad.index, slope[LOWER]])
+        dr.make_opaque(self.frames, self.walls, self.radius, self.slope, self.constants)
 
     def sample(
         self, fiber: mi.UInt32, a: mi.Point3f, pick: mi.Float, x: mi.Float, y: mi.Float
@@ -141,7 +143,8 @@ class LampAim:
             dr.gather(mi.Vector3f, self.frames, 5 * fiber + i) for i in range(5)
         )
         radius = dr.gather(mi.Float, self.radius, fiber)
-        index, slope = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(2))
+        index, lower = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(2))
+        slope = dr.select(below, lower, dr.gather(mi.Float, self.slope, fiber))
         # What comes in through the lower face has not been reflected by it.
         mirrored &= dr.gather(mi.Float, self.walls, 5 * fiber + 4) == 0.0
         # Through the lower face: what of the lamp is below the pad.
@@ -189,7 +192,7 @@ class LampAim:
         moved_across = before + after * index
         rough = 2.0 * (index - 1.0) * slope * after
         size = dr.sqrt(dr.square(LOBE_RADIUS * radius) + dr.square(rough))
-        blur = dr.select(mirrored, 1.4 * slope, 0.0)
+        blur = dr.select(mirrored, 1.4 * lower, 0.0)
         wide, narrow = (dr.hypot(size / moved, blur) for moved in (moved_in, moved_across))
         sideways = dr.cross(axis, inward)
         other = dr.select(dr.abs(inward.x) > 0.9, mi.Vector3f(0, 1, 0), mi.Vector3f(1, 0, 0))

@@ -31,7 +31,7 @@ class LowerFaceMirror:
         kappa = bend / scene.pad.length
         self.curved = kappa > CURVATURE_MIN
         radius = 1.0 / kappa if self.curved else 0.0
-        slope = scene.pad.roughness / np.sqrt(2.0)
+        slope = scene.finish("lower").roughness / np.sqrt(2.0)
         self.constants = mi.Float(
             [scene.camera.pivot, scene.pad.thickness + radius, radius + scene.pad.thickness, slope]
         )

@@ -112,7 +112,9 @@ class MirrorTwins:
 
 
 def mirror_twins(scene: Scene) -> MirrorTwins | None:
-    """Return the mirror images of the lamps, or None where one has none."""
+    """Return the mirror images of the lamps, or None where one, or a side of the pad, has none."""
+    if scene.finish("left") != scene.finish("right"):
+        return None
     poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
     sign = np.array([-1.0, 1.0, 1.0])
     beam = poses.directions(np.full(len(lamps), np.pi / 2))

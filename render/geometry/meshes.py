@@ -22,7 +22,7 @@ from render.arrays import Array
 from render.geometry.bending import bend_points
 from render.geometry.indenter import Imprint, imprint_depth
 from render.geometry.layout import declared_sites, facets, pyramid
-from render.scene import Scene
+from render.scene import FACES, OUTWARD, Scene
 
 if TYPE_CHECKING:
     import trimesh
@@ -147,12 +147,16 @@ class PadMeshes:
         outer_clear: faces between air and clear silicone; normals point into the air.
         outer_diffuser: faces between air and diffuser, normals into the air; None without one.
         interface: faces between diffuser and clear pad, normals into the clear pad, or None.
+        clear_side, diffuser_side: ``(triangle,)`` of both outer meshes, the number of the face of
+            `render.scene.FACES` that it is part of; their number on the far side of the diffuser.
     """
 
     coating: trimesh.Trimesh
     outer_clear: trimesh.Trimesh
     outer_diffuser: trimesh.Trimesh | None
     interface: trimesh.Trimesh | None
+    clear_side: Index
+    diffuser_side: Index
 
 
 def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
@@ -170,20 +174,39 @@ def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
         coating = _mesh(np.concatenate([points, pressed.reshape(-1, 3)]), faces)
     else:
         coating = _mesh(points, grid.level(clear, 1))
-    outer_clear = [grid.level(clear, 0), grid.walls(ColumnMaterial.CLEAR, ColumnMaterial.AIR)]
+    outer_clear = np.concatenate(
+        [grid.level(clear, 0), grid.walls(ColumnMaterial.CLEAR, ColumnMaterial.AIR)]
+    )
     outer_diffuser = interface = None
+    outer_layer = np.zeros((0, 3), dtype=np.int64)
     if scene.diffuser:
         layer = grid.material == ColumnMaterial.DIFFUSER
         top = grid.level(layer, 1)[:, ::-1]
         sides = grid.walls(ColumnMaterial.DIFFUSER, ColumnMaterial.AIR)
-        outer_diffuser = _mesh(points, np.concatenate([grid.level(layer, 0), top, sides]))
+        outer_layer = np.concatenate([grid.level(layer, 0), top, sides])
+        outer_diffuser = _mesh(points, outer_layer)
         interface = _mesh(points, grid.walls(ColumnMaterial.DIFFUSER, ColumnMaterial.CLEAR))
     return PadMeshes(
         coating,
-        _mesh(points, np.concatenate(outer_clear)),
+        _mesh(points, outer_clear),
         outer_diffuser,
         interface,
+        _sides(scene, grid.points[outer_clear]),
+        _sides(scene, grid.points[outer_layer]),
     )
+
+
+def _sides(scene: Scene, corners: Array) -> Index:
+    """Return the number in `FACES` of triangles ``(triangle, corner, 3)`` of the flat block."""
+    low, high = scene.box.low @ OUTWARD.T, scene.box.high @ OUTWARD.T
+    level = np.maximum(low, high)
+    on = np.isclose(corners @ OUTWARD.T, level, rtol=0.0, atol=1e-9).all(axis=1)
+    return np.asarray(np.where(on.any(axis=1), on.argmax(axis=1), len(FACES)))
+
+
+def mesh_part(mesh: trimesh.Trimesh, chosen: np.ndarray) -> trimesh.Trimesh:
+    """Return the ``chosen`` triangles (a mask) of a mesh, bit for bit where they were."""
+    return _mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)[chosen])
 
 
 def imprinted_coating(scene: Scene, bend: float, imprint: Imprint) -> trimesh.Trimesh:

@@ -7,32 +7,33 @@ black and never modeled: light that leaves the silicone is lost (thesis 3.3).
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 import trimesh
 
-from render.geometry.meshes import pad_meshes
-from render.scene import Scene
+from render.geometry.meshes import PadMeshes, mesh_part, pad_meshes
+from render.scene import Finish, Scene
 
 
-def outer_face(scene: Scene) -> dict[str, Any]:
-    """Return the BSDF of the faces between silicone and air.
+def outer_face(finish: Finish, index: float) -> dict[str, Any]:
+    """Return the BSDF of a face between silicone of refractive ``index`` and air.
 
     Beckmann with separable Smith shadowing, as in Mitsuba; roughness 0 is a smooth dielectric and
     index 1 no boundary at all.
     """
-    pad = scene.pad
-    if pad.index == 1.0:
+    if index == 1.0:
         return {"type": "null"}
-    if pad.roughness == 0.0:
-        return {"type": "dielectric", "int_ior": pad.index, "ext_ior": 1.0}
+    if finish.roughness == 0.0:
+        return {"type": "dielectric", "int_ior": index, "ext_ior": 1.0}
     return {
         "type": "roughdielectric",
         "distribution": "beckmann",
-        "alpha": pad.roughness,
-        "int_ior": pad.index,
+        "alpha": finish.roughness,
+        "int_ior": index,
         "ext_ior": 1.0,
     }
 
@@ -59,7 +60,6 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
     if medium:
         content["diffuser"] = {**medium, "id": "diffuser"}
     inside = {"interior": {"type": "ref", "id": "diffuser"}} if medium else {}
-    face = outer_face(scene)
     coating = {
         "type": "diffuse",
         "reflectance": {"type": "rgb", "value": scene.coating.albedo}
@@ -67,14 +67,34 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
         else {"type": "uniform", "value": scene.coating.albedo},
     }
     content["coating"] = _shape(meshes.coating, folder / "coating.ply", coating)
-    content["outer_clear"] = _shape(meshes.outer_clear, folder / "outer_clear.ply", face)
-    if meshes.outer_diffuser is not None:
-        path = folder / "outer_diffuser.ply"
-        content["outer_diffuser"] = {**_shape(meshes.outer_diffuser, path, face), **inside}
+    for name, finish, mesh in _outer_parts(scene, "outer_clear", meshes):
+        path = folder / f"{name}.ply"
+        content[name] = _shape(mesh, path, outer_face(finish, scene.pad.index))
+    for name, finish, mesh in _outer_parts(scene, "outer_diffuser", meshes):
+        path = folder / f"{name}.ply"
+        content[name] = {**_shape(mesh, path, outer_face(finish, scene.pad.index)), **inside}
     if meshes.interface is not None and medium:
         path = folder / "interface.ply"
         content["interface"] = {**_shape(meshes.interface, path, {"type": "null"}), **inside}
     return content
+
+
+def _outer_parts(
+    scene: Scene, name: str, meshes: PadMeshes
+) -> Iterator[tuple[str, Finish, trimesh.Trimesh]]:
+    """Yield the faces to the air of clear pad or diffuser: those alike together, with a name."""
+    clear = name == "outer_clear"
+    mesh = meshes.outer_clear if clear else meshes.outer_diffuser
+    if mesh is None:
+        return
+    # The far side of the diffuser is no face that a scene can name.
+    of_face = [*scene.finishes, Finish(scene.pad.roughness)]
+    kinds = list(dict.fromkeys([of_face[-1], *of_face]))
+    kind = np.array([kinds.index(finish) for finish in of_face])
+    of_triangle = kind[meshes.clear_side if clear else meshes.diffuser_side]
+    for number in np.unique(of_triangle):
+        part = mesh if len(kinds) == 1 else mesh_part(mesh, of_triangle == number)
+        yield name if number == 0 else f"{name}_{number}", kinds[number], part
 
 
 def pad_scene(scene: Scene, bend: float, indented: bool) -> Any:

@@ -108,7 +108,7 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
     normal = np.stack([np.zeros_like(y), kappa_face * y, kappa_face * entry[..., 2] - 1], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     across = np.broadcast_to([1.0, 0.0, 0.0], normal.shape)
-    slope = scene.pad.roughness * _slopes()
+    slope = scene.finish("lower").roughness * _slopes()
     micro = normal[..., None, :] + (
         slope[:, :1] * across[..., None, :] + slope[:, 1:] * np.cross(normal, across)[..., None, :]
     )

@@ -11,10 +11,12 @@ from render.arrays import Array
 from render.geometry import flat_fiber_poses
 from render.preview.beams import BEAM_MARK, Beams
 from render.preview.diffuser.cache import fiber_ends, slab_of, slab_response
-from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS
+from render.preview.diffuser.emission import FiberEnd
+from render.preview.diffuser.random_walk import Slab
+from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS, SlabResponse
 from render.preview.glow import Glow
 from render.preview.light_paths import clear_walls, near_wall
-from render.scene import Scene
+from render.scene import EDGES, Scene
 
 IMAGE_MARK, END_MARK = 128, -1
 """Parts of a light's mark, see `with_images`."""
@@ -52,14 +54,19 @@ class PointLights(Protocol):
 
 def point_lights(scene: Scene, cache: Path | None = None) -> PointLights:
     """Return the lights that the scene requires: beams, the diffuser's glow, or both."""
-    behind = np.flatnonzero(flat_fiber_poses(scene).layer > 0.0)
+    poses = flat_fiber_poses(scene)
+    behind = np.flatnonzero(poses.layer > 0.0)
     if not len(behind):
         return Beams(scene)
     ends = fiber_ends(scene)
-    # Rows of equal ends share one response.
-    distinct = dict.fromkeys(ends[i] for i in behind)
-    made = {end: slab_response(scene, end, cache=cache, rays=RAYS) for end in distinct}
-    glow = Glow(scene, [made[ends[i]] for i in behind], behind)
+    # Rows of equal ends on edges of equal roughness share one response.
+    edges = [EDGES[face] for face in poses.face[behind]]
+    kinds = [(ends[i], slab_of(scene, edge)) for i, edge in zip(behind, edges, strict=True)]
+    made: dict[tuple[FiberEnd, Slab], SlabResponse] = {}
+    for kind, edge in zip(kinds, edges, strict=True):
+        if kind not in made:
+            made[kind] = slab_response(scene, kind[0], edge=edge, cache=cache, rays=RAYS)
+    glow = Glow(scene, [made[kind] for kind in kinds], behind)
     if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS and len(behind) == len(ends):
         return glow
     return GlowAndBeams(glow, Beams(scene), behind)

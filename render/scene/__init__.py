@@ -3,6 +3,7 @@
 from render.scene.camera import Camera
 from render.scene.colors import OFF, RGB, LedColor, Palette
 from render.scene.constraints import HOLDER_THICKNESS, Constraints, FixedFiber
+from render.scene.faces import Finish
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamp_profile import Profile
 from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLamp, Row

@@ -12,6 +12,7 @@ import json
 import math
 import tomllib
 from collections.abc import Iterator
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -31,9 +32,11 @@ from render.scene.colors import (
     palette_of,
 )
 from render.scene.constraints import Constraints
+from render.scene.faces import Finish, NamedFaces, face_problems, finishes
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamps import (
     EDGES,
+    FACES,
     Box,
     Fibers,
     ListedLamp,
@@ -62,7 +65,10 @@ KnownColor = Annotated[str, AfterValidator(_known_color)]
 
 
 class Pad(Part):
-    """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z."""
+    """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z.
+
+    ``roughness`` (Beckmann alpha) is that of all faces to the air but those that ``faces`` name.
+    """
 
     width: Millimeters
     length: Millimeters
@@ -175,6 +181,7 @@ class Scene(Part):
     diffuser: Diffuser | None = None
     coating: Coating
     fibers: Fibers | None = None
+    faces: tuple[NamedFaces, ...] | None = since_schema_2()
     rows: tuple[Row, ...] | None = since_schema_2()
     lamps: tuple[ListedLamp, ...] | None = since_schema_2()
     camera: Camera
@@ -206,7 +213,7 @@ class Scene(Part):
                 raw["lamps"] = lamps_of_file(folder / name)
             except ValueError as error:
                 raise ValueError(f"lamps_file = {name}: {error}") from error
-        for key in ("rows", "lamps"):
+        for key in ("faces", "rows", "lamps"):
             if isinstance(raw.get(key), list):
                 raw[key] = tuple(raw[key])
         return raw
@@ -219,6 +226,7 @@ class Scene(Part):
             if self.constraints and any(one.color == OFF for one in self.constraints.fixed):
                 problems.append(f"constraints.fixed: color = {OFF} needs schema = 2")
         problems += self.camera.problems()
+        problems += face_problems(self.faces or ())
         problems += self._lamp_problems()
         angles = self.bending.angles
         if any(b <= a for a, b in itertools.pairwise(angles)):
@@ -345,6 +353,15 @@ class Scene(Part):
         return Box(self.pad.width, self.pad.length, self.pad.thickness, rim)
 
     @property
+    def finishes(self) -> tuple[Finish, ...]:
+        """What light meets on each of `FACES`."""
+        return finishes(self.faces or (), self.pad.roughness)
+
+    def finish(self, face: str) -> Finish:
+        """Return what light meets on one of `FACES`."""
+        return self.finishes[FACES.index(face)]
+
+    @property
     def lamp_rows(self) -> tuple[Row, ...]:
         """Lamps along edges; the fibers of schema 1 are three rows."""
         return self.fibers.rows() if self.fibers is not None else self.rows or ()
@@ -382,6 +399,15 @@ class Scene(Part):
         content |= {"schema_version": 1, "diffuser": content.get("diffuser")}
         for color in content.get("colors", ()):
             color.pop("ink", None)
+        # However the file groups them, and only those that are not like the rest of the pad.
+        plain = Finish(self.pad.roughness)
+        content["faces"] = {
+            face: asdict(finish)
+            for face, finish in zip(FACES, self.finishes, strict=True)
+            if finish != plain
+        }
+        if not content["faces"]:
+            del content["faces"]
         if self.palette == RGB:
             content.pop("colors", None)
         if self.palette.channels == DEFAULT_CHANNELS:

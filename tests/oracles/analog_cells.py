@@ -68,7 +68,7 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         half_width=half_width,
         half_length=half_length,
         index=pad.index,
-        alpha=pad.roughness,
+        alpha=face_roughness(scene),
         sigma_s=layer.sigma_s if layer else 0.0,
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,
@@ -82,6 +82,15 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         columns=columns,
         rows=rows,
     )
+
+
+def face_roughness(scene: Scene) -> Floats:
+    """Return ``(6,)`` left, right, base, tip, lower and upper as the scene's entries name them."""
+    alpha = np.full(6, scene.pad.roughness)
+    for entry in scene.faces or ():
+        for face in entry.on:
+            alpha[("left", "right", "base", "tip", "lower").index(face)] = entry.roughness
+    return alpha
 
 
 def site_centers(scene: Scene) -> Floats:

@@ -44,7 +44,8 @@ class Pad(NamedTuple):
         low, high: ``(3,)`` corners of the box, rim included.
         half_width, half_length: of the clear pad: the rim is what lies beyond, but for the base.
         index: of the silicone; 1 is no face at all.
-        alpha: Beckmann roughness of all faces to the air; 0 is smooth.
+        alpha: ``(6,)`` Beckmann roughness of the faces to the air, in the order of where power
+            ends (left, right, base, tip, lower, upper); 0 is smooth.
         sigma_s, sigma_a, g: of the rim, Henyey-Greenstein.
         albedo: of the coating.
         apex: ``(site, 3)`` deepest points of the pyramids; none for an untouched pad.
@@ -60,7 +61,7 @@ class Pad(NamedTuple):
     half_width: float
     half_length: float
     index: float
-    alpha: float
+    alpha: Floats
     sigma_s: float
     sigma_a: float
     g: float
@@ -293,7 +294,8 @@ def enter_pad(state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, ends: F
         return 0.0
     if pad.index == 1.0:
         return 1.0
-    weight, through = meet_face(state, d, axis, pad.alpha, pad.index)
+    face = 2 * axis + (0 if d[axis] > 0.0 else 1)
+    weight, through = meet_face(state, d, axis, pad.alpha[face], pad.index)
     ends[MICROFACETS] += 1.0 - weight
     if not through:
         ends[OUTSIDE] += weight
@@ -357,7 +359,7 @@ def arrive(
         if pad.index == 1.0:
             ends[face] += weight
             return 0.0, -1, -1
-        left, through = meet_face(state, d, axis, pad.alpha, 1.0 / pad.index)
+        left, through = meet_face(state, d, axis, pad.alpha[face], 1.0 / pad.index)
         ends[MICROFACETS] += weight * (1.0 - left)
         weight *= left
         if through or weight == 0.0:

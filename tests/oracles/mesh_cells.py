@@ -15,8 +15,8 @@ from scipy import sparse
 from render.geometry import camera_origin, fiber_poses
 from render.geometry.meshes import pad_meshes
 from render.scene import Scene
-from tests.oracles.analog_cells import AnalogCells, target_rays
-from tests.oracles.analog_tracer import Floats, Lamp
+from tests.oracles.analog_cells import AnalogCells, face_roughness, target_rays
+from tests.oracles.analog_tracer import BASE, LEFT, LOWER, RIGHT, TIP, UPPER, Floats, Lamp
 from tests.oracles.mesh_tracer import (
     COATED,
     INTERFACE,
@@ -72,7 +72,7 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
         start=start,
         member=member,
         index=scene.pad.index,
-        alpha=scene.pad.roughness,
+        alpha=face_roughness(scene)[_faces_of(scene, bend, corner.mean(axis=1), normal)],
         sigma_s=layer.sigma_s if layer else 0.0,
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,
@@ -80,6 +80,23 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
         splits=splits,
         bin=np.concatenate([[0], np.cumsum(bins)])[:-1],
     )
+
+
+def _faces_of(scene: Scene, bend: float, middle: Floats, normal: Floats) -> Integers:
+    """Return the face of the box that triangles are on once it is bent, by their normals.
+
+    Those of faces to the air point outwards; what others get means nothing.
+    """
+    down = np.tile([0.0, 0.0, -1.0], (len(middle), 1))
+    if bend:
+        axis = np.array([0.0, scene.camera.pivot, scene.pad.thickness + scene.pad.length / bend])
+        down = (middle - axis) * [0.0, 1.0, 1.0]
+        down /= np.linalg.norm(down, axis=-1, keepdims=True)
+    ahead = np.stack([down[:, 0], -down[:, 2], down[:, 1]], axis=-1)
+    outwards = [normal[:, 0], (normal * ahead).sum(axis=-1), (normal * down).sum(axis=-1)]
+    towards = np.stack([-outwards[0], outwards[0], -outwards[1], outwards[1], outwards[2]], axis=-1)
+    towards = np.column_stack([towards, -outwards[2]])
+    return np.array([LEFT, RIGHT, BASE, TIP, LOWER, UPPER])[towards.argmax(axis=-1)]
 
 
 def _sorted(corner: Floats) -> tuple[Floats, Floats, Integers, Integers, Integers]:

@@ -50,7 +50,8 @@ class MeshPad(NamedTuple):
         kind: ``(face,)``.
         low, cell: ``(3,)`` corner of the grid and size of its cells; ``shape`` how many.
         start, member: faces of cell ``c`` are ``member[start[c]:start[c + 1]]``.
-        index, alpha: of the faces to the air.
+        index: of the silicone.
+        alpha: ``(face,)`` Beckmann roughness of faces to the air.
         sigma_s, sigma_a, g: of the rim, Henyey-Greenstein.
         albedo: of the coating.
         splits: ``(face, 2)`` tally bins along the two edges.
@@ -68,7 +69,7 @@ class MeshPad(NamedTuple):
     start: Integers
     member: Integers
     index: float
-    alpha: float
+    alpha: Floats
     sigma_s: float
     sigma_a: float
     g: float
@@ -217,7 +218,7 @@ def follow(
         through, left = True, 1.0
         if pad.index > 1.0:
             eta = pad.index if along < 0.0 else 1.0 / pad.index
-            left, through = meet_tilted_face(state, d, n, pad.alpha, eta)
+            left, through = meet_tilted_face(state, d, n, pad.alpha[face], eta)
             ends[MICROFACETS] += weight * (1.0 - left)
             weight *= left
             if weight == 0.0:

@@ -39,6 +39,11 @@ def row(edge: str, count: int, **changes: Any) -> dict[str, Any]:
     return {"edge": edge, "count": count, "profile": LAMBERTIAN} | lengths | values
 
 
+def rough(alpha: float, *faces: str) -> dict[str, Any]:
+    """Return the entry of faces of their own roughness."""
+    return {"on": list(faces), "roughness": (alpha,)}
+
+
 def listed(x: float, y: float, z: float, *beam: float) -> dict[str, Any]:
     """Return a lamp 1.5 mm wide; a fourth number of its ``beam`` is the power of its cosine."""
     profile = {"cosine_exponent": (beam[3],)} if len(beam) > 3 else LAMBERTIAN
@@ -112,6 +117,18 @@ CASES: dict[str, dict[str, Any]] = {
         "lamps": [listed(-6, -3, -4, 1, 0.5, 2)], "diffuser": RIM, "pad.roughness": (0.1,),
     },
     "beside a corner": {"lamps": [listed(-12, 14, 2, 1, -1, 0), listed(12, 14, -2, -1, -1, 1)]},
+    "rough edges": {"faces": [rough(0.3, "left", "tip", "right")]},
+    "rough edges bent 45": {
+        "faces": [rough(0.3, "left", "tip", "right")], "bending.angles": ([45.0], DEG),
+    },
+    "rough lower": {"faces": [rough(0.1, "lower")]},
+    "rough left and lower, smooth tip": {
+        "pad.roughness": (0.2,), "faces": [rough(0.0, "tip", "base"), rough(0.05, "lower")],
+    },
+    "rim over smooth lower": {
+        "diffuser": RIM, "pad.roughness": (0.1,), "faces": [rough(0.0, "lower")],
+    },
+    "rim over rough lower": {"diffuser": RIM, "faces": [rough(0.1, "lower")]},
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
 
@@ -161,12 +178,12 @@ def content_of_case(case: str) -> dict[str, Any]:
             content[part][name] = value
         else:
             content[part] = value
-    newer = {"rows", "lamps"} & set(changes)
-    if newer:
+    if {"rows", "lamps"} & set(changes):
         del content["fibers"]
         content["baseline"] = {entry["edge"]: "red" for entry in changes.get("rows", ())}
         if "lamps" in changes:
             content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
+    newer = {"rows", "lamps", "faces"} & set(changes)
     schema = {"schema": 2 if newer else 1, "name": "case"}
     return schema | dict(_in_file_form(content))
 

@@ -39,7 +39,7 @@ def block(**changes: object) -> Pad:
         half_width=10.0,
         half_length=12.0,
         index=N,
-        alpha=0.0,
+        alpha=np.zeros(6),
         sigma_s=0.0,
         sigma_a=0.0,
         g=0.0,
@@ -95,7 +95,7 @@ def reflectance(incidence: float, index: float = N) -> float:
 def test_all_power_ends_somewhere_and_the_coating_takes_its_share() -> None:
     pad = block(
         albedo=0.7,
-        alpha=0.2,
+        alpha=np.full(6, 0.2),
         low=np.array([-10.0, -12.0, 0.0]),
         half_width=9.0,
         sigma_s=2.0,

@@ -8,6 +8,7 @@ import numpy as np
 
 from render.describe import describe
 from render.scene import Scene, load_scene, sources
+from tests.oracles.pads import scene_of_case
 
 SCENE = load_scene("finger20")
 
@@ -84,3 +85,14 @@ def test_text_and_json_hold_the_same_values() -> None:
         assert f"{item['what']}: {item['why']}" in text
     assert "0, 45, 90 deg" in text
     assert np.isclose(parsed["cells"], 9000)
+
+
+def test_faces_are_listed_and_only_what_no_face_is_is_left_out() -> None:
+    scene = scene_of_case("rough left and lower, smooth tip")
+    values = {item.key: item.value for item in describe(scene).values}
+    assert values["faces.0.on"] == ("tip", "base")
+    assert values["faces.1.roughness"] == 0.05
+    assert "rough refraction" not in left_out(scene)
+    assert "rough refraction" in left_out(scene_of_case("smooth"))
+    bent = changed("pad", roughness=0.0)
+    assert any("smooth lower face of the bent pad" in what for what in left_out(bent))

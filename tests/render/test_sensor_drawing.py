@@ -11,6 +11,7 @@ import pytest
 from render.geometry import counted_sites, declared_sites, flat_fiber_poses
 from render.scene import Camera, Scene, load_scene
 from render.sensor_drawing import sensor_svg
+from tests.oracles.pads import scene_of_case
 
 SCENE = load_scene("finger20")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -102,3 +103,18 @@ def test_any_camera_is_drawn_in_finite_numbers(camera: dict[str, object]) -> Non
     assert len(panels(text)) == 2
     assert "nan" not in text
     assert ("60 mm below" in text) == ("look_at" in camera)
+
+
+def test_faces_rougher_than_others_are_dotted_lines_where_they_are() -> None:
+    scene = scene_of_case("rough left and lower, smooth tip")
+    drawn = [
+        [e.attrib["d"] for e in panel.iter(f"{SVG}path") if e.attrib["class"] == "rough"]
+        for panel in panels(sensor_svg(scene))
+    ]
+    # From outside left and right are seen as lines, in the section the lower face.
+    assert [len(lines) for lines in drawn] == [2, 1]
+    for line in (*drawn[0], *drawn[1]):
+        (x0, y0), (x1, y1) = np.array(re.findall(r"-?[\d.]+", line), dtype=float).reshape(-1, 2)
+        assert x0 == x1
+        assert abs(y1 - y0) == pytest.approx(24.0, abs=2e-3)
+    assert 'class="rough"' not in sensor_svg(SCENE)

@@ -27,7 +27,10 @@ SAMPLES = 4000 if LONG else 400
 PHOTONS = 64_000_000 if LONG else 3_000_000
 REPLICATES = 16
 
-FAST = ("smooth", "rough 0.03", "no face", "half below", "rim rough 0.1")
+FAST = (
+    "smooth", "rough 0.03", "no face", "half below", "rim rough 0.1",
+    "rough left and lower, smooth tip",
+)  # fmt: skip
 WHOLE = (*CASES, *(f"random {number}" for number in range(24)))
 
 

@@ -160,7 +160,7 @@ def test_analog_photons_are_reflected_and_transmitted_as_adding_doubling_says(
         half_width=-1.0,
         half_length=wide,
         index=material.index,
-        alpha=0.0,
+        alpha=np.zeros(6),
         sigma_s=material.sigma_s,
         sigma_a=material.sigma_a,
         g=material.g,

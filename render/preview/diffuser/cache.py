@@ -18,7 +18,7 @@ from render.geometry import flat_fiber_poses
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import RAYS, SlabResponse, compute_response
-from render.scene import Scene
+from render.scene import Edge, Scene
 
 VERSION = 3
 """Part of the cache key: raise it when the walk or the basis changes."""
@@ -28,16 +28,18 @@ def slab_response(
     scene: Scene,
     fiber_end: FiberEnd | None = None,
     *,
+    edge: Edge = "left",
     cache: Path | None = None,
     rays: int = RAYS,
 ) -> SlabResponse:
-    """Return the response for the scene's diffuser, from the cache or made now.
+    """Return the response of the scene's diffuser on ``edge``, from the cache or made now.
 
     ``fiber_end`` shines on it; None: the scene's fibers, which are all alike. ``cache`` is by
     default in ``$XDG_CACHE_HOME/tactilux``; ``rays`` light paths are followed.
     """
-    slab, fiber_end = slab_of(scene), fiber_end or fiber_end_of(scene)
-    content = {"version": VERSION, "rays": rays, "slab": asdict(slab), "beam": _beam(fiber_end)}
+    slab, fiber_end = slab_of(scene, edge), fiber_end or fiber_end_of(scene)
+    layer = {name: value for name, value in asdict(slab).items() if value is not None}
+    content = {"version": VERSION, "rays": rays, "slab": layer, "beam": _beam(fiber_end)}
     key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
     path = (cache or cache_folder()) / f"slab-{key}.npz"
     if path.exists():
@@ -53,10 +55,12 @@ def slab_response(
     return response
 
 
-def slab_of(scene: Scene) -> Slab:
-    """Return the layer of a scene that has one."""
+def slab_of(scene: Scene, edge: Edge = "left") -> Slab:
+    """Return the layer on ``edge`` of a scene that has one."""
     if scene.diffuser is None:
         raise RenderError("the scene has no diffuser, so it has no slab response", field="diffuser")
+    plain = scene.pad.roughness
+    outer, lower = scene.finish(edge).roughness, scene.finish("lower").roughness
     return Slab(
         thickness=scene.diffuser.thickness,
         height=scene.pad.thickness,
@@ -64,7 +68,9 @@ def slab_of(scene: Scene) -> Slab:
         sigma_a=scene.diffuser.sigma_a,
         g=scene.diffuser.g,
         index=scene.pad.index,
-        roughness=scene.pad.roughness,
+        roughness=plain,
+        outer=None if outer == plain else outer,
+        lower=None if lower == plain else lower,
     )
 
 

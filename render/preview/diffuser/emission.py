@@ -88,7 +88,7 @@ def emit_from_fiber(
     origin, direction, hit = origin[arrives], direction[arrives], hit[arrives]
     weight = _radiance_of_nodes(fiber_end, axes, origin - center, direction)
     weight /= weight.mean(axis=1, keepdims=True) * count
-    met = sample_rough_face(direction.astype(np.float32), 1, slab.roughness, slab.index, rng)
+    met = sample_rough_face(direction.astype(np.float32), 1, slab.outer_roughness, slab.index, rng)
     straight = np.ones(len(hit), dtype=bool)
     photons = Photons(
         hit.astype(np.float32), met.refracted, met.transmission, np.arange(len(hit)), straight

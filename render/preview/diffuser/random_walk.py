@@ -22,7 +22,10 @@ SURVIVAL_PROBABILITY = 0.95
 
 @dataclass(frozen=True)
 class Slab:
-    """The layer: lengths in mm, coefficients in 1/mm, ``roughness`` Beckmann alpha."""
+    """The layer: lengths in mm, coefficients in 1/mm, ``roughness`` Beckmann alpha.
+
+    ``outer`` and ``lower`` are the roughness of these two faces where it is another.
+    """
 
     thickness: float
     height: float
@@ -31,6 +34,18 @@ class Slab:
     g: float
     index: float
     roughness: float
+    outer: float | None = None
+    lower: float | None = None
+
+    @property
+    def outer_roughness(self) -> float:
+        """Return that of the face to the lamps."""
+        return self.roughness if self.outer is None else self.outer
+
+    @property
+    def lower_roughness(self) -> float:
+        """Return that of the face on the camera's side."""
+        return self.roughness if self.lower is None else self.lower
 
     @property
     def optical_thickness(self) -> float:
@@ -82,9 +97,13 @@ def walk(slab: Slab, photons: Photons, rng: np.random.Generator) -> tuple[Photon
         straight = photons.straight & ~scatters & (face != OUTER) & (face != UPPER)
         portions.append(Photons(position, direction, weight, photons.label, straight)[leaves])
         direction[scatters] = sample_henyey_greenstein(direction[scatters], slab.g, rng)
-        for number, axis, level in ((OUTER, 1, 0.0), (LOWER, 2, 0.0), (UPPER, 2, slab.height)):
+        for number, axis, level, roughness in (
+            (OUTER, 1, 0.0, slab.outer_roughness),
+            (LOWER, 2, 0.0, slab.lower_roughness),
+            (UPPER, 2, slab.height, slab.roughness),
+        ):
             met = np.nonzero(~scatters & (face == number))[0]
-            sample = sample_rough_face(direction[met], axis, slab.roughness, 1 / slab.index, rng)
+            sample = sample_rough_face(direction[met], axis, roughness, 1 / slab.index, rng)
             position[met, axis] = level
             direction[met] = sample.reflected
             weight[met] *= sample.reflection

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from render.geometry import bend_frames, facets, flat_sites
+from render.geometry import bend_frames, facets, flat_sites, unbend_points
 from render.geometry.meshes import PadMeshes, pad_meshes
-from render.scene import Scene, load_scene
+from render.scene import OUTWARD, Scene, load_scene
 
 SCENE = load_scene("finger20")
 BARE = SCENE.model_copy(update={"diffuser": None})
@@ -182,3 +182,21 @@ def test_any_pyramid_on_touching_cells_closes(faces: int, spacing: float) -> Non
         coating = pad_meshes(scene, bend, True).coating
         assert coating.area_faces.min() > 1e-5
         assert (coating.face_normals[:, 2] < 0).all()
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_triangles_know_the_side_of_the_block_that_they_are_on(bend: float) -> None:
+    for scene in (SCENE, BARE):
+        meshes = pad_meshes(scene, bend, True)
+        for mesh, side in (
+            (meshes.outer_clear, meshes.clear_side),
+            (meshes.outer_diffuser, meshes.diffuser_side),
+        ):
+            if mesh is None:
+                continue
+            # Across the pad, and at its middle also along it, normals are those of the flat block.
+            outward = np.vstack([OUTWARD, [[0.0, 0.0, 1.0]]])[side]
+            flat = unbend_points(scene, mesh.triangles_center, bend)
+            turn = bend_frames(scene, flat[:, 1], bend)
+            expected = np.einsum("fij,fj->fi", turn, outward)
+            assert ((mesh.face_normals * expected).sum(axis=1) > 0.99).all()

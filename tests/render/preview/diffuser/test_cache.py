@@ -13,6 +13,8 @@ from render.preview.diffuser.cache import slab_response
 from render.preview.diffuser.emission import emit_from_fiber
 from render.preview.diffuser.random_walk import walk
 from render.scene import Scene, load_scene
+from render.scene.faces import NamedFaces
+from tests.oracles.pads import scene_of_case
 
 RAYS, FEW = 60_000, 2_000
 
@@ -147,3 +149,16 @@ def test_an_opaque_layer_is_an_error_that_names_it(scene: Scene, tmp_path: Path)
 def test_a_scene_without_diffuser_has_no_response(scene: Scene) -> None:
     with pytest.raises(RenderError, match="has no diffuser"):
         slab_of(scene.model_copy(update={"diffuser": None}))
+
+
+def test_the_layer_of_an_edge_has_the_roughness_of_its_faces() -> None:
+    scene = scene_of_case("rim over smooth lower")
+    assert (slab_of(scene, "tip").outer_roughness, slab_of(scene, "tip").lower_roughness) == (
+        0.1,
+        0,
+    )
+    edge = NamedFaces.model_construct(on=("tip",), roughness=0.3)
+    scene = scene.model_copy(update={"faces": (*(scene.faces or ()), edge)})
+    assert slab_of(scene, "tip").outer_roughness == 0.3
+    assert slab_of(scene, "left").outer_roughness == 0.1
+    assert slab_of(scene, "tip").roughness == 0.1
