@@ -28,7 +28,7 @@ from surrogate.runtime import Checker, ModelMetadata
 from surrogate.runtime.metadata import PREVIEW, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
-VERSION = 2
+VERSION = 3
 """Part of the cache key: raise it when the preview changes."""
 COVERAGE = 0.9
 COLOR_SPREAD = 0.2

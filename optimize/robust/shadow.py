@@ -20,7 +20,7 @@ from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
 from render.geometry import flat_sites, fresnel
 from render.preview import point_lights
-from render.preview.beams import BEAM_MARK, WALL_MARK, face_frames
+from render.preview.beams import BEAM_MARK, comes_straight, face_frames
 from render.scene import OUTWARD, Scene
 from render.transport import TransportTable
 
@@ -115,7 +115,7 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     beam = (marks[0] & BEAM_MARK) != 0
     strength = np.where(beam, emission[..., BEAM_PEAK], np.maximum(emission[..., GLOW_MEAN], 0.0))
     # Bolts hide what comes straight; mirror images in walls are left out.
-    strength = np.where(marks < WALL_MARK, strength, 0.0)
+    strength = np.where(comes_straight(marks), strength, 0.0)
     # (fiber, light, site, point)
     offset = position[:, :, None, None, :2] - point
     drop = np.maximum(thick - position[..., 2], 1e-6)[..., None, None]
@@ -140,7 +140,7 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
             [-(spatial * along).sum(axis=-1), inward, -(spatial * up).sum(axis=-1)], axis=-1
         )[:, beam]
         way = way / np.sqrt(square[:, beam])[..., None]
-        straight = (marks < WALL_MARK)[:, beam, None, None]
+        straight = comes_straight(marks)[:, beam, None, None]
         sent = _beam_radiance(scene, emission[:, :, beam], way) * weight[:, beam] * straight
         total += sent.sum(axis=2).swapaxes(0, 1)
         hidden += (sent * blocked[:, beam]).sum(axis=2).swapaxes(0, 1)

@@ -2,26 +2,34 @@
 
 A lamp in the air shines into the pad through every face that it lies before: the shader refracts
 its light there (Snell's law at the plane of the face) and asks whether it enters within the face.
-Clear walls send light back: the first mirror image of each lamp in each of them is one more light.
+Clear walls send light back: each image of the pad that its light reaches is one more light.
 """
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses
-from render.scene import EDGES, FACES, OUTWARD, Profile, Scene
+from render.scene import FACES, OUTWARD, Profile, Scene
 
-BEAM_MARK, WALL_MARK = 8, 16
-"""Parts of a light's mark: beside the number of its face, that it is a beam, and 1 + the number of
-the wall that it is seen in."""
+BEAM_MARK, TURN_MARKS, NO_TURNS = 8, (16, 256), 8
+"""Parts of a light's mark: beside the number of its face, that it is a beam, and how often its
+light is reflected at walls along x and y (`WallImage.turns`), each counted from `NO_TURNS`."""
+MOST_TURNS, TURNS_AHEAD = 7, 2
+"""Reflections that are followed: at walls beside a beam, which are total where the index is above
+sqrt(2), and at those that it flies at, which leave a tenth or less."""
+STEEPEST = 5.0
+"""Tangent of the critical angle at most, which has none at index 1."""
 PROFILE_STEPS = 1025
 """Texels of a profile over [0, pi/2]."""
 
 
 class Beams:
-    """Lamps before the pad: seven points of each end, and one for each of its mirror images."""
+    """Lamps before the pad: seven points of each end, and one for each image of the pad."""
 
     edge_albedo = 0.0
     nodes = None
@@ -40,8 +48,7 @@ class Beams:
         }
         if self._own is not None:
             self.defines["PROFILES"] = "1"
-        clear = ("base",) if scene.diffuser else EDGES
-        lists = [_lights_of(scene, poses, i, clear) for i in range(len(profiles))]
+        lists = [_lights_of(scene, poses, i) for i in range(len(profiles))]
         longest = max(map(len, lists))
         # Beyond the end of a list: lights without power.
         self.position = np.array([[*part, *part[:1] * (longest - len(part))] for part in lists])
@@ -75,6 +82,12 @@ class Beams:
         return self.position.reshape(1, -1, 4), emission.reshape(3, -1, one.shape[-1])
 
 
+def comes_straight(mark: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which lights are not seen in walls, of their marks."""
+    turns = NO_TURNS * sum(TURN_MARKS)
+    return np.asarray(((mark & BEAM_MARK) == 0) | ((mark & ~0xF) == turns))
+
+
 def face_frames() -> tuple[Array, Array, Array]:
     """Return the axes of all `FACES`, each ``(face, 3)``: along, into the pad, up."""
     along = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
@@ -83,27 +96,53 @@ def face_frames() -> tuple[Array, Array, Array]:
     return np.array(along), -OUTWARD, up
 
 
-def _lights_of(
-    scene: Scene, poses: FiberPoses, lamp: int, clear: tuple[str, ...]
-) -> list[list[float]]:
+def _lights_of(scene: Scene, poses: FiberPoses, lamp: int) -> list[list[float]]:
     """Return x, y, z, mark and share of the power of each light of one lamp."""
     box, index, lights = scene.box, scene.pad.index, []
 
-    def seen(point: Array, face: int, mark: int, share: float) -> list[float]:
+    def seen(point: Array, face: int, turns: tuple[int, int], share: float) -> list[float]:
         # From inside the pad the air looks longer by the index (paraxial image).
         image = point + (index - 1) * box.distance(point)[face] * OUTWARD[face]
-        return [*image, float(face + BEAM_MARK + mark), share]
+        mark = face + BEAM_MARK + np.dot(np.add(turns, NO_TURNS), TURN_MARKS)
+        return [*image, float(mark), share]
 
     for point, share in zip(*end_points(poses, lamp), strict=True):
         lights += [
-            seen(point, int(face), 0, share) for face in np.flatnonzero(box.distance(point) > 0.0)
+            seen(point, int(face), (0, 0), share)
+            for face in np.flatnonzero(box.distance(point) > 0.0)
         ]
     center = poses.position[lamp]
     for face in np.flatnonzero(box.distance(center) > 0.0):
-        for number, wall in enumerate(EDGES):
-            if wall in clear and number != face:
-                lights.append(seen(center, int(face), (number + 1) * WALL_MARK, 1.0))
+        lights += [seen(center, int(face), turns, 1.0) for turns in beam_turns(scene, int(face))]
     return lights
+
+
+def beam_turns(scene: Scene, face: int) -> list[tuple[int, int]]:
+    """Return the ``turns`` of the images that light entering through ``face`` may reach.
+
+    It starts away from that face, within the critical angle of its normal.
+    """
+    axis = int(np.abs(OUTWARD[face]).argmax())
+    if scene.diffuser is not None or any(scene.bending.angles):
+        walls = [(0, -1)] if scene.diffuser is not None else [(-1, 0), (0, 1), (1, 0), (0, -1)]
+        own = [0, 0, 0]
+        own[axis] = int(OUTWARD[face][axis])
+        return [turns for turns in walls if turns != tuple(own[:2])]
+    size = scene.box.high - scene.box.low
+    # Tangent of the critical angle: how far to the side light gets on its way.
+    slope = 1 / np.sqrt(max(scene.pad.index**2 - 1, STEEPEST**-2))
+    ahead = 0 if axis == 2 else TURNS_AHEAD
+    found = []
+    for along in range(ahead + 1):
+        way = (along + 1) * size[axis] * slope
+        beside = [min(MOST_TURNS, int(np.ceil(way / size[k]))) for k in (0, 1) if k != axis]
+        for across in itertools.product(*(range(-count, count + 1) for count in beside)):
+            turns = list(across)
+            if axis < 2:
+                turns.insert(axis, along * int(-OUTWARD[face][axis]))
+            if any(turns):
+                found.append((turns[0], turns[1]))
+    return found
 
 
 def end_points(poses: FiberPoses, lamp: int) -> tuple[Array, Array]:

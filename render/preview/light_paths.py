@@ -8,6 +8,7 @@ it, so light that misses the convex coating once misses it for ever: one reflect
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -33,42 +34,68 @@ class LightPath(NamedTuple):
 
 WALL_DISTANCE = 2.0
 """Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
+FAR_IMAGES, MOST_IMAGES = 6.0, 3
+"""Images of a clear pad that lie nearer than this many thicknesses count, in a row so many."""
 MIN_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
 
 
-class Wall(NamedTuple):
-    """A clear edge of the pad: a plane that reflects what grazes it.
+class WallImage(NamedTuple):
+    """The pad as it is seen after reflections at its clear edges: method of images in a box.
 
-    Normal to ``axis`` (0: x, 1: y) at ``place`` (mm) in flat coordinates. It goes through the bend
-    axis or is at right angles to it, so images are those of the flat pad at any bend.
+    ``turns`` counts them along x and y: light to it goes so often through an edge of the unfolded
+    pad, towards +x and +y where positive. ``low`` and ``size`` ``(2,)`` are those of the pad, mm.
+    Edges go through the bend axis or are at right angles to it, so single images are those of the
+    flat pad at any bend.
     """
 
-    axis: int
-    place: float
+    turns: tuple[int, int]
+    low: tuple[float, float]
+    size: tuple[float, float]
 
     @property
     def flip(self) -> Array:
         """Signs ``(3,)`` of a mirrored direction."""
-        return np.where(np.arange(3) == self.axis, -1.0, 1.0)
+        return np.array([*((-1.0) ** abs(turn) for turn in self.turns), 1.0])
 
     def distance(self, position: Array) -> Array:
-        """Return the distance (mm) of flat positions ``(..., 3)``."""
-        return np.asarray(np.abs(position[..., self.axis] - self.place))
+        """Return the distance (mm) of flat positions ``(..., 3)`` from the first edges."""
+        ways = [
+            np.abs(position[..., axis] - (low if turn < 0 else low + size))
+            for axis, (turn, low, size) in enumerate(zip(*self, strict=True))
+            if turn
+        ]
+        return np.asarray(np.max(ways, axis=0))
 
     def image(self, position: Array) -> Array:
         """Return the mirror images of flat positions ``(..., 3)``."""
-        shift = np.where(np.arange(3) == self.axis, 2 * self.place, 0.0)
-        return np.asarray(position * self.flip + shift)
+        center, step = np.zeros(3), np.zeros(3)
+        center[:2] = np.add(self.low, np.divide(self.size, 2))
+        step[:2] = np.multiply(self.turns, self.size)
+        return np.asarray((position - center) * self.flip + center + step)
 
 
-def clear_walls(scene: Scene) -> list[Wall]:
-    """Return the edges without a diffuser: the base, or all of them."""
-    half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
-    walls = [Wall(1, -half_length)]
-    if scene.diffuser is None:
-        walls += [Wall(0, -half_width), Wall(1, half_length), Wall(0, half_width)]
-    return walls
+def wall_image(scene: Scene, turns: tuple[int, int]) -> WallImage:
+    """Return the image of the silicone after ``turns`` reflections along x and y."""
+    low, size = scene.box.low, scene.box.high - scene.box.low
+    return WallImage(turns, (low[0], low[1]), (size[0], size[1]))
+
+
+def wall_images(scene: Scene) -> list[WallImage]:
+    """Return the images that diffuse light in the pad is seen in.
+
+    The base alone reflects where the other edges have a diffuser. A clear pad that never bends has
+    images of images, as far as light along a plate reaches; one that bends has those of each edge.
+    """
+    if scene.diffuser is not None:
+        return [wall_image(scene, (0, -1))]
+    single = [(0, -1), (-1, 0), (0, 1), (1, 0)]
+    if any(scene.bending.angles):
+        return [wall_image(scene, turns) for turns in single]
+    far = FAR_IMAGES * scene.pad.thickness
+    most = [min(MOST_IMAGES, 1 + int(far / size)) for size in (scene.pad.width, scene.pad.length)]
+    grid = itertools.product(*(range(-count, count + 1) for count in most))
+    return [wall_image(scene, turns) for turns in grid if turns != (0, 0)]
 
 
 def near_wall(scene: Scene) -> float:

@@ -15,7 +15,7 @@ from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS, SlabResponse
 from render.preview.glow import Glow
-from render.preview.light_paths import clear_walls, near_wall
+from render.preview.light_paths import near_wall, wall_image
 from render.scene import EDGES, Scene
 
 IMAGE_MARK, END_MARK = 128, -1
@@ -80,7 +80,7 @@ def with_images(scene: Scene, position: Array) -> Array:
     padded to the longest.
     """
     beam = position[..., 3].astype(int) & BEAM_MARK
-    base = clear_walls(scene)[0]
+    base = wall_image(scene, (0, -1))
     near = (base.distance(position[..., :3]) < near_wall(scene)) & (beam == 0)
     longest = int(near.sum(axis=1).max())
     images = np.zeros((len(position), longest + 1, 4))

@@ -16,14 +16,15 @@ from render.arrays import Array
 from render.geometry import curvature, fresnel
 from render.preview.light_paths import (
     LightPath,
-    clear_walls,
     direct_path,
     mirrored_path,
     near_wall,
+    wall_images,
 )
 from render.preview.shading_points import ShadingPoints
 from render.scene import Scene
 
+Turns = tuple[int, int]
 TARGETS = 1000
 """Points that gather light at a time, which bounds the memory."""
 # Gauss points: each patch sends its light from 2 x 2 points.
@@ -92,20 +93,20 @@ def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> 
         sees = slice(None) if first == points.first_edge else on_edge
         source, normal, area = _spots(points, slice(first, last))
         part = np.zeros((len(target), *source.shape[1:3]))
-        seen_in: list[tuple[Any, Array, Array, int | None]] = [(slice(None), source, normal, None)]
-        for wall in clear_walls(scene):
+        seen_in: list[tuple[Any, Array, Array, Turns]] = [(slice(None), source, normal, (0, 0))]
+        for wall in wall_images(scene):
             near = wall.distance(points.position[first:last]) < near_wall(scene)
             if near.any():
                 flipped = normal[:, near] * wall.flip
-                seen_in.append((near, wall.image(source[:, near]), flipped, wall.axis))
-        for seen, place, turned, axis in seen_in:
+                seen_in.append((near, wall.image(source[:, near]), flipped, wall.turns))
+        for seen, place, turned, turns in seen_in:
             mirrored = mirrored_path(place, target, thickness, kappa)
             part[:, seen] += _reflected(scene, mirrored.cosine) * _coupling(
-                scene, mirrored, turned, facing, axis
+                scene, mirrored, turned, facing, turns
             )
             direct = direct_path(place, target[sees], thickness, kappa)
             straight = np.zeros_like(part[:, seen])
-            straight[sees] = _coupling(scene, direct, turned, facing[sees], axis)
+            straight[sees] = _coupling(scene, direct, turned, facing[sees], turns)
             part[:, seen] += straight
         parts.append((part * area).mean(axis=2))
     return np.concatenate(parts, axis=1)
@@ -129,14 +130,15 @@ def _spots(points: ShadingPoints, chosen: slice) -> tuple[Array, Array, Array]:
     return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
 
 
-def _coupling(
-    scene: Scene, path: LightPath, normal: Array, facing: Array, axis: int | None
-) -> Array:
+def _coupling(scene: Scene, path: LightPath, normal: Array, facing: Array, turns: Turns) -> Array:
     """Return irradiance per radiosity and area: both cosines, 1 / (pi d^2).
 
-    Light of an image in a wall, normal to ``axis``, is what the wall reflects.
+    Light of an image is what the walls reflect on its ``turns`` along x and y.
     """
     leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
     lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
-    reflected = 1.0 if axis is None else _reflected(scene, np.abs(path.depart[..., axis]))
-    return np.asarray(leaves * lands * reflected * path.spread / np.pi)
+    result = leaves * lands * path.spread / np.pi
+    for axis, turn in enumerate(turns):
+        if turn:
+            result = result * _reflected(scene, np.abs(path.depart[..., axis])) ** abs(turn)
+    return np.asarray(result)

@@ -2,8 +2,9 @@
 // straight and by way of the lower face, per channel.
 
 // (light, list): x, y, z in flat pad coordinates (mm); mark: the number of its face (left, tip,
-// right, base, lower), + 8 for a beam, + 16 (w + 1) for one seen in wall w, + 128 (i + 1) for the
-// image of light i in the pad's base, -1 behind the last light of a list.
+// right, base, lower), and for a beam + 8 + 16 (m + 8) + 256 (n + 8) with the numbers of its
+// reflections at walls along x and y, for a glow + 128 (i + 1) when it is the image of light i in
+// the pad's base; -1 behind the last light of a list.
 uniform sampler2D lights;
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
@@ -177,16 +178,16 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
     for (int i = 0; i < light_count; ++i) {
         vec4 light = texelFetch(lights, ivec2(i, first), 0);
         if (light.w < 0.0) break;
-        int mark = int(light.w), sender = mark < 128 ? i : mark / 128 - 1, face = mark & 7;
-        bool beam = (mark & 8) != 0;
+        int mark = int(light.w), face = mark & 7;
+        bool beam = (mark & 8) != 0, in_base = !beam && mark >= 128;
+        int sender = in_base ? mark / 128 - 1 : i;
         vec3 target = position, straight = light.xyz, folded = light.xyz;
         vec2 factor = vec2(1.0);
 #ifdef BEAM
-        // Seen in a wall, the target is mirrored instead of the lamp.
-        int wall = (mark >> 4) & 7, across = 1 - (wall & 1);
-        if (wall > 0)
-            target[across] = 2.0 * (wall == 1 || wall == 4 ? box_low : box_high)[across]
-                - target[across];
+        // Seen in walls, the target is mirrored instead of the lamp.
+        ivec2 turns = beam ? (ivec2(mark >> 4, mark >> 8) & 15) - 8 : ivec2(0);
+        vec2 flip = vec2(1 - 2 * (turns & 1)), middle = 0.5 * (box_low + box_high).xy;
+        target.xy = middle + flip * (target.xy - middle) + vec2(turns) * (box_high - box_low).xy;
 #ifdef GLOW
         if (beam)
 #endif
@@ -203,18 +204,20 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         Path direct = direct_path(straight, target, half_turn(straight, target));
         Path mirrored = mirrored_path(folded, target, half_turn(folded, target));
         vec2 spread = factor * vec2(direct.spread, mirrored.spread);
-        if (mark >= 128) {
+        if (in_base) {
             spread *= vec2(reflectance(abs(direct.depart.y)), reflectance(abs(mirrored.depart.y)));
             direct.depart.y = -direct.depart.y;
             mirrored.depart.y = -mirrored.depart.y;
         }
 #ifdef BEAM
-        if (wall > 0) {
-            spread *= vec2(reflectance(abs(direct.arrive[across])),
-                           reflectance(abs(mirrored.arrive[across])));
-            direct.arrive[across] = -direct.arrive[across];
-            mirrored.arrive[across] = -mirrored.arrive[across];
+        for (int axis = 0; axis < 2; ++axis) {
+            if (turns[axis] == 0) continue;
+            vec2 once = vec2(reflectance(abs(direct.arrive[axis])),
+                             reflectance(abs(mirrored.arrive[axis])));
+            for (int k = abs(turns[axis]); k > 0; --k) spread *= once;
         }
+        direct.arrive.xy *= flip;
+        mirrored.arrive.xy *= flip;
 #endif
         vec3 d = to_face(direct.depart, face), m = to_face(mirrored.depart, face);
         vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));

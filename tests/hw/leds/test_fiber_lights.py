@@ -67,8 +67,9 @@ def test_all_leds_are_off_when_the_program_is_told_to_end(
         "from hw.leds.channels import ChannelMap\n"
         "from hw.leds.fiber_lights import FiberLights\n"
         "from optimize.ui.process import run_process\n"
-        # Started in the background, tests would hand on that SIGINT is ignored.
+        # Started in the background, tests would hand on that these are ignored.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
         "connect = partial(open_board, sys.argv[1], ProtocolName.LINES, leds=20)\n"
         "def main():\n"
         "    with FiberLights(connect, ChannelMap.straight(20)) as lights:\n"
