@@ -121,7 +121,7 @@ def direct_path(source: Array, target: Array, thickness: float, kappa: float) ->
     # The coating hides what lies beyond its horizon and above the line that touches it there.
     along = np.abs(to_source[..., 1])
     nearer = (along <= dip / kappa) & (np.cos(phi) > 0)
-    visible = nearer | (dip * along > to_source[..., 2])
+    visible = (nearer | (dip * along > to_source[..., 2])) & (np.abs(phi) < np.pi)
     inverse_distance = 1 / np.maximum(distance, 1e-9)
     return LightPath(
         to_target * inverse_distance[..., None],
@@ -166,7 +166,7 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
     arrive = np.stack([-across * l2 / total, -heading * np.sin(psi) / k, -drop_target], axis=-1)
     width = np.maximum(total - 2 * k * l1 * l2 * l1 / n1, 0.1 * total)
     dip = _horizon_dip(kappa * (thickness - z_target))
-    visible = (drop_source > 0) & (drop_target + dip * np.abs(arrive[..., 1]) > 0)
+    visible = (arc < np.pi) & (drop_source > 0) & (drop_target + dip * np.abs(arrive[..., 1]) > 0)
     return LightPath(
         depart / np.linalg.norm(depart, axis=-1, keepdims=True),
         arrive / np.linalg.norm(arrive, axis=-1, keepdims=True),

@@ -102,6 +102,7 @@ def straight(scene: Scene, lights: PointLights, source, target, bend: float):
         sunk = np.clip(0.5 + (dip * np.abs(back[..., 1]) - back[..., 2]) / cell, 0, 1)
         ahead = np.cos(kappa * (target[..., 1] - source[..., 1])) > 0
         visible = np.where((np.abs(back[..., 1]) <= dip / kappa) & ahead, 1.0, sunk)
+        visible = visible * (np.abs(kappa * (target[..., 1] - source[..., 1])) < np.pi)
     return depart, arrive, visible * soft_inverse_square(squared, lights)
 
 
@@ -137,7 +138,7 @@ def mirrored(scene: Scene, lights: PointLights, source, target, bend: float):
     plane_cosine = (radius - (radius - a) * np.cos(theta)) / l1
     width = np.maximum(total - 2 * l1 * l2 / (radius * plane_cosine), 0.1 * total)
     dip = np.sqrt((1 + kappa * (scene.pad.thickness - c)) ** 2 - 1)
-    visible = np.clip(10 * d1 / a, 0, 1) * np.clip(10 * (dip * t2 + d2) / c, 0, 1)
+    visible = (arc < np.pi) * np.clip(10 * d1 / a, 0, 1) * np.clip(10 * (dip * t2 + d2) / c, 0, 1)
     reflected = fresnel(np.clip(plane_cosine * total / np.sqrt(squared), 0, 1), 1 / index)[0]
     spread = visible * reflected * total / width * soft_inverse_square(squared, lights)
     unit = [v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (depart, arrive)]

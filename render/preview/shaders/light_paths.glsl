@@ -48,6 +48,11 @@ vec2 half_turn(vec3 source, vec3 target) {
     return turned(vec2(0.0, 1.0), 0.5 * kappa * (target.y - source.y));
 }
 
+// 0 where the way would lead round by more than half a turn: the pad itself lies before it.
+float before_half_turn(vec3 source, vec3 target) {
+    return abs(kappa * (target.y - source.y)) < 3.14159265 ? 1.0 : 0.0;
+}
+
 // Tangent of the angle by which the coating's horizon lies below the local level at height z.
 float horizon_dip(float z) {
     float below = kappa * (thickness - z);
@@ -70,6 +75,7 @@ Path direct_path(vec3 source, vec3 target, vec2 turn) {
     float cell = 2.0 * min(thickness - source.z, 0.25 * thickness);
     bool nearer = abs(to_source.y) <= radius * dip && 2.0 * turn.x * turn.x < 1.0;
     float visible = nearer ? 1.0 : clamp(0.5 + clearance / cell, 0.0, 1.0);
+    visible *= before_half_turn(source, target);
     return Path(to_target * scale, to_source * scale, visible * inverse_square(squared));
 }
 
@@ -109,7 +115,8 @@ Path mirrored_path(vec3 source, vec3 target, vec2 turn) {
     // The arc focuses in its own plane (Coddington); it never does so before the coating.
     float width = max(total - 2.0 * k * l1 * l2 * l1 / n1, 0.1 * total);
     float dip = horizon_dip(target.z);
-    float visible = clamp(10.0 * drop_source / source.z, 0.0, 1.0)
+    float visible = before_half_turn(source, target)
+        * clamp(10.0 * drop_source / source.z, 0.0, 1.0)
         * clamp(10.0 * (dip * r2.y + drop_target) / target.z, 0.0, 1.0);
     float way_length = total * stretch;
     float spread = visible * total / width * inverse_square(way_length * way_length);
