@@ -16,6 +16,7 @@ from render.scene import (
     RIM_EDGES,
     Constraints,
     FreeRanges,
+    Profile,
     Quantity,
     Scene,
     Tolerances,
@@ -143,11 +144,17 @@ def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> It
                 key = f"colors.{color.name}"
                 yield Value(key, color.response, "", origins.get(key, ""))
             continue
-        if key == "faces" and content is not None:
+        if isinstance(content, tuple) and content and isinstance(content[0], BaseModel):
             for number, entry in enumerate(content):
                 yield from _values(entry, origins, f"{key}.{number}.")
-            continue
-        if isinstance(content, BaseModel):
+        elif isinstance(content, Profile):
+            named = (
+                origins[at]
+                for at in (key, f"{key}.sigma_v", f"{key}.cosine_exponent")
+                if at in origins
+            )
+            yield Value(key, content.sentence, "", next(named, ""))
+        elif isinstance(content, BaseModel):
             yield from _values(content, origins, f"{key}.")
         elif prefix and content is not None:
             # The annotations of an optional value are those of the first of its types.
@@ -173,7 +180,11 @@ def _tuple(content: Any) -> tuple[Any, ...]:
 
 
 def _shown(item: Value) -> str:
-    numbers = [part if isinstance(part, str) else f"{part:g}" for part in _tuple(item.value)]
+    words = {True: "yes", False: "no"}
+    numbers = [
+        part if isinstance(part, str) else words[part] if isinstance(part, bool) else f"{part:g}"
+        for part in _tuple(item.value)
+    ]
     return " ".join([", ".join(numbers), item.unit]).rstrip()
 
 
