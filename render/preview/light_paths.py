@@ -93,8 +93,10 @@ def wall_images(scene: Scene) -> list[WallImage]:
     if any(scene.bending.angles):
         return [wall_image(scene, turns) for turns in single]
     far = FAR_IMAGES * scene.pad.thickness
-    most = [min(MOST_IMAGES, 1 + int(far / size)) for size in (scene.pad.width, scene.pad.length)]
-    grid = itertools.product(*(range(-count, count + 1) for count in most))
+    across, along = (
+        min(MOST_IMAGES, 1 + int(far / size)) for size in (scene.pad.width, scene.pad.length)
+    )
+    grid = itertools.product(range(-across, across + 1), range(-along, along + 1))
     return [wall_image(scene, turns) for turns in grid if turns != (0, 0)]
 
 
