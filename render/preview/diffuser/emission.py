@@ -86,7 +86,7 @@ def emit_from_fiber(
     hit[:, 1] = 0.0
     arrives = inward & (hit[:, 2] > 0) & (hit[:, 2] < slab.height)
     origin, direction, hit = origin[arrives], direction[arrives], hit[arrives]
-    weight = _radiance_of_nodes(fiber_end, axes, origin - center, direction)
+    weight = radiance_of_nodes(fiber_end, axes, origin - center, direction)
     weight /= weight.mean(axis=1, keepdims=True) * count
     met = sample_rough_face(direction.astype(np.float32), 1, slab.outer_roughness, slab.index, rng)
     straight = np.ones(len(hit), dtype=bool)
@@ -96,7 +96,7 @@ def emit_from_fiber(
     return photons[met.transmission > 0], weight
 
 
-def _radiance_of_nodes(fiber_end: FiberEnd, axes: Array, offset: Array, direction: Array) -> Array:
+def radiance_of_nodes(fiber_end: FiberEnd, axes: Array, offset: Array, direction: Array) -> Array:
     """Return the radiance ``(photon, node)`` that each node's fiber end sends along each ray."""
     cos = direction @ axes.T
     safe = np.where(np.abs(cos) > 1e-9, cos, 1e-9)

@@ -1,0 +1,133 @@
+"""The bent block of a scene as compiled light paths see it, and the cells on its inner faces."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from render.arrays import Array
+from render.errors import RenderError
+from render.geometry import curvature, facets
+from render.scene import Scene
+from tests.oracles.converged.walks import Block, FaceGrid
+
+CELL_SIDE = 0.25
+"""Side of a cell on the inner faces, in thicknesses of the pad; light is linear within it."""
+MAX_COLUMNS = 64
+"""Cells along an edge at most."""
+DEGREE = 3
+"""Degree of the polynomials in the direction."""
+PATCH_SIDE, MAX_PATCHES = 0.5, 320
+"""Side of a patch of the coating in thicknesses of the pad; and how many there are at most."""
+
+
+def to_block(scene: Scene, points: Array) -> Array:
+    """Return world positions ``(..., 3)`` in the frame of `tests.oracles.converged.walks`."""
+    return (points - [0.0, scene.camera.pivot, scene.pad.thickness]) * [1.0, 1.0, -1.0]
+
+
+def directions_to_block(directions: Array) -> Array:
+    """Return world directions ``(..., 3)`` in the frame of `tests.oracles.converged.walks`."""
+    return np.ascontiguousarray(directions * [1.0, 1.0, -1.0])
+
+
+def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
+    """Return the block at ``bend`` rad, pressed by the pyramids at all sites or untouched."""
+    if scene.diffuser is None:
+        raise RenderError("the scene has no diffuser, so no light leaves one", field="diffuser")
+    pad, layer, kappa = scene.pad, scene.diffuser, curvature(scene, bend)
+    half_length = pad.length / 2
+
+    def plane(y: float) -> Array:
+        flat = y - scene.camera.pivot
+        angle = kappa * flat
+        return np.array([np.cos(angle), np.sin(angle), flat * np.sinc(angle / np.pi)])
+
+    shape = facets(scene, bend)
+    count = scene.sites.count if pressed else 0
+    normal = directions_to_block(shape.normal)[:count]
+    corner = to_block(scene, shape.corners[:count, :, 0])
+    columns, rows = patch_counts(scene)
+    return Block(
+        kappa=kappa,
+        level=pad.thickness * (1.0 + 0.5 * kappa * pad.thickness),
+        half_width=pad.width / 2,
+        rim=layer.thickness,
+        base=plane(-half_length),
+        tip=plane(half_length),
+        end=plane(half_length + layer.thickness),
+        index=pad.index,
+        alpha=pad.roughness,
+        sigma_s=layer.sigma_s,
+        sigma_a=layer.sigma_a,
+        g=layer.g,
+        sites=to_block(scene, shape.site_position[:count]),
+        reach=1.001 * max(scene.indenter.radius, scene.indenter.depth),
+        normal=np.ascontiguousarray(normal),
+        offset=np.einsum("sfi,sfi->sf", normal, corner),
+        patch=np.array([columns, rows, half_length, scene.camera.pivot], dtype=np.float64),
+    )
+
+
+def patch_counts(scene: Scene) -> tuple[int, int]:
+    """Return columns and rows of the coating's patches."""
+    pad = scene.pad
+    side = max(PATCH_SIDE * pad.thickness, np.sqrt(pad.width * pad.length / MAX_PATCHES))
+    return int(np.ceil(pad.width / side)), int(np.ceil(pad.length / side))
+
+
+def face_grid(scene: Scene, degree: int = DEGREE) -> FaceGrid:
+    """Return the cells on the inner faces: left, tip, right."""
+    pad = scene.pad
+    sides = np.array([pad.length, pad.width, pad.length])
+    columns = np.ceil(sides / (CELL_SIDE * pad.thickness)).astype(np.int64)
+    columns = np.clip(columns, 4, MAX_COLUMNS)
+    return FaceGrid(
+        first=np.concatenate([[0], np.cumsum(columns)])[:-1],
+        columns=columns,
+        half=sides / 2,
+        rows=round(1 / CELL_SIDE),
+        thickness=pad.thickness,
+        degree=degree,
+    )
+
+
+def cell_count(grid: FaceGrid) -> int:
+    """Return the number of cells on the inner faces."""
+    return int(grid.columns.sum()) * grid.rows
+
+
+def orthonormal_terms(grid: FaceGrid) -> Array:
+    """Return ``(cell, term, term)``: what turns a cell's terms into orthonormal ones.
+
+    Orthonormal over the cell's area and its directions weighed by the cosine c, so that the power
+    that a light field L brings to a sensitivity W is the sum over terms of their products:
+    ``integral L W c = sum_i <L, f_i> <W, f_i>``.
+    """
+    degree = grid.degree
+    monomials = [
+        (i, j, part)
+        for part in range(2)
+        for i in range(degree + 1 - part)
+        for j in range(degree + 1 - part - i)
+    ]
+    moments = np.array([[_moment(a, b) for b in monomials] for a in monomials])
+    angular = np.linalg.inv(np.linalg.cholesky(moments))
+    # Over a cell of unit area 1, x, z and x z have the norms 1, 1/sqrt 3, 1/sqrt 3 and 1/3.
+    place = np.array([1.0, np.sqrt(3.0), np.sqrt(3.0), 3.0])
+    one = np.einsum("st,ab->satb", angular, np.diag(place))
+    one = one.reshape(2 * (len(place) * len(angular),))
+    side = np.repeat(2 * grid.half / grid.columns, grid.columns * grid.rows)
+    area = side * grid.thickness / grid.rows
+    return np.asarray(one / np.sqrt(area)[:, None, None])
+
+
+def _moment(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:
+    """Return the integral of two monomials ``a^i b^j c^k`` times c over the half sphere c > 0."""
+    i, j, k = (a + b for a, b in zip(first, second, strict=True))
+    if i % 2 or j % 2:
+        return 0.0
+    # Folland 2001: over the whole sphere it is twice the product of gammas over that of the sum.
+    halves = [(power + 1) / 2 for power in (i, j, k + 1)]
+    return math.prod(math.gamma(half) for half in halves) / math.gamma(sum(halves))

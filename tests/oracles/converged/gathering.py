@@ -1,0 +1,137 @@
+"""Gathering: what the camera's targets and the coating get from the light that leaves the layer.
+
+Lines of sight through a target's pixels are refracted by the rough lower face and end on the
+coating; from there light is followed backwards until it meets the coating again, collecting what
+leaves the layer wherever it enters it, and walking on in the layer. What the coating sends out is
+the solution of the same equation on patches: ``X = D + F X``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry import bend_frames, bend_points, declared_sites, facets
+from render.geometry.visibility import BACKGROUND_RADIUS
+from render.scene import Scene
+from tests.oracles.converged.block import (
+    cell_count,
+    directions_to_block,
+    orthonormal_terms,
+    patch_counts,
+    to_block,
+)
+from tests.oracles.converged.walks import Block, FaceGrid, find_coating, gather
+
+FOOT_WIDTH = 0.3
+"""Width of the coating before the foot of a facet that the camera mixes with it, in radii."""
+FACET_KEY, SITE_KEY, PATCH_KEY = 2 << 40, 3 << 40, 4 << 40
+"""Families of the streams of facets, untouched spots and patches."""
+
+
+def spread_points(count: int, dimensions: int, key: int) -> Array:
+    """Return evenly spread points ``(point, dimension)`` in [0, 1), shifted by chance.
+
+    Roberts' additive sequence: multiples of powers of the root of ``x^(d + 1) = x + 1``.
+    """
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    shift = np.random.Generator(np.random.Philox(key=key)).random(dimensions)
+    steps = root ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((shift + np.arange(count)[:, None] * steps) % 1.0)
+
+
+class Starts(NamedTuple):
+    """Points of the coating from which light is followed backwards.
+
+    Points and normals into the pad ``(path, 3)`` in the frame of the block; weights ``(path,)`` of
+    sum 1; ``drawn`` ``(path, 5)``, evenly spread numbers for direction and first reflection; the
+    key of the streams of random numbers.
+    """
+
+    points: Array
+    normals: Array
+    weights: Array
+    drawn: Array
+    key: int
+
+
+class Gathered(NamedTuple):
+    """What starts get: from the terms of the exit field ``(cell * term,)``, and from patches.
+
+    ``patches`` ``(patch,)`` is the part of the paths that end on each. Both are means over cosine
+    distributed directions: times pi they are irradiance per radiance.
+    """
+
+    terms: Array
+    patches: Array
+
+
+def facet_points(scene: Scene, bend: float, site: int, facet: int, count: int) -> Starts:
+    """Return points spread over a facet of a site."""
+    key = FACET_KEY + int(site) * scene.indenter.faces + facet
+    drawn = spread_points(count, 7, key)
+    shape = facets(scene, bend)
+    place = drawn[:, 5:]
+    place = np.where(place.sum(axis=1, keepdims=True) > 1.0, 1.0 - place, place)
+    corner = to_block(scene, shape.corners[site, facet])
+    points = corner[0] + place @ (corner[1:] - corner[0])
+    normals = np.tile(directions_to_block(shape.normal[site, facet]), (count, 1))
+    weights, drawn = np.full(count, 1 / count), np.ascontiguousarray(drawn[:, :5])
+    return Starts(points, normals, weights, drawn, key)
+
+
+def site_points(scene: Scene, bend: float, site: int, facet: int | None, count: int) -> Starts:
+    """Return points spread over the background spot of a site, or before the foot of a facet."""
+    faces = scene.indenter.faces
+    key = SITE_KEY + int(site) * (faces + 1) + (faces if facet is None else facet)
+    drawn = spread_points(count, 7, key)
+    if facet is None:
+        azimuth = 2 * np.pi * drawn[:, 5]
+        radius = BACKGROUND_RADIUS * scene.indenter.radius * np.sqrt(drawn[:, 6])
+    else:
+        azimuth = 2 * np.pi * (facet + drawn[:, 5] - 0.5) / scene.indenter.faces
+        radius = scene.indenter.radius * (1.0 + FOOT_WIDTH * drawn[:, 6])
+    offset = np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros(count)], axis=-1)
+    flat = declared_sites(scene)[site] + radius[:, None] * offset
+    points = to_block(scene, bend_points(scene, flat, bend))
+    normals = directions_to_block(-bend_frames(scene, flat[:, 1], bend)[..., 2])
+    weights, drawn = np.full(count, 1 / count), np.ascontiguousarray(drawn[:, :5])
+    return Starts(points, normals, weights, drawn, key)
+
+
+def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
+    """Return points spread over a patch of the coating, pressed or not."""
+    columns, rows = patch_counts(scene)
+    key = PATCH_KEY + patch
+    drawn = spread_points(count, 7, key)
+    x = scene.pad.width * ((patch % columns + drawn[:, 5]) / columns - 0.5)
+    y = scene.pad.length * ((patch // columns + drawn[:, 6]) / rows - 0.5)
+    angle = block.kappa * (y - scene.camera.pivot)
+    flat = y - scene.camera.pivot
+    # Just above the lower face, and straight up from there.
+    depth = 0.999 * scene.pad.thickness
+    sag = 0.5 * block.kappa * flat**2 * np.sinc(angle / (2 * np.pi)) ** 2
+    start = np.stack(
+        [x, flat * np.sinc(angle / np.pi) + depth * np.sin(angle), depth * np.cos(angle) - sag],
+        axis=-1,
+    )
+    up = np.stack([np.zeros_like(x), -np.sin(angle), -np.cos(angle)], axis=-1)
+    points, normals, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+    find_coating(block, start, up, points, normals, weights)
+    drawn = np.ascontiguousarray(drawn[:, :5])
+    return Starts(points, normals, weights / max(weights.sum(), 1.0), drawn, key)
+
+
+def gathered(starts: Starts, block: Block, grid: FaceGrid, patches: int) -> Gathered:
+    """Return what ``starts`` get of the exit field and of so many patches."""
+    out = np.zeros((cell_count(grid), 4 * (grid.degree + 1) ** 2, 1))
+    ends = np.zeros(patches)
+    gather(
+        block, grid, starts.points, starts.normals, starts.weights, starts.drawn, starts.key,
+        out, ends,
+    )  # fmt: skip
+    return Gathered((orthonormal_terms(grid) @ out).ravel(), ends)

@@ -1,0 +1,647 @@
+"""Compiled light paths in the bent block: through the clear pad and in the diffusive layer.
+
+Frame of this file (mm): ``x`` across, ``v = y - pivot``, ``w = thickness - z`` in the world frame
+of `render.geometry.bending`: the origin lies on the coating, ``w`` grows towards the camera.
+With the coating's curvature kappa, the level ``g = kappa (v^2 + w^2) / 2 + w`` of a point at depth
+delta below the coating is ``delta + kappa delta^2 / 2`` at any bend, 0 included; ends of the block
+are planes through the bend's axis. So every face is a plane or a quadric and there are no meshes.
+
+Paths are analog (a photon lives or dies) but for masking at rough faces. Faces: Walter et al. 2007
+with Beckmann's distribution and the separable Smith shadowing of Mitsuba's ``roughdielectric``, of
+which `render.geometry.microfacets` is the vectorized form.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.arrays import Array
+from tests.oracles.analog_tracer import compiled
+
+State = NDArray[np.uint64]
+
+LEFT, TIP, RIGHT, COATING, FACET, LOWER, UPPER, BASE, END, OUTER_LEFT, OUTER_RIGHT, NONE = range(12)
+"""Faces; the first three are the inner faces of the layer, through which light passes straight."""
+MAX_EVENTS = 100_000
+"""Events after which a path counts as lost: only light that circles without loss gets there."""
+BLOCK_TOLERANCE = 1e-7
+"""mm by which rounding may move a point out of the block."""
+
+
+class Block(NamedTuple):
+    """What light moves in; lengths in mm, coefficients in 1/mm, the frame of this file.
+
+    Arguments:
+        kappa: curvature of the coating.
+        level: of the lower face.
+        half_width: of the clear pad; ``rim`` the thickness of the layer.
+        base, tip, end: planes ``(cos, sin, offset)`` through the bend's axis: the pad's base, its
+            tip, and the outer face of the layer there. ``cos v - sin w - offset`` grows to the tip.
+        index, alpha: of the faces to the air.
+        sigma_s, sigma_a, g: of the layer.
+        sites: ``(site, 3)`` centers of the pyramids; none of an untouched pad.
+        reach: radius of a ball about a center that holds the pyramid.
+        normal: ``(site, facet, 3)`` unit normals of facets, into the silicone.
+        offset: ``(site, facet)`` their planes: ``normal . p = offset``.
+        patch: ``(4,)`` columns and rows of coating patches, half the pad's length, the pivot.
+    """
+
+    kappa: float
+    level: float
+    half_width: float
+    rim: float
+    base: Array
+    tip: Array
+    end: Array
+    index: float  # type: ignore[assignment]  # of refraction, not tuple.index
+    alpha: float
+    sigma_s: float
+    sigma_a: float
+    g: float
+    sites: Array
+    reach: float
+    normal: Array
+    offset: Array
+    patch: Array
+
+
+class FaceGrid(NamedTuple):
+    """Cells on the layer's inner faces, in each of which light is a polynomial.
+
+    Per cell: degree 1 along the edge times degree 1 upwards times the monomials
+    ``a^i b^j (i + j <= degree)`` and ``c a^i b^j (i + j < degree)`` of the direction (a along the
+    edge, b to the coating, c into the pad): ``4 (degree + 1)^2`` terms, not yet orthonormal.
+
+    Arguments:
+        first: ``(3,)`` number of each edge's first column of cells.
+        columns: ``(3,)`` how many there are along each edge.
+        half: ``(3,)`` half the length of each edge.
+        rows: cells above each other.
+        thickness: of the pad.
+        degree: in the direction.
+    """
+
+    first: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    half: Array
+    rows: int
+    thickness: float
+    degree: int
+
+
+# ------------------------------------ Random numbers --------------------------------------
+
+
+@compiled
+def begin_stream(state: State, key: int, index: int) -> None:
+    """Start the stream of path ``index`` in the family ``key``: its numbers depend on these alone.
+
+    ``state`` is ``(1,)``, the counter of a splitmix64 generator (Steele et al. 2014).
+    """
+    mixed = np.uint64(index) * np.uint64(0xD1342543DE82EF95) + np.uint64(key)
+    mixed = (mixed ^ (mixed >> np.uint64(32))) * np.uint64(0xDABA0B6EB09322E3)
+    mixed = (mixed ^ (mixed >> np.uint64(32))) * np.uint64(0xDABA0B6EB09322E3)
+    state[0] = mixed ^ (mixed >> np.uint64(32))
+
+
+@compiled
+def uniform(state: State) -> float:
+    """Return the next number of a stream in [0, 1)."""
+    state[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = state[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return float((z ^ (z >> np.uint64(31))) >> np.uint64(11)) * 1.1102230246251565e-16
+
+
+# ---------------------------------------- Faces -------------------------------------------
+
+
+@compiled
+def turn(d: Array, cos: float, azimuth: float) -> None:
+    """Turn the unit vector ``d`` by the angle of cosine ``cos`` (frame of Duff et al. 2017)."""
+    x, y, z = d[0], d[1], d[2]
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    sin = math.sqrt(max(0.0, 1.0 - cos * cos))
+    s, t = sin * math.cos(azimuth), sin * math.sin(azimuth)
+    d[0] = s * (1.0 + sign * x * x * a) + t * b + cos * x
+    d[1] = s * sign * b + t * (sign + y * y * a) + cos * y
+    d[2] = -s * sign * x - t * y + cos * z
+    scale = 1.0 / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    d *= scale
+
+
+@compiled
+def reflectance(cos_in: float, eta: float) -> tuple[float, float]:
+    """Return Fresnel's unpolarized reflectance and the cosine of refraction.
+
+    ``eta`` is the index behind over the index in front.
+    """
+    squared = 1.0 - (1.0 - cos_in * cos_in) / (eta * eta)
+    if squared <= 0.0:
+        return 1.0, 0.0
+    cos_out = math.sqrt(squared)
+    s = (cos_in - eta * cos_out) / (cos_in + eta * cos_out)
+    p = (eta * cos_in - cos_out) / (eta * cos_in + cos_out)
+    return 0.5 * (s * s + p * p), cos_out
+
+
+@compiled
+def unmasked(cos: float, alpha: float) -> float:
+    """Return Smith's G1 for Beckmann roughness (Walter 2007, eq. 27)."""
+    squared = 1.0 - cos * cos
+    if alpha == 0.0 or squared <= 0.0:
+        return 1.0
+    a = abs(cos) / (alpha * math.sqrt(squared))
+    if a >= 1.6:
+        return 1.0
+    return (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
+
+
+@compiled
+def microfacet(d: Array, n: Array, alpha: float, u: float, v: float, m: Array) -> float:
+    """Draw a microfacet ``m`` that ``d`` meets; return its weight without shadowing behind it.
+
+    ``n`` is the face's normal on the side that ``d`` comes from; ``m`` has density ``D(m) |m.n|``
+    and counts by Walter 2007, eq. 41. 0 where it is met from behind.
+    """
+    m[:] = n
+    if alpha > 0.0:
+        cos = 1.0 / math.sqrt(1.0 - alpha * alpha * math.log(1.0 - u))
+        turn(m, cos, 2.0 * math.pi * v)
+    cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
+    cos_face = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
+    cos_micro = m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
+    if cos_in <= 0.0 or cos_face <= 1e-9:
+        return 0.0
+    return float(cos_in * unmasked(cos_face, alpha) / (cos_face * cos_micro))
+
+
+@compiled
+def reflect_inside(
+    block: Block, d: Array, n: Array, u: float, v: float, chance: float, m: Array
+) -> float:
+    """Turn ``d``, which meets a face to the air with inward normal ``n``, back by chance.
+
+    Return its weight; 0 where it leaves. ``u``, ``v`` and ``chance`` are random in [0, 1).
+    """
+    weight = microfacet(d, n, block.alpha, u, v, m)
+    if weight == 0.0:
+        return 0.0
+    cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
+    back, _ = reflectance(cos_in, 1.0 / block.index)
+    if chance >= back:
+        return 0.0
+    for k in range(3):
+        d[k] += 2.0 * cos_in * m[k]
+    cos_out = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
+    if cos_out <= 0.0:
+        return 0.0
+    return float(weight * unmasked(cos_out, block.alpha))
+
+
+@compiled
+def refract_into(block: Block, d: Array, n: Array, u: float, v: float, m: Array) -> float:
+    """Turn ``d``, which comes from the air, into the silicone; return what passes, 0 for none.
+
+    ``n`` is the face's outward normal.
+    """
+    weight = microfacet(d, n, block.alpha, u, v, m)
+    if weight == 0.0:
+        return 0.0
+    cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
+    back, cos_out = reflectance(cos_in, block.index)
+    for k in range(3):
+        d[k] = d[k] / block.index + (cos_in / block.index - cos_out) * m[k]
+    behind = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
+    if behind <= 0.0:
+        return 0.0
+    return weight * (1.0 - back) * unmasked(behind, block.alpha)
+
+
+# -------------------------------------- Geometry ------------------------------------------
+
+
+@compiled
+def beyond(plane: Array, p: Array) -> float:
+    """Return how far (mm) a point lies towards the tip from a plane through the axis."""
+    return float(plane[0] * p[1] - plane[1] * p[2] - plane[2])
+
+
+@compiled
+def level_of(block: Block, p: Array) -> float:
+    """Return the level g of a point."""
+    return float(0.5 * block.kappa * (p[1] * p[1] + p[2] * p[2]) + p[2])
+
+
+@compiled
+def level_ways(block: Block, p: Array, d: Array) -> tuple[float, float]:
+    """Return the ways (mm) to the coating's level and to that of the lower face from between."""
+    a = 0.5 * block.kappa * (d[1] * d[1] + d[2] * d[2])
+    b = block.kappa * (p[1] * d[1] + p[2] * d[2]) + d[2]
+    c = max(0.0, level_of(block, p))
+    up, down = math.inf, math.inf
+    squared = b * b - 4.0 * a * c
+    if b < 0.0 and squared >= 0.0:
+        up = 2.0 * c / (math.sqrt(squared) - b)
+    rest = max(0.0, block.level - c)
+    root = math.sqrt(b * b + 4.0 * a * rest)
+    if b >= 0.0:
+        if b + root > 0.0:
+            down = 2.0 * rest / (b + root)
+    elif a > 0.0:
+        down = (root - b) / (2.0 * a)
+    return up, down
+
+
+@compiled
+def face_normal(block: Block, face: int, p: Array, n: Array) -> None:
+    """Write the unit normal out of the block of a face to the air at ``p``."""
+    n[:] = 0.0
+    if face in (LOWER, UPPER):
+        n[1], n[2] = block.kappa * p[1], block.kappa * p[2] + 1.0
+        n *= (1.0 if face == LOWER else -1.0) / math.sqrt(n[1] * n[1] + n[2] * n[2])
+    elif face == BASE:
+        n[1], n[2] = -block.base[0], block.base[1]
+    elif face == END:
+        n[1], n[2] = block.end[0], -block.end[1]
+    else:
+        n[0] = -1.0 if face == OUTER_LEFT else 1.0
+
+
+@compiled
+def meet_pyramids(block: Block, p: Array, d: Array, limit: float) -> tuple[float, int, int]:
+    """Return way, site and facet of the first facet before ``limit``; site -1 for none."""
+    best, site, facet = limit, -1, -1
+    for i in range(len(block.sites)):
+        x, y, z = block.sites[i, 0] - p[0], block.sites[i, 1] - p[1], block.sites[i, 2] - p[2]
+        along = x * d[0] + y * d[1] + z * d[2]
+        squared = x * x + y * y + z * z
+        if along < -block.reach or squared - along * along > block.reach * block.reach:
+            continue
+        enter, leave, met = 1e-9, best, -1
+        for k in range(block.normal.shape[1]):
+            n = block.normal[i, k]
+            speed = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
+            room = block.offset[i, k] - n[0] * p[0] - n[1] * p[1] - n[2] * p[2]
+            if speed < 0.0:
+                if room / speed > enter:
+                    enter, met = room / speed, k
+            elif room < speed * leave:
+                leave = room / speed if speed > 0.0 else -1.0
+        if met >= 0 and enter < leave:
+            best, site, facet = enter, i, met
+    return best, site, facet
+
+
+@compiled
+def cross_clear(block: Block, p: Array, d: Array) -> tuple[float, int, int, int]:
+    """Return the way to the next face of the clear pad, the face, and site and facet of a FACET."""
+    up, down = level_ways(block, p, d)
+    way, face = (up, COATING) if up <= down else (down, LOWER)
+    if d[0] != 0.0:
+        to = (block.half_width - p[0]) / d[0] if d[0] > 0.0 else (-block.half_width - p[0]) / d[0]
+        if to < way:
+            way, face = to, RIGHT if d[0] > 0.0 else LEFT
+    towards = block.tip[0] * d[1] - block.tip[1] * d[2]
+    if towards > 0.0:
+        to = -beyond(block.tip, p) / towards
+        if to < way:
+            way, face = to, TIP
+    towards = block.base[0] * d[1] - block.base[1] * d[2]
+    if towards < 0.0:
+        to = -beyond(block.base, p) / towards
+        if to < way:
+            way, face = to, BASE
+    way = max(way, 0.0)
+    if len(block.sites):
+        # As far as the lower face may reach, a pyramid is met first or not at all.
+        before, site, facet = meet_pyramids(block, p, d, way)
+        if site >= 0:
+            return before, FACET, site, facet
+    return way, face, -1, -1
+
+
+@compiled
+def cross_layer(block: Block, p: Array, d: Array) -> tuple[float, int]:
+    """Return the way to the next face of the layer and the face."""
+    up, down = level_ways(block, p, d)
+    way, face = (up, UPPER) if up <= down else (down, LOWER)
+    outer = block.half_width + block.rim
+    if d[0] > 0.0:
+        to = (outer - p[0]) / d[0]
+        if to < way:
+            way, face = to, OUTER_RIGHT
+    elif d[0] < 0.0:
+        to = (-outer - p[0]) / d[0]
+        if to < way:
+            way, face = to, OUTER_LEFT
+    towards = block.base[0] * d[1] - block.base[1] * d[2]
+    if towards < 0.0:
+        to = -beyond(block.base, p) / towards
+        if to < way:
+            way, face = to, BASE
+    towards = block.end[0] * d[1] - block.end[1] * d[2]
+    if towards > 0.0:
+        to = -beyond(block.end, p) / towards
+        if to < way:
+            way, face = to, END
+    past = beyond(block.tip, p)
+    towards = block.tip[0] * d[1] - block.tip[1] * d[2]
+    if abs(p[0]) >= block.half_width and d[0] * p[0] < 0.0:
+        to = (abs(p[0]) - block.half_width) / abs(d[0])
+        if to < way and past + to * towards < 0.0:
+            way, face = to, LEFT if d[0] > 0.0 else RIGHT
+    if past >= 0.0 and towards < 0.0:
+        to = -past / towards
+        if to < way and abs(p[0] + to * d[0]) < block.half_width:
+            way, face = to, TIP
+    return max(way, 0.0), face
+
+
+@compiled
+def within(block: Block, p: Array) -> bool:
+    """Return whether the block holds a point, but for rounding."""
+    level = level_of(block, p)
+    return (
+        abs(p[0]) <= block.half_width + block.rim + BLOCK_TOLERANCE
+        and beyond(block.base, p) >= -BLOCK_TOLERANCE
+        and beyond(block.end, p) <= BLOCK_TOLERANCE
+        and level >= -BLOCK_TOLERANCE
+        and level <= block.level + BLOCK_TOLERANCE
+    )
+
+
+@compiled
+def enter_block(block: Block, p: Array, d: Array) -> int:
+    """Move a point in the air on to where its ray enters the block; return the face, or NONE."""
+    outer = block.half_width + block.rim
+    best, found = math.inf, NONE
+    q = np.empty(3)
+    a = 0.5 * block.kappa * (d[1] * d[1] + d[2] * d[2])
+    b = block.kappa * (p[1] * d[1] + p[2] * d[2]) + d[2]
+    level = level_of(block, p)
+    for face in (LOWER, UPPER, BASE, END, OUTER_LEFT, OUTER_RIGHT):
+        to = math.inf
+        if face == LOWER:
+            over = level - block.level
+            squared = b * b - 4.0 * a * over
+            if over > 0.0 and b < 0.0 and squared >= 0.0:
+                to = 2.0 * over / (math.sqrt(squared) - b)
+        elif face == UPPER:
+            root = math.sqrt(max(0.0, b * b - 4.0 * a * level))
+            if level < 0.0 and b + root > 0.0:
+                to = -2.0 * level / (b + root)
+        elif face in (BASE, END):
+            plane = block.base if face == BASE else block.end
+            sign = 1.0 if face == BASE else -1.0
+            speed = sign * (plane[0] * d[1] - plane[1] * d[2])
+            if speed > 0.0:
+                to = -sign * beyond(plane, p) / speed
+        elif face == OUTER_LEFT and d[0] > 0.0:
+            to = (-outer - p[0]) / d[0]
+        elif face == OUTER_RIGHT and d[0] < 0.0:
+            to = (outer - p[0]) / d[0]
+        if 0.0 <= to < best:
+            for k in range(3):
+                q[k] = p[k] + to * d[k]
+            if within(block, q):
+                best, found = to, face
+    if found != NONE:
+        for k in range(3):
+            p[k] += best * d[k]
+    return found
+
+
+@compiled
+def in_layer(block: Block, p: Array) -> bool:
+    """Return whether a point of the block lies in the diffusive layer."""
+    return abs(p[0]) > block.half_width or beyond(block.tip, p) > 0.0
+
+
+@compiled
+def angle_of(block: Block, p: Array) -> tuple[float, float, float]:
+    """Return sine and cosine of the local frame's turn at a point, and its flat ``v``."""
+    y, w = block.kappa * p[1], 1.0 + block.kappa * p[2]
+    scale = 1.0 / math.sqrt(y * y + w * w)
+    flat = math.atan2(y, w) / block.kappa if block.kappa > 0.0 else p[1]
+    return y * scale, w * scale, flat
+
+
+@compiled
+def patch_of(block: Block, p: Array) -> int:
+    """Return the number of the coating's patch above a point."""
+    columns, rows = int(block.patch[0]), int(block.patch[1])
+    _, _, flat = angle_of(block, p)
+    y = (flat + block.patch[3]) / block.patch[2]
+    column = min(columns - 1, max(0, int(0.5 * (p[0] / block.half_width + 1.0) * columns)))
+    row = min(rows - 1, max(0, int(0.5 * (y + 1.0) * rows)))
+    return row * columns + column
+
+
+# --------------------------------------- Walks --------------------------------------------
+
+
+@compiled
+def walk_layer(
+    state: State, block: Block, p: Array, d: Array, n: Array, m: Array
+) -> tuple[float, int]:
+    """Walk in the layer until light leaves it through an inner face; return weight and face.
+
+    Weight 0: it was absorbed or left into the air.
+    """
+    extinction, weight = block.sigma_s + block.sigma_a, 1.0
+    for _ in range(MAX_EVENTS):
+        free = math.inf
+        if extinction > 0.0:
+            free = -math.log(1.0 - uniform(state)) / extinction
+        way, face = cross_layer(block, p, d)
+        step = min(way, free)
+        for k in range(3):
+            p[k] += step * d[k]
+        if free < way:
+            if uniform(state) * extinction >= block.sigma_s:
+                return 0.0, NONE
+            u, g = uniform(state), block.g
+            cos = 2.0 * u - 1.0
+            if abs(g) > 1e-3:
+                ratio = (1.0 - g * g) / (1.0 - g + 2.0 * g * u)
+                cos = (1.0 + g * g - ratio * ratio) / (2.0 * g)
+            turn(d, max(-1.0, min(1.0, cos)), 2.0 * math.pi * uniform(state))
+        elif face <= RIGHT:
+            if face != TIP:
+                p[0] = -block.half_width if face == LEFT else block.half_width
+            return weight, face
+        else:
+            face_normal(block, face, p, n)
+            for k in range(3):
+                n[k] = -n[k]
+            u, v, chance = uniform(state), uniform(state), uniform(state)
+            weight *= reflect_inside(block, d, n, u, v, chance, m)
+            if weight == 0.0:
+                return 0.0, NONE
+    return 0.0, NONE
+
+
+@compiled
+def deposit(
+    block: Block, grid: FaceGrid, face: int, p: Array, d: Array, sign: float, weights: Array,
+    powers: Array, out: Array,
+) -> None:  # fmt: skip
+    """Add light that crosses an inner face to ``out`` ``(cell, term, weight)``.
+
+    ``sign * d`` points into the pad; ``weights`` ``(weight,)``; ``powers`` is scratch
+    ``(2, degree + 1)``.
+    """
+    sine, cosine, flat = angle_of(block, p)
+    tangent = sign * (d[1] * cosine - d[2] * sine)
+    up = -sign * (d[1] * sine + d[2] * cosine)
+    level = max(0.0, level_of(block, p))
+    depth = 2.0 * level / (1.0 + math.sqrt(1.0 + 2.0 * block.kappa * level))
+    height = 1.0 - depth / grid.thickness
+    along, into, s = tangent, abs(d[0]), (flat + block.patch[3]) / grid.half[face]
+    scale = 1.0
+    if face == TIP:
+        along, into, s = sign * d[0], -tangent, p[0] / grid.half[face]
+    else:
+        # The face is wider below the coating: both factors of a product get half of it.
+        scale = 1.0 / math.sqrt(1.0 + block.kappa * depth)
+    columns = grid.columns[face]
+    place = 0.5 * (s + 1.0) * columns
+    column = min(columns - 1, max(0, int(place)))
+    xi = 2.0 * (place - column) - 1.0
+    place = height * grid.rows
+    row = min(grid.rows - 1, max(0, int(place)))
+    zeta = 2.0 * (place - row) - 1.0
+    cell = (grid.first[face] + column) * grid.rows + row
+    degree = grid.degree
+    powers[:, 0] = 1.0
+    for i in range(degree):
+        powers[0, i + 1] = powers[0, i] * along
+        powers[1, i + 1] = powers[1, i] * up
+    term = 0
+    for part in range(2):
+        for i in range(degree + 1 - part):
+            for j in range(degree + 1 - part - i):
+                value = scale * powers[0, i] * powers[1, j] * (into if part else 1.0)
+                for weight in range(len(weights)):
+                    share = value * weights[weight]
+                    out[cell, term, weight] += share
+                    out[cell, term + 1, weight] += share * xi
+                    out[cell, term + 2, weight] += share * zeta
+                    out[cell, term + 3, weight] += share * xi * zeta
+                term += 4
+
+
+@compiled
+def trace_lamp(
+    block: Block, grid: FaceGrid, origin: Array, direction: Array, weights: Array, repeats: int,
+    key: int, out: Array, entered: Array,
+) -> None:  # fmt: skip
+    """Follow rays of a lamp ``(ray, 3)`` until they leave the layer, and add them to ``out``.
+
+    Each is followed ``repeats`` times.
+
+    ``weights`` ``(ray, node)``; ``out`` ``(cell, term, node)``; ``entered`` ``(2,)`` counts the
+    light that enters the clear pad and the layer.
+    """
+    state, powers = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1))
+    p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    scaled = np.empty(weights.shape[1])
+    for ray in range(repeats * len(origin)):
+        begin_stream(state, key, ray)
+        p[:] = origin[ray // repeats]
+        d[:] = direction[ray // repeats]
+        face = enter_block(block, p, d)
+        if face == NONE:
+            continue
+        face_normal(block, face, p, n)
+        passed = refract_into(block, d, n, uniform(state), uniform(state), m)
+        if passed == 0.0:
+            continue
+        layer = in_layer(block, p)
+        entered[1 if layer else 0] += passed * weights[ray // repeats].sum()
+        if not layer:
+            continue
+        left, face = walk_layer(state, block, p, d, n, m)
+        if left > 0.0:
+            for node in range(len(scaled)):
+                scaled[node] = passed * left * weights[ray // repeats, node] / repeats
+            deposit(block, grid, face, p, d, 1.0, scaled, powers, out)
+
+
+@compiled
+def find_coating(
+    block: Block, origin: Array, direction: Array, points: Array, normals: Array, weights: Array
+) -> None:
+    """Write where rays ``(ray, 3)`` in the pad meet the coating: point, normal into the pad.
+
+    Weights ``(ray,)`` become 1, or 0 where a ray meets something else first.
+    """
+    p, d = np.empty(3), np.empty(3)
+    for ray in range(len(origin)):
+        p[:] = origin[ray]
+        d[:] = direction[ray]
+        way, face, site, facet = cross_clear(block, p, d)
+        weights[ray] = 1.0 if face in (COATING, FACET) else 0.0
+        for k in range(3):
+            points[ray, k] = p[k] + way * d[k]
+        if face == FACET:
+            normals[ray] = block.normal[site, facet]
+        else:
+            face_normal(block, LOWER, points[ray], normals[ray])
+
+
+@compiled
+def gather(
+    block: Block, grid: FaceGrid, points: Array, normals: Array, weights: Array, drawn: Array,
+    key: int, out: Array, patches: Array,
+) -> None:  # fmt: skip
+    """Follow light backwards from points of the coating ``(path, 3)`` to the layer and to itself.
+
+    Directions at the points are cosine distributed; ``drawn`` ``(path, 5)`` in [0, 1) draws them
+    and the first reflection. Where a path enters the layer, the light that leaves there is added to
+    ``out`` ``(cell, term, 1)``; where it ends on the coating, its weight to
+    ``patches`` ``(patch,)``.
+    """
+    state, powers, one = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1)), np.empty(1)
+    p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for path in range(len(points)):
+        weight = weights[path]
+        if weight == 0.0:
+            continue
+        begin_stream(state, key, path)
+        p[:] = points[path]
+        d[:] = normals[path]
+        turn(d, math.sqrt(1.0 - drawn[path, 0]), 2.0 * math.pi * drawn[path, 1])
+        first = True
+        for _ in range(MAX_EVENTS):
+            way, face, _, _ = cross_clear(block, p, d)
+            for k in range(3):
+                p[k] += way * d[k]
+            if face in (COATING, FACET):
+                patches[patch_of(block, p)] += weight
+                break
+            if face <= RIGHT:
+                one[0] = weight
+                deposit(block, grid, face, p, d, -1.0, one, powers, out)
+                left, face = walk_layer(state, block, p, d, n, m)
+                weight *= left
+            else:
+                face_normal(block, face, p, n)
+                for k in range(3):
+                    n[k] = -n[k]
+                if first:
+                    u, v, chance = drawn[path, 2], drawn[path, 3], drawn[path, 4]
+                else:
+                    u, v, chance = uniform(state), uniform(state), uniform(state)
+                weight *= reflect_inside(block, d, n, u, v, chance, m)
+                first = False
+            if weight == 0.0:
+                break
