@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
@@ -151,8 +152,11 @@ def at_terminal(folder: Path, *typed: str, stop: int = 0) -> tuple[int, str]:
     Return the exit code and everything that the terminal showed.
     """
     ours, theirs = pty.openpty()
+    # Started in the background, tests would hand on that SIGINT is ignored.
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "from hw.start import main; main()"
     process = subprocess.Popen(
-        [sys.executable, "-c", "from hw.start import main; main()", "new", "typed"],
+        [sys.executable, "-c", code, "new", "typed"],
         stdin=theirs, stdout=theirs, stderr=theirs, cwd=folder, start_new_session=True,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
     )  # fmt: skip
@@ -160,6 +164,8 @@ def at_terminal(folder: Path, *typed: str, stop: int = 0) -> tuple[int, str]:
     shown, answers, began = "", list(typed), time.monotonic()
     try:
         while time.monotonic() - began < 60:
+            if not select.select([ours], [], [], 1.0)[0]:
+                continue
             try:
                 shown += os.read(ours, 4096).decode()
             except OSError:  # the process is gone
