@@ -130,7 +130,11 @@ def test_intervals_of_facets_and_sites_hold_what_analog_photons_say(case: str) -
         assert 0.02 < result.cell_error < 0.2
         # Facets of a site share their light: a few seeds scatter by some percent.
         slack = 0.0 if LONG else 2.5 * result.error
-        assert 0.92 - slack <= result.covered <= 0.98 + slack
+        assert result.covered >= 0.92 - slack
+        # Where none of n independent intervals misses, up to 3 / n of all may: fewer than 150 do
+        # not tell 98 % from all.
+        untold = not LONG and result.covered == 1.0 and result.intervals < 150
+        assert untold or result.covered <= 0.98 + slack
 
 
 def main() -> None:
