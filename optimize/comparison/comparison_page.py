@@ -110,5 +110,6 @@ def _lights(comparison: DesignComparison) -> list[dict[str, object]]:
             }
             for design in designs
         ]
-        rows.append({"fiber": fiber, "lights": lights, "differ": lights.count(lights[0])})
+        differ = any(light != lights[0] for light in lights)
+        rows.append({"fiber": fiber, "lights": lights, "differ": differ})
     return rows
