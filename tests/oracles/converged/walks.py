@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from tests.oracles.analog_tracer import compiled
+from tests.oracles.analog_tracer import compiled, fresnel, uniform
 
 State = NDArray[np.uint64]
 
@@ -108,16 +108,6 @@ def begin_stream(state: State, key: int, index: int) -> None:
     state[0] = mixed ^ (mixed >> np.uint64(32))
 
 
-@compiled
-def uniform(state: State) -> float:
-    """Return the next number of a stream in [0, 1)."""
-    state[0] += np.uint64(0x9E3779B97F4A7C15)
-    z = state[0]
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return float((z ^ (z >> np.uint64(31))) >> np.uint64(11)) * 1.1102230246251565e-16
-
-
 # ---------------------------------------- Faces -------------------------------------------
 
 
@@ -135,21 +125,6 @@ def turn(d: Array, cos: float, azimuth: float) -> None:
     d[2] = -s * sign * x - t * y + cos * z
     scale = 1.0 / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     d *= scale
-
-
-@compiled
-def reflectance(cos_in: float, eta: float) -> tuple[float, float]:
-    """Return Fresnel's unpolarized reflectance and the cosine of refraction.
-
-    ``eta`` is the index behind over the index in front.
-    """
-    squared = 1.0 - (1.0 - cos_in * cos_in) / (eta * eta)
-    if squared <= 0.0:
-        return 1.0, 0.0
-    cos_out = math.sqrt(squared)
-    s = (cos_in - eta * cos_out) / (cos_in + eta * cos_out)
-    p = (eta * cos_in - cos_out) / (eta * cos_in + cos_out)
-    return 0.5 * (s * s + p * p), cos_out
 
 
 @compiled
@@ -195,7 +170,7 @@ def reflect_inside(
     if weight == 0.0:
         return 0.0
     cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
-    back, _ = reflectance(cos_in, 1.0 / block.index)
+    back, _ = fresnel(cos_in, 1.0 / block.index)
     if chance >= back:
         return 0.0
     for k in range(3):
@@ -216,7 +191,7 @@ def refract_into(block: Block, d: Array, n: Array, u: float, v: float, m: Array)
     if weight == 0.0:
         return 0.0
     cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
-    back, cos_out = reflectance(cos_in, block.index)
+    back, cos_out = fresnel(cos_in, block.index)
     for k in range(3):
         d[k] = d[k] / block.index + (cos_in / block.index - cos_out) * m[k]
     behind = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
