@@ -111,7 +111,7 @@ def sensor_svg(
 
 def _view(scene: Scene, axes: tuple[int, int]) -> View:
     """Return the view that holds pad, lamps with their numbers, and the camera where it is near."""
-    low, high = _block(scene)
+    low, high = scene.box.low, scene.box.high
     poses = flat_fiber_poses(scene)
     points = [np.stack([low, high]), poses.position, poses.position - 1.3 * poses.inward]
     camera = _drawn_camera(scene)
@@ -124,14 +124,6 @@ def _view(scene: Scene, axes: tuple[int, int]) -> View:
     return View(axes, first, last)
 
 
-def _block(scene: Scene) -> tuple[Array, Array]:
-    """Return the corners of pad and diffuser."""
-    edge = scene.diffuser.thickness if scene.diffuser else 0.0
-    half = np.array([scene.pad.width, scene.pad.length]) / 2
-    low = np.array([-half[0] - edge, -half[1], 0.0])
-    return low, np.array([half[0] + edge, half[1] + edge, scene.pad.thickness])
-
-
 def _drawn_camera(scene: Scene) -> Array:
     place = camera_origin(scene)
     return np.array([*place[:2], max(place[2], -FAR)])
@@ -140,7 +132,7 @@ def _drawn_camera(scene: Scene) -> Array:
 def _drawn(
     scene: Scene, view: View, phi: Array | None, inks: Sequence[str] | None
 ) -> Iterator[str]:
-    low, high = _block(scene)
+    low, high = scene.box.low, scene.box.high
     half = np.array([scene.pad.width / 2, scene.pad.length / 2, 0.0])
     clear = -half, half + [0.0, 0.0, scene.pad.thickness]
     if scene.diffuser is not None:
@@ -162,7 +154,7 @@ def _drawn(
 
 def _faces(scene: Scene, view: View) -> Iterator[str]:
     """Draw the faces that are rougher than the smoothest, where the view shows them as lines."""
-    low, high = _block(scene)
+    low, high = scene.box.low, scene.box.high
     smoothest = min(finish.roughness for finish in scene.finishes)
     for finish, outward in zip(scene.finishes, OUTWARD, strict=True):
         axis = int(np.abs(outward).argmax())
