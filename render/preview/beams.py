@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses
+from render.preview.light_paths import Turns, single_turns
 from render.scene import FACES, OUTWARD, Profile, Scene
 
 BEAM_MARK, TURN_MARKS, NO_TURNS = 8, (16, 256), 8
@@ -100,7 +101,7 @@ def _lights_of(scene: Scene, poses: FiberPoses, lamp: int) -> list[list[float]]:
     """Return x, y, z, mark and share of the power of each light of one lamp."""
     box, index, lights = scene.box, scene.pad.index, []
 
-    def seen(point: Array, face: int, turns: tuple[int, int], share: float) -> list[float]:
+    def seen(point: Array, face: int, turns: Turns, share: float) -> list[float]:
         # From inside the pad the air looks longer by the index (paraxial image).
         image = point + (index - 1) * box.distance(point)[face] * OUTWARD[face]
         mark = face + BEAM_MARK + np.dot(np.add(turns, NO_TURNS), TURN_MARKS)
@@ -117,17 +118,16 @@ def _lights_of(scene: Scene, poses: FiberPoses, lamp: int) -> list[list[float]]:
     return lights
 
 
-def beam_turns(scene: Scene, face: int) -> list[tuple[int, int]]:
+def beam_turns(scene: Scene, face: int) -> list[Turns]:
     """Return the ``turns`` of the images that light entering through ``face`` may reach.
 
     It starts away from that face, within the critical angle of its normal.
     """
     axis = int(np.abs(OUTWARD[face]).argmax())
-    if scene.diffuser is not None or any(scene.bending.angles):
-        walls = [(0, -1)] if scene.diffuser is not None else [(-1, 0), (0, 1), (1, 0), (0, -1)]
-        own = [0, 0, 0]
-        own[axis] = int(OUTWARD[face][axis])
-        return [turns for turns in walls if turns != tuple(own[:2])]
+    single = single_turns(scene)
+    if single is not None:
+        own = tuple(OUTWARD[face][:2].astype(int))
+        return [turns for turns in single if turns != own]
     size = scene.box.high - scene.box.low
     # Tangent of the critical angle: how far to the side light gets on its way.
     slope = 1 / np.sqrt(max(scene.pad.index**2 - 1, STEEPEST**-2))

@@ -40,16 +40,19 @@ MIN_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
 
 
+Turns = tuple[int, int]
+"""Reflections at clear edges along x and y, towards +x and +y where positive."""
+
+
 class WallImage(NamedTuple):
     """The pad as it is seen after reflections at its clear edges: method of images in a box.
 
-    ``turns`` counts them along x and y: light to it goes so often through an edge of the unfolded
-    pad, towards +x and +y where positive. ``low`` and ``size`` ``(2,)`` are those of the pad, mm.
-    Edges go through the bend axis or are at right angles to it, so single images are those of the
-    flat pad at any bend.
+    Light to it goes ``turns`` times through edges of the unfolded pad. ``low`` and ``size``
+    ``(2,)`` are those of the pad, mm. Edges go through the bend axis or are at right angles to
+    it, so single images are those of the flat pad at any bend.
     """
 
-    turns: tuple[int, int]
+    turns: Turns
     low: tuple[float, float]
     size: tuple[float, float]
 
@@ -75,22 +78,27 @@ class WallImage(NamedTuple):
         return np.asarray((position - center) * self.flip + center + step)
 
 
-def wall_image(scene: Scene, turns: tuple[int, int]) -> WallImage:
+def wall_image(scene: Scene, turns: Turns) -> WallImage:
     """Return the image of the silicone after ``turns`` reflections along x and y."""
     low, size = scene.box.low, scene.box.high - scene.box.low
     return WallImage(turns, (low[0], low[1]), (size[0], size[1]))
 
 
-def wall_images(scene: Scene) -> list[WallImage]:
-    """Return the images that diffuse light in the pad is seen in.
+def single_turns(scene: Scene) -> list[Turns] | None:
+    """Return the images in single clear edges; None: a pad that has images of images as well.
 
-    The base alone reflects where the other edges have a diffuser. A clear pad that never bends has
-    images of images, as far as light along a plate reaches; one that bends has those of each edge.
+    The base alone reflects where the other edges have a diffuser. A clear pad that never bends is
+    the box that images of images are exact in; one that bends has those of each edge.
     """
     if scene.diffuser is not None:
-        return [wall_image(scene, (0, -1))]
-    single = [(0, -1), (-1, 0), (0, 1), (1, 0)]
-    if any(scene.bending.angles):
+        return [(0, -1)]
+    return [(0, -1), (-1, 0), (0, 1), (1, 0)] if any(scene.bending.angles) else None
+
+
+def wall_images(scene: Scene) -> list[WallImage]:
+    """Return the images that diffuse light in the pad is seen in, as far as it reaches."""
+    single = single_turns(scene)
+    if single is not None:
         return [wall_image(scene, turns) for turns in single]
     far = FAR_IMAGES * scene.pad.thickness
     across, along = (

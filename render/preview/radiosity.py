@@ -16,6 +16,7 @@ from render.arrays import Array
 from render.geometry import curvature, fresnel
 from render.preview.light_paths import (
     LightPath,
+    Turns,
     direct_path,
     mirrored_path,
     near_wall,
@@ -24,7 +25,6 @@ from render.preview.light_paths import (
 from render.preview.shading_points import ShadingPoints
 from render.scene import Scene
 
-Turns = tuple[int, int]
 TARGETS = 1000
 """Points that gather light at a time, which bounds the memory."""
 # Gauss points: each patch sends its light from 2 x 2 points.
