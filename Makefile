@@ -1,7 +1,7 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
 VALIDATIONS := $(wildcard tests/validation/test_*.py)
-.PHONY: help explore verify train test unit validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
+.PHONY: help explore verify train test unit docs validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
 
 SCENE ?= finger20
 DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20-explore/design.json)
@@ -9,7 +9,7 @@ BIN := .venv/bin
 BASE := .venv/base.stamp
 FULL := .venv/full.stamp
 SETUP := pyproject.toml .ci/setup .ci/constraints.txt examples/javascript/package-lock.json
-SOURCES := tactilux.py render surrogate optimize hw tests examples
+SOURCES := tactilux.py render surrogate optimize hw tests examples docs
 export PYTHON
 
 help: ## List the targets
@@ -31,6 +31,10 @@ unit: export OMP_NUM_THREADS = 1
 unit: $(FULL) ## The tests alone
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
 		--ignore tests/validation
+
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(FULL) ## The documentation as one site, opens from a folder: build/site/index.html
+	$(BIN)/python -m mkdocs build --quiet --strict
 
 # They leave a core idle each: two at a time.
 validation: $(FULL) ## Against other renderers, closed forms and slow exact code

@@ -27,10 +27,12 @@ class TransportTable:
     """Transport on a grid of fiber directions and bends, with its standard errors.
 
     Arguments:
-        T, se: ``(fiber, phi_node, bend, site, facet[, channel])``.
+        T: ``(fiber, phi_node, bend, site, facet[, channel])``.
+        se: standard errors of ``T``, of the same shape.
         phi: ``(phi_node,)`` rad, distinct.
         bends: ``(bend,)`` rad; empty when a foreign table does not say.
-        background, background_se: ``(fiber, phi_node, bend, site[, channel])`` or None.
+        background: ``(fiber, phi_node, bend, site[, channel])`` or None.
+        background_se: its standard errors, of the same shape, or None.
         exposure: counts per unit of ``sum_f power_f T_f``.
         lam: weight of M_phi in eq. (4.6).
         scene_hash: the scene that it was made for; empty for foreign tables.

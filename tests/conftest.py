@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # Two busy cores make any deadline a lottery, and a red build must be reproducible.
 settings.register_profile("tactilux", deadline=None, derandomize=True, print_blob=True)
@@ -130,3 +134,24 @@ def tactilux(
         return Result(code, said.out, said.err)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    """Return a running browser: the system's, or the one that Playwright has downloaded."""
+    from playwright.sync_api import Error, sync_playwright
+
+    with sync_playwright() as playwright:
+        names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+        found = [path for name in names if (path := shutil.which(name))]
+        problems = []
+        for path in [*found, None]:
+            try:
+                browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+            except Error as error:
+                problems.append(str(error))
+            else:
+                yield browser
+                browser.close()
+                return
+        pytest.fail("no Chromium: sudo apt-get install chromium\n" + "\n".join(problems))

@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from render.errors import SceneError
-from render.scene.lamps import EDGES
+from render.scene.lamps import EDGES, RIM_EDGES
 from render.scene.quantities import allowed_range
 
 GIVEN, ASSUMED = "as given to tactilux new", "assumed"
 INDEX = 1.41
+SIGMA_V = 'sigma_v = { value = 15.0, unit = "deg", source = "assumed: the end of a fiber" }'
 LAMPS = {
-    "fiber": (0.75, 0.4, "profile = { sigma_v = { value = 15.0, unit = \"deg\", source = "
-              "\"assumed: the end of a fiber\" } }\nturns = true"),
+    "fiber": (0.75, 0.4, f"profile = {{ {SIGMA_V} }}\nturns = true"),
     "led": (1.0, 0.1, "profile = \"lambertian\"  # assumed\nturns = false"),
 }  # fmt: skip
 """Diameter and gap in mm, profile: what one kind of lamp is assumed to be."""
@@ -195,7 +195,7 @@ def scene_file(answers: Answers) -> str:
             _pad(answers),
             *([_diffuser(answers)] if answers.size("diffuser") > 0 else []),
             '[coating]\nalbedo = { value = 0.6, source = "assumed: gray paint" }\n',
-            *(_row(answers, edge) for edge in answers.lit),
+            *_lamps(answers),
             camera.text,
             "# A pad that bends has more angles, such as [0.0, 45.0, 90.0].\n"
             '[bending]\nangles = { value = [0.0], unit = "deg", source = "assumed: rigid" }\n',
@@ -212,8 +212,12 @@ def _quantity(name: str, value: float, unit: str, source: str) -> str:
     return f'{name} = {{ value = {float(value)!r}{unit}, source = "{source}" }}'
 
 
+def _origin(answers: Answers, name: str) -> str:
+    return GIVEN if name in answers.numbers else ASSUMED
+
+
 def _answered(answers: Answers, name: str, key: str = "") -> str:
-    source = GIVEN if name in answers.numbers else ASSUMED
+    source = _origin(answers, name)
     return _quantity(key or name, answers.size(name), QUESTIONS[name].unit, source)
 
 
@@ -253,9 +257,17 @@ def _diffuser(answers: Answers) -> str:
     )
 
 
+def _lamps(answers: Answers) -> list[str]:
+    """Return fibers in the one section that jigs and calibration know, or else a row per edge."""
+    if answers.lamp != "fiber" or answers.lit != RIM_EDGES:
+        return [_row(answers, edge) for edge in answers.lit]
+    counts = [f"{edge} = {int(answers.size(edge))}  # {_origin(answers, edge)}"
+              for edge in RIM_EDGES]  # fmt: skip
+    head = "# Optical fibers, which may turn, evenly spaced along three edges.\n[fibers]"
+    return ["\n".join([head, *counts, *_lamp(answers), SIGMA_V, ""])]
+
+
 def _row(answers: Answers, edge: str) -> str:
-    diameter, gap, profile = LAMPS[answers.lamp]
-    count = int(answers.size(edge))
     noun = (
         "optical fibers, which may turn" if answers.lamp == "fiber" else "LEDs, which do not turn"
     )
@@ -264,15 +276,23 @@ def _row(answers: Answers, edge: str) -> str:
             f"# Along the {edge}: {noun}. `at` instead of `count` names places.",
             "[[rows]]",
             f'edge = "{edge}"',
-            f"count = {count}  # {GIVEN if edge in answers.numbers else ASSUMED}",
-            _quantity("diameter", diameter, "mm", ASSUMED),
-            _quantity("gap", gap, "mm", "assumed: air before the pad or its diffuser"),
-            _quantity("height", answers.size("thickness") / 2, "mm", "assumed: half the thickness"),
-            _quantity("tilt", 10.0, "deg", "assumed: a slight angle towards the skin"),
-            profile,
+            f"count = {int(answers.size(edge))}  # {_origin(answers, edge)}",
+            *_lamp(answers),
+            LAMPS[answers.lamp][2],
             "",
         ]
     )
+
+
+def _lamp(answers: Answers) -> list[str]:
+    """Return what is assumed of the size and the place of every lamp."""
+    diameter, gap, _ = LAMPS[answers.lamp]
+    return [
+        _quantity("diameter", diameter, "mm", ASSUMED),
+        _quantity("gap", gap, "mm", "assumed: air before the pad or its diffuser"),
+        _quantity("height", answers.size("thickness") / 2, "mm", "assumed: half the thickness"),
+        _quantity("tilt", 10.0, "deg", "assumed: a slight angle towards the skin"),
+    ]
 
 
 @dataclass(frozen=True)

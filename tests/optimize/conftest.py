@@ -1,11 +1,9 @@
-"""What tests of the optimizer share: an invented sensor, stages and a night, and a browser."""
+"""What tests of the optimizer share: an invented sensor, stages and a night."""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -33,9 +31,6 @@ from render.metric import (
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
 
 MODELS = Path(__file__).parents[2] / "models"
 NOISE = 0.01  # relative, of invented renders
@@ -246,24 +241,3 @@ def _finalist(
         metric=metric,
         metric_se=np.full_like(metric, 1.0),
     )
-
-
-@pytest.fixture(scope="session")
-def chromium() -> Iterator[Browser]:
-    """Return a running browser: the system's, or the one that Playwright has downloaded."""
-    from playwright.sync_api import Error, sync_playwright
-
-    with sync_playwright() as playwright:
-        names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-        found = [path for name in names if (path := shutil.which(name))]
-        problems = []
-        for path in [*found, None]:
-            try:
-                browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-            except Error as error:
-                problems.append(str(error))
-            else:
-                yield browser
-                browser.close()
-                return
-        pytest.fail("no Chromium: sudo apt-get install chromium\n" + "\n".join(problems))

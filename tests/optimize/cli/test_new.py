@@ -18,7 +18,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hw.calibration.material import Material
+from optimize.design import baseline_design
 from optimize.exploration import explore
+from optimize.mounting import drilling_jig, stl_bytes
 from optimize.scoring import open_model
 from render.describe import describe
 from render.errors import SceneError
@@ -37,7 +40,7 @@ def test_without_answers_it_is_a_finger_whose_values_are_all_assumed(tactilux: R
     scene = load_scene("mine.toml")
     assert (scene.name, scene.lamp_count) == ("mine", 20)
     origins = sources("mine.toml")
-    assert len(origins) > 30
+    assert origins.keys() == sources("finger20").keys()
     assert all(origin.startswith("assumed") for origin in origins.values())
     described = tactilux("describe", "mine.toml")
     assert "15 of 15 sites count" in described.out
@@ -57,6 +60,20 @@ def test_flags_become_values_that_say_so(tactilux: Run) -> None:
     assert origins["pad.width"] == origins["camera.distance"] == "as given to tactilux new"
     assert origins["pad.thickness"] == "assumed"
     assert tactilux("describe", "mini.toml").code == 0
+
+
+def test_new_fibers_are_those_that_jigs_and_calibration_know(tactilux: Run) -> None:
+    assert tactilux("new", "ends", "--tip", 2, "--left", 3).code == 0
+    scene = load_scene("ends.toml")
+    assert scene.fibers is not None
+    assert (scene.fibers.left, scene.fibers.tip, scene.fibers.right) == (3, 2, 8)
+    assert stl_bytes(drilling_jig(scene, baseline_design(scene)))
+    assert Material.of(scene).sigma_v == scene.fibers.sigma_v
+    assert tactilux("new", "round", "--base", 2).code == 0
+    scene = load_scene("round.toml")
+    assert scene.fibers is None
+    assert [row.size for row in scene.lamp_rows] == [8, 4, 8, 2]
+    assert all(scene.turning)
 
 
 def test_a_new_scene_is_explored_at_once(tactilux: Run) -> None:
