@@ -37,11 +37,6 @@ def in_stage(report: OnProgress | None, stage: str) -> OnProgress | None:
     return None if report is None else lambda at: report(replace(at, stage=stage))
 
 
-def without_notes(report: OnProgress | None) -> OnProgress | None:
-    """Return what tells ``report`` of everything but notes."""
-    return None if report is None else lambda at: report(replace(at, note=""))
-
-
 class Clock:
     """Counts units of work and says how long the rest will take."""
 

@@ -14,7 +14,7 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS
-from render.progress import OnProgress, Progress, in_stage, without_notes
+from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene
@@ -131,10 +131,7 @@ def train(
     report(Progress(0, 1, stage="preview"))
     if table is None and config.samples is None:
         fit_time = _fit_time(scene, run, seed, config, began)
-        note = fit_time.warning()
-        report(Progress(0, 1, stage="preview", note=note))
-        if note:  # once, however much longer the renders find that it takes
-            progress = without_notes(progress)
+        report(Progress(0, 1, stage="preview", note=fit_time.warning()))
     scale = scene_scale(scene)
     grid, left_out, preview_error = _preview(scene, run / "fit", config, progress)
     report(Progress(1, 1, stage="preview"))

@@ -118,7 +118,9 @@ def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -
         ],
     )
     error, se = found.surrogate_score - found.design.score.value, found.design.score.se
-    checked = prediction_checked(error, checker.score_half_width, se, checker.coverage)
+    checked = prediction_checked(
+        error, checker.score_half_width, se, checker.coverage, converged=not found.doubt
+    )
     stream.write(
         f"{found.conclusion}\n"
         f"The surrogate said {found.surrogate_score:.2f}, {checked}.\n"

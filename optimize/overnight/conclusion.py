@@ -86,6 +86,7 @@ def _finalist(
         predicted_counts=predicted["counts"],
         metric=settings.metric(replicates.mean(axis=0), design.power),
         metric_se=jackknife_se(lambda mean: settings.metric(mean, design.power), replicates),
+        converged=not evaluation.doubt(name),
     )
 
 
@@ -125,7 +126,9 @@ def surrogate_sentence(finalists: Sequence[Finalist], winner: str) -> str:
     last = next(entry for entry in finalists if entry.key == winner)
     checks = [entry.prediction_check for entry in finalists]
     untested = checks.count("cannot be tested")
-    said = prediction_checked(last.predicted - last.score, last.predicted_reach, last.se)
+    said = prediction_checked(
+        last.predicted - last.score, last.predicted_reach, last.se, converged=last.converged
+    )
     return (
         f"The surrogate said {last.predicted:.2f} for this design, {said}. Of {len(checks)} "
         f"finalists it held for {checks.count('holds')}"

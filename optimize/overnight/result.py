@@ -53,6 +53,7 @@ class Finalist:
         counts, counts_se: rendered colors ``(bend, site, facet, 3)`` in camera counts.
         predicted_counts: the surrogate's, same axes.
         metric, metric_se: rendered M of eq. (4.6), ``(bend, site)``.
+        converged: whether the renders of its light have.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = _CONFIG
@@ -70,6 +71,7 @@ class Finalist:
     predicted_counts: Array
     metric: Array
     metric_se: Array
+    converged: bool = True
 
     @property
     def title(self) -> str:
@@ -84,7 +86,8 @@ class Finalist:
     @property
     def prediction_check(self) -> IntervalCheck:
         """What the renders say of the surrogate's 90 % interval."""
-        return check_interval(self.predicted - self.score, self.predicted_reach, self.se)
+        error = self.predicted - self.score
+        return check_interval(error, self.predicted_reach, self.se, converged=self.converged)
 
     @property
     def clipped(self) -> float:
@@ -92,7 +95,7 @@ class Finalist:
         return float(clipped_fraction(self.counts))
 
 
-_FIGURES = ("key", "se", "gain", "gain_se", "predicted", "predicted_reach")
+_FIGURES = ("key", "se", "gain", "gain_se", "predicted", "predicted_reach", "converged")
 _SHARED = ("replicates", "winner", "verdict", "trade", "facts")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from optimize.verification.design_renders import (
     distinct_directions,
     reference_renders,
 )
-from render.progress import OnProgress, in_stage
+from render.progress import OnProgress, Progress, in_stage
 from render.reference import (
     TimeBudget,
     render_within,
@@ -79,12 +79,13 @@ class TimedRenders:
         self.scene, self.budget, self.rounds = scene, budget, rounds
         self.checkpoint, self.progress = checkpoint, progress
         self._ended = budget.spent()
+        self._noted = False
 
     def __call__(
         self, designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
     ) -> DesignRenders:
         """Return the renders; ``samples`` are not asked for."""
-        share = self._share(title)
+        end = self._end(title)
         phi, _ = distinct_directions(designs)
         bends = np.array(self.scene.bending.angles)
         wanted: dict[str, Any] = {
@@ -95,10 +96,16 @@ class TimedRenders:
         }
 
         def make() -> TimedPlan:
-            each = samples_per_pass(self.scene, share.left(), 2 * len(bends) * len(seeds))
+            each = samples_per_pass(
+                self.scene, end - self.budget.spent(), 2 * len(bends) * len(seeds)
+            )
             jobs = transport_jobs(self.scene, phi, bends, samples=each, per_pass=each, seeds=seeds)
             units = render_within(
-                jobs, share, self.checkpoint, progress=in_stage(self.progress, title)
+                jobs,
+                self.budget,
+                self.checkpoint,
+                reserve=lambda: self.budget.seconds - end,
+                progress=in_stage(self._report, title),
             )
             return TimedPlan(samples=units * each, per_pass=each, **wanted)
 
@@ -111,8 +118,14 @@ class TimedRenders:
         self._ended = self.budget.spent()
         return found
 
-    def _share(self, title: str) -> TimeBudget:
-        """Return the budget that ends with this call's part of the time."""
+    def _report(self, at: Progress) -> None:
+        """Tell how far it is, and once that the time is too short."""
+        if self.progress is not None:
+            self.progress(replace(at, note="") if self._noted else at)
+        self._noted |= bool(at.note)
+
+    def _end(self, title: str) -> float:
+        """Return the seconds of the budget at which this call's part of the time ends."""
         spent = self.budget.spent()
         search, free = spent - self._ended, self.budget.left()
         free -= REPORT_SECONDS + REPORT_FRACTION * self.budget.seconds
@@ -121,5 +134,4 @@ class TimedRenders:
             self.rounds -= 1
             free -= search * max(self.rounds, 0)
             parts += max(self.rounds, 0) + FINALISTS_WEIGHT
-        seconds = spent + max(free, 0.0) / parts
-        return TimeBudget(seconds, self.budget.began, self.budget.clock)
+        return spent + max(free, 0.0) / parts

@@ -45,13 +45,16 @@ COMPILED_FRACTION = 0.1
 next one takes with the same kernels (``finger20``: 5 to 8 s, then 0.6)."""
 TOLERANCE = 0.1
 """Part of all the time by which work may be late without a word."""
+CORRECTION = 1.25
+"""Time over the one that was announced from which it is announced anew."""
 
 
 @dataclass(frozen=True)
 class TimeBudget:
     """Seconds that work may take, from its beginning.
 
-    It ``began`` by ``clock``, which never goes back.
+    It ``began`` by ``clock``, which never goes back. ``announced`` are the seconds that somebody
+    was told it takes at least; 0 where nothing was said.
 
     Example:
         >>> budget = TimeBudget(60.0, began=5.0, clock=lambda: 25.0)
@@ -62,6 +65,7 @@ class TimeBudget:
     seconds: float
     began: float
     clock: Callable[[], float] = time.monotonic
+    announced: float = 0.0
 
     @classmethod
     def of_minutes(cls, minutes: float, began: float | None = None) -> TimeBudget:
@@ -81,14 +85,22 @@ class TimeBudget:
         return replace(self, began=self.began - seconds)
 
     def warning(self, least: float) -> str:
-        """Return a sentence where the rest takes ``least`` s or more, and that is too long."""
-        minutes = math.ceil((self.spent() + least) / 0.6) / 100
-        if self.spent() + least <= (1 + TOLERANCE) * self.seconds:
+        """Return a sentence where the rest takes ``least`` s or more, and that is too long.
+
+        Of what was announced, only a correction is worth another sentence.
+        """
+        whole = self.spent() + least
+        if whole <= max((1 + TOLERANCE) * self.seconds, CORRECTION * self.announced):
             return ""
+        minutes = math.ceil(whole / 0.6) / 100
         return (
             f"{self.seconds / 60:.2g} minutes are too few: with the fewest samples this takes some "
             f"{minutes:g} minutes here, and is late by the difference."
         )
+
+    def announcing(self, least: float) -> TimeBudget:
+        """Return the same budget after somebody was told that the rest takes ``least`` s."""
+        return replace(self, announced=self.spent() + least)
 
     def progress(self) -> Progress:
         """Return how far it is: of work that fills its time, the clock says that."""
@@ -118,7 +130,8 @@ def render_within(
 ) -> int:
     """Return how many times ``jobs`` fit into the time, at least once; all of that is rendered.
 
-    Where once takes too long, ``progress`` is told a note with the least time, after the first job.
+    Where once takes too long, ``progress`` is told a note with the least time, as soon as jobs show
+    that.
 
     The results are in ``folder`` as ``render_transport`` keeps them, of jobs with so many times the
     iterations. Beside them lie the states of their paths: a later call with more time adds to them.
@@ -211,8 +224,9 @@ class _Rounds:
 
     def _round(self, units: int, overtime: float | None) -> list[RenderResult]:
         """Return the results of all jobs at ``units``; late by ``overtime`` s, it is given up."""
-        results = []
+        results, took = [], []
         for index, job in enumerate(self.jobs):
+            began = self.budget.clock()
             wanted = replace(job, iterations=units * job.iterations)
             state = self._state(job)
             # A job that goes on says first what it has loaded.
@@ -228,15 +242,35 @@ class _Rounds:
 
             results.append(self.run(wanted, state, tick, keep=True))
             self._measure(index, times, self.budget.clock(), resumed=resumed)
-            if overtime is None and index == 0 and self.progress is not None:
-                others = len({(job.indented, job.bend > 0) for job in self.jobs}) - 1
-                again = (len(self.jobs) - 1 - others) * COMPILED_FRACTION
-                coming = (others + again) * (self.budget.clock() - times[0])
-                note = self.budget.warning(coming + self.reserved)
-                self.progress(replace(self.budget.progress(), note=note))
+            took.append(self.budget.clock() - began)
+            if overtime is None:
+                self._warn(took)
             # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
             gc.collect()
         return results
+
+    def _warn(self, took: Sequence[float]) -> None:
+        """Say so where the first jobs, of ``took`` s, show that all of them take too long."""
+        first: dict[tuple[bool, bool], float] = {}
+        again: dict[tuple[bool, bool], float] = {}
+        for job, seconds in zip(self.jobs, took, strict=False):
+            kind = job.indented, job.bend > 0
+            (again if kind in first else first)[kind] = seconds
+        part = COMPILED_FRACTION
+        if again:
+            part = sum(again.values()) / sum(first[kind] for kind in again)
+        coming = 0.0
+        for job in self.jobs[len(took) :]:
+            kind = job.indented, job.bend > 0
+            if kind not in first:
+                first[kind] = max(first.values())
+                coming += first[kind]
+            else:
+                coming += again.get(kind, part * first[kind])
+        note = self.budget.warning(coming + self.reserved)
+        if self.progress is not None and note:
+            self.budget = self.budget.announcing(coming + self.reserved)
+            self.progress(replace(self.budget.progress(), note=note))
 
     def _measure(self, index: int, times: list[float], end: float, *, resumed: bool) -> None:
         """Take the pace of a job from ``times``: its beginning, then every ``tick``.

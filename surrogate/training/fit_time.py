@@ -110,7 +110,11 @@ class FitTime:
 
     def warning(self) -> str:
         """Return what to say before everything, where the time cannot be kept; else nothing."""
-        return self.budget.warning(self.per_step_now() * self.cost.least)
+        least = self.per_step_now() * self.cost.least
+        said = self.budget.warning(least)
+        if said:
+            self.budget = self.budget.announcing(least)
+        return said
 
     def reserve(self) -> float:
         """Return the seconds that the fit should be left: all its steps, or what may be had."""

@@ -58,6 +58,11 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
     )
     assert result["seeds"] == [1, 2]
 
+    said = tactilux(*command[:-1]).out
+    assert result["converged"] == ("have not converged" not in said)
+    if not result["converged"]:
+        assert "cannot be tested" in said
+
     again = tactilux(*command)
     assert again.out == first.out  # render_seconds too: nothing was rendered again
     assert {item.name for item in tmp_path.iterdir()} == {"design.json", "design-renders"}

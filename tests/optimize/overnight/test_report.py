@@ -120,6 +120,18 @@ def test_an_interval_that_the_renders_cannot_test_is_not_said_to_hold(
     assert "it held for 4, and for 1 the renders are too noisy to tell" in said
 
 
+def test_an_interval_is_not_refuted_by_renders_that_have_not_converged(
+    finished_night: OvernightResult,
+) -> None:
+    doubtful = changed(
+        finished_night, "winner", predicted=finished_night.best.score + 50.0, converged=False
+    )
+    assert summary(doubtful)[-1].endswith(
+        "cannot be tested. Of 5 finalists it held for 4, and for 1 the renders are too noisy to "
+        "tell."
+    )
+
+
 def test_a_night_that_found_nothing_says_so(finished_night: OvernightResult) -> None:
     night = replace(
         finished_night, finalists=finished_night.finalists[:1], winner="baseline", verdict=()

@@ -24,6 +24,12 @@ def test_even_noisy_renders_refute_what_is_far_away() -> None:
     assert check_interval(100.0, 3.0, 30.0) == "does not hold"
 
 
+def test_renders_that_have_not_converged_refute_nothing() -> None:
+    assert check_interval(100.0, 3.0, 30.0, converged=False) == "cannot be tested"
+    said = prediction_checked(91.03, 45.25, 15.66, converged=False)
+    assert said.endswith("its 90% interval of ±45.25 cannot be tested")
+
+
 def test_the_sentence_holds_the_error_bar_of_the_renders_that_decides() -> None:
     said = prediction_checked(10.29, 0.82, 9.5)
     assert said == "off by +10.29 (renders ±9.50): its 90% interval of ±0.82 cannot be tested"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from optimize.design import baseline_design
 from optimize.verification import timed_renders
 from optimize.verification.design_renders import FINALISTS, DesignRenders
 from optimize.verification.timed_renders import TimedRenders
+from render.progress import OnProgress, Progress
 from render.reference import TimeBudget
 from render.scene import Scene
 
@@ -24,15 +26,30 @@ class Machine:
     now: float = 10.0
     took: list[float] = field(default_factory=list)
 
-    def render_within(self, jobs: Any, share: TimeBudget, *_: object, **__: object) -> int:
-        seconds = max(share.left() + self.error, 1.0)
+    def render_within(
+        self,
+        jobs: Any,
+        budget: TimeBudget,
+        folder: Path,
+        *,
+        reserve: Callable[[], float],
+        progress: OnProgress,
+    ) -> int:
+        seconds = max(budget.left() - reserve() + self.error, 1.0)
+        progress(Progress(1, 2, note=f"{budget.seconds / 60:g} minutes are too few"))
         self.took.append(seconds)
         self.now += seconds
         return 3
 
 
 def played(
-    scene: Scene, machine: Machine, folder: Path, patch: pytest.MonkeyPatch, *, rounds: int
+    scene: Scene,
+    machine: Machine,
+    folder: Path,
+    patch: pytest.MonkeyPatch,
+    *,
+    rounds: int,
+    progress: OnProgress | None = None,
 ) -> float:
     """Return the seconds of a loop of ``rounds`` out of four with searches of 5 s."""
     base = baseline_design(scene)
@@ -43,7 +60,7 @@ def played(
 
     patch.setattr(timed_renders, "reference_renders", lambda *_, **__: nothing)
     budget = TimeBudget(180.0, machine.now, lambda: machine.now)
-    render = TimedRenders(scene, budget, rounds=4, checkpoint=folder)
+    render = TimedRenders(scene, budget, rounds=4, checkpoint=folder, progress=progress)
     for number in range(rounds):
         machine.now += 5.0
         render([base], samples=0, seeds=[number], title=f"round {number + 1}")
@@ -63,6 +80,15 @@ def test_the_loop_takes_its_time_even_where_it_ends_early(
         *loop, final = machine.took
         assert final == pytest.approx(2 * loop[0], rel=0.1)
         assert max(loop) < 1.1 * min(loop)
+
+
+def test_that_the_time_is_too_short_is_said_once_and_of_all_of_it(
+    finger20: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Progress] = []
+    played(finger20, Machine(), tmp_path, monkeypatch, rounds=2, progress=told.append)
+    assert [at.note for at in told] == ["3 minutes are too few", "", ""]
+    assert [at.stage for at in told] == ["round 1", "round 2", FINALISTS]
 
 
 def test_the_same_request_renders_nothing_again(

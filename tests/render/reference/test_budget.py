@@ -140,6 +140,29 @@ def test_a_time_that_is_too_short_is_said_after_the_first_job_with_what_it_takes
 
 
 @pytest.mark.usefixtures("no_scenes")
+@pytest.mark.parametrize(("announced", "said"), [(0.0, 2), (40.0, 1), (60.0, 0)])
+def test_jobs_that_load_slowly_are_noticed_when_the_second_of_a_kind_is_done(
+    announced: float, said: int, tmp_path: Path
+) -> None:
+    """A first job that compiles nothing, its kernels being kept, says too little of the others."""
+    machine, told = Machine(steady(2_000_000.0), compiling=0.0, loading=5.0), []
+
+    def listen(at: Progress) -> None:
+        if at.note:
+            told.append((machine.now - 1000.0, at.note))
+
+    jobs = unit_jobs(load_scene("finger20"), 18.0, seeds=2)
+    assert len(jobs) == 12
+    budget = TimeBudget(18.0, machine.now, lambda: machine.now, announced)
+    render_within(jobs, budget, tmp_path, progress=listen, run=machine.run)
+    assert len(told) == said
+    for when, note in told[-1:]:
+        assert when < 0.6 * budget.spent()
+        least = 60.0 * float(re.findall(r"[\d.]+", note)[1])
+        assert least == pytest.approx(budget.spent(), rel=0.1)
+
+
+@pytest.mark.usefixtures("no_scenes")
 def test_a_reserve_that_turns_out_smaller_is_used_and_a_larger_one_is_kept(tmp_path: Path) -> None:
     jobs, used = unit_jobs(load_scene("finger20"), 60.0), {}
     for name, later in (("smaller", 5.0), ("larger", 30.0)):
