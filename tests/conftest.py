@@ -64,6 +64,7 @@ LONGEST = (
     "tiny_night",
     "trained",
     "small_model",
+    "tests/docs/test_tutorial.py",
     "tests/optimize/overnight/test_dask_workers.py",
     "tests/optimize/overnight/test_disk.py",
 )

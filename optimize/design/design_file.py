@@ -226,13 +226,14 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
         DesignError: the file is bad, unrated, or for another scene than the one given.
     """
     saved = load_design_file(path)
-    if scene_name is None and saved.scene not in shipped_scenes():
+    named = scene_name or find_scene(saved.scene, path)
+    if named is None:
         raise DesignError(
-            f"{path} is for scene {saved.scene}, which does not come with tactilux: "
-            "name its TOML file with --scene",
+            f"{path} is for scene {saved.scene}, which does not come with tactilux, and there is "
+            f"no {saved.scene}.toml here: name its TOML file with --scene",
             field="scene",
         )
-    scene = load_scene(scene_name or saved.scene)
+    scene = load_scene(named)
     design = load_design(path, scene)
     if saved.rating is None:
         raise DesignError(
@@ -241,6 +242,19 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
             field="score",
         )
     return RatedDesign(scene, design, saved.rating)
+
+
+def find_scene(named: str, design: Path) -> str | None:
+    """Return what `load_scene` takes for the scene that the file ``design`` names, or None.
+
+    That is a shipped scene, or a file beside the design or in the working directory, with or
+    without ``.toml`` in the name. The hash in a rated design says whether it is the right one.
+    """
+    if named in shipped_scenes():
+        return named
+    folders, names = (design.parent, Path()), (named, f"{named}.toml")
+    files = (folder / name for name in names for folder in folders)
+    return next((str(file) for file in files if file.is_file()), None)
 
 
 def _check_fiber_count(design: Design, scene: Scene, origin: str) -> None:

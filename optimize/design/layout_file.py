@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 
 from optimize.design.design import Design, one_led
+from optimize.design.design_file import find_scene
 from optimize.design.limits import limits_of
 from render.errors import DesignError
-from render.scene import OFF, Palette, Scene, load_scene, shipped_scenes
+from render.scene import OFF, Palette, Scene, load_scene
 
 KEYS = ("scene", "scene_hash", "colors", "colours", "angles_deg", "power")
 RATED = ("schema", "level", "score", "lam", "exposure", "conventions", "versions")
@@ -46,13 +47,11 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
     named = scene_name or content.get("scene")
     if not isinstance(named, str) or not named:
         raise _refusal(path, ['it names no scene: add scene = "..." or give --scene'])
-    beside = path.parent / named
-    if scene_name is None and named not in shipped_scenes() and beside.is_file():
-        named = str(beside)
-    elif scene_name is None and named not in shipped_scenes() and not Path(named).is_file():
+    found = scene_name or find_scene(named, path)
+    if found is None:
         raise _refusal(path, [f"scene = {named!r} is neither a shipped scene nor a file: "
                               "name its TOML file with --scene"])  # fmt: skip
-    scene = load_scene(named)
+    scene = load_scene(found)
     fibers, problems = scene.lamp_count, []
     known = {*KEYS, *(RATED if "schema" in content else ())}
     problems += [f"unknown key {key}" for key in content if key not in known]

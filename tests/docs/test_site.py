@@ -113,3 +113,14 @@ def test_the_search_finds_a_word_without_a_server(site: Path, chromium: Browser)
 def test_formulas_are_mathml_and_none_is_left_as_source(site: Path) -> None:
     for page in site.rglob("*.html"):
         assert "arithmatex" not in page.read_text(encoding="utf-8"), page
+
+
+def test_names_that_a_page_links_to_a_source_are_in_it() -> None:
+    found = 0
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for label, target in re.findall(r"\[([^\]]+)\]\(([^)]+\.(?:py|glsl))\)", page.read_text()):
+            source = (page.parent / target).read_text(encoding="utf-8")
+            for name in re.findall(r"`(\w+)`", label):
+                assert name in source, f"{page.name}: {name} in {target}"
+                found += 1
+    assert found > 30

@@ -18,11 +18,13 @@ from optimize.design import (
     baseline_design,
     load_design,
     load_design_file,
+    load_layout,
     open_rated,
     save_design,
 )
 from render.errors import DesignError
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, scene_text
+from render.scene.schema import scene_from_text
 
 RATING = Rating("surrogate", 90.0, (88.0, 92.0), 110.0, 15.0, 5.0, ScoreSettings(1e4, 60.0))
 
@@ -85,6 +87,29 @@ def test_a_design_for_another_scene_is_refused(path: Path, scene: Scene) -> None
     edited(path, lambda content: content.update(scene_hash="0" * 16))
     with pytest.raises(DesignError, match=f"another scene .* allowed: hash {scene.hash}"):
         load_design(path, scene)
+
+
+@pytest.mark.parametrize("folder", ["beside the design", "here"])
+def test_the_scene_of_a_design_is_found_by_its_name_and_only_if_its_hash_is_right(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str
+) -> None:
+    run, here = tmp_path / "run", tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    text = scene_text("finger20").replace('name = "finger20"', 'name = "mine"')
+    mine = scene_from_text(text.replace("value = 18.0", "value = 17.0"), "mine", Path())
+    save_design(run / "design.json", baseline_design(mine), mine, RATING)
+    with pytest.raises(DesignError, match=r"there is no mine\.toml here: name its TOML file"):
+        open_rated(run / "design.json")
+    with pytest.raises(DesignError, match="neither a shipped scene nor a file"):
+        load_layout(run / "design.json")
+    file = (here if folder == "here" else run) / "mine.toml"
+    file.write_text(text.replace("value = 18.0", "value = 17.0"))
+    assert open_rated(run / "design.json").scene.hash == mine.hash
+    assert load_layout(run / "design.json")[0].hash == mine.hash
+    file.write_text(text)
+    with pytest.raises(DesignError, match="made for another scene"):
+        open_rated(run / "design.json")
 
 
 def test_a_design_with_another_number_of_fibers_is_refused(tmp_path: Path, scene: Scene) -> None:

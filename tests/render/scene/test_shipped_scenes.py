@@ -16,14 +16,14 @@ from render.geometry import camera_coverage
 from render.scene import Scene, load_scene, scene_text, shipped_scenes, sources
 from render.scene.json_schema import scene_schema
 
-README = (Path(__file__).parents[3] / "README.md").read_text()
+PAGE = (Path(__file__).parents[3] / "docs" / "scenes.md").read_text()
 NAMES = shipped_scenes()
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_is_found_by_its_name_and_the_readme_lists_it(name: str) -> None:
+def test_it_is_found_by_its_name_and_a_page_lists_it(name: str) -> None:
     assert load_scene(name).name == name
-    assert f"| `{name}` |" in README
+    assert f"| `{name}` |" in PAGE
 
 
 @pytest.mark.parametrize("name", NAMES)
