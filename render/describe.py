@@ -205,12 +205,6 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
             "level 2 has no connection over both where they are smooth: dim facets lacked 10 "
             "to 28 % of their light; give pad.roughness the value that the faces have",
         )
-    if scatters and "lower" in smooth and max(scene.bending.angles) > 0.0:
-        yield (
-            "light scattered in the diffuser that comes over the smooth lower face of the bent pad",
-            "level 2 finds too little of it: facets had 0.64 and untouched sites 0.5 of their "
-            "light at 45 deg; give the lower face the roughness that it has",
-        )
     yield "specular lobe of the coating", "the coating is declared Lambertian"
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"

@@ -15,7 +15,8 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.cells.box_images import BoxImages, mirror_faces
+from render.cells.bent_images import BentImages
+from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
 from render.cells.guiding import FacetGuiding, FiberGlow
@@ -23,6 +24,7 @@ from render.cells.lamp_aim import LampAim
 from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
+from render.cells.mirror_images import MirrorImages, mirror_faces
 from render.geometry import (
     LOWER,
     camera_axes,
@@ -144,11 +146,14 @@ class PadSampler:
         self.mirror = LowerFaceMirror(scene, bend)
         self.target = CoatingTarget(scene, bend, self.mirror)
         mirrors = mirror_faces(scene)
-        self.images = BoxImages(scene) if mirrors.any() and not self.mirror.curved else None
+        self.images: MirrorImages | None = None
+        if mirrors.any():
+            curved = self.mirror.curved
+            self.images = BentImages(scene, bend, indented) if curved else BoxImages(scene)
         # Over a lower face without exact images directions are drawn near the mirror image.
         self.glossy = None if self.images is not None and mirrors[LOWER] else self.mirror
-        # A bent mirror has no exact image: camera subpaths find what comes out of volumes over it.
-        self.volume_ends = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
+        # Over smooth faces no light vertex is connected: camera subpaths find those in volumes.
+        self.passable = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
         self.sharp = bool(mirrors[[lamp.face for lamp in scene.placed_lamps()]].any())
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
@@ -165,7 +170,7 @@ class PadSampler:
 
     def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
         """Return the subpaths that find lamps behind smooth faces."""
-        if self.images is None or lamp is None or self.aim is None or not self.sharp:
+        if self.mirror.curved or lamp is None or self.aim is None or not self.sharp:
             return None
         return AimedSubpaths(lamp, self.aim, guiding)
 
@@ -187,7 +192,7 @@ class PadSampler:
             lamp,
             self.aimed(guiding, lamp),
             self.events,
-            self.volume_ends,
+            self.passable,
         )
 
     def light_vertices(
@@ -204,7 +209,7 @@ class PadSampler:
             stream,
             paths,
             self.seen,
-            self.volume_ends,
+            self.passable,
         )
 
 

@@ -2,7 +2,9 @@
 
 Camera subpaths start at a pixel of one facet. They refract through the rough lower face, meet the
 coating (the *facet* vertex) and go on until the second diffuse surface. Volumes end them: light
-subpaths do the scattering. Kept are the facet, the *end* on the second diffuse surface (or in a
+subpaths do the scattering. Only behind smooth faces, where no light vertex can be connected, they
+may pass two vertices in volumes, as in pictures (``render.integrators.subpaths``). Kept are the
+facet, the *end* on the second diffuse surface (or in a
 volume that hides the coating) and one of the glossy vertices between.
 
 Each light subpath is represented by one vertex (``render.cells.light_subpaths``). It is connected
@@ -17,12 +19,21 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from render.cells.box_images import BoxImages, ImageChain
 from render.cells.lamp_connections import AIMED_EVENTS, AimedSubpaths, Lamp, MetLamp
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
+from render.cells.mirror_images import ImageChain, MirrorImages
 from render.paths.connect import connect_vertices, mirror_connection
-from render.paths.vertex import RATIO_MAX, Vertex, empty_vertex, has_wide_lobe
+from render.paths.vertex import (
+    RATIO_MAX,
+    VOLUME_PASSES,
+    PassableVertex,
+    Vertex,
+    empty_vertex,
+    for_camera_passes,
+    has_wide_lobe,
+    passes_behind,
+)
 from render.paths.walk import (
     GuidingDistribution,
     begin_subpath,
@@ -41,7 +52,8 @@ class FacetSubpath:
     """The kept vertices of a camera subpath (weight 0 where there is none).
 
     ``glossy_first`` says that ``glossy`` follows the facet directly, so that a mirror connection
-    could have found it too. ``met`` is where the subpath passed through a lamp.
+    could have found it too. ``met`` is where the subpath passed through a lamp. Behind the glossy
+    vertex and the end the subpath may pass ``glossy_passes`` and ``end_passes`` more volumes.
     """
 
     facet: Vertex
@@ -49,17 +61,20 @@ class FacetSubpath:
     end: Vertex
     glossy_first: mi.Bool
     met: MetLamp
+    glossy_passes: mi.UInt32
+    end_passes: mi.UInt32
 
 
 @dr.syntax
 def trace_facet_subpath(
     scene: mi.Scene, o: mi.Point3f, d: mi.Vector3f, stream: Stream, first: mi.UInt32,
-    guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: BoxImages | None,
-    lamp: Lamp | None, aimed: AimedSubpaths | None, events: int, volume_ends: bool,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: MirrorImages | None,
+    lamp: Lamp | None, aimed: AimedSubpaths | None, events: int, passable: bool,
 ) -> FacetSubpath:  # fmt: skip
     """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``.
 
     With a ``lamp`` they go on behind the second diffuse surface, until they leave the pad for good.
+    ``passable`` says that they pass volumes behind delta faces.
     """
     # --------------------------- Configure loop state ----------------------------
     facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()  # what is kept
@@ -78,7 +93,8 @@ def trace_facet_subpath(
     follows, before, before_n, before_d_vcm = (
         mi.Bool(False), dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0)
     )  # fmt: skip
-    after_delta = mi.Bool(False)  # whether the last vertex behind the facet is a delta face
+    # Volume vertices that may still be passed: now, and behind what is kept.
+    passes, glossy_passes, end_passes = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
     chain = ImageChain.closed()  # smooth mirrors behind the facet
     share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
     while active:
@@ -110,17 +126,19 @@ def trace_facet_subpath(
             following, imaged = images.arrive(chain, v, state, facet, has_wide_lobe(v))
             v.d_vcm = dr.select(arrived & (imaged > 0), dr.minimum(imaged, RATIO_MAX), v.d_vcm)
             chain = dr.select(arrived, following, chain)
+        if passable:
+            v.terminal = v.terminal & (passes == 0)
+            passes = dr.select(arrived, passes_behind(v, passes), passes)
         absorbed = arrived & v.terminal
         # ------------------------------ Keep vertices -----------------------------
         # A volume behind the facet is left to light subpaths; one before it is what is seen.
         # Reservoirs of size 1: every end and every glossy vertex are kept with the same chance.
         is_end = arrived & dr.select(behind, v.diffuse, v.volume)
-        if volume_ends:
-            # Over a delta face light subpaths cannot be connected: it ends here.
-            is_end |= arrived & v.volume & after_delta
-            after_delta = dr.select(arrived, behind & v.delta, after_delta)
+        if passable:
+            is_end |= arrived & v.volume
         ends += dr.select(is_end, 1.0, 0.0)
-        end = dr.select(is_end & (choose_end * ends < 1.0), v, end)
+        kept_end = is_end & (choose_end * ends < 1.0)
+        end = dr.select(kept_end, v, end)
         is_facet = arrived & v.diffuse & ~behind
         facet = dr.select(is_facet, v, facet)
         is_glossy = arrived & behind & ~v.terminal & ~v.delta & ~v.diffuse
@@ -129,11 +147,18 @@ def trace_facet_subpath(
         glossy = dr.select(kept, v, glossy)
         is_first = is_glossy & (glossies == 1.0) & (ends == 0.0)
         glossy_first = dr.select(kept, is_first, glossy_first)
+        if passable:
+            glossy_passes = dr.select(kept, passes, glossy_passes)
+            end_passes = dr.select(kept_end, passes, end_passes)
         follows = dr.select(arrived, is_first, follows)
         before = dr.select(arrived, v.p, before)
         before_n = dr.select(arrived, v.n, before_n)
         before_d_vcm = dr.select(arrived, v.d_vcm, before_d_vcm)
         behind |= is_facet
+        if passable:
+            # A volume that is seen takes the place of the facet.
+            behind |= is_end
+            passes = dr.select(arrived & v.delta, VOLUME_PASSES, passes)
         # -------------------------- Scatter, or end the path ----------------------
         going = arrived & ~absorbed
         state, alive = sample_scattering(
@@ -153,14 +178,14 @@ def trace_facet_subpath(
     glossy.weight = glossies
     end.weight = ends
     met.weight = lamps
-    return FacetSubpath(facet, glossy, end, glossy_first, met)
+    return FacetSubpath(facet, glossy, end, glossy_first, met, glossy_passes, end_passes)
 
 
 @dr.syntax
 def radiance_per_node(
     scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
     offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror | None,
-    images: BoxImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None,
+    images: MirrorImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None,
 ) -> list[mi.Float]:  # fmt: skip
     """Return, per direction node, what the lamp and its light vertices of ``lane`` send.
 
@@ -199,10 +224,16 @@ def radiance_per_node(
 @dr.syntax
 def _connect(
     scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
-    guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: BoxImages | None,
+    guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: MirrorImages | None,
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
+    to_end = numbers[2] < 0.5
+    later, over_delta = y, y
+    if isinstance(y, PassableVertex):
+        over_delta = for_camera_passes(y, mi.UInt32(VOLUME_PASSES))
+        later = for_camera_passes(y, dr.select(to_end, camera.end_passes, camera.glossy_passes))
+        y = for_camera_passes(y, mi.UInt32(0))
     wide = active & has_wide_lobe(y)
     # ------------------------------ With the facet --------------------------------
     # A mirror connection could have found this glossy vertex from the wide one before it.
@@ -213,7 +244,6 @@ def _connect(
     light = dr.mean(connect_vertices(scene, y, a, active, guiding, extra=mirrored))
     # ------------------------------ With what follows it --------------------------
     # These carry little light: each vertex tries one of them.
-    to_end = numbers[2] < 0.5
     mirrored = mi.Float(0.0)
     if mirror is not None:  # noqa: SIM102 (the other one is traced)
         if wide & camera.glossy_first & ~to_end:
@@ -221,11 +251,11 @@ def _connect(
                 a.p, camera.glossy.p, camera.glossy.n, y.p
             )
     other = dr.select(to_end, camera.end, camera.glossy)
-    light += 2.0 * dr.mean(connect_vertices(scene, y, other, active, guiding, extra=mirrored))
+    light += 2.0 * dr.mean(connect_vertices(scene, later, other, active, guiding, extra=mirrored))
     # ------------------------------ Over mirrors ----------------------------------
     if images is not None:
         number = numbers[0] if mirror is None else numbers[3]
-        light += dr.mean(images.connect(scene, y, a, number, wide, guiding))
+        light += dr.mean(images.connect(scene, over_delta, a, number, wide, guiding))
     if mirror is not None:
         direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
         density = mirror.density(a.p, y.p, direction)

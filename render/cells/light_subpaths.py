@@ -24,8 +24,15 @@ import numpy as np
 from render.cells.fiber_light import FiberLight
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import fiber_poses
-from render.paths.vertex import Vertex, empty_vertex, extinction, has_wide_lobe, scattering_value
-from render.paths.walk import begin_subpath, sample_scattering, trace_segment
+from render.paths.vertex import (
+    PassableVertex,
+    Vertex,
+    empty_vertex,
+    extinction,
+    has_wide_lobe,
+    scattering_value,
+)
+from render.paths.walk import PassableState, begin_subpath, sample_scattering, trace_segment
 from render.sampling.proposals import LIGHT_EVENTS
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -55,8 +62,8 @@ Its lobe's peak belongs to mirror connections.
 class DrawnVertex:
     """The vertex that stands for a light subpath (a Dr.Jit PyTree).
 
-    ``contribution`` is W, ``before`` the vertex before it and ``(o, d)`` the ray that the subpath
-    began with.
+    ``vertex`` is a ``PassableVertex`` where camera subpaths pass volumes. ``contribution`` is W,
+    ``before`` the vertex before it and ``(o, d)`` the ray that the subpath began with.
     """
 
     vertex: Vertex
@@ -172,14 +179,14 @@ class CoatingTarget:
 def trace_light_subpaths(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int, met: bool,
-    volume_ends: bool,
+    passable: bool,
 ) -> DrawnVertices:  # fmt: skip
     """Return drawn vertices for the ``point`` of the coating that each lane looks at.
 
-    ``met`` says that camera subpaths meet lamps and are joined to them; ``volume_ends`` that they
-    end in volumes behind delta faces.
+    ``met`` says that camera subpaths meet lamps and are joined to them; ``passable`` that they
+    pass volumes behind delta faces.
     """
-    records = _trace(scene, target, point, normal, light, fiber, stream, paths, met, volume_ends)
+    records = _trace(scene, target, point, normal, light, fiber, stream, paths, met, passable)
     dr.eval(records)
     lanes = dr.width(fiber)
     lane = dr.arange(mi.UInt32, paths * lanes) % lanes
@@ -193,7 +200,7 @@ def trace_light_subpaths(
 def _trace(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int, met: bool,
-    volume_ends: bool,
+    passable: bool,
 ) -> DrawnVertex:  # fmt: skip
     """Trace and draw; one loop runs all light subpaths of a lane one after the other.
 
@@ -209,9 +216,13 @@ def _trace(
     state = begin_subpath(
         o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), mi.Float(0.5)
     )
+    kept = empty_vertex()  # the vertex of the reservoir
+    if passable:
+        state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(0.0))
+        kept = PassableVertex(**vars(kept), d_vc_passing=mi.Vector2f(0.0))
     before, before_wide = dr.zeros(mi.Point3f), mi.Bool(False)  # the last vertex, and its lobe
     drawn = DrawnVertex(  # the reservoir
-        empty_vertex(), dr.zeros(mi.Point3f), mi.Bool(False), mi.Float(0),
+        kept, dr.zeros(mi.Point3f), mi.Bool(False), mi.Float(0),
         dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1),
     )  # fmt: skip
     drawn_weight, total = mi.Float(0.0), mi.Float(0.0)  # its target weight, and the sum of all
@@ -235,6 +246,8 @@ def _trace(
             state = begin_subpath(
                 o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), d_vc, free
             )
+            if passable:
+                state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(d_vc))
             event = path * LIGHT_EVENTS + 2
             before_wide = mi.Bool(False)
             total = mi.Float(0.0)
@@ -248,11 +261,10 @@ def _trace(
             first = first & ~arrived
         else:
             v.terminal = v.terminal | v.diffuse
-        # Camera subpaths never sample a volume vertex from one that could be connected to it: no
-        # strategy competes for it here.
-        volume_d_vcm = v.d_vcm
-        v.d_vcm = dr.select(v.volume, 0.0, v.d_vcm)
-        v.d_vc = dr.select(v.volume | (from_volume & ~v.delta), 0.0, v.d_vc)
+        if not passable:
+            # Camera subpaths never end in a volume: no strategy competes for it here.
+            v.d_vcm = dr.select(v.volume, 0.0, v.d_vcm)
+            v.d_vc = dr.select(v.volume | (from_volume & ~v.delta), 0.0, v.d_vc)
         # --------------------- Draw the vertex, or keep another one ---------------
         weight = target.weight(v, before_wide, point, normal, arrived & ~v.delta)
         total += weight
@@ -264,9 +276,6 @@ def _trace(
         before = dr.select(arrived, v.p, before)
         before_wide = dr.select(arrived, arrived & has_wide_lobe(v), before_wide)
         # --------------------------- Scatter, or end the path ---------------------
-        if volume_ends:
-            # From a delta face they do.
-            v.d_vcm = dr.select(v.volume, volume_d_vcm, v.d_vcm)
         from_volume = dr.select(arrived, v.volume, from_volume)
         state, alive = sample_scattering(
             state, v, mi.TransportMode.Importance, stream.event(event), arrived

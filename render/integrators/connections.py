@@ -31,10 +31,10 @@ from render.integrators.subpaths import (
     CameraVertex,
     LightVertex,
     PathLimits,
-    for_camera_passes,
 )
 from render.integrators.vertex_cache import LightVertexCache, MortonNeighbors
 from render.paths.connect import connect_vertices
+from render.paths.vertex import for_camera_passes
 from render.sampling.streams import Stream
 
 PROXY_COUNT = 16

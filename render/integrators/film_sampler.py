@@ -14,13 +14,12 @@ from render.integrators.mirror_connections import MirrorSet
 from render.integrators.subpaths import (
     PathLimits,
     connect_to_camera,
-    for_camera_passes,
     trace_camera_subpath,
     trace_light_subpath,
 )
 from render.integrators.supported_content import refuse_unsupported
 from render.integrators.vertex_cache import LaneGroups, LightVertexCache
-from render.paths.vertex import VOLUME_PASSES
+from render.paths.vertex import VOLUME_PASSES, for_camera_passes
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
 

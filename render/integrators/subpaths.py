@@ -20,7 +20,7 @@ count less (``render.integrators.mirror_connections.GLOSSY_WEIGHT``,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import drjit as dr
@@ -35,7 +35,6 @@ from render.paths.vertex import (
     PassableVertex,
     Vertex,
     area_factor,
-    d_vc_for,
     empty_vertex,
     evaluate_scattering,
     has_wide_lobe,
@@ -362,11 +361,3 @@ def connect_to_camera(
     # Georgiev 2012, eqs. 46 and 37.
     mis = 1.0 / (1.0 + density * (v.d_vcm + v.d_vc * reverse))
     return ds.uv, dr.select(active & clear, value * transmittance * mis, 0.0)
-
-
-def for_camera_passes(y: PassableVertex, passes: mi.UInt32) -> Vertex:
-    """Return ``y`` with its sums for camera subpaths that may still pass so many volumes."""
-    chosen = replace(y)
-    chosen.terminal = y.terminal & (passes == 0)
-    chosen.d_vc = d_vc_for(y, passes_behind(y, passes))
-    return chosen

@@ -7,7 +7,7 @@ outgoing direction; a volume vertex its phase function. Densities are per solid 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -102,6 +102,14 @@ def d_vc_for(v: PassableVertex, passes: mi.UInt32) -> mi.Float:
     for i in range(VOLUME_PASSES):
         d_vc = dr.select(passes == i + 1, v.d_vc_passing[i], d_vc)
     return d_vc
+
+
+def for_camera_passes(y: PassableVertex, passes: mi.UInt32) -> Vertex:
+    """Return ``y`` with its sums for camera subpaths that may still pass so many volumes."""
+    chosen = replace(y)
+    chosen.terminal = y.terminal & (passes == 0)
+    chosen.d_vc = d_vc_for(y, passes_behind(y, passes))
+    return chosen
 
 
 def surface_interaction(v: Vertex) -> mi.SurfaceInteraction3f:

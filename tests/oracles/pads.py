@@ -94,6 +94,7 @@ CASES: dict[str, dict[str, Any]] = {
         "pad.roughness": (0.1,),
         "bending.angles": ([90.0], DEG),
     },
+    "rim bent 45": {"diffuser": RIM, "bending.angles": ([45.0], DEG)},
     "smooth bent 45": {"bending.angles": ([45.0], DEG)},
     "clear rim": {"diffuser": CLEAR_RIM},
     "base": {"rows": [row("base", 2)]},

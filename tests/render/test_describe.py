@@ -94,5 +94,3 @@ def test_faces_are_listed_and_only_what_no_face_is_is_left_out() -> None:
     assert values["faces.1.roughness"] == 0.05
     assert "rough refraction" not in left_out(scene)
     assert "rough refraction" in left_out(scene_of_case("smooth"))
-    bent = changed("pad", roughness=0.0)
-    assert any("smooth lower face of the bent pad" in what for what in left_out(bent))

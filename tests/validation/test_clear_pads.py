@@ -128,6 +128,13 @@ def test_facets_and_sites_are_as_bright_as_analog_photons_say(case: str) -> None
         assert np.median(np.abs(result.z)) < 1.5
 
 
+def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
+    for result in compared("rim bent 45", samples=200, photons=800_000):
+        assert abs(result.ratio - 1) < 3.5 * result.error
+        assert result.error < 0.06
+        assert np.sqrt((result.z**2).mean()) < 1.6
+
+
 def main() -> None:
     """Compare the cases that are named, or all of them."""
     parser = argparse.ArgumentParser()

@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.cells.box_images import IMAGES, BoxImages
+from render.cells.box_images import BoxImages
 from render.paths.vertex import Vertex, empty_vertex
 from tests.oracles.pads import scene_of_case
 
@@ -52,7 +52,7 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
     drawn, stated = np.array(drawn), np.array(stated)
     assert drawn.min() >= 1
     total = 0.0
-    for image in range(1, IMAGES):
+    for image in range(1, images.count):
         probability = float(
             dr.slice(
                 images.probability(mono.UInt32(image), on_coating(mono, A), on_coating(mono, Y))

@@ -1,0 +1,164 @@
+"""Images over the smooth faces of a bent pad.
+
+The lower face of a bent pad is a row of plane strips, as its meshes are, so each strip is a mirror
+with an exact image. The folded line to it meets the strip or misses it; where several strips are
+met, as in any concave mirror, each is a way of its own. Across the pad the walls stay planes at
+right angles to all of that. Ways over two strips, or over a strip and an end, have no image here.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.cells.mirror_images import COSINE_MIN, ON_FACE, MirrorImages, mirror_faces
+from render.geometry.bending import bend_points
+from render.geometry.meshes import pad_grid
+from render.paths.vertex import Vertex
+from render.scene import FACES, Scene
+
+NUMBERS = 5
+"""Of a segment: a point (y, z) of it, its direction, its length."""
+
+
+class BentImages(MirrorImages):
+    """The mirrors of one bent pad: walls across it, and *segments* of its outline from the side.
+
+    Those are its ends and the strips of its lower face, each as far as it is smooth.
+    """
+
+    def __init__(self, scene: Scene, bend: float, indented: bool) -> None:
+        """Take the faces' places from the meshes at ``bend`` radians."""
+        y = pad_grid(scene, bend, indented).y
+        outline = np.column_stack(
+            [np.zeros(len(y) + 2), np.r_[y[0], y, y[-1]], np.zeros(len(y) + 2)]
+        )
+        outline[[0, -1], 2] = scene.pad.thickness
+        outline = bend_points(scene, outline, bend)[:, 1:]
+        # The pad is on the left of the way along them.
+        span = np.diff(outline, axis=0)
+        length = np.linalg.norm(span, axis=1, keepdims=True)
+        segments = np.concatenate([outline[:-1], span / length, length], axis=1)
+        left, right, base, tip, lower = (
+            mirror_faces(scene)[FACES.index(face)]
+            for face in ("left", "right", "base", "tip", "lower")
+        )
+        segments = segments[np.r_[base, np.full(len(y) - 1, lower), tip]]
+        self.sizes = (3, len(segments) + 1)
+        # Number 0 is no mirror.
+        self.walls = mi.Float([0.0, *scene.box.low[:1], *scene.box.high[:1]])
+        self.there = mi.Float([1.0, float(left), float(right)])
+        self.segments = mi.Float(np.r_[np.zeros((1, NUMBERS)), segments].astype(np.float32).ravel())
+        self.index = mi.Float(scene.pad.index)
+        self.segment_count = mi.UInt32(len(segments) + 1)
+        dr.make_opaque(self.walls, self.there, self.segments, self.index, self.segment_count)
+
+    def _across(self, number: mi.UInt32, p: mi.Point3f) -> tuple[mi.Float, mi.Float, mi.Float]:
+        """Return where ``p`` is along segment ``number``, how far inside, and the length."""
+        y, z, along_y, along_z, length = (
+            dr.gather(mi.Float, self.segments, NUMBERS * number + i) for i in range(NUMBERS)
+        )
+        y, z = p.y - y, p.z - z
+        return y * along_y + z * along_z, z * along_y - y * along_z, length
+
+    def _inward(self, number: mi.UInt32) -> mi.Vector3f:
+        """Return the normal of segment ``number`` into the pad; 0 for none."""
+        along_y, along_z = (
+            dr.gather(mi.Float, self.segments, NUMBERS * number + i) for i in (2, 3)
+        )
+        return mi.Vector3f(0.0, -along_z, along_y)
+
+    def point(self, image: mi.UInt32, p: mi.Point3f) -> mi.Point3f:
+        """Return the image of ``p``."""
+        wall, segment = self._digits(image)
+        _, inside, _ = self._across(segment, p)
+        result = p - 2.0 * inside * self._inward(segment)
+        result.x = dr.select(wall > 0, 2.0 * dr.gather(mi.Float, self.walls, wall) - p.x, p.x)
+        return result
+
+    def folded(self, image: mi.UInt32, direction: mi.Vector3f) -> mi.Vector3f:
+        """Return ``direction`` after all mirrors of ``image``."""
+        wall, segment = self._digits(image)
+        normal = self._inward(segment)
+        result = direction - 2.0 * dr.dot(direction, normal) * normal
+        result.x = dr.select(wall > 0, -direction.x, direction.x)
+        return result
+
+    def _weight(self, wall: int, segment: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
+        """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one."""
+        image = wall + self.sizes[0] * segment
+        span = self.point(image, y.p) - a.p
+        squared = dr.maximum(dr.squared_norm(span), 1e-6)
+        direction = span * dr.rsqrt(squared)
+        sent = -self.folded(image, direction)
+        weight = dr.maximum(dr.dot(a.n, direction), COSINE_MIN) / squared
+        weight *= dr.select(y.volume, 1.0, dr.maximum(dr.dot(y.n, sent), COSINE_MIN))
+        if wall > 0:
+            weight *= self.reflectance(direction.x) * dr.gather(
+                mi.Float, self.there, mi.UInt32(wall)
+            )
+        # Where the line crosses the segment.
+        along_a, inside_a, length = self._across(segment, a.p)
+        along_y, inside_y, _ = self._across(segment, y.p)
+        inside = inside_a + inside_y
+        met = along_a * inside_y + along_y * inside_a
+        meets = (inside_a > 0) & (inside_y > 0) & (met >= 0) & (met <= length * inside)
+        by_segment = self.reflectance(dr.dot(direction, self._inward(segment)))
+        return weight * dr.select(segment > 0, dr.select(meets, by_segment, 0.0), 1.0)
+
+    @dr.syntax
+    def draw(self, a: Vertex, y: Vertex, number: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+        """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
+        segment, drawn = mi.UInt32(0), mi.UInt32(0)
+        total, weight = mi.Float(0.0), mi.Float(0.0)
+        number = mi.Float(number)
+        while segment < self.segment_count:
+            for wall in range(self.sizes[0]):
+                here = self._weight(wall, segment, a, y)
+                if wall == 0:
+                    here = dr.select(segment > 0, here, 0.0)
+                total += here
+                chance = dr.select(here > 0, here / total, 0.0)
+                chosen = number < chance
+                number = dr.select(chosen, number / chance, (number - chance) / (1.0 - chance))
+                drawn = dr.select(chosen, wall + self.sizes[0] * segment, drawn)
+                weight = dr.select(chosen, here, weight)
+            segment += 1
+        return drawn, dr.select(drawn > 0, weight / total, 0.0)
+
+    @dr.syntax
+    def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
+        """Return the probability with which ``draw`` finds ``image``."""
+        segment, total, weight = mi.UInt32(0), mi.Float(0.0), mi.Float(0.0)
+        while segment < self.segment_count:
+            for wall in range(self.sizes[0]):
+                here = self._weight(wall, segment, a, y)
+                if wall == 0:
+                    here = dr.select(segment > 0, here, 0.0)
+                total += here
+                weight = dr.select(image == wall + self.sizes[0] * segment, here, weight)
+            segment += 1
+        return dr.select(weight > 0, weight / total, 0.0)
+
+    @dr.syntax
+    def _mirror(self, v: Vertex) -> mi.UInt32:
+        """Return the image over the one mirror that ``v`` lies in, 0 if in none."""
+        found, best = mi.UInt32(0), mi.Float(ON_FACE)
+        flat = dr.abs(v.n.x) > 1.0 - ON_FACE
+        for wall in (1, 2):
+            number = mi.UInt32(wall)
+            there = dr.gather(mi.Float, self.there, number) > 0
+            there &= dr.abs(v.p.x - dr.gather(mi.Float, self.walls, number)) < ON_FACE
+            found = dr.select(flat & there, number, found)
+        # Neighbors are nearly parallel: the one whose normal is nearest.
+        segment = mi.UInt32(1)
+        while segment < self.segment_count:
+            along, inside, length = self._across(segment, v.p)
+            there = (dr.abs(inside) < ON_FACE) & (along > -ON_FACE) & (along < length + ON_FACE)
+            turned = dr.norm(v.n + self._inward(segment))
+            nearer = ~flat & there & (turned < best)
+            best = dr.select(nearer, turned, best)
+            found = dr.select(nearer, self.sizes[0] * segment, found)
+            segment += 1
+        return dr.select(v.delta, found, 0)

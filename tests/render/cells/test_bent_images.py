@@ -1,0 +1,141 @@
+"""Images over the smooth faces of a bent pad: their choice and what they carry."""
+
+from __future__ import annotations
+
+import itertools
+from types import ModuleType
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from render.arrays import Array
+from render.cells.bent_images import BentImages
+from render.geometry.meshes import pad_grid
+from render.paths.vertex import Vertex, empty_vertex
+from tests.oracles.pads import scene_of_case
+
+BEND = np.pi / 4
+SCENE = scene_of_case("smooth bent 45")
+PAD = SCENE.pad
+RADIUS = PAD.length / BEND
+A, Y = (1.0, 2.0), (-6.0, -5.0)
+"""Where two points of the coating are on the flat pad, x and y in mm."""
+
+
+def bent(y: Array, z: Array) -> tuple[Array, Array]:
+    """Return y and z in the world: an arc of constant coating length over the camera."""
+    angle, radius = (y - SCENE.camera.pivot) / RADIUS, RADIUS + PAD.thickness - z
+    across = SCENE.camera.pivot + radius * np.sin(angle)
+    return across, PAD.thickness + RADIUS - radius * np.cos(angle)
+
+
+def on_coating(mono: ModuleType, place: tuple[float, float], count: int = 1) -> Vertex:
+    y, z = bent(np.array(place[1]), np.array(PAD.thickness))
+    angle = (place[1] - SCENE.camera.pivot) / RADIUS
+    # A hair inside: the coating is a polygon.
+    normal = np.array([0.0, np.sin(angle), -np.cos(angle)])
+    p = np.array([place[0], y, z]) + 0.01 * normal
+    v = empty_vertex()
+    v.p = mono.Point3f(*[mono.Float([c] * count) for c in p.tolist()])
+    v.n = mono.Normal3f(*normal.tolist())
+    v.frame = mono.Frame3f(mono.Vector3f(*normal.tolist()))
+    v.wi = mono.Vector3f(*normal.tolist())
+    v.beta = mono.Spectrum(1.0)
+    v.diffuse, v.weight = mono.Bool(True), mono.Float(1.0)
+    return v
+
+
+@pytest.fixture(scope="module")
+def images(mono: ModuleType) -> BentImages:
+    return BentImages(SCENE, BEND, False)
+
+
+def test_images_are_drawn_with_the_probability_that_is_stated(
+    mono: ModuleType, images: BentImages
+) -> None:
+    count = 1 << 16
+    number = mono.Float(np.random.default_rng(3).random(count).astype(np.float32))
+    drawn, stated = images.draw(on_coating(mono, A, count), on_coating(mono, Y, count), number)
+    drawn, stated = np.array(drawn), np.array(stated)
+    assert drawn.min() >= 1
+    found, counts = np.unique(drawn, return_counts=True)
+    total = 0.0
+    for image, times in zip(found, counts, strict=True):
+        probability = float(
+            dr.slice(
+                images.probability(
+                    mono.UInt32(int(image)), on_coating(mono, A), on_coating(mono, Y)
+                )
+            )
+        )
+        total += probability
+        error = np.sqrt(probability * (1 - probability) / count)
+        assert abs(times / count - probability) < 4.5 * error + 1e-5
+        np.testing.assert_allclose(stated[drawn == image], probability, rtol=1e-4)
+    # Over the lower face, over walls and over both.
+    assert len(found) >= 5
+    assert total == pytest.approx(1.0, abs=1e-3)
+
+
+def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
+    mono: ModuleType, images: BentImages
+) -> None:
+    from render.cells.guiding import FacetGuiding, FiberGlow
+    from render.optics.pad_scene import pad_scene
+
+    pad: Any = pad_scene(SCENE, BEND, False)
+    bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
+    count = 1 << 15
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    for v in (a, y):
+        v.bsdf = mono.BSDFPtr(bsdf)
+        v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
+    number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
+    guiding = FacetGuiding(FiberGlow(SCENE, BEND), dr.zeros(mono.UInt32, count))
+    found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
+    values = np.array(found, dtype=np.float64).ravel()
+
+    def fresnel(cosine: float) -> float:
+        squared = 1 - PAD.index**2 * (1 - cosine**2)
+        if squared <= 0:
+            return 1.0
+        out, n = np.sqrt(squared), PAD.index
+        s = (n * cosine - out) / (n * cosine + out)
+        p = (cosine - n * out) / (cosine + n * out)
+        return float((s**2 + p**2) / 2)
+
+    # Every strip and both ends by Fermat: the shortest of many ways over points of the segment,
+    # which is a reflection where it is not an end of it.
+    lines = pad_grid(SCENE, BEND, False).y
+    top = bent(lines[[0, -1]], np.full(2, PAD.thickness))
+    bottom = bent(lines, np.zeros(len(lines)))
+    outline = np.column_stack(
+        [np.r_[top[0][0], bottom[0], top[0][1]], np.r_[top[1][0], bottom[1], top[1][1]]]
+    )
+    p_a, p_y = (np.array(v.p)[:, 0].astype(np.float64) for v in (a, y))
+    n_a, n_y = (np.array(v.n)[:, 0].astype(np.float64) for v in (a, y))
+    part = np.linspace(0.0, 1.0, 20_001)[:, None]
+    total = 0.0
+    for x in (p_y[0], -PAD.width - p_y[0], PAD.width - p_y[0]):
+        for begin, end in itertools.pairwise(outline):
+            place = begin + part * (end - begin)
+            legs = np.hypot(*(place - p_a[1:]).T), np.hypot(*(place - p_y[1:]).T)
+            least = int((legs[0] + legs[1]).argmin())
+            if least in (0, len(part) - 1):
+                continue
+            across, length = x - p_a[0], legs[0][least] + legs[1][least]
+            distance = np.hypot(across, length)
+            leave = np.array([across, *(length * (place[least] - p_a[1:]) / legs[0][least])])
+            arrive = np.array([across, *(length * (place[least] - p_y[1:]) / legs[1][least])])
+            leave, arrive = leave / distance, arrive / distance
+            normal = np.array([end[1] - begin[1], begin[0] - end[0]])
+            normal /= np.hypot(*normal)
+            reflected = fresnel(abs(leave[1:] @ normal))
+            reflected *= fresnel(abs(across / distance)) if x != p_y[0] else 1.0
+            cosines = max(leave @ n_a, 0.0) * max(arrive @ n_y, 0.0)
+            total += (0.5 / np.pi) ** 2 * cosines * reflected / distance**2
+    error = values.std() / np.sqrt(count)
+    assert error < 0.02 * total
+    assert abs(values.mean() - total) < 4 * error + 1e-4 * total
