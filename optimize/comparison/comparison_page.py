@@ -11,6 +11,7 @@ from optimize.comparison.comparison import DesignComparison
 from optimize.design import LEVEL_NAMES
 from optimize.report import (
     bend_titles,
+    building_steps,
     camera_pictures,
     data_uri,
     design_pictures,
@@ -54,7 +55,10 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
     words = " ".join(shlex.quote(str(file)) for file in files)
     rendered = comparison.samples is not None
     more = SAMPLES if comparison.samples is None else MORE * comparison.samples
-    chosen = shlex.quote(str(files[stages.index(best)]))
+    doubt = (
+        "These renders do not decide; four times the samples halve the intervals:" if rendered
+        else "Let renders decide, all designs with common light paths:"
+    )  # fmt: skip
     versions = package_versions("numpy", "onnxruntime", "mitsuba")
     context = {
         "scene": scene.name,
@@ -68,10 +72,9 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
         "covers": comparison.covers,
         "warnings": comparison.warnings,
         "lights": _lights(comparison),
-        "next_step": f"tactilux wiring {chosen}" if comparison.decided
-        else f"tactilux compare {words} --samples {more}",
-        "decided": comparison.decided,
         "rendered": rendered,
+        "steps": building_steps(files[stages.index(best)], scene) if comparison.decided
+        else [(doubt, f"tactilux compare {words} --samples {more}")],
         "facts": [
             ("Scene", f"{scene.name}, {scene.hash}"),
             *((stage.title, str(file)) for stage, file in zip(stages, files, strict=True)),

@@ -21,6 +21,7 @@ from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
 from optimize.report import (
     bend_titles,
     bolt_pictures,
+    building_steps,
     clipping_warning,
     data_uri,
     design_pictures,
@@ -129,6 +130,7 @@ def render_report(
         ),
         "replicates": result.replicates,
         "facts": result.facts,
+        "steps": building_steps(Path(DESIGNS) / f"{last.key}.json", scene),
     }
     return render_page("overnight.html.j2", context)
 

@@ -31,6 +31,7 @@ from optimize.report.optimization_report import (
 )
 from optimize.report.page import (
     bend_titles,
+    building_steps,
     clipping_warning,
     data_uri,
     holder_warning,
@@ -38,5 +39,6 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
+    verification_steps,
 )
 from optimize.report.wiring import wiring_context, wiring_drawing, wiring_files, write_wiring

@@ -23,6 +23,7 @@ from optimize.report.illustrations import (
 )
 from optimize.report.page import (
     bend_titles,
+    building_steps,
     clipping_warning,
     data_uri,
     holder_warning,
@@ -31,6 +32,7 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
+    verification_steps,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
 from optimize.ui.console import counted, note, print_table
@@ -83,7 +85,10 @@ def write_exploration(
             facts=_facts(exploration, elapsed()),
             errors=exploration.checker.metadata.held_out,
             made=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
-            verify_command=f"tactilux verify {target / DESIGN}",
+            steps=[
+                *verification_steps(target / DESIGN, scene, checker.level),
+                *building_steps(target / DESIGN, scene),
+            ],
             play=_write_play(exploration, folder),
         )
         write_text(folder / REPORT, html)
@@ -191,7 +196,7 @@ def render_report(
         ranking: whether the model can rank designs.
         texts: what else the template shows: ``confidence`` (coverage of the intervals),
             ``search_note``, ``caveats``, ``facts`` (origin of the numbers), ``errors`` (rows of the
-            model's held-out errors, as in its metadata), ``made``, ``verify_command`` and
+            model's held-out errors, as in its metadata), ``made``, ``steps`` (what to do next) and
             ``wiring`` (see `wiring_context`), and ``play``, the page to play with beside the
             report, or nothing.
     """

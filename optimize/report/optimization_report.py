@@ -14,6 +14,7 @@ from optimize.reconstruction import normal_error, predicted_colors
 from optimize.report.exploration_report import DESIGN, REPORT, score_row
 from optimize.report.illustrations import design_pictures
 from optimize.report.page import (
+    building_steps,
     clipping_warning,
     holder_warning,
     monochrome_warning,
@@ -79,7 +80,7 @@ def write_optimization(
             () if checker is None else mounting_error_costs(checker, scene, mounting.design),
             wiring_files(target / DESIGN, no_jig),
         )
-        write_text(folder / REPORT, _page(scene, outcome, checker, wiring))
+        write_text(folder / REPORT, _page(scene, outcome, checker, wiring, target / DESIGN))
         result = optimization_to_json(scene, outcome, target / DESIGN)
         result["report"] = str(target / REPORT)
         result["warnings"] = doubts(scene, outcome)
@@ -127,7 +128,11 @@ def doubts(scene: Scene, outcome: Optimization) -> list[str]:
 
 
 def _page(
-    scene: Scene, outcome: Optimization, checker: Checker | None, wiring: dict[str, object]
+    scene: Scene,
+    outcome: Optimization,
+    checker: Checker | None,
+    wiring: dict[str, object],
+    design: Path,
 ) -> str:
     shown = [_rendered(outcome, name) for name in outcome.finalists.names]
     pictures = dict(design_pictures(scene, shown))
@@ -165,6 +170,7 @@ def _page(
         "rounds": [_round_row(done) for done in (outcome.loop.rounds if outcome.loop else ())],
         "wiring": wiring,
         "facts": facts,
+        "steps": building_steps(design, scene),
     }
     return render_page("optimization.html.j2", context)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -11,7 +13,7 @@ import numpy as np
 
 from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
-from render.scene import Scene
+from render.scene import Scene, shipped_scenes
 from render.sensor_drawing import sensor_svg
 
 
@@ -51,6 +53,47 @@ def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
 def bend_titles(scene: Scene) -> list[str]:
     """Return what each bend of the scene is called."""
     return [f"bend {np.degrees(bend):g}°" for bend in scene.bending.angles]
+
+
+Steps = list[tuple[str, str]]
+"""What to do next: why, and the command."""
+
+
+def verification_steps(design: Path, scene: Scene, level: str) -> Steps:
+    """Return what to do with a ``design`` that nobody has rendered, before it is built."""
+    steps = [
+        (
+            "Let renders decide whether it is better than the baseline:",
+            f"tactilux verify {_word(design)}",
+        )
+    ]
+    if level == "preview":
+        steps.append(("For more than a few designs, train a model of this sensor:",
+                      f"tactilux train {_named(scene)}"))  # fmt: skip
+    return steps
+
+
+def building_steps(design: Path, scene: Scene) -> Steps:
+    """Return what to do with a ``design`` that is to be built."""
+    return [
+        ("See which tolerance costs the most:", f"tactilux sensitivity {_word(design)}"),
+        ("Order and build; for other steps of the angles and other numbers of the LEDs:",
+         f"tactilux wiring {_word(design)}"),
+        ("Light the built sensor:", f"tactilux hw set {_word(design)}"),
+        ("Record it while it is healthy, for the check at every start:",
+         f"tactilux check {_named(scene)} --design {_word(design)} --capture SWEEP "
+         "--commission rig.npz"),
+    ]  # fmt: skip
+
+
+def _named(scene: Scene) -> str:
+    """Return a scene as commands take it: a shipped name, or the file that has its name."""
+    return scene.name if scene.name in shipped_scenes() else f"{scene.name}.toml"
+
+
+def _word(path: Path) -> str:
+    """Return a path as a shell reads it."""
+    return shlex.quote(str(path))
 
 
 def monochrome_warning(design: Design) -> list[str]:

@@ -46,6 +46,34 @@ EXAMINE = """([smallest, width]) => {
 }"""
 
 
+# Text whose contrast to what is behind it is below 4.5 (WCAG 2.2, 1.4.3), with its contrast.
+PALE = """() => {
+    const light = rgb => {
+        const [r, g, b] = rgb.map(v => v / 255).map(
+            v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    };
+    const parts = color => color.match(/[\\d.]+/g).map(Number);
+    const behind = e => {
+        for (; e; e = e.parentElement) {
+            const [r, g, b, a] = parts(getComputedStyle(e).backgroundColor);
+            if (a === undefined || a > 0.99) return [r, g, b];
+        }
+        return [255, 255, 255];
+    };
+    const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const pale = [];
+    while (words.nextNode()) {
+        const e = words.currentNode.parentElement;
+        if (!words.currentNode.data.trim() || e.closest('svg')) continue;
+        const [a, b] = [light(parts(getComputedStyle(e).color)), light(behind(e))];
+        const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        if (contrast < 4.5) pale.push(e.tagName + ' ' + contrast.toFixed(1));
+    }
+    return pale;
+}"""
+
+
 @dataclass(frozen=True)
 class Look:
     """What a reader gets to see."""
@@ -83,3 +111,13 @@ def look(browser: Browser, path: Path, screen: str) -> Look:
         shot = imread(io.BytesIO(page.screenshot()))
     outside = [url for url in requests if not url.startswith("data:") and url != path.as_uri()]
     return Look(**found, requests=outside, complaints=complaints, shot=shot)
+
+
+def pale_text(browser: Browser, path: Path, scheme: str) -> tuple[list[str], str]:
+    """Return text that is hard to read under a color scheme, and the color of the page."""
+    with browser.new_context(color_scheme=scheme, offline=True) as context:
+        page = context.new_page()
+        page.goto(path.as_uri())
+        page.evaluate("document.querySelectorAll('details').forEach(e => e.open = true)")
+        paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        return page.evaluate(PALE), paper

@@ -18,7 +18,7 @@ from optimize.search import AlternatingResult, SearchStep
 from optimize.verification import DesignRenders, FinalistEvaluation, Optimization
 from render.scene import Scene
 from surrogate.runtime import Checker
-from tests.optimize.browser import SCREENS, look
+from tests.optimize.browser import SCREENS, look, pale_text
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -125,6 +125,37 @@ def test_a_report_asks_for_nothing_but_itself(chromium: Browser, report: Path) -
     seen = look(chromium, report, "desk")
     assert seen.requests == []
     assert seen.complaints == []
+
+
+@pytest.mark.parametrize(
+    ("scheme", "paper"), [("light", "rgb(255, 255, 255)"), ("dark", "rgb(22, 24, 28)")]
+)
+def test_a_report_follows_the_color_scheme_and_its_text_stands_out(
+    chromium: Browser, report: Path, scheme: str, paper: str
+) -> None:
+    assert pale_text(chromium, report, scheme) == ([], paper)
+
+
+def test_pale_text_is_noticed(chromium: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "pale.html"
+    path.write_text('<body style="background:#222"><p style="color:#444">faint</p>')
+    pale, paper = pale_text(chromium, path, "light")
+    assert pale == ["P 1.6"]
+    assert paper == "rgb(34, 34, 34)"
+
+
+def test_a_report_ends_with_what_to_do_next(chromium: Browser, report: Path) -> None:
+    with chromium.new_context(offline=True) as context:
+        page = context.new_page()
+        page.goto(report.as_uri())
+        headings = page.locator("h2").all_inner_texts()
+        commands = page.locator("#next code").all_inner_texts()
+    assert headings.index("Next") > headings.index("How far to trust this")
+    assert set(headings[headings.index("Next") + 1 :]) <= {"Origin", "More workers"}
+    assert any(command.startswith("tactilux wiring ") for command in commands)
+    assert any(command.startswith("tactilux hw set ") for command in commands)
+    unrendered = report.parent.name == "run" and "verify" in commands[0]
+    assert unrendered or commands[0].startswith("tactilux sensitivity ")
 
 
 def test_the_wiring_sheet_prints_on_a_page_of_its_own(chromium: Browser, report: Path) -> None:

@@ -71,11 +71,13 @@ def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
 ) -> None:
     found, measurements, _ = outcome
     linear = Linearity(0.004, 0.0, 1.0, 1.0, "none")
-    result = {"date": "2026-01-31", **told(camera_scene, found, linear, None)}
+    result = {"date": "2026-01-31", "scene": "runs/mine/scene.toml"}
+    result |= told(camera_scene, found, linear, None)
     text = render_report(setup_of(camera_scene), result, found, measurements)
     assert text.count("data:image/png;base64,") == 6
     assert "g and sigma_s cannot be separated" in text
     assert "Neither corrected nor confirmed by renders" in text
+    assert "<code>tactilux train runs/mine/scene.toml</code>" in text.partition("Next</h2>")[2]
     (tmp_path / "report.html").write_text(text)
 
 

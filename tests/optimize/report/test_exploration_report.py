@@ -45,7 +45,7 @@ def report(stages: list[Stage], ranking: RankingTest = RELIABLE) -> str:
         ],
         confidence="90%",
         made="1 January 2026",
-        verify_command="tactilux verify design.json",
+        steps=[("Let renders decide:", "tactilux verify design.json")],
         play="play.html",
         wiring=wiring_context(mount(stages[-1].scene, stages[-1].design), stages[-1].title),
     )
