@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -40,11 +41,12 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Measure what every level costs and how wrong it is."""
+    began = time.monotonic()
     from optimize.frontier import PLAN, measure_frontier
     from optimize.frontier.plot import frontier_png
     from optimize.scoring import open_model
     from optimize.ui.output import check_target, write_result
-    from render.reference import ensure_llvm
+    from render.reference import TimeBudget, ensure_llvm
     from render.scene import load_scene
     from render.transport import load_table
 
@@ -68,7 +70,7 @@ def run(
                 folder,
                 count=designs,
                 seed=seed,
-                minutes=minutes,
+                budget=TimeBudget.of_minutes(minutes, began),
                 samples=samples,
                 table=known,
                 report=report,

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from optimize.design import ScoreSettings
 from optimize.frontier.held_out import FrontierRow, HeldOutDesigns, HeldOutReference
 from render.progress import OnProgress, Progress, in_stage
-from render.reference import RenderCost, measure_render_cost, stored_plan
+from render.reference import (
+    RenderCost,
+    TimeBudget,
+    render_within,
+    samples_per_pass,
+    stored_plan,
+    transport_jobs,
+)
 from render.reference.path_tracer import PathTracer
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 from surrogate.training.conformal import Coverage
+
+if TYPE_CHECKING:  # torch comes with it
+    from surrogate.train import TrainConfig
 
 PLAN = "plan.json"
 SHORT_DIVISORS = (32, 8)
@@ -24,10 +35,12 @@ TRACER_SAMPLES = (4, 16)
 """Samples per pixel of the path tracer's rows."""
 TABLE_DIVISOR = 2
 """How many times fewer samples a transport table gets, where none is given."""
-PATH_TRACER_FRACTION, FIT_SECONDS = 0.15, 120.0
-"""Part of the minutes for the path tracer, and what the fits take."""
-REFERENCE_SEED = 101
-"""Of the long render; training counts from 1."""
+PATH_TRACER_FRACTION = 0.15
+"""Part of the time for the path tracer, where the fits leave any."""
+SMALL_STEPS_COST = 2.5
+"""What small steps of Markov chains cost over plain samples."""
+REFERENCE, REFERENCE_SEED, RENDERS = "Reference", 101, "renders"
+"""The long render: what it is called, its seed (training counts from 1), and its folder."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +51,7 @@ class FrontierPlan:
         scene_hash, seed, designs: whose designs, which, and how many.
         minutes: that the rest was chosen for; 0 when ``samples`` were given.
         samples, short: per fiber and facet, of the reference and of the short rows.
+        per_pass: of ``transport_jobs``, of the reference; None when ``samples`` were given.
         spp: per pixel, of the path tracer's rows.
     """
 
@@ -46,6 +60,7 @@ class FrontierPlan:
     designs: int
     minutes: float
     samples: int
+    per_pass: int | None
     short: list[int]
     spp: list[int]
 
@@ -93,7 +108,7 @@ def measure_frontier(
     *,
     count: int,
     seed: int,
-    minutes: float,
+    budget: TimeBudget,
     samples: int | None,
     table: TransportTable | None,
     report: OnProgress,
@@ -101,8 +116,8 @@ def measure_frontier(
     """Render, fit, time and compare; everything that took long is kept in ``folder``.
 
     Exposure and lambda are those of ``checker``. ``count`` designs are drawn with ``seed``;
-    ``minutes`` of work in all, or ``samples`` per fiber and facet of the reference, say how much is
-    rendered. The fits go on ``table``, which is rendered here where there is none.
+    ``samples`` per fiber and facet of the reference say how much is rendered, or the ``budget`` of
+    everything does. The fits go on ``table``, which is rendered here where there is none.
 
     Raises:
         TableError: a table of another scene or level.
@@ -116,10 +131,21 @@ def measure_frontier(
     config = TrainConfig()
     if table is not None:
         check_reference(scene, table)
-    designs, renders = HeldOutDesigns.of(scene, count, seed), folder / "renders"
+    designs, renders = HeldOutDesigns.of(scene, count, seed), folder / RENDERS
     report(Progress(0, 1, stage="plan"))
-    plan = make_frontier_plan(designs, folder, seed, minutes, samples, renders_table=table is None)
-    rendered = designs.render("Reference", plan.samples, REFERENCE_SEED, renders, report)
+    plan = make_frontier_plan(
+        designs,
+        folder,
+        seed,
+        budget,
+        samples,
+        renders_table=table is None,
+        fit_seconds=lambda: _fit_seconds(scene, config),
+        report=report,
+    )
+    rendered = designs.render(
+        REFERENCE, plan.samples, REFERENCE_SEED, renders, report, per_pass=plan.per_pass
+    )
     settings = ScoreSettings(checker.exposure, checker.lam)
     reference = HeldOutReference.of(designs, rendered, settings)
     if table is None:
@@ -167,38 +193,110 @@ def make_frontier_plan(
     designs: HeldOutDesigns,
     folder: Path,
     seed: int,
-    minutes: float,
+    budget: TimeBudget,
     samples: int | None,
     *,
     renders_table: bool,
+    fit_seconds: Callable[[], float],
+    report: OnProgress | None = None,
 ) -> FrontierPlan:
     """Return the plan in ``folder`` when it answers the same request, or a new one.
 
-    ``samples`` of the reference, per fiber and facet, are chosen to fill ``minutes`` of work in all
-    unless they are given; ``renders_table`` says whether a transport table is part of it.
+    Unless ``samples`` of the reference, per fiber and facet, are given, it is rendered by the way
+    for its part of the ``budget``; how far it comes says what everything else gets.
+    ``renders_table`` says whether a transport table is part of that, ``fit_seconds`` what the fits
+    take.
     """
     scene = designs.scene
     wanted: dict[str, Any] = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
 
     def make() -> FrontierPlan:
-        chosen, spp, spent = samples, list(TRACER_SAMPLES), 0.0
+        chosen, each, spp, spent = samples, None, list(TRACER_SAMPLES), 0.0
         if chosen is None:
-            spent, seconds = minutes, 60.0 * minutes - FIT_SECONDS
+            spent = budget.seconds / 60.0
+            tracer, fits = _tracer_cost(designs), fit_seconds()
             # The longer short render is made once more with small steps, and for one design.
-            divisors = [1, *SHORT_DIVISORS, SHORT_DIVISORS[-1], SHORT_DIVISORS[-1]]
-            divisors += [TABLE_DIVISOR] if renders_table else []
-            renders = [1.0 / divisor for divisor in divisors] * len(designs.bends)
-            chosen = measure_render_cost(scene, designs.nodes[0]).samples_within(
-                (1.0 - PATH_TRACER_FRACTION) * seconds, renders, SHORT_DIVISORS[0]
-            )
-            of_a_design = PATH_TRACER_FRACTION * seconds / len(designs)
-            first = _tracer_cost(designs).samples_within(of_a_design, [1.0, 4.0])
+            costs = [1.0 / SHORT_DIVISORS[0], (2.0 + SMALL_STEPS_COST) / SHORT_DIVISORS[1]]
+            costs += [1.0 / TABLE_DIVISOR] if renders_table else []
+            rest = _Rest(fits, sum(costs), len(SHORT_DIVISORS) + 2 + renders_table)
+            chosen, each, seconds = _render_for(designs, folder / RENDERS, budget, rest, report)
+            traced = PATH_TRACER_FRACTION / (1.0 - PATH_TRACER_FRACTION) * seconds
+            first = tracer.samples_within(traced * (1.0 + rest.cost) / len(designs), [1.0, 4.0])
             spp = [first, 4 * first]
         short = [max(1, chosen // factor) for factor in SHORT_DIVISORS]
-        return FrontierPlan(minutes=spent, samples=chosen, short=short, spp=spp, **wanted)
+        return FrontierPlan(
+            minutes=spent, samples=chosen, per_pass=each, short=short, spp=spp, **wanted
+        )
 
-    given = {"minutes": minutes} if samples is None else {"samples": samples}
+    given = {"minutes": budget.seconds / 60.0} if samples is None else {"samples": samples}
     return stored_plan(folder / PLAN, FrontierPlan, wanted | given, make)
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """What follows the reference.
+
+    Arguments:
+        fits: seconds.
+        cost: of the other renders, over that of the reference.
+        renders: how many they are; each compiles kernels of its own.
+    """
+
+    fits: float
+    cost: float
+    renders: int
+
+
+def _render_for(
+    designs: HeldOutDesigns,
+    folder: Path,
+    budget: TimeBudget,
+    rest: _Rest,
+    report: OnProgress | None,
+) -> tuple[int, int, float]:
+    """Render the reference for its part of the time.
+
+    Return its samples, those of a pass, and the seconds of its part.
+    """
+    began, pads = budget.spent(), 2 * len({bend > 0 for bend in designs.bends.tolist()})
+    first_pass: list[float] = []
+
+    def part() -> float:
+        beginnings = rest.renders * pads * first_pass[0] if first_pass else 0.0
+        free = max(budget.seconds - began - rest.fits - beginnings, 0.0)
+        return (1.0 - PATH_TRACER_FRACTION) * free / (1.0 + rest.cost)
+
+    def listen(at: Progress) -> None:
+        if not first_pass:
+            first_pass.append(budget.spent() - began)
+        if report is not None:
+            report(replace(at, stage=REFERENCE))
+
+    each = samples_per_pass(designs.scene, part(), 2 * len(designs.bends))
+    jobs = transport_jobs(
+        designs.scene,
+        designs.nodes[0],
+        designs.bends,
+        samples=each,
+        per_pass=each,
+        seeds=[REFERENCE_SEED],
+    )
+    units = render_within(
+        jobs,
+        budget,
+        folder,
+        reserve=lambda: budget.seconds - began - part(),
+        progress=listen,
+    )
+    return units * each, each, part()
+
+
+def _fit_seconds(scene: Scene, config: TrainConfig) -> float:
+    """Return what drawing the preview and fitting ridge and networks to a table take here."""
+    from surrogate.train import training_cost
+
+    cost = replace(training_cost(scene, config, len(scene.bending.angles)), splits=0)
+    return cost.per_step() * (cost.preview + cost.fit(config.fit.network.steps))
 
 
 def _tracer_cost(designs: HeldOutDesigns) -> RenderCost:

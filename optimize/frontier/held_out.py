@@ -74,6 +74,7 @@ class HeldOutDesigns:
         checkpoint: Path,
         report: OnProgress,
         sampler: Sampler = "monte-carlo",
+        per_pass: int | None = None,
     ) -> DesignRenders:
         """Render all designs at the scene's bends in one go; resumes in ``checkpoint``.
 
@@ -89,6 +90,7 @@ class HeldOutDesigns:
             samples=samples,
             seeds=[seed],
             sampler=sampler,
+            per_pass=per_pass,
             checkpoint=checkpoint,
             progress=in_stage(report, title),
         )

@@ -83,7 +83,7 @@ def measure_cost(context: RunContext) -> RenderCost:
 
 def _cost_of(context: RunContext, kept: dict[str, Any]) -> RenderCost:
     """Return a logged cost for the workers of this attempt."""
-    return RenderCost(**kept | {"workers": context.renders.workers.count, "trials": 0.0})
+    return RenderCost(kept["fixed"], kept["per_sample"], context.renders.workers.count)
 
 
 def render_table(context: RunContext) -> None:

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from render.arrays import Array
-from render.reference.job import RenderJob, run_job
-from render.reference.transport import samples_of_full_pass, transport_jobs
-from render.scene import Scene
+from render.reference.job import RenderJob
 
 MIN_TRIAL_SECONDS = 1.0
 """A trial is long enough when it takes so much longer than the smallest one."""
@@ -36,13 +30,11 @@ class RenderCost:
         fixed: seconds of a job that do not depend on its samples.
         per_sample: seconds per sample.
         workers: jobs at once.
-        trials: seconds of the trial renders that it was measured by.
     """
 
     fixed: float
     per_sample: float
     workers: int = 1
-    trials: float = 0.0
 
     @classmethod
     def fitted(
@@ -53,12 +45,12 @@ class RenderCost:
         return cls(max(seconds[0] - slope * samples[0], 0.0) / jobs, slope)
 
     def samples_within(self, seconds: float, renders: Sequence[float], at_least: int = 1) -> int:
-        """Return the samples that fill ``seconds``, trials included.
+        """Return the samples that fill ``seconds``.
 
         The ``seconds`` are of one worker, or of all that work together. ``renders`` says of every
         job that shares them how many times these samples it takes.
         """
-        remaining = seconds - self.trials - self.fixed * len(renders)
+        remaining = seconds - self.fixed * len(renders)
         return max(at_least, int(remaining / (self.per_sample * sum(renders))))
 
     def seconds(self, jobs: Sequence[RenderJob]) -> float:
@@ -88,21 +80,3 @@ def trial_cost(
             break
     samples = [float(sum(job.samples for job in trial)) for trial in (jobs, longer)]
     return RenderCost.fitted(samples, (small, large), jobs=len(jobs))
-
-
-def measure_render_cost(scene: Scene, phi: Array) -> RenderCost:
-    """Return the cost of renders of ``scene`` at one bend, in samples of every cell.
-
-    ``phi`` are direction nodes in rad, ``(node,)`` or ``(fiber, node)``.
-    """
-    began = time.monotonic()
-    unit = samples_of_full_pass(scene)
-    # The last bend: bent pads cost more than flat ones.
-    jobs = transport_jobs(
-        scene, phi, np.array(scene.bending.angles[-1:]), samples=unit, per_pass=unit, seeds=[0]
-    )
-    cost = trial_cost(jobs, lambda trial: [run_job(job).seconds for job in trial])
-    per_cell = sum(job.samples for job in jobs) / unit
-    return RenderCost(
-        len(jobs) * cost.fixed, per_cell * cost.per_sample, trials=time.monotonic() - began
-    )

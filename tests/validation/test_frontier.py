@@ -71,8 +71,6 @@ def frontier(
 ) -> Run:
     monkeypatch.chdir(sensor)
     monkeypatch.setattr("surrogate.train.TrainConfig", lambda: QUICK)
-    # Trials that can be measured take longer than everything else here.
-    monkeypatch.setattr("render.reference.cost.MIN_TRIAL_SECONDS", 0.0)
 
     def run(*words: str) -> tuple[int, str, str]:
         arguments = ["tactilux", "frontier", "small3.toml", *words]

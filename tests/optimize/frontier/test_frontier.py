@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from optimize.frontier import frontier
 from optimize.frontier.frontier import PLAN, FrontierPlan, make_frontier_plan
 from optimize.frontier.held_out import HeldOutDesigns
 from optimize.ui.output import OutputError, check_target
+from render.progress import OnProgress, Progress
+from render.reference import RenderCost, TimeBudget
 from render.scene import Scene
 from tests.disk import DURABLE, logged_disk
 
 
-def plan(scene: Scene, folder: Path, count: int = 3, **request: int) -> FrontierPlan:
-    wanted = {"seed": 0, "minutes": 30.0, "samples": 320} | request
+def plan(scene: Scene, folder: Path, count: int = 3) -> FrontierPlan:
     return make_frontier_plan(
         HeldOutDesigns.of(scene, count, 0),
         folder,
+        0,
+        TimeBudget.of_minutes(30.0),
+        320,
         renders_table=False,
-        **wanted,  # type: ignore[arg-type]
+        fit_seconds=lambda: 0.0,
     )
 
 
@@ -29,6 +37,7 @@ def test_given_samples_fix_all_other_work(
     calls = logged_disk(monkeypatch)
     made = plan(finger20, tmp_path)
     assert (made.samples, made.short, made.spp) == (320, [10, 40], [4, 16])
+    assert made.per_pass is None
     assert calls == DURABLE
 
 
@@ -38,6 +47,66 @@ def test_the_same_request_takes_the_stored_plan_up(finger20: Scene, tmp_path: Pa
     (tmp_path / PLAN).write_text(stored)
     assert plan(finger20, tmp_path).spp == [2, 8]
     assert plan(finger20, tmp_path, count=4).spp == first.spp
+
+
+@dataclass
+class Machine:
+    """Pretends to render on a clock of its own, ``rate`` samples of every cell per second."""
+
+    rate: float
+    compiling: float
+    now: float = 100.0
+    took: float = 0.0
+
+    def render_within(
+        self,
+        jobs: Any,
+        budget: TimeBudget,
+        folder: Path,
+        *,
+        reserve: Callable[[], float],
+        progress: OnProgress,
+    ) -> int:
+        reserve()
+        self.now += self.compiling
+        progress(Progress(0, 1))
+        self.took = budget.left() - reserve()
+        self.now += self.took
+        each = jobs[0].chains * jobs[0].iterations
+        cells = len(jobs[0].phi) * 15
+        return max(1, round(self.took * self.rate / (each / cells)))
+
+
+@pytest.mark.parametrize("renders_table", [True, False])
+@pytest.mark.parametrize(("minutes", "compiling"), [(3.0, 0.1), (3.0, 2.0), (30.0, 10.0)])
+def test_minutes_hold_the_reference_and_all_that_is_planned_by_it(
+    finger20: Scene,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    minutes: float,
+    compiling: float,
+    renders_table: bool,
+) -> None:
+    machine = Machine(rate=20.0, compiling=compiling)
+    monkeypatch.setattr(frontier, "render_within", machine.render_within)
+    monkeypatch.setattr(frontier, "_tracer_cost", lambda _: RenderCost(0.01, 0.005))
+    budget = TimeBudget(60.0 * minutes, machine.now, lambda: machine.now)
+    machine.now += 10.0
+    designs, fits = HeldOutDesigns.of(finger20, 3, 0), 30.0
+    made = make_frontier_plan(
+        designs, tmp_path, 0, budget, None, renders_table=renders_table, fit_seconds=lambda: fits
+    )
+    assert made.minutes == minutes
+    assert made.per_pass is not None
+    assert made.samples % made.per_pass == 0
+    assert made.samples == pytest.approx(20.0 * machine.took, rel=0.1)
+    short, longer = made.short
+    others = short + 2 * longer + (made.samples // 2 if renders_table else 0)
+    others += 2.5 * longer  # small steps
+    kernels = (4 + renders_table) * 4 * compiling  # flat and bent, pressed and untouched
+    traced = 3 * sum(0.01 + 0.005 * spp for spp in made.spp)
+    whole = budget.spent() + others / 20.0 + kernels + traced + fits
+    assert whole == pytest.approx(60.0 * minutes, rel=0.1)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"scene_hash": "x"}', '{"a": 1}'])
