@@ -50,7 +50,7 @@ def conclude(
         replicates=replicates,
         finalists=tuple(finalists),
         winner=winner,
-        verdict=tuple(verdict),
+        verdict=tuple(dict.fromkeys(verdict)),
         steps=_steps(loop_outcome, finalists),
         trade=tuple(
             timed_levels(
@@ -98,6 +98,12 @@ def outcome(finalists: Sequence[Finalist], winner: str, replicates: int) -> list
         return [
             f"Nothing that was rendered beats the baseline, which scores {first.score:.1f} ± "
             f"{first.se:.1f}."
+        ]
+    if not (first.converged and last.converged):
+        return [
+            f"The design scores {last.score:.1f} ± {last.se:.1f}; the baseline scores "
+            f"{first.score:.1f} ± {first.se:.1f}. Renders that have not converged do not say which "
+            "one is better."
         ]
     half = student_factor(replicates) * last.gain_se
     sentences = [

@@ -143,7 +143,7 @@ def _work(
         workers.close()
     log.record("Finished", Progress(1, 1, eta_seconds=0.0))
     for sentence in result.verdict:
-        log.note(sentence)
+        log.keep(sentence)
     return result
 
 

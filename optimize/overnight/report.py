@@ -59,7 +59,12 @@ def warnings(result: OvernightResult) -> list[str]:
     last, doubts = result.best, []
     if last.gain is not None and last.gain_se is not None:
         half = result.interval_factor * last.gain_se
-        if last.gain + half < 0:
+        if not (last.converged and result.finalists[0].converged):
+            doubts.append(
+                "Few light paths carry most of the light, so these renders decide nothing: the "
+                "same command with more hours goes on from here."
+            )
+        elif last.gain + half < 0:
             doubts.append("The renders say that the baseline is better: this design is not one.")
         elif last.gain - half <= 0:
             doubts.append(
@@ -73,7 +78,7 @@ def warnings(result: OvernightResult) -> list[str]:
         "is within the error bars of the difference: they tie, and the choice of the rounds before "
         "stands."
         for entry in result.finalists
-        if entry.score > last.score
+        if entry.score > last.score and entry.converged and last.converged
     ]
     return doubts + clipping_warning(last.clipped)
 

@@ -42,6 +42,10 @@ class RunLog:
     def note(self, text: str) -> None:
         """Say one line that stays."""
         self._bar.note(text)
+        self.keep(text)
+
+    def keep(self, text: str) -> None:
+        """Keep one line in the log, and for programs; a terminal is told it with the result."""
         self._write(text, event="note", text=text)
 
     def stage(self, name: str) -> None:

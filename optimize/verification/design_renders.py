@@ -210,19 +210,26 @@ class FinalistEvaluation:
         return self.difference(first, second).interval(self.confidence)
 
     def best(self, leader: str) -> str:
-        """Return ``leader``, unless renders show that another is better by more than error bars."""
+        """Return ``leader``, unless renders show that another is better by more than error bars.
+
+        Those that have not converged show nothing.
+        """
         for name in self.names:
-            if name != leader and self.interval(leader, name)[0] > 0:
+            better = name != leader and self.interval(leader, name)[0] > 0
+            if better and not (self.doubt(leader) or self.doubt(name)):
                 leader = name
         return leader
 
     def settled(self, leader: str, used: float) -> bool:
         """Return whether more renders are of no use.
 
-        The best is better than every other one by more than the error bars, or a tie with it stays
-        one: even if the difference is a standard error larger, the interval would hold 0 when all
-        of the time is used, of which ``used`` is the fraction so far.
+        All have converged, and the best is better than every other one by more than the error
+        bars, or a tie with it stays one: even if the difference is a standard error larger, the
+        interval would hold 0 when all of the time is used, of which ``used`` is the fraction so
+        far.
         """
+        if any(self.doubt(name) for name in self.names):
+            return False
         best, count = self.best(leader), len(self.renders.replicates)
         factor = student_factor(round(count / used)) * np.sqrt(used)
         for name in self.names:

@@ -31,7 +31,7 @@ def more_samples(mean: Array, error: Array, samples: int | None = None) -> str:
     times = (np.sort(relative)[int(0.9 * (lost.sum() - 1))] / UNCONVERGED) ** 2
     about, times = "more than" if times > MOST_EFFORT else "about", min(times, MOST_EFFORT)
     if samples is None:
-        return f"{about} {max(times, 1.1):.2g} times the samples are needed"
+        return f"{about} {float(f'{max(times, 1.1):.2g}'):g} times the samples are needed"
     more = float(f"{samples * max(times - 1.0, 0.1):.2g}")
     return f"{about} {max(more, 1.0):,.0f} samples more per cell are needed"
 

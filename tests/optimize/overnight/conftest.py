@@ -23,6 +23,7 @@ class TinyNight:
     scene: Path
     run: Path
     events: list[dict[str, object]]
+    said: str
     seconds: float
 
 
@@ -43,4 +44,4 @@ def tiny_night(tmp_path_factory: pytest.TempPathFactory, warm_program: WarmProgr
     code, said = process.wait()
     assert code == 0, said
     events = [json.loads(line) for line in process.out.read_text().splitlines()]
-    return TinyNight(scene, run, events, time.monotonic() - began)
+    return TinyNight(scene, run, events, said, time.monotonic() - began)

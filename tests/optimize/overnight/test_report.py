@@ -132,6 +132,15 @@ def test_an_interval_is_not_refuted_by_renders_that_have_not_converged(
     )
 
 
+def test_renders_that_have_not_converged_claim_no_gain(finished_night: OvernightResult) -> None:
+    night = changed(won_by(finished_night, 39.0, 1.0), "baseline", converged=False)
+    text = summary(night)
+    assert "do not say which one is better" in text[0]
+    assert not any("gain" in sentence for sentence in text)
+    (doubt,) = warnings(night)
+    assert doubt.startswith("Few light paths carry most of the light, so these renders decide")
+
+
 def test_a_night_that_found_nothing_says_so(finished_night: OvernightResult) -> None:
     night = replace(
         finished_night, finalists=finished_night.finalists[:1], winner="baseline", verdict=()

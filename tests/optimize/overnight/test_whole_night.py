@@ -63,6 +63,16 @@ def test_the_log_has_a_time_stamp_on_every_line(tiny_night: TinyNight) -> None:
     assert all(stamp.match(line) for line in lines)
 
 
+def test_the_verdict_says_every_sentence_once_and_the_terminal_leaves_it_to_the_result(
+    tiny_night: TinyNight,
+) -> None:
+    verdict = OvernightResult.load(tiny_night.run).verdict
+    assert len(set(verdict)) == len(verdict) > 2
+    log = (tiny_night.run / "log.txt").read_text()
+    assert all(log.count(sentence) == 1 for sentence in verdict)
+    assert not any(sentence in tiny_night.said for sentence in verdict)
+
+
 def test_status_tells_a_program_that_it_is_finished(tactilux: Run, tiny_night: TinyNight) -> None:
     found = json.loads(tactilux("status", tiny_night.run, "--json").out)
     assert found["state"] == "finished"

@@ -56,6 +56,21 @@ def test_the_evaluation_of_finalists_tells_a_gain_from_a_tie(
     assert score.value == pytest.approx(exact, abs=4 * score.se)
 
 
+def test_finalists_that_have_not_converged_neither_lead_nor_settle_the_verdict(
+    make_table: MakeTable,
+) -> None:
+    clear = verdict(make_table, 0.1, 0.8, 1)
+    assert clear.best("runner-up") == "winner"
+    assert clear.settled("runner-up", 0.5)
+    error = clear.renders.error.copy()
+    index = clear.names.index("winner")
+    error[index] = clear.renders.replicates[:, index].mean(axis=0)
+    doubtful = replace(clear, renders=replace(clear.renders, error=error))
+    assert doubtful.best("runner-up") == "runner-up"
+    assert not doubtful.settled("runner-up", 0.5)
+    assert "have not converged" in doubtful.comparison("runner-up", "winner")
+
+
 BUDGET = 5.0
 
 

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from render.reference import converged, doubt
+from render.reference import converged, doubt, more_samples
 
 
 def test_a_cell_has_converged_below_half_its_light_and_never_where_it_is_dark_or_unseen() -> None:
@@ -35,3 +35,4 @@ def test_of_cells_without_any_light_it_is_said_that_much_is_missing() -> None:
     said = doubt(np.zeros(4), np.ones(4), 10)
     assert said.startswith("Not converged: few light paths carry 4 of 4 cells")
     assert "more than 990 samples more per cell" in said
+    assert more_samples(np.zeros(4), np.ones(4)) == "more than 100 times the samples are needed"
