@@ -191,14 +191,15 @@ def _shown(item: Value) -> str:
 def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.diffuser is None:
         yield "scattering medium", "no diffuser is declared, light enters the clear pad directly"
-    smooth = [face for face, one in zip(FACES, scene.finishes, strict=True) if one.roughness == 0.0]
-    if len(smooth) == len(FACES):
+    smooth = {face for face in FACES if scene.finish(face).smooth}
+    mirrors = smooth | {face for face in FACES if scene.finish(face).metal is not None}
+    if all(finish.smooth for finish in scene.finishes if finish.paint is None):
         yield (
             "rough refraction",
-            "pad.roughness is 0, the outer faces are smooth",
+            "pad.roughness is 0, the faces to the air are smooth",
         )
     scatters = scene.diffuser is not None and scene.diffuser.sigma_s > 0
-    facing = {"left", "right"} <= set(smooth) or {"tip", "base"} <= set(smooth)
+    facing = {"left", "right"} <= mirrors or {"tip", "base"} <= mirrors
     if scatters and facing and 0.0 in scene.bending.angles:
         yield (
             "light scattered in the diffuser that comes over two facing walls of the flat pad",

@@ -28,6 +28,8 @@ DARK = "--paper:#16181c;--ink:#eceef1;--soft:#a2a8b3;--clear:#24303d;--milky:#3a
 STYLE = """text{{font:1.15px system-ui,sans-serif;fill:var(--soft)}}
 svg{{background:var(--paper);{light}}}{dark}
 .pad{{fill:var(--clear);stroke:var(--soft);stroke-width:.08}}.milky{{fill:var(--milky)}}
+.painted{{stroke:var(--soft);stroke-width:.7;stroke-linecap:round}}.black{{stroke:#000}}
+.white{{stroke:#fff}}.mirror{{stroke:#8fb4cc}}.black,.white,.mirror{{stroke-width:.46;stroke-linecap:round}}
 .rough{{stroke:var(--ink);stroke-width:.3;stroke-dasharray:.15 .35}}
 .skin{{stroke:var(--ink);stroke-width:.35}}.site{{fill:var(--ink)}}
 .out{{stroke:var(--soft);stroke-width:.14}}.camera{{fill:var(--ink)}}
@@ -153,14 +155,19 @@ def _drawn(
 
 
 def _faces(scene: Scene, view: View) -> Iterator[str]:
-    """Draw the faces that are rougher than the smoothest, where the view shows them as lines."""
+    """Draw painted faces and those rougher than the smoothest, where the view shows lines."""
     low, high = scene.box.low, scene.box.high
-    smoothest = min(finish.roughness for finish in scene.finishes)
+    smoothest = min(finish.roughness for finish in scene.finishes if finish.paint is None)
     for finish, outward in zip(scene.finishes, OUTWARD, strict=True):
         axis = int(np.abs(outward).argmax())
-        if axis in view.axes and finish.roughness > smoothest:
-            ends = np.stack([low, high])
-            ends[:, axis] = (high if outward[axis] > 0 else low)[axis]
+        if axis not in view.axes:
+            continue
+        ends = np.stack([low, high])
+        ends[:, axis] = (high if outward[axis] > 0 else low)[axis]
+        if finish.paint is not None:
+            for kind in ("painted", finish.paint.word):
+                yield _path(view.flat(ends), kind, closed=False)
+        elif finish.roughness > smoothest:
             yield _path(view.flat(ends), "rough", closed=False)
 
 

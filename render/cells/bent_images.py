@@ -12,7 +12,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.mirror_images import COSINE_MIN, ON_FACE, MirrorImages, mirror_faces
+from render.cells.mirror_images import (
+    COSINE_MIN,
+    ON_FACE,
+    MirrorImages,
+    metal_faces,
+    mirror_faces,
+)
 from render.geometry.bending import bend_points
 from render.geometry.meshes import pad_grid
 from render.paths.vertex import Vertex
@@ -25,7 +31,8 @@ NUMBERS = 5
 class BentImages(MirrorImages):
     """The mirrors of one bent pad: walls across it, and *segments* of its outline from the side.
 
-    Those are its ends and the strips of its lower face, each as far as it is smooth.
+    Those are its ends and the strips of its lower face, each as far as it is smooth or metal. A
+    wall's number is its plane's, and those of segments follow.
     """
 
     def __init__(self, scene: Scene, bend: float, indented: bool) -> None:
@@ -40,11 +47,14 @@ class BentImages(MirrorImages):
         span = np.diff(outline, axis=0)
         length = np.linalg.norm(span, axis=1, keepdims=True)
         segments = np.concatenate([outline[:-1], span / length, length], axis=1)
-        left, right, base, tip, lower = (
-            mirror_faces(scene)[FACES.index(face)]
-            for face in ("left", "right", "base", "tip", "lower")
-        )
-        segments = segments[np.r_[base, np.full(len(y) - 1, lower), tip]]
+        faces = [FACES.index(face) for face in ("left", "right", "base", "tip", "lower")]
+        left, right, base, tip, lower = mirror_faces(scene)[faces]
+        smooth = np.r_[base, np.full(len(y) - 1, lower), tip]
+        segments = segments[smooth]
+        metals = metal_faces(scene)[faces]
+        ends = np.r_[metals[2], np.full(len(y) - 1, metals[4]), metals[3]][smooth]
+        # Neither number 0 is a mirror.
+        metal = np.r_[-1.0, metals[:2], -1.0, ends]
         self.sizes = (3, len(segments) + 1)
         # Number 0 is no mirror.
         self.walls = mi.Float([0.0, *scene.box.low[:1], *scene.box.high[:1]])
@@ -52,7 +62,10 @@ class BentImages(MirrorImages):
         self.segments = mi.Float(np.r_[np.zeros((1, NUMBERS)), segments].astype(np.float32).ravel())
         self.index = mi.Float(scene.pad.index)
         self.segment_count = mi.UInt32(len(segments) + 1)
-        dr.make_opaque(self.walls, self.there, self.segments, self.index, self.segment_count)
+        self.metal = None if (metal < 0).all() else mi.Float(metal.astype(np.float32))
+        dr.make_opaque(
+            self.walls, self.there, self.segments, self.index, self.segment_count, self.metal
+        )
 
     def _across(self, number: mi.UInt32, p: mi.Point3f) -> tuple[mi.Float, mi.Float, mi.Float]:
         """Return where ``p`` is along segment ``number``, how far inside, and the length."""
@@ -95,17 +108,23 @@ class BentImages(MirrorImages):
         weight = dr.maximum(dr.dot(a.n, direction), COSINE_MIN) / squared
         weight *= dr.select(y.volume, 1.0, dr.maximum(dr.dot(y.n, sent), COSINE_MIN))
         if wall > 0:
-            weight *= self.reflectance(direction.x) * dr.gather(
-                mi.Float, self.there, mi.UInt32(wall)
-            )
+            number = mi.UInt32(wall)
+            weight *= self.reflectance(number, direction.x)
+            weight *= dr.gather(mi.Float, self.there, number)
         # Where the line crosses the segment.
         along_a, inside_a, length = self._across(segment, a.p)
         along_y, inside_y, _ = self._across(segment, y.p)
         inside = inside_a + inside_y
         met = along_a * inside_y + along_y * inside_a
         meets = (inside_a > 0) & (inside_y > 0) & (met >= 0) & (met <= length * inside)
-        by_segment = self.reflectance(dr.dot(direction, self._inward(segment)))
+        cosine = dr.dot(direction, self._inward(segment))
+        by_segment = self.reflectance(self.sizes[0] + segment, cosine)
         return weight * dr.select(segment > 0, dr.select(meets, by_segment, 0.0), 1.0)
+
+    def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
+        """Return the number of the plane that an image over one mirror takes."""
+        wall, segment = self._digits(mirror)
+        return dr.select(wall > 0, wall, self.sizes[0] + segment)
 
     @dr.syntax
     def draw(self, a: Vertex, y: Vertex, number: mi.Float) -> tuple[mi.UInt32, mi.Float]:

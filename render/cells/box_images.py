@@ -10,13 +10,19 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.mirror_images import COSINE_MIN, ON_FACE, MirrorImages, mirror_faces
+from render.cells.mirror_images import (
+    COSINE_MIN,
+    ON_FACE,
+    MirrorImages,
+    metal_faces,
+    mirror_faces,
+)
 from render.paths.vertex import Vertex
 from render.scene import FACES, Scene
 
 
 class BoxImages(MirrorImages):
-    """The mirrors of one flat pad: those of its faces that are smooth."""
+    """The mirrors of one flat pad: plane ``3 axis + digit``, with digits as in images."""
 
     sizes = (3, 3, 2)
 
@@ -33,7 +39,10 @@ class BoxImages(MirrorImages):
         there[[1, 2, 4, 5, 7]] = mirrors[faces]
         # Images in faces that are no mirrors are never drawn.
         self.mirrors = None if mirrors.all() else mi.Float(there)
-        dr.make_opaque(self.places, self.index, self.mirrors)
+        metal = np.full(9, -1.0, dtype=np.float32)
+        metal[[1, 2, 4, 5, 7]] = metal_faces(scene)[faces]
+        self.metal = None if (metal < 0).all() else mi.Float(metal)
+        dr.make_opaque(self.places, self.index, self.mirrors, self.metal)
 
     def point(self, image: mi.UInt32, p: mi.Point3f) -> mi.Point3f:
         """Return the image of ``p``."""
@@ -60,7 +69,8 @@ class BoxImages(MirrorImages):
         facing = dr.maximum(dr.dot(y.n, sent), COSINE_MIN)
         weight *= dr.select(y.volume, 1.0, facing)
         for axis, digit in enumerate(self._digits(image)):
-            weight *= dr.select(digit > 0, self.reflectance(direction[axis]), 1.0)
+            reflected = self.reflectance(3 * axis + digit, direction[axis])
+            weight *= dr.select(digit > 0, reflected, 1.0)
             if self.mirrors is not None:
                 weight *= dr.gather(mi.Float, self.mirrors, 3 * axis + digit)
         return weight
@@ -90,6 +100,11 @@ class BoxImages(MirrorImages):
             total += self._weight(other, a, y)
             other += 1
         return self._weight(image, a, y) / total
+
+    def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
+        """Return the number of the plane that an image over one mirror takes."""
+        x, y, z = self._digits(mirror)
+        return dr.select(x > 0, x, dr.select(y > 0, 3 + y, 6 + z))
 
     def _mirror(self, v: Vertex) -> mi.UInt32:
         """Return the image over the one mirror that ``v`` lies in, 0 if in none."""

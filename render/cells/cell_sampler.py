@@ -79,7 +79,7 @@ def lamps_are_seen(scene: Scene) -> bool:
     could, as long as the faces are rough enough. Right either way: what is left out of the
     strategies is left out of their weights.
     """
-    smoothest = min(finish.roughness for finish in scene.finishes)
+    smoothest = min(finish.roughness for finish in scene.finishes if finish.paint is None)
     return diffuser_depth(scene) < MILKY_DEPTH or smoothest < CLEAR_ROUGHNESS
 
 

@@ -1,6 +1,6 @@
 """Connections over the smooth faces of a pad, by the image method.
 
-Where faces of a pad are smooth, light from a vertex ``y`` reaches the coating over the lower face,
+Where faces of a pad are smooth or metal, light from a vertex ``y`` reaches the coating over the lower face,
 over a wall, or over several of them, on the straight line to an image of ``y``. No random direction
 finds a mirror image that is exact; this connects to one of them, drawn in proportion to what it may
 send. Ways that have no image are left to camera subpaths, which reflect by chance and compete in
@@ -35,13 +35,13 @@ class ImageChain:
     """The mirrors that a camera subpath has met behind the facet (a Dr.Jit PyTree).
 
     ``image`` is the combination of them and ``open`` whether it may become an image connection;
-    ``reflectance`` is their product, ``depth`` the optical depth per channel so far and ``d_vcm``
-    that of the facet, 1 / density of the sampled direction.
+    ``chance`` is that of being reflected by them all, ``depth`` the optical depth per channel so
+    far and ``d_vcm`` that of the facet, 1 / density of the sampled direction.
     """
 
     image: mi.UInt32
     open: mi.Bool
-    reflectance: mi.Float
+    chance: mi.Float
     depth: mi.Spectrum
     d_vcm: mi.Float
 
@@ -52,14 +52,21 @@ class ImageChain:
 
 
 def mirror_faces(scene: Scene) -> NDArray[np.bool_]:
-    """Return which of `FACES` are mirrors, ``(5,)``: smooth boundaries to the air."""
+    """Return which of `FACES` are mirrors, ``(5,)``: smooth boundaries to the air, and metal."""
+    boundary = scene.pad.index != 1.0
     return np.array(
-        [finish.roughness == 0.0 and scene.pad.index != 1.0 for finish in scene.finishes]
+        [(boundary and finish.smooth) or finish.metal is not None for finish in scene.finishes]
     )
 
 
+def metal_faces(scene: Scene) -> NDArray[np.float64]:
+    """Return what the metal on `FACES` reflects, ``(5,)``; -1 where there is none."""
+    metals = [finish.metal for finish in scene.finishes]
+    return np.array([-1.0 if metal is None else metal for metal in metals])
+
+
 class MirrorImages(ABC):
-    """The mirrors of one pad: those of its faces that are smooth.
+    """The mirrors of one pad: those of its faces that are smooth or metal.
 
     An image takes of each axis one of ``sizes`` mirrors or none (0); their order along the way does
     not matter, as those of different axes are at right angles. Image 0 takes none.
@@ -67,6 +74,8 @@ class MirrorImages(ABC):
 
     sizes: tuple[int, ...]
     index: mi.Float
+    metal: mi.Float | None
+    """What the metal of each plane reflects, by its number; -1 without. None: there is no metal."""
 
     @property
     def count(self) -> int:
@@ -93,9 +102,29 @@ class MirrorImages(ABC):
     def _mirror(self, v: Vertex) -> mi.UInt32:
         """Return the image over the one mirror that ``v`` lies in, 0 if in none."""
 
-    def reflectance(self, cosine: mi.Float) -> mi.Float:
-        """Return Fresnel's reflectance inside the pad; ``cosine`` is that of incidence."""
-        return mi.fresnel(-dr.abs(cosine), self.index)[0]
+    @abstractmethod
+    def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
+        """Return the number of the plane that an image over one mirror takes."""
+
+    def reflectance(self, plane: mi.UInt32, cosine: mi.Float) -> mi.Float:
+        """Return what a plane reflects inside the pad; ``cosine`` is that of incidence."""
+        reflected = mi.fresnel(-dr.abs(cosine), self.index)[0]
+        if self.metal is None:
+            return reflected
+        metal = dr.gather(mi.Float, self.metal, plane)
+        return dr.select(metal < 0, reflected, metal)
+
+    def _met(self, mirror: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Return what an image's one mirror reflects, and the chance that a path is reflected.
+
+        It is reflected by chance where it could leave the pad, and always by metal.
+        """
+        plane = self._plane(mirror)
+        reflected = self.reflectance(plane, cosine)
+        if self.metal is None:
+            return reflected, reflected
+        metal = dr.gather(mi.Float, self.metal, plane) >= 0
+        return reflected, dr.select(metal, 1.0, reflected)
 
     def _digits(self, image: mi.UInt32) -> list[mi.UInt32]:
         """Return which mirror of each axis an image takes, 0 for none."""
@@ -136,7 +165,7 @@ class MirrorImages(ABC):
         """Return the MIS-weighted light that facet ``a`` gets from ``y`` over one image.
 
         A connection (``render.paths.connect.connect_vertices``) through boundaries that pass their
-        reflectance, for light and for the choices of camera subpaths alike. Light subpaths do not
+        reflectance, and camera subpaths by the chance of being reflected. Light subpaths do not
         sample facets of the camera, so no strategy behind ``a`` competes.
         """
         active = active & (y.weight > 0) & (a.weight > 0)
@@ -151,7 +180,8 @@ class MirrorImages(ABC):
         active = active & (probability > 0) & (dr.max(f_a) > 0) & (dr.max(f_y) > 0)
         # --------------------- Along the folded line, mirror by mirror ----------------
         here, d = a, mi.Vector3f(direction)
-        left, reflectance, depth = mi.UInt32(image), mi.Float(1.0), mi.Spectrum(0.0)
+        left, depth = mi.UInt32(image), mi.Spectrum(0.0)
+        reflectance, chance = mi.Float(1.0), mi.Float(1.0)
         going = mi.Bool(active)
         while going:
             b, further, hit = trace_to_surface(scene, here, d, going)
@@ -159,7 +189,9 @@ class MirrorImages(ABC):
             rest = self._without(left, mirror)
             meets = going & hit & (mirror > 0) & (rest < self.count)
             active = active & (~going | meets)
-            reflectance *= dr.select(meets, self.reflectance(dr.dot(b.n, d)), 1.0)
+            reflected, chosen = self._met(mirror, dr.dot(b.n, d))
+            reflectance *= dr.select(meets, reflected, 1.0)
+            chance *= dr.select(meets, chosen, 1.0)
             depth += dr.select(meets, further, 0.0)
             d = dr.select(meets, self.folded(mirror, d), d)
             left = dr.select(meets, rest, left)
@@ -169,7 +201,7 @@ class MirrorImages(ABC):
         transmittance = dr.exp(-depth - last_depth)
         # --------------------- Balance heuristic --------------------------------------
         arrival_y = arrival_density(y, transmittance, active)
-        camera_y = p_a * reflectance * area_factor(y, w) * arrival_y / squared
+        camera_y = p_a * chance * area_factor(y, w) * arrival_y / squared
         r_y = dr.select(y.terminal, 0.0, r_y)
         strategies = probability + camera_y * (y.d_vcm + y.d_vc * r_y)
         value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / squared
@@ -191,14 +223,13 @@ class MirrorImages(ABC):
             probability = self.probability(chain.image, facet, v)
         squared = dr.squared_norm(self.point(chain.image, v.p) - facet.p)
         through = dr.mean(dr.exp(-chain.depth - state.depth))
-        density = area_factor(v, state.d) * chain.reflectance * through
+        density = area_factor(v, state.d) * chain.chance * through
         d_vcm = chain.d_vcm * probability * squared / density
         d_vcm = dr.select(useful, d_vcm, 0.0)
         mirror = self._mirror(v)
         fits = chain.open & (mirror > 0) & ~self._taken(chain.image, mirror)
+        chance = chain.chance * self._met(mirror, dr.dot(v.n, state.d))[1]
         following = ImageChain(
-            chain.image + mirror, fits,
-            chain.reflectance * self.reflectance(dr.dot(v.n, state.d)),
-            chain.depth + state.depth, chain.d_vcm,
-        )  # fmt: skip
+            chain.image + mirror, fits, chance, chain.depth + state.depth, chain.d_vcm
+        )
         return following, d_vcm

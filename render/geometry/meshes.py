@@ -209,6 +209,11 @@ def mesh_part(mesh: trimesh.Trimesh, chosen: np.ndarray) -> trimesh.Trimesh:
     return _mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)[chosen])
 
 
+def turned_inside_out(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the mesh with its normals to the other side."""
+    return _mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)[:, ::-1])
+
+
 def imprinted_coating(scene: Scene, bend: float, imprint: Imprint) -> trimesh.Trimesh:
     """Return the coating with a body pressed in, as a fine grid; normals point into the pad.
 

@@ -15,16 +15,27 @@ import mitsuba as mi
 import numpy as np
 import trimesh
 
-from render.geometry.meshes import PadMeshes, mesh_part, pad_meshes
+from render.geometry.meshes import PadMeshes, mesh_part, pad_meshes, turned_inside_out
 from render.scene import Finish, Scene
 
 
+def gray(value: float) -> dict[str, Any]:
+    """Return a reflectance that is the same in all channels."""
+    return {"type": "rgb" if "rgb" in str(mi.variant()) else "uniform", "value": value}
+
+
 def outer_face(finish: Finish, index: float) -> dict[str, Any]:
-    """Return the BSDF of a face between silicone of refractive ``index`` and air.
+    """Return the BSDF of a face between silicone of refractive ``index`` and air, or its paint.
 
     Beckmann with separable Smith shadowing, as in Mitsuba; roughness 0 is a smooth dielectric and
-    index 1 no boundary at all.
+    index 1 no boundary at all. Paint and metal are seen by the side that normals point to.
     """
+    if finish.paint is not None:
+        reflectance = gray(finish.paint.reflectance)
+        if finish.paint.mirror:
+            # A perfect mirror, which sends back this part of the light.
+            return {"type": "conductor", "material": "none", "specular_reflectance": reflectance}
+        return {"type": "diffuse", "reflectance": reflectance}
     if index == 1.0:
         return {"type": "null"}
     if finish.roughness == 0.0:
@@ -60,19 +71,15 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
     if medium:
         content["diffuser"] = {**medium, "id": "diffuser"}
     inside = {"interior": {"type": "ref", "id": "diffuser"}} if medium else {}
-    coating = {
-        "type": "diffuse",
-        "reflectance": {"type": "rgb", "value": scene.coating.albedo}
-        if "rgb" in str(mi.variant())
-        else {"type": "uniform", "value": scene.coating.albedo},
-    }
+    coating = {"type": "diffuse", "reflectance": gray(scene.coating.albedo)}
     content["coating"] = _shape(meshes.coating, folder / "coating.ply", coating)
     for name, finish, mesh in _outer_parts(scene, "outer_clear", meshes):
         path = folder / f"{name}.ply"
         content[name] = _shape(mesh, path, outer_face(finish, scene.pad.index))
     for name, finish, mesh in _outer_parts(scene, "outer_diffuser", meshes):
         path = folder / f"{name}.ply"
-        content[name] = {**_shape(mesh, path, outer_face(finish, scene.pad.index)), **inside}
+        behind = {"exterior": inside["interior"]} if inside and finish.paint else inside
+        content[name] = {**_shape(mesh, path, outer_face(finish, scene.pad.index)), **behind}
     if meshes.interface is not None and medium:
         path = folder / "interface.ply"
         content["interface"] = {**_shape(meshes.interface, path, {"type": "null"}), **inside}
@@ -82,7 +89,10 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
 def _outer_parts(
     scene: Scene, name: str, meshes: PadMeshes
 ) -> Iterator[tuple[str, Finish, trimesh.Trimesh]]:
-    """Yield the faces to the air of clear pad or diffuser: those alike together, with a name."""
+    """Yield the faces to the air of clear pad or diffuser: those alike together, with a name.
+
+    Normals of painted ones point into the silicone, as the coating's do.
+    """
     clear = name == "outer_clear"
     mesh = meshes.outer_clear if clear else meshes.outer_diffuser
     if mesh is None:
@@ -94,6 +104,8 @@ def _outer_parts(
     of_triangle = kind[meshes.clear_side if clear else meshes.diffuser_side]
     for number in np.unique(of_triangle):
         part = mesh if len(kinds) == 1 else mesh_part(mesh, of_triangle == number)
+        if kinds[number].paint is not None:
+            part = turned_inside_out(part)
         yield name if number == 0 else f"{name}_{number}", kinds[number], part
 
 

@@ -2,7 +2,8 @@
 
 A lamp in the air shines into the pad through every face that it lies before: the shader refracts
 its light there (Snell's law at the plane of the face) and asks whether it enters within the face.
-Clear walls send light back: each image of the pad that its light reaches is one more light.
+Clear and metal walls send light back: each image of the pad that its light reaches is one more
+light. Painted faces let none in.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses
-from render.preview.light_paths import Turns, single_turns
+from render.preview.light_paths import Turns, reaches, single_turns
 from render.scene import FACES, OUTWARD, Profile, Scene
 
 BEAM_MARK, TURN_MARKS, NO_TURNS = 8, (16, 256), 8
@@ -107,13 +108,14 @@ def _lights_of(scene: Scene, poses: FiberPoses, lamp: int) -> list[list[float]]:
         mark = face + BEAM_MARK + np.dot(np.add(turns, NO_TURNS), TURN_MARKS)
         return [*image, float(mark), share]
 
+    clear = np.array([finish.paint is None for finish in scene.finishes])
     for point, share in zip(*end_points(poses, lamp), strict=True):
         lights += [
             seen(point, int(face), (0, 0), share)
-            for face in np.flatnonzero(box.distance(point) > 0.0)
+            for face in np.flatnonzero((box.distance(point) > 0.0) & clear)
         ]
     center = poses.position[lamp]
-    for face in np.flatnonzero(box.distance(center) > 0.0):
+    for face in np.flatnonzero((box.distance(center) > 0.0) & clear):
         lights += [seen(center, int(face), turns, 1.0) for turns in beam_turns(scene, int(face))]
     return lights
 
@@ -140,7 +142,7 @@ def beam_turns(scene: Scene, face: int) -> list[Turns]:
             turns = list(across)
             if axis < 2:
                 turns.insert(axis, along * int(-OUTWARD[face][axis]))
-            if any(turns):
+            if any(turns) and reaches(scene, (turns[0], turns[1])):
                 found.append((turns[0], turns[1]))
     return found
 

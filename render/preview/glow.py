@@ -47,8 +47,9 @@ class Glow:
         half_length = np.array([_half_length(scene, number) for number in RIM])[edge]
         # At the tip's corners the layer goes on, and its walls send light back. At the base it
         # ends: about half of what comes back there scattered back in the endless layer as well.
-        walls = _wall_reflectance(scene)
-        low = np.where(edge == EDGES.index("tip"), walls, 0.5 * walls)
+        walls, base = _wall_reflectance(scene), scene.finish("base").paint
+        at_base = walls if base is None else base.reflectance
+        low = np.where(edge == EDGES.index("tip"), walls, 0.5 * at_base)
         returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
         self._inside, self._folded = _ends(offsets, center, half_length, returned)
         ends = half_length[:, None]

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
-from render.scene import Scene
+from render.geometry import fresnel
+from render.scene import EDGES, Scene
 
 
 class LightPath(NamedTuple):
@@ -35,17 +36,17 @@ class LightPath(NamedTuple):
 WALL_DISTANCE = 2.0
 """Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
 FAR_IMAGES, MOST_IMAGES = 6.0, 3
-"""Images of a clear pad that lie nearer than this many thicknesses count, in a row so many."""
+"""Images of a bare pad that lie nearer than this many thicknesses count, in a row so many."""
 MIN_CURVATURE = 1e-9
 """1/mm; a flatter pad is drawn with this curvature, which lifts its ends by 1e-7 mm."""
-
+LEFT, TIP, RIGHT, BASE = range(len(EDGES))
 
 Turns = tuple[int, int]
-"""Reflections at clear edges along x and y, towards +x and +y where positive."""
+"""Reflections at edges along x and y, towards +x and +y where positive."""
 
 
 class WallImage(NamedTuple):
-    """The pad as it is seen after reflections at its clear edges: method of images in a box.
+    """The pad as it is seen after reflections at its edges: method of images in a box.
 
     Light to it goes ``turns`` times through edges of the unfolded pad. ``low`` and ``size``
     ``(2,)`` are those of the pad, mm. Edges go through the bend axis or are at right angles to
@@ -78,6 +79,43 @@ class WallImage(NamedTuple):
         return np.asarray((position - center) * self.flip + center + step)
 
 
+def walls_met(turns: Turns) -> dict[int, int]:
+    """Return how often light of an image meets each edge (number in `FACES`), facing ones in turn.
+
+    >>> walls_met((3, -1)) == {RIGHT: 2, LEFT: 1, BASE: 1}
+    True
+    """
+    met: dict[int, int] = {}
+    for turn, (near, far) in zip(turns, ((RIGHT, LEFT), (TIP, BASE)), strict=True):
+        first, second = (near, far) if turn > 0 else (far, near)
+        met |= {first: (abs(turn) + 1) // 2, second: abs(turn) // 2}
+    return {face: count for face, count in met.items() if count}
+
+
+def reaches(scene: Scene, turns: Turns) -> bool:
+    """Return whether light comes back from all edges of an image as from mirrors."""
+    paints = [scene.finishes[face].paint for face in walls_met(turns)]
+    return all(paint is None or paint.mirror for paint in paints)
+
+
+def walls_reflect(scene: Scene, turns: Turns, direction: Array) -> Array:
+    """Return what is left of light along ``direction`` ``(..., 3)`` after all edges of an image."""
+    left = np.ones(direction.shape[:-1])
+    for face, count in walls_met(turns).items():
+        paint = scene.finishes[face].paint
+        left *= (
+            face_reflects(scene, np.abs(direction[..., 0 if face in (LEFT, RIGHT) else 1]))
+            if paint is None
+            else paint.reflectance
+        ) ** count
+    return left
+
+
+def face_reflects(scene: Scene, cosine: Array) -> Array:
+    """Return the reflectance of a smooth face between silicone and air from inside."""
+    return np.asarray(fresnel(cosine, 1 / scene.pad.index)[0])
+
+
 def wall_image(scene: Scene, turns: Turns) -> WallImage:
     """Return the image of the silicone after ``turns`` reflections along x and y."""
     low, size = scene.box.low, scene.box.high - scene.box.low
@@ -85,14 +123,16 @@ def wall_image(scene: Scene, turns: Turns) -> WallImage:
 
 
 def single_turns(scene: Scene) -> list[Turns] | None:
-    """Return the images in single clear edges; None: a pad that has images of images as well.
+    """Return the images in single edges; None: a pad that has images of images as well.
 
-    The base alone reflects where the other edges have a diffuser. A clear pad that never bends is
-    the box that images of images are exact in; one that bends has those of each edge.
+    White and black edges have none. The base alone reflects where the other edges have a diffuser.
+    A clear pad that never bends is the box that images of images are exact in; one that bends has
+    those of each edge.
     """
-    if scene.diffuser is not None:
-        return [(0, -1)]
-    return [(0, -1), (-1, 0), (0, 1), (1, 0)] if any(scene.bending.angles) else None
+    edges = [(0, -1)] if scene.diffuser is not None else [(0, -1), (-1, 0), (0, 1), (1, 0)]
+    if scene.diffuser is None and not any(scene.bending.angles):
+        return None
+    return [turns for turns in edges if reaches(scene, turns)]
 
 
 def wall_images(scene: Scene) -> list[WallImage]:
@@ -105,7 +145,7 @@ def wall_images(scene: Scene) -> list[WallImage]:
         min(MOST_IMAGES, 1 + int(far / size)) for size in (scene.pad.width, scene.pad.length)
     )
     grid = itertools.product(range(-across, across + 1), range(-along, along + 1))
-    return [wall_image(scene, turns) for turns in grid if turns != (0, 0)]
+    return [wall_image(scene, turns) for turns in grid if turns != (0, 0) and reaches(scene, turns)]
 
 
 def near_wall(scene: Scene) -> float:

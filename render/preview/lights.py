@@ -15,7 +15,7 @@ from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS, SlabResponse
 from render.preview.glow import Glow
-from render.preview.light_paths import near_wall, wall_image
+from render.preview.light_paths import near_wall, reaches, wall_image
 from render.scene import EDGES, Scene
 
 IMAGE_MARK, END_MARK = 128, -1
@@ -75,13 +75,15 @@ def point_lights(scene: Scene, cache: Path | None = None) -> PointLights:
 def with_images(scene: Scene, position: Array) -> Array:
     """Return lists of lights ``(list, light, 4)`` followed by their images in the pad's base.
 
-    Only glows near the base have an image that counts (beams have their own). Its mark is the
+    Only glows near the base have an image that counts (beams have their own), and none where the
+    base is painted black or white. Its mark is the
     light's own plus `IMAGE_MARK` times the light's number from 1. Lists end with the mark -1,
     padded to the longest.
     """
     beam = position[..., 3].astype(int) & BEAM_MARK
     base = wall_image(scene, (0, -1))
     near = (base.distance(position[..., :3]) < near_wall(scene)) & (beam == 0)
+    near &= reaches(scene, base.turns)
     longest = int(near.sum(axis=1).max())
     images = np.zeros((len(position), longest + 1, 4))
     images[..., 3] = END_MARK

@@ -21,7 +21,7 @@ from render.preview.light_paths import MIN_CURVATURE
 from render.preview.lights import PointLights, with_images
 from render.preview.shader import ShaderPass, float_texture, source
 from render.preview.shading_points import ShadingPoints
-from render.scene import Scene
+from render.scene import EDGES, Scene
 
 MAX_TARGET_SIDE = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""
@@ -151,6 +151,8 @@ class ShaderPasses:
             defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
             if bend > 0:
                 defines["BENT"] = "1"
+            if any(finish.metal is not None for finish in self._scene.finishes):
+                defines["METAL"] = "1"
             if fragment == "picture.frag" and self._scene.camera.fisheye:
                 defines["FISHEYE"] = "1"
             if indented:
@@ -176,6 +178,10 @@ class ShaderPasses:
             "box_low": tuple(self._scene.box.low),
             "box_high": tuple(self._scene.box.high),
             "clear_half": (pad.width / 2, pad.length / 2),
+            "metal": [
+                -1.0 if metal is None else metal
+                for metal in (self._scene.finish(edge).metal for edge in EDGES)
+            ],
             "profile_rows": 1.0 if self._lights.profiles is None else len(self._lights.profiles),
         }
 

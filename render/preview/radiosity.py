@@ -1,8 +1,9 @@
 """Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
 
-The coating and the diffuser's inner faces reflect diffusely; patches see each other straight and
-by way of the lower face, which reflects totally beyond the critical angle. With irradiance ``E0``
-straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
+The coating, the diffuser's inner faces and white walls reflect diffusely; patches see each other
+straight and by way of the lower face, which reflects totally beyond the critical angle. With
+irradiance ``E0`` straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once
+per bend.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from typing import Any
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import curvature, fresnel
+from render.geometry import curvature
 from render.preview.light_paths import (
     LightPath,
     Turns,
     direct_path,
+    face_reflects,
     mirrored_path,
     near_wall,
     wall_images,
+    walls_reflect,
 )
 from render.preview.shading_points import ShadingPoints
 from render.scene import Scene
@@ -70,8 +73,9 @@ def solve_radiosity(
             for first in range(0, len(points.position), TARGETS)
         ]
     )
-    albedo = np.full(kernel.shape[1], edge_albedo)
-    albedo[: points.columns * points.rows] = scene.coating.albedo
+    white = [finish.paint.reflectance if finish.paint else edge_albedo for finish in scene.finishes]
+    on_coating = np.full(points.columns * points.rows, scene.coating.albedo)
+    albedo = np.concatenate([on_coating, np.array(white)[points.edge]])
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo
     # E = E0 + between E, and targets gather from the final irradiance.
@@ -101,7 +105,7 @@ def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> 
                 seen_in.append((near, wall.image(source[:, near]), flipped, wall.turns))
         for seen, place, turned, turns in seen_in:
             mirrored = mirrored_path(place, target, thickness, kappa)
-            part[:, seen] += _reflected(scene, mirrored.cosine) * _coupling(
+            part[:, seen] += face_reflects(scene, mirrored.cosine) * _coupling(
                 scene, mirrored, turned, facing, turns
             )
             direct = direct_path(place, target[sees], thickness, kappa)
@@ -110,11 +114,6 @@ def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> 
             part[:, seen] += straight
         parts.append((part * area).mean(axis=2))
     return np.concatenate(parts, axis=1)
-
-
-def _reflected(scene: Scene, cosine: Array) -> Array:
-    """Return the reflectance of a face between silicone and air from inside."""
-    return np.asarray(fresnel(cosine, 1 / scene.pad.index)[0])
 
 
 def _spots(points: ShadingPoints, chosen: slice) -> tuple[Array, Array, Array]:
@@ -138,7 +137,4 @@ def _coupling(scene: Scene, path: LightPath, normal: Array, facing: Array, turns
     leaves = np.maximum(np.sum(path.depart * normal, axis=-1), 0.0)
     lands = np.maximum(np.sum(path.arrive * facing, axis=-1), 0.0)
     result = leaves * lands * path.spread / np.pi
-    for axis, turn in enumerate(turns):
-        if turn:
-            result = result * _reflected(scene, np.abs(path.depart[..., axis])) ** abs(turn)
-    return np.asarray(result)
+    return np.asarray(result * walls_reflect(scene, turns, path.depart))

@@ -8,16 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import Imprint, pyramids
-from render.scene import Scene
+from render.scene import EDGES, OUTWARD, RIM_EDGES, Scene
 
 MAX_PATCH_SIDE, MIN_PATCH_FRACTION = 0.625, 1 / 16
 """Longest side of a patch in thicknesses of the pad, unless that is less than this part of its
 longest side."""
 EDGE_PATCH_ROWS = 3
-"""Patches of the lit edges from the lower face to the coating."""
+"""Patches of edges from the lower face to the coating."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class ShadingPoints:
         size: ``(point, 2)`` mm, extent of a patch along its edge (or x) and upwards (or y); 0 for
             facets and sites.
         sites, facets: their numbers; ``columns`` and ``rows`` of the coating patches.
-        edges: number of edge patches.
+        edge: ``(edge patch,)`` number in `EDGES` of the edge that each lies on.
     """
 
     position: Array
@@ -39,7 +40,7 @@ class ShadingPoints:
     facets: int
     columns: int
     rows: int
-    edges: int
+    edge: NDArray[np.int64]
 
     @property
     def first_patch(self) -> int:
@@ -55,9 +56,7 @@ class ShadingPoints:
 def shading_points(scene: Scene, imprint: Imprint | None = None) -> ShadingPoints:
     """Return the points of a scene that ``imprint`` (default: the pyramids) presses.
 
-    The lit edges are those with a diffuser that sends light back.
-
-    Without a diffuser light leaves through the clear edges, which then have no patches.
+    Edges have patches where a diffuser or white paint sends light back to all sides.
     """
     pad, imprint = scene.pad, imprint or pyramids(scene)
     sites = imprint.center
@@ -71,7 +70,7 @@ def shading_points(scene: Scene, imprint: Imprint | None = None) -> ShadingPoint
     down = np.array([0.0, 0.0, -1.0])
     coating = np.stack([grid_x, grid_y, np.full(grid_x.shape, pad.thickness)], axis=-1)
     coating_size = np.tile([pad.width / columns, pad.length / rows], (len(coating), 1))
-    edge_position, edge_normal, edge_size = _edge_patches(scene, x, y)
+    edge_position, edge_normal, edge_size, edge = _edge_patches(scene, x, y)
     position = [facet_position.reshape(-1, 3), sites, coating, edge_position]
     normal = [
         facet_normal.reshape(-1, 3),
@@ -87,25 +86,38 @@ def shading_points(scene: Scene, imprint: Imprint | None = None) -> ShadingPoint
         len(imprint.normal),
         columns,
         rows,
-        len(edge_position),
+        edge,
     )
 
 
-def _edge_patches(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Return position, normal and size of the patches on the diffuser's inner faces."""
-    if scene.diffuser is None:
-        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2))
+def _edge_patches(
+    scene: Scene, x: Array, y: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Return position, normal, size and edge of the patches on white and on milky edges."""
     pad = scene.pad
     z = pad.thickness * (np.arange(EDGE_PATCH_ROWS) + 0.5) / EDGE_PATCH_ROWS
-    position, normal, size = [], [], []
-    for along, step, place, inward in (
-        (y, pad.length / len(y), (-pad.width / 2, None), (1.0, 0.0, 0.0)),
-        (x, pad.width / len(x), (None, pad.length / 2), (0.0, -1.0, 0.0)),
-        (y, pad.length / len(y), (pad.width / 2, None), (-1.0, 0.0, 0.0)),
-    ):
+    position, normal, size, edge = (
+        [np.zeros((0, 3))],
+        [np.zeros((0, 3))],
+        [np.zeros((0, 2))],
+        [np.zeros(0, dtype=np.int64)],
+    )
+    for number, name in enumerate(EDGES):
+        if not (scene.diffuser and name in RIM_EDGES) and not scene.finish(name).white:
+            continue
+        outward = OUTWARD[number]
+        along, length = (x, pad.width) if outward[1] else (y, pad.length)
         grid_z, grid = (part.ravel() for part in np.meshgrid(z, along, indexing="ij"))
-        across, up = (grid if fixed is None else np.full_like(grid, fixed) for fixed in place)
+        fixed = np.full_like(grid, outward[:2] @ [pad.width, pad.length] / 2)
+        across, up = (grid, fixed) if outward[1] else (fixed, grid)
         position.append(np.stack([across, up, grid_z], axis=-1))
-        normal.append(np.tile(inward, (len(grid), 1)))
-        size.append(np.tile([step, pad.thickness / EDGE_PATCH_ROWS], (len(grid), 1)))
-    return np.concatenate(position), np.concatenate(normal), np.concatenate(size)
+        normal.append(np.tile(-outward, (len(grid), 1)))
+        patch = [length / len(along), pad.thickness / EDGE_PATCH_ROWS]
+        size.append(np.tile(patch, (len(grid), 1)))
+        edge.append(np.full(len(grid), number))
+    return (
+        np.concatenate(position),
+        np.concatenate(normal),
+        np.concatenate(size),
+        np.concatenate(edge),
+    )

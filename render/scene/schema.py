@@ -12,7 +12,6 @@ import json
 import math
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -32,7 +31,13 @@ from render.scene.colors import (
     palette_of,
 )
 from render.scene.constraints import Constraints
-from render.scene.faces import Finish, NamedFaces, face_problems, finishes
+from render.scene.faces import (
+    Finish,
+    NamedFaces,
+    face_problems,
+    finishes,
+    painted_lamp_problems,
+)
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamps import (
     EDGES,
@@ -226,7 +231,7 @@ class Scene(Part):
             if self.constraints and any(one.color == OFF for one in self.constraints.fixed):
                 problems.append(f"constraints.fixed: color = {OFF} needs schema = 2")
         problems += self.camera.problems()
-        problems += face_problems(self.faces or ())
+        problems += face_problems(self.faces or (), self.diffuser is not None)
         problems += self._lamp_problems()
         angles = self.bending.angles
         if any(b <= a for a, b in itertools.pairwise(angles)):
@@ -295,6 +300,7 @@ class Scene(Part):
         if not alone:
             placed = [lamp for lamp in self.placed_lamps() if fibers is None or lamp.edge is None]
             yield from placement_problems(tuple(placed), self.box)
+            yield from painted_lamp_problems(self.placed_lamps(), self.finishes, fibers is not None)
         edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
         yield from self.baseline.problems(edges, len(listed), fibers is not None)
 
@@ -402,7 +408,7 @@ class Scene(Part):
         # However the file groups them, and only those that are not like the rest of the pad.
         plain = Finish(self.pad.roughness)
         content["faces"] = {
-            face: asdict(finish)
+            face: finish.content
             for face, finish in zip(FACES, self.finishes, strict=True)
             if finish != plain
         }

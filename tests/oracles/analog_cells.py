@@ -18,15 +18,26 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.geometry import camera_origin, facet_masks, pixel_directions
 from render.scene import Scene
-from tests.oracles.analog_tracer import Floats, Lamp, Pad, trace_photons, trace_views
+from tests.oracles.analog_tracer import (
+    LAMBERTIAN,
+    MIRROR,
+    OPEN,
+    Floats,
+    Lamp,
+    Pad,
+    trace_photons,
+    trace_views,
+)
 
 PITCH = 0.1
 """Of the grid of bins on the flat coating, mm, at most."""
 SUBDIVISIONS = 4
 OVERSAMPLING = 16
+SIDES = ("left", "right", "base", "tip", "lower")
 FILM = 0.01
 """mm of air between a face and a lamp that touches it."""
 
@@ -69,6 +80,8 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         half_length=half_length,
         index=pad.index,
         alpha=face_roughness(scene),
+        paint=face_paint(scene)[0],
+        reflectance=face_paint(scene)[1],
         sigma_s=layer.sigma_s if layer else 0.0,
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,
@@ -89,8 +102,20 @@ def face_roughness(scene: Scene) -> Floats:
     alpha = np.full(6, scene.pad.roughness)
     for entry in scene.faces or ():
         for face in entry.on:
-            alpha[("left", "right", "base", "tip", "lower").index(face)] = entry.roughness
+            if entry.roughness is not None:
+                alpha[SIDES.index(face)] = entry.roughness
     return alpha
+
+
+def face_paint(scene: Scene) -> tuple[NDArray[np.int64], Floats]:
+    """Return what lies on the six faces and what it sends back, as the scene's entries say."""
+    paint, reflectance = np.full(6, OPEN), np.zeros(6)
+    for entry in scene.faces or ():
+        for face in entry.on:
+            if entry.roughness is None:
+                paint[SIDES.index(face)] = LAMBERTIAN if entry.mirror is None else MIRROR
+                reflectance[SIDES.index(face)] = entry.mirror or entry.white or 0.0
+    return paint, reflectance
 
 
 def site_centers(scene: Scene) -> Floats:

@@ -11,6 +11,9 @@ A rough face is that of Walter et al. 2007, "Microfacet models for refraction th
 surfaces": Beckmann's distribution, of which normals are drawn with density ``D(m) |m.n|``, and
 separable Smith shadowing in their rational form (eq. 27), as in Mitsuba's ``roughdielectric``.
 
+A painted face touches its paint or metal without air between: photons survive by its reflectance,
+about its normal by Lambert's law or as from a mirror. From outside it takes all.
+
 Flat frame of a scene, mm: x across, y from base to tip, z from the camera-side face (0) to the
 coating. Everything is float64.
 """
@@ -31,10 +34,14 @@ MAX_EVENTS = 1_000_000
 AHEAD = 1e-9
 """Shortest way (mm) to a plane that is not the one a ray starts on."""
 
-LEFT, RIGHT, BASE, TIP, LOWER, UPPER, OUTSIDE, MEDIUM, COATING, BACK, MICROFACETS = range(11)
+(
+    LEFT, RIGHT, BASE, TIP, LOWER, UPPER, OUTSIDE, MEDIUM, COATING, BACK, MICROFACETS, PAINTED,
+) = range(12)  # fmt: skip
 """Where power ends: through a face of the box, never inside, absorbed in the rim, in the coating
-or on its back, masked and shadowed."""
-ENDS = 11
+or on its back, masked and shadowed, absorbed by painted faces."""
+ENDS = 12
+OPEN, LAMBERTIAN, MIRROR = range(3)
+"""What lies on a face of the box: air, paint or metal."""
 
 
 class Pad(NamedTuple):
@@ -46,6 +53,7 @@ class Pad(NamedTuple):
         index: of the silicone; 1 is no face at all.
         alpha: ``(6,)`` Beckmann roughness of the faces to the air, in the order of where power
             ends (left, right, base, tip, lower, upper); 0 is smooth.
+        paint, reflectance: ``(6,)`` what lies on the faces, and what that sends back.
         sigma_s, sigma_a, g: of the rim, Henyey-Greenstein.
         albedo: of the coating.
         apex: ``(site, 3)`` deepest points of the pyramids; none for an untouched pad.
@@ -62,6 +70,8 @@ class Pad(NamedTuple):
     half_length: float
     index: float
     alpha: Floats
+    paint: NDArray[np.int64]
+    reflectance: Floats
     sigma_s: float
     sigma_a: float
     g: float
@@ -212,6 +222,22 @@ def lambertian(state: NDArray[np.uint64], d: Floats, normal: Floats) -> None:
 
 
 @compiled
+def meet_paint(
+    state: NDArray[np.uint64], d: Floats, normal: Floats, paint: int, reflectance: float
+) -> bool:
+    """Turn ``d`` at painted silicone, ``normal`` into it; return whether the light goes on."""
+    if uniform(state) >= reflectance:
+        return False
+    if paint == MIRROR:
+        onto = 2.0 * (d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2])
+        for k in range(3):
+            d[k] -= onto * normal[k]
+    else:
+        lambertian(state, d, normal)
+    return True
+
+
+@compiled
 def emit(state: NDArray[np.uint64], lamp: Lamp, p: Floats, d: Floats) -> None:
     """Set ``p`` and ``d`` to a ray of the lamp, in proportion to its power."""
     mass = -math.expm1(-((math.pi / (4.0 * lamp.sigma_v)) ** 2))
@@ -292,9 +318,12 @@ def enter_pad(state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, ends: F
     if axis == 2 and d[2] < 0.0 and abs(p[0]) < pad.half_width and p[1] < pad.half_length:
         ends[BACK] += 1.0
         return 0.0
+    face = 2 * axis + (0 if d[axis] > 0.0 else 1)
+    if pad.paint[face] != OPEN:
+        ends[PAINTED] += 1.0
+        return 0.0
     if pad.index == 1.0:
         return 1.0
-    face = 2 * axis + (0 if d[axis] > 0.0 else 1)
     weight, through = meet_face(state, d, axis, pad.alpha[face], pad.index)
     ends[MICROFACETS] += 1.0 - weight
     if not through:
@@ -356,6 +385,13 @@ def arrive(
         ):  # fmt: skip
             return weight, -1, -1
         face = 2 * axis + (1 if d[axis] > 0.0 else 0)
+        if pad.paint[face] != OPEN:
+            inwards = np.zeros(3)
+            inwards[axis] = -1.0 if d[axis] > 0.0 else 1.0
+            if not meet_paint(state, d, inwards, pad.paint[face], pad.reflectance[face]):
+                ends[PAINTED] += weight
+                return 0.0, -1, -1
+            continue
         if pad.index == 1.0:
             ends[face] += weight
             return 0.0, -1, -1

@@ -15,7 +15,7 @@ from scipy import sparse
 from render.geometry import camera_origin, fiber_poses
 from render.geometry.meshes import pad_meshes
 from render.scene import Scene
-from tests.oracles.analog_cells import AnalogCells, face_roughness, target_rays
+from tests.oracles.analog_cells import AnalogCells, face_paint, face_roughness, target_rays
 from tests.oracles.analog_tracer import BASE, LEFT, LOWER, RIGHT, TIP, UPPER, Floats, Lamp
 from tests.oracles.mesh_tracer import (
     COATED,
@@ -60,6 +60,8 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
     ).astype(np.int64)
     bins = splits.prod(axis=1)
     low, cell, shape, start, member = _sorted(corner)
+    side = _faces_of(scene, bend, corner.mean(axis=1), normal)
+    paint, reflectance = face_paint(scene)
     return MeshPad(
         corner=np.ascontiguousarray(corner[:, 0]),
         first=np.ascontiguousarray(edges[:, 0]),
@@ -72,7 +74,9 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
         start=start,
         member=member,
         index=scene.pad.index,
-        alpha=face_roughness(scene)[_faces_of(scene, bend, corner.mean(axis=1), normal)],
+        alpha=face_roughness(scene)[side],
+        paint=paint[side],
+        reflectance=reflectance[side],
         sigma_s=layer.sigma_s if layer else 0.0,
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,

@@ -21,7 +21,9 @@ from tests.oracles.analog_tracer import (
     MAX_EVENTS,
     MEDIUM,
     MICROFACETS,
+    OPEN,
     OUTSIDE,
+    PAINTED,
     Floats,
     Lamp,
     compiled,
@@ -29,6 +31,7 @@ from tests.oracles.analog_tracer import (
     henyey_greenstein,
     lambertian,
     meet_face,
+    meet_paint,
     uniform,
 )
 
@@ -52,6 +55,7 @@ class MeshPad(NamedTuple):
         start, member: faces of cell ``c`` are ``member[start[c]:start[c + 1]]``.
         index: of the silicone.
         alpha: ``(face,)`` Beckmann roughness of faces to the air.
+        paint, reflectance: ``(face,)`` what lies on such faces, and what that sends back.
         sigma_s, sigma_a, g: of the rim, Henyey-Greenstein.
         albedo: of the coating.
         splits: ``(face, 2)`` tally bins along the two edges.
@@ -70,6 +74,8 @@ class MeshPad(NamedTuple):
     member: Integers
     index: float
     alpha: Floats
+    paint: Integers
+    reflectance: Floats
     sigma_s: float
     sigma_a: float
     g: float
@@ -215,6 +221,11 @@ def follow(
             place = CLEAR if along > 0.0 else RIM
             continue
         inside = CLEAR if kind == OUTER_CLEAR else RIM
+        if pad.paint[face] != OPEN:
+            if along < 0.0 or not meet_paint(state, d, -n, pad.paint[face], pad.reflectance[face]):
+                ends[PAINTED] += weight
+                return 0.0, -1, 0
+            continue
         through, left = True, 1.0
         if pad.index > 1.0:
             eta = pad.index if along < 0.0 else 1.0 / pad.index

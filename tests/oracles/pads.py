@@ -44,6 +44,11 @@ def rough(alpha: float, *faces: str) -> dict[str, Any]:
     return {"on": list(faces), "roughness": (alpha,)}
 
 
+def painted(kind: str, *faces: str, reflectance: float = 0.0) -> dict[str, Any]:
+    """Return the entry of faces that are ``black``, ``white`` or a ``mirror``."""
+    return {"on": list(faces), kind: True if kind == "black" else (reflectance,)}
+
+
 def listed(x: float, y: float, z: float, *beam: float) -> dict[str, Any]:
     """Return a lamp 1.5 mm wide; a fourth number of its ``beam`` is the power of its cosine."""
     profile = {"cosine_exponent": (beam[3],)} if len(beam) > 3 else LAMBERTIAN
@@ -130,6 +135,42 @@ CASES: dict[str, dict[str, Any]] = {
         "diffuser": RIM, "pad.roughness": (0.1,), "faces": [rough(0.0, "lower")],
     },
     "rim over rough lower": {"diffuser": RIM, "faces": [rough(0.1, "lower")]},
+    "black walls": {"faces": [painted("black", "right", "base")]},
+    "white walls": {"faces": [painted("white", "right", "base", reflectance=0.8)]},
+    "white walls rough 0.1": {
+        "faces": [painted("white", "right", "base", reflectance=0.8)], "pad.roughness": (0.1,),
+    },
+    "mirror walls": {"faces": [painted("mirror", "right", "base", reflectance=0.9)]},
+    "mirror walls rough 0.1": {
+        "faces": [painted("mirror", "right", "base", reflectance=0.9)], "pad.roughness": (0.1,),
+    },
+    "mirrors all round, lit from below": {
+        "lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)],
+        "faces": [painted("mirror", "left", "tip", "right", "base", reflectance=0.95)],
+    },
+    "white, mirror and black walls": {
+        "rows": [row("left", 2)],
+        "faces": [
+            painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
+            painted("black", "base"),
+        ],
+    },
+    "white walls bent 45": {
+        "faces": [painted("white", "right", "base", reflectance=0.8)],
+        "pad.roughness": (0.1,), "bending.angles": ([45.0], DEG),
+    },
+    "mirror walls bent 45": {
+        "faces": [painted("mirror", "right", "base", reflectance=0.9)],
+        "pad.roughness": (0.1,), "bending.angles": ([45.0], DEG),
+    },
+    "mirror base beside a rim rough 0.1": {
+        "diffuser": RIM, "pad.roughness": (0.1,),
+        "faces": [painted("mirror", "base", reflectance=0.9)],
+    },
+    "white base beside a rim rough 0.1": {
+        "diffuser": RIM, "pad.roughness": (0.1,),
+        "faces": [painted("white", "base", reflectance=0.9)],
+    },
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
 

@@ -11,10 +11,15 @@ from tests.oracles.analog_cells import bin_areas
 from tests.oracles.analog_tracer import (
     BACK,
     COATING,
+    LAMBERTIAN,
     LEFT,
+    LOWER,
     MEDIUM,
     MICROFACETS,
+    MIRROR,
+    OPEN,
     OUTSIDE,
+    PAINTED,
     RIGHT,
     UPPER,
     Lamp,
@@ -40,6 +45,8 @@ def block(**changes: object) -> Pad:
         half_length=12.0,
         index=N,
         alpha=np.zeros(6),
+        paint=np.full(6, OPEN),
+        reflectance=np.zeros(6),
         sigma_s=0.0,
         sigma_a=0.0,
         g=0.0,
@@ -137,6 +144,53 @@ def test_a_beam_through_the_pad_obeys_fresnel_with_all_its_echoes(
     }
     for end, power in expected.items():
         assert ends[end] == pytest.approx(power, abs=4.5 * np.sqrt(power * (1 - power) / count))
+
+
+def painted(face: int, paint: int, reflectance: float, **changes: object) -> Pad:
+    """Return the block with paint on one face."""
+    plain = block(**changes)
+    plain.paint[face], plain.reflectance[face] = paint, reflectance
+    return plain
+
+
+def test_a_beam_before_a_metal_wall_comes_back_by_its_reflectance() -> None:
+    count, metal, r = 200_000, 0.9, reflectance(0.0)
+    _, ends = traced(painted(RIGHT, MIRROR, metal), lamp(sigma_v=0.1, radius=0.1), count)
+    # Through the face at x = -10: (1 - r) in, metal behind, 1 - r out, r back to the metal.
+    back = (1 - r) ** 2 * metal / (1 - metal * r)
+    lost = (1 - r) * (1 - metal) / (1 - metal * r)
+    for end, power in {LEFT: back, PAINTED: lost, OUTSIDE: r, RIGHT: 0.0}.items():
+        assert ends[end] == pytest.approx(power, abs=4.5 * np.sqrt(power / count) + 1e-12)
+
+
+def test_white_paint_sends_light_by_lamberts_law_and_black_none() -> None:
+    count, albedo = 1_000_000, 0.7
+    spot = {"index": 1.0, "pitch": 2.0, "columns": 10, "rows": 12}
+    source = lamp(sigma_v=0.1, radius=0.01)
+    tally, ends = traced(painted(RIGHT, LAMBERTIAN, albedo, **spot), source, count)
+    assert ends[PAINTED] == pytest.approx(1 - albedo, abs=4.5 * np.sqrt(0.3 / count))
+    # A spot at (10, 0, 2) of radiance albedo / pi per area, onto the plane z = 4.
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    power = np.zeros((12, 10))
+    for u, wu in zip(nodes, weights, strict=True):
+        for v, wv in zip(nodes, weights, strict=True):
+            x, y = np.meshgrid(2 * np.arange(10) - 9 + u, 2 * np.arange(12) - 11 + v)
+            across = 10 - x
+            power += wu * wv * albedo / np.pi * across * 2.0 / (across**2 + y**2 + 4) ** 2
+    far = power.ravel() * count > 25
+    far &= np.arange(120) % 10 < 8  # where the quadrature has converged
+    z = (tally - power.ravel())[far] / np.sqrt(power.ravel()[far] / count)
+    assert np.abs(z).max() < 4.5
+    # It stands halfway between the coating and the lower face.
+    assert tally.sum() == pytest.approx(ends[LOWER], rel=0.01)
+    tally, ends = traced(painted(RIGHT, LAMBERTIAN, 0.0, **spot), source, 1000)
+    assert ends[PAINTED] == 1.0
+    assert tally.sum() == 0.0
+
+
+def test_painted_faces_take_what_comes_from_outside() -> None:
+    _, ends = traced(painted(LEFT, MIRROR, 1.0), lamp(sigma_v=0.1), 1000)
+    assert ends[PAINTED] == 1.0
 
 
 def test_an_absorbing_rim_obeys_beer() -> None:

@@ -94,3 +94,10 @@ def test_faces_are_listed_and_only_what_no_face_is_is_left_out() -> None:
     assert values["faces.1.roughness"] == 0.05
     assert "rough refraction" not in left_out(scene)
     assert "rough refraction" in left_out(scene_of_case("smooth"))
+    painted = scene_of_case("white, mirror and black walls")
+    values = {item.key: item.value for item in describe(painted).values}
+    assert values["faces.0.white"] == 0.9
+    assert values["faces.2.black"] is True
+    assert "faces.2.white" not in values
+    assert "rough refraction" in left_out(painted)
+    assert "rough refraction" not in left_out(scene_of_case("mirror walls rough 0.1"))

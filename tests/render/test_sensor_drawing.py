@@ -118,3 +118,20 @@ def test_faces_rougher_than_others_are_dotted_lines_where_they_are() -> None:
         assert x0 == x1
         assert abs(y1 - y0) == pytest.approx(24.0, abs=2e-3)
     assert 'class="rough"' not in sensor_svg(SCENE)
+
+
+def test_painted_faces_are_lines_of_their_color_where_they_are() -> None:
+    outside, section = panels(sensor_svg(scene_of_case("white, mirror and black walls")))
+    line = {
+        e.attrib["class"]: np.array(re.findall(r"-?[\d.]+", e.attrib["d"]), dtype=float)
+        for e in outside.iter(f"{SVG}path")
+    }
+    # From corner to corner of 20 x 24 mm: along the tip, down the right, along the base.
+    (x0, y0, x1, y1), right, base = line["white"], line["mirror"], line["black"]
+    np.testing.assert_allclose([x1 - x0, y1 - y0], [20.0, 0.0], atol=2e-3)
+    np.testing.assert_allclose(right, [x1, y0 + 24.0, x1, y0], atol=2e-3)
+    np.testing.assert_allclose(base, [x0, y0 + 24.0, x1, y0 + 24.0], atol=2e-3)
+    # Seen from the side, left and right lie behind one another.
+    found = [e.attrib["class"] for e in section.iter(f"{SVG}path")]
+    assert found.count("painted") == 2
+    assert "mirror" not in found

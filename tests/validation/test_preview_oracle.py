@@ -29,7 +29,11 @@ FEW = 0.04
 lie at middle height as well, and a beam of 0.1 deg turns rounding into percents."""
 AT_BORDERS = 0.002
 """Part of the points that see a lamp just at the border of the face that it shines through."""
-PLAIN = ("diffuser", "bare", "thin diffuser", "below", "rows of their own", "base")
+PAINTED = (
+    "white, mirror and black walls", "mirrors all round, lit from below",
+    "mirror base beside a rim rough 0.1", "white base beside a rim rough 0.1",
+)  # fmt: skip
+PLAIN = (*PAINTED, "diffuser", "bare", "thin diffuser", "below", "rows of their own", "base")
 
 
 def with_parts(scene: Scene, **parts: object) -> Scene:
@@ -178,6 +182,14 @@ def unfolded(scene: Scene, target: np.ndarray, turns: tuple[int, int]):
     return target, flip
 
 
+def edge_reflects(scene: Scene, axis: int, high: bool, cosine: np.ndarray) -> np.ndarray:
+    """Return what the edge of high or low x or y reflects of light at ``cosine``."""
+    paint = scene.finish((("left", "right"), ("base", "tip"))[axis][high]).paint
+    if paint is not None:
+        return np.full_like(cosine, paint.reflectance if paint.mirror else 0.0)
+    return fresnel(np.minimum(cosine, 1.0), 1 / scene.pad.index)[0]
+
+
 def irradiance(
     scene: Scene, lights: PointLights, points: ShadingPoints, phi, bend: float
 ) -> np.ndarray:
@@ -206,13 +218,13 @@ def irradiance(
             depart, arrive, spread = way(scene, lights, np.broadcast_to(source, target.shape),
                                          target, bend)  # fmt: skip
             if in_base:
-                spread = (
-                    spread * fresnel(np.minimum(np.abs(depart[..., 1]), 1), 1 / scene.pad.index)[0]
-                )
+                spread = spread * edge_reflects(scene, 1, False, np.abs(depart[..., 1]))
                 depart = depart * [1, -1, 1]
             for axis in (0, 1):
-                steep = np.minimum(np.abs(arrive[..., axis]), 1.0)
-                spread = spread * fresnel(steep, 1 / scene.pad.index)[0] ** abs(turns[axis])
+                for count in range(abs(turns[axis])):
+                    high = (turns[axis] > 0) == (count % 2 == 0)
+                    steep = np.abs(arrive[..., axis])
+                    spread = spread * edge_reflects(scene, axis, high, steep)
             arrive = arrive * flip
             cosine = (arrive * points.normal).sum(axis=-1)
             foot = np.maximum(-arrive[..., 2], 0) * (cosine > 0)
@@ -269,7 +281,14 @@ SCENES = (
     }
     | {
         case: lambda scene, case=case: scene_of_case(case)
-        for case in ("below", "rows of their own", "base", "beside a corner")
+        for case in (
+            "below",
+            "rows of their own",
+            "base",
+            "beside a corner",
+            "mirror walls bent 45",
+        )
+        + PAINTED
     }
     | {
         f"{'bare, ' if bare else ''}{key} {value:.3g}": lambda scene, c=(bare, key, value): (

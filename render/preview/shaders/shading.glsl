@@ -23,6 +23,24 @@ vec3 to_face(vec3 direction, int face) {
     return vec3(direction.y, face == 0 ? direction.x : -direction.x, direction.z);
 }
 
+#ifdef METAL
+uniform float metal[4];  // reflectance of mirrors on left, tip, right and base; -1 without
+#endif
+
+// What is left of light that meets an edge `count` times in turn with the one that faces it.
+float edges_reflect(int edge, int count, float cosine) {
+    float once = reflectance(cosine), all = 1.0;
+    for (int k = 0; k < count; ++k) {
+#ifdef METAL
+        float own = metal[(edge + 2 * k) & 3];
+        all *= own < 0.0 ? once : own;
+#else
+        all *= once;
+#endif
+    }
+    return all;
+}
+
 #ifdef BEAM
 
 uniform float inverse_width;      // 1 / (2 sigma_v), rad^-1
@@ -205,16 +223,19 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         Path mirrored = mirrored_path(folded, target, half_turn(folded, target));
         vec2 spread = factor * vec2(direct.spread, mirrored.spread);
         if (in_base) {
-            spread *= vec2(reflectance(abs(direct.depart.y)), reflectance(abs(mirrored.depart.y)));
+            spread *= vec2(edges_reflect(3, 1, abs(direct.depart.y)),
+                           edges_reflect(3, 1, abs(mirrored.depart.y)));
             direct.depart.y = -direct.depart.y;
             mirrored.depart.y = -mirrored.depart.y;
         }
 #ifdef BEAM
         for (int axis = 0; axis < 2; ++axis) {
-            if (turns[axis] == 0) continue;
-            vec2 once = vec2(reflectance(abs(direct.arrive[axis])),
-                             reflectance(abs(mirrored.arrive[axis])));
-            for (int k = abs(turns[axis]); k > 0; --k) spread *= once;
+            int count = abs(turns[axis]);
+            if (count == 0) continue;
+            // Towards +x and +y it is the right and the tip edge that the image lies beyond.
+            int edge = turns[axis] > 0 ? 2 - axis : 3 * axis;
+            spread *= vec2(edges_reflect(edge, count, abs(direct.arrive[axis])),
+                           edges_reflect(edge, count, abs(mirrored.arrive[axis])));
         }
         direct.arrive.xy *= flip;
         mirrored.arrive.xy *= flip;

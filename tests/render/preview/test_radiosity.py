@@ -36,7 +36,7 @@ def test_patches_cover_the_coating_and_the_lit_edges(scene: Scene, points: Shadi
 
 
 def test_without_diffuser_no_edge_reflects(scene: Scene) -> None:
-    assert shading_points(scene.model_copy(update={"diffuser": None})).edges == 0
+    assert shading_points(scene.model_copy(update={"diffuser": None})).edge.size == 0
 
 
 def test_a_large_pad_keeps_a_bounded_number_of_patches(scene: Scene) -> None:

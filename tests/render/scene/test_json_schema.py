@@ -151,6 +151,20 @@ def test_no_profile_of_another_form_fulfills_it(profile: Any) -> None:
     assert complaints(content)
 
 
+@pytest.mark.parametrize(
+    "said",
+    [{}, {"black": False}, {"black": True, "white": {"value": 0.5, "source": "paint"}},
+     {"mirror": {"value": 1.5, "source": "silver"}}],
+)  # fmt: skip
+def test_no_face_of_no_or_several_kinds_fulfills_it(said: dict[str, Any]) -> None:
+    content = content_of_case("black walls")
+    assert complaints(content) == []
+    content["faces"] = [{"on": ["base"], **said}]
+    assert complaints(content)
+    with pytest.raises(ValidationError):
+        Scene.model_validate(content)
+
+
 @pytest.mark.parametrize("spread", [{"deviation": 0}, {"deviation": 31}, {"distribution": "even"}])
 def test_no_bad_tolerance_fulfills_it(spread: dict[str, Any]) -> None:
     good = {"distribution": "normal", "deviation": 2, "unit": "deg", "source": "jig"}
