@@ -208,7 +208,7 @@ class PadSampler:
             fiber,
             stream,
             paths,
-            self.seen,
+            self.guiding(fiber) if self.seen else None,
             self.passable,
         )
 

@@ -25,6 +25,7 @@ from render.cells.fiber_light import FiberLight
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import fiber_poses
 from render.paths.vertex import (
+    RATIO_MAX,
     PassableVertex,
     Vertex,
     empty_vertex,
@@ -32,7 +33,13 @@ from render.paths.vertex import (
     has_wide_lobe,
     scattering_value,
 )
-from render.paths.walk import PassableState, begin_subpath, sample_scattering, trace_segment
+from render.paths.walk import (
+    GuidingDistribution,
+    PassableState,
+    begin_subpath,
+    sample_scattering,
+    trace_segment,
+)
 from render.sampling.proposals import LIGHT_EVENTS
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -178,15 +185,15 @@ class CoatingTarget:
 
 def trace_light_subpaths(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
-    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int, met: bool,
-    passable: bool,
+    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
+    guiding: GuidingDistribution | None, passable: bool,
 ) -> DrawnVertices:  # fmt: skip
     """Return drawn vertices for the ``point`` of the coating that each lane looks at.
 
-    ``met`` says that camera subpaths meet lamps and are joined to them; ``passable`` that they
-    pass volumes behind delta faces.
+    ``guiding`` is that of camera subpaths where they meet lamps and are joined to them, None where
+    they do not; ``passable`` says that they pass volumes behind delta faces.
     """
-    records = _trace(scene, target, point, normal, light, fiber, stream, paths, met, passable)
+    records = _trace(scene, target, point, normal, light, fiber, stream, paths, guiding, passable)
     dr.eval(records)
     lanes = dr.width(fiber)
     lane = dr.arange(mi.UInt32, paths * lanes) % lanes
@@ -199,8 +206,8 @@ def trace_light_subpaths(
 @dr.syntax
 def _trace(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
-    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int, met: bool,
-    passable: bool,
+    light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
+    guiding: GuidingDistribution | None, passable: bool,
 ) -> DrawnVertex:  # fmt: skip
     """Trace and draw; one loop runs all light subpaths of a lane one after the other.
 
@@ -240,7 +247,7 @@ def _trace(
             o, d = light.sample(fiber, stratum, (u, v_angle), mi.Point2f(x, y))
             # Eq. 32: camera subpaths may meet the lamp. Otherwise both sums start at 0.
             d_vc = mi.Float(0.0)
-            if met:
+            if guiding is not None:
                 emitted = light.ray(fiber, o, d).emitted
                 d_vc = dr.select(emitted > 0, dr.rcp(emitted), 0.0)
             state = begin_subpath(
@@ -253,12 +260,19 @@ def _trace(
             total = mi.Float(0.0)
             first, from_volume = mi.Bool(True), mi.Bool(False)
         state, v, arrived, escaped = trace_segment(scene, state, active)
-        if met:
+        if guiding is not None:
             # Eq. 31, at the first vertex: camera subpaths that end there are joined to the lamp.
             if arrived & first:
                 through = dr.mean(dr.exp(-state.depth))
                 v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
             first = first & ~arrived
+            # Camera subpaths that come by go on as they are guided. Whatever the direction that
+            # they come from, a diffuse surface sends as many of them towards its predecessor.
+            if arrived & v.diffuse:
+                unguided = dr.maximum(dr.dot(v.n, v.wi), 1e-6) / dr.pi
+                v.d_vc = dr.minimum(
+                    v.d_vc * guiding.mixture_pdf(v, v.wi, unguided) / unguided, RATIO_MAX
+                )
         else:
             v.terminal = v.terminal | v.diffuse
         if not passable:
