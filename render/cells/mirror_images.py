@@ -3,8 +3,8 @@
 Where faces of a pad are smooth or metal, light from a vertex ``y`` reaches the coating over the
 lower face, over a wall, or over several of them, on the straight line to an image of ``y``. No
 random direction finds a mirror image that is exact; this connects to one of them, drawn in
-proportion to what it may send. Ways that have no image are left to camera subpaths, which reflect by chance and compete in
-the balance heuristic for the others as well.
+proportion to what it may send. Ways that have no image are left to camera subpaths, which reflect
+by chance and compete in the balance heuristic for the others as well.
 
 What the mirrors are is said by ``BoxImages`` for a flat pad and by ``BentImages`` for a bent one.
 """
