@@ -54,7 +54,8 @@ def plugin_names(content: Any) -> Iterator[str]:
 def expected_plugins(content: dict[str, Any]) -> set[str]:
     found = ALWAYS | {"fisheye" if content["camera"].get("lens") == "fisheye" else "perspective"}
     faces = content.get("faces", ())
-    rough = [part["roughness"]["value"] for part in (content["pad"], *faces)]
+    rough = [part["roughness"]["value"] for part in (content["pad"], *faces) if "roughness" in part]
+    found |= {"conductor"} if any("mirror" in part for part in faces) else set()
     found |= {"roughdielectric" if alpha > 0 else "dielectric" for alpha in rough}
     if "diffuser" in content:
         found |= {"homogeneous", "hg", "null"}
@@ -91,6 +92,7 @@ def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[
     if picture:
         found |= {"FACES"}
         found |= {"FISHEYE"} if content["camera"].get("lens") == "fisheye" else set()
+    found |= {"METAL"} if any("mirror" in part for part in content.get("faces", ())) else set()
     return found | ({"BENT"} if bent else set())
 
 
