@@ -101,3 +101,15 @@ def test_faces_are_listed_and_only_what_no_face_is_is_left_out() -> None:
     assert "faces.2.white" not in values
     assert "rough refraction" in left_out(painted)
     assert "rough refraction" not in left_out(scene_of_case("mirror walls rough 0.1"))
+
+
+def test_what_the_preview_leaves_out_of_painted_edges_is_told_where_the_pad_bends() -> None:
+    def told(case: str) -> bool:
+        return any(
+            "painted edges of the bent pad" in what for what in left_out(scene_of_case(case))
+        )
+
+    assert told("white walls bent 45")
+    assert told("mirror walls bent 45")
+    assert not told("rough edges bent 45")
+    assert not told("white, mirror and black walls")

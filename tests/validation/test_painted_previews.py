@@ -21,7 +21,11 @@ PHI = 1.2
 BOUND = 0.05
 """Median over facets, and over sites, of how far the preview may be off."""
 PHOTONS = 500_000
-FAST = ("white, mirror and black walls", "white walls rough 0.1", "white walls bent 45")
+FAST = (
+    "white, mirror and black walls",
+    "white walls rough 0.1",
+    "mirrors all round, lit from below",
+)
 
 
 def agreement(case: str, photons: int) -> list[tuple[float, float]]:
