@@ -151,9 +151,10 @@ def wall_images(scene: Scene) -> list[WallImage]:
 def near_wall(scene: Scene) -> float:
     """Return the distance (mm) from a wall below which a light's image in it counts.
 
-    A diffuser around the pad sends back more than its far walls.
+    A diffuser around the pad sends back more than its far walls, unless they are metal.
     """
-    return WALL_DISTANCE * scene.pad.thickness if scene.diffuser else np.inf
+    clear = scene.diffuser is not None and scene.finish("base").metal is None
+    return WALL_DISTANCE * scene.pad.thickness if clear else np.inf
 
 
 def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> LightPath:
