@@ -18,8 +18,10 @@ import numpy as np
 from optimize.design import Array
 from optimize.overnight.context import (
     FIT_STEPS,
+    MIN_SAMPLES,
     MODEL_UNTIL,
     OVERTIME_SHARE,
+    REPORT_SECONDS,
     TABLE_UNTIL,
     TIME_USED,
     UNIT_SAMPLES,
@@ -34,6 +36,7 @@ from render.progress import Clock
 from render.reference import (
     RenderCost,
     RenderJob,
+    TimeBudget,
     samples_of_full_pass,
     transport_estimate,
     transport_jobs,
@@ -57,11 +60,16 @@ JOB_SECONDS = 90.0
 """A render of the table lasts about so long: what a worker that dies can lose."""
 MIN_PASSES = 3
 """A table is rendered in so many passes at least, so that a slow machine can do with fewer."""
+ROUNDS_AND_BATCHES = 4
+"""Rounds, and batches of the final verification, that a night has at least."""
 PILOT_PURPOSE, TABLE_PURPOSE = 1, 2
 
 
 def measure_cost(context: RunContext) -> RenderCost:
-    """Return how fast renders are here, by trial renders at the first bend."""
+    """Return how fast renders are here, by trial renders at the first bend.
+
+    Where the hours are too few for the least work, that is said at once.
+    """
 
     def trial() -> RenderCost:
         context.stage("Trial renders", "trial")
@@ -78,7 +86,24 @@ def measure_cost(context: RunContext) -> RenderCost:
 
         return trial_cost(jobs, render)
 
-    return _cost_of(context, context.decide("cost", trial))
+    known = context.decided("cost") is not None
+    cost = _cost_of(context, context.decide("cost", trial))
+    if not known:
+        hours = TimeBudget(context.until - context.began, context.began, context.store.spent)
+        if said := hours.warning(_least_seconds(context, cost)):
+            context.log.note(said)
+    return cost
+
+
+def _least_seconds(context: RunContext, cost: RenderCost) -> float:
+    """Return what the fewest samples, steps, rounds and batches take from here on."""
+    from surrogate.train import TrainConfig, training_cost
+
+    fit = training_cost(context.scene, TrainConfig(), len(table_bends(context)))
+    steps = fit.preview + fit.fit(FIT_STEPS[0])
+    table = cost.seconds(_jobs(context, MIN_SAMPLES, list(range(MIN_PASSES))))
+    pads = 2 * len(context.bends) * ROUNDS_AND_BATCHES
+    return table + pads * cost.fixed / cost.workers + fit.per_step() * steps + REPORT_SECONDS
 
 
 def _cost_of(context: RunContext, kept: dict[str, Any]) -> RenderCost:

@@ -25,6 +25,13 @@ COMMANDS = {
     "colors": ("one.npz", "--method", "exact"),
     "render": ("scene.toml", "--out", "OUT"),
     "train": ("scene.toml", "--samples", "1", "--out", "OUT"),
+    "score": ("layout.json", "--scene", "scene.toml", "--out", "OUT"),
+    "wiring": ("design.json", "--scene", "scene.toml", "--out", "OUT"),
+    "compare": ("design.json", "layout.json", "--scene", "scene.toml", "--out", "OUT.html"),
+    "play": ("scene.toml", "--out", "OUT.html"),
+    "sensitivity": ("design.json", "--scene", "scene.toml"),
+    "new": ("pad", "--out", "OUT"),
+    "schema": (),
     "verify": ("design.json", "--scene", "scene.toml", "--samples", "2", "--seeds", "2"),
     "optimize": ("scene.toml", "--samples", "2", "--final-samples", "2", "--out", "OUT"),
     "frontier": ("scene.toml", "--samples", "32", "--designs", "2", "--out", "OUT"),
@@ -33,6 +40,8 @@ COMMANDS = {
     "report": ("OUT",),
     "check": ("--capture", "OUT"),
     "hw ports": (),
+    "hw emulate": ("--port", "OUT"),
+    "hw linearity": ("OUT", "--scene", "scene.toml"),
     "hw demo": ("--no-calibrate", "--out", "OUT"),
 }
 PLACES = {"as it is": "result", "a device": "/dev/full", "below a device": "/dev/null/result",
@@ -58,6 +67,8 @@ def sensor(
     words = ("explore", "scene.toml", "--out", "found")
     check(run(words, folder), folder, (0,))
     shutil.copy(folder / "found" / "design.json", folder / "design.json")
+    layout = {"colors": "rrrrggbb", "angles_deg": 90}
+    (folder / "layout.json").write_text(json.dumps(layout))
     shutil.rmtree(folder / "found")
     return folder
 

@@ -70,9 +70,9 @@ def batches(run: Path) -> list[str]:
     return [str(name) for (name,) in rows(run, named)]
 
 
-def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
-    tiny_night: TinyNight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def workers(tiny_night: TinyNight, monkeypatch: pytest.MonkeyPatch) -> PretendedWorkers:
+    """Return workers by whose clock a night is done, without fits and reports."""
     workers = PretendedWorkers(load_table(tiny_night.run / "table" / "reference.npz"))
     clock = SimpleNamespace(monotonic=lambda: workers.now)
     monkeypatch.setattr("optimize.overnight.store.time", clock)
@@ -88,6 +88,35 @@ def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
         workers.now += REPORT_SECONDS
 
     monkeypatch.setattr("optimize.overnight.report.write_report", write_report)
+    monkeypatch.setattr("surrogate.training.fit_time.seconds_per_step", lambda *_: 0.005)
+    return workers
+
+
+def test_hours_that_are_too_few_are_said_as_soon_as_renders_are_timed(
+    tiny_night: TinyNight, tmp_path: Path, workers: PretendedWorkers
+) -> None:
+    def warned(seconds: float) -> list[str]:
+        run = tmp_path / f"{seconds:g}"
+        overnight(
+            str(tiny_night.scene), run, hours=seconds / 3600, make_workers=lambda: workers
+        )  # fmt: skip
+        lines = (run / "log.txt").read_text().splitlines()
+        found = [i for i, line in enumerate(lines) if " minutes are too few: " in line]
+        table = next(i for i, line in enumerate(lines) if "Transport table ..." in line)
+        assert all(i < table for i in found)
+        return [lines[i] for i in found]
+
+    (said,) = warned(6.0)
+    before = workers.now
+    assert "0.1 minutes are too few: with the fewest samples this takes some " in said
+    assert 60.0 * float(said.split(" some ")[1].split()[0]) > REPORT_SECONDS
+    assert warned(120.0) == []
+    assert workers.now - before < 132.0
+
+
+def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
+    tiny_night: TinyNight, tmp_path: Path, workers: PretendedWorkers
+) -> None:
     run = tmp_path / "run"
 
     def night(seconds: float) -> OvernightResult:
