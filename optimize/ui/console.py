@@ -26,7 +26,11 @@ def reserved_stdout() -> Iterator[IO[str]]:
     """Keep stdout for the result alone: whatever any library prints goes to stderr.
 
     Works below Python, on the file descriptor, because Mitsuba and drivers print from C++.
+    Matplotlib, which does without a place for its cache, need not say so in lines of its own.
     """
+    import logging  # --help does without it
+
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     sys.stdout.flush()
     kept = os.dup(1)
     try:

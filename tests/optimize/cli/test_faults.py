@@ -174,6 +174,7 @@ def test_a_cache_that_cannot_be_kept_is_one_sentence_without_source(
     check(ended, tmp_path, (0,))
     assert "tactilux: the slab response cannot be cached: " in ended.err
     assert "warnings.warn" not in ended.err
+    assert "atplotlib" not in ended.err
     assert (tmp_path / "picture.png").is_file()
 
 
