@@ -19,7 +19,7 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.files import read_npz, write_npz
 
-LEVELS = ("preview", "surrogate", "reference")
+LEVELS = ("preview", "converged preview", "surrogate", "reference")
 
 
 @dataclass(frozen=True)

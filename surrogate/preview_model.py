@@ -1,8 +1,10 @@
 """The model that a scene has before anything was rendered: its preview, with measured intervals.
 
 Colors superpose the preview's transport at Chebyshev nodes in direction and bend; there is no
-residual. How far the preview is from level 2 was measured once, on finger20 and on random sensors
-of the family (``tests/validation/test_preview_model.py``), and gives the intervals of every scene.
+residual. The coarse preview is the shader's, and there for every scene in seconds. Where all light
+comes out of an opaque diffuser its transport is corrected by that of `render.preview.converged`,
+which takes about a minute. How far each is from level 2 was measured once
+(``tests/validation/test_preview_model.py``), and gives the intervals of every scene.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,53 +20,118 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
+from render.preview.converged import NODES, converged_transport, is_kept, limitation
 from render.preview.diffuser.cache import cache_folder
-from render.progress import OnProgress
+from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.runtime import Checker, ModelMetadata
-from surrogate.runtime.metadata import PREVIEW, UNITS
+from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
 VERSION = 3
 """Part of the cache key: raise it when the preview changes."""
 COVERAGE = 0.9
-COLOR_SPREAD = 0.2
-"""One standard deviation of a facet's color, relative."""
+BEND_DEGREE = 3
 COUNTS_FACTOR = 2.0
 """The interval of a color, in standard deviations."""
-SCORE_FRACTION = 0.16
-"""Half-width of the interval of a score, as a fraction of the baseline's mean M."""
-MEASURED: dict[str, Any] = {
-    "level": PREVIEW,
-    "facet_median": 0.22,
-    "facet_p95": 0.6,
-    "score_median": 11.0,
-    "score_p95": 35.0,
-    "kendall_tau": 0.73,
-}
-"""Errors against level 2 on held-out sensors, as in the metadata of a trained model."""
+
+
+@dataclass(frozen=True)
+class PreviewErrors:
+    """How far a preview is from level 2, measured on sensors that it was not made for.
+
+    Arguments:
+        kind: `PREVIEW` or `CONVERGED`.
+        color_spread: one standard deviation of a facet's color, relative.
+        score_fraction: half-width of the interval of a score, as a fraction of the baseline's M.
+        facet_median, facet_p95: of colors, relative.
+        score_median, score_p95: of scores, counts.
+        kendall_tau: of its ranking of random designs.
+    """
+
+    kind: str
+    color_spread: float
+    score_fraction: float
+    facet_median: float
+    facet_p95: float
+    score_median: float
+    score_p95: float
+    kendall_tau: float
+
+    def held_out(self) -> dict[str, object]:
+        """Return the errors as the metadata of a trained model has them."""
+        names = ("facet_median", "facet_p95", "score_median", "score_p95", "kendall_tau")
+        return {"level": self.kind} | {name: getattr(self, name) for name in names}
+
+
+COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.16, 0.22, 0.6, 11.0, 35.0, 0.73)
+CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.02, 0.02, 0.01, 0.03, 1.0, 3.0, 0.95)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
 
-def preview_checker(scene: Scene, progress: OnProgress | None = None) -> Checker:
-    """Return a checker of ``scene`` on the preview alone, level 0, ready in seconds.
+def preview_checker(
+    scene: Scene, progress: OnProgress | None = None, *, coarse: bool = False
+) -> Checker:
+    """Return a checker of ``scene`` on its preview alone, level 0.
 
-    What is drawn is kept in the user's cache, by the scene's hash.
+    The converged one where the scene allows it (`converges`), in about a minute; the shader's in
+    seconds elsewhere, and with ``coarse``. Both are kept in the user's cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.
         TableError: the preview is black or not finite.
     """
-    grid, scale = _drawn(scene, progress)
-    session = PreviewSession(grid, scale)
+    grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
+    errors = COARSE_ERRORS
+    if not coarse and converges(scene):
+        following = in_stage(progress, "following light through the diffuser")
+        grid = corrected(grid, scene, converged_transport(scene, following))
+        errors = CONVERGED_ERRORS
+    session = PreviewSession(grid, scale, errors.color_spread)
     bends = np.array(scene.bending.angles)
     phi = np.full((1, scene.lamp_count), np.pi / 2)
     metric = session.outputs(phi, baseline_power(scene)[None], bends)["metric"]
     mean = float(design_score(metric).mean[0])
-    return Checker(session, _about(scene, grid, scale, SCORE_FRACTION * mean))
+    return Checker(session, _about(scene, grid, scale, errors, mean))
+
+
+def converges(scene: Scene) -> bool:
+    """Return whether converged paths serve ``scene``: all light comes out of an opaque diffuser."""
+    return not limitation(scene)
+
+
+def is_prompt(scene: Scene) -> bool:
+    """Return whether the best preview of ``scene`` is there in seconds."""
+    return not converges(scene) or is_kept(scene)
+
+
+def corrected(grid: PreviewGrid, scene: Scene, cells: Array) -> PreviewGrid:
+    """Return the shader's grid times the ratio of converged ``cells`` to it.
+
+    The logarithm of the ratio is smooth: in direction the polynomial through `NODES`, in bend one
+    of degree `BEND_DEGREE` at most through the scene's own, constant beyond them. A cell without
+    any light in ``cells`` keeps the shader's, and is counted with the floored ones.
+    """
+    own = np.array(scene.bending.angles)
+    unlit = cells <= 0.0
+    drawn = grid.evaluate(NODES, own)
+    ratio = np.where(unlit, 0.0, np.log(np.where(unlit, 1.0, cells)) - drawn)
+    in_phi = interpolation_weights(NODES, grid.phi)
+    degree = min(len(set(own)) - 1, BEND_DEGREE)
+    at_own, at_nodes = (
+        np.polynomial.chebyshev.chebvander(at / max(own.max(), 1.0), degree)
+        for at in (own, np.clip(grid.bends, own.min(), own.max()))
+    )
+    in_bend = at_nodes @ np.linalg.pinv(at_own)
+    change = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, ratio, optimize=True)
+    return replace(
+        grid,
+        log_transport=grid.log_transport + change,
+        floored=grid.floored + int(unlit.sum()),
+    )
 
 
 class PreviewSession:
@@ -73,11 +140,12 @@ class PreviewSession:
     Arguments:
         grid: the preview at its nodes.
         scale: exposure and lambda.
+        color_spread: one standard deviation of a facet's color, relative.
     """
 
-    def __init__(self, grid: PreviewGrid, scale: ScoreScale) -> None:
+    def __init__(self, grid: PreviewGrid, scale: ScoreScale, color_spread: float) -> None:
         """Keep the grid."""
-        self._grid, self._scale = grid, scale
+        self._grid, self._scale, self._color_spread = grid, scale, color_spread
 
     def run(self, names: Sequence[str], feeds: Mapping[str, Array]) -> list[Array]:
         """Return the outputs ``names`` as float32; the same bends for all designs."""
@@ -106,7 +174,7 @@ class PreviewSession:
         metric = np.asarray(site_metric(facets, self._scale.lam))
         return {
             "counts": facets,
-            "counts_spread": COLOR_SPREAD * facets,
+            "counts_spread": self._color_spread * facets,
             "background": counts[..., -1, :],
             "metric": metric,
             "score": np.asarray(design_score(metric).score),
@@ -134,19 +202,22 @@ def _drawn(scene: Scene, progress: OnProgress | None) -> tuple[PreviewGrid, Scor
     return grid, scale
 
 
-def _about(scene: Scene, grid: PreviewGrid, scale: ScoreScale, half_width: float) -> ModelMetadata:
-    """Return what the checker says about itself; nothing was rendered for it."""
+def _about(
+    scene: Scene, grid: PreviewGrid, scale: ScoreScale, errors: PreviewErrors, mean: float
+) -> ModelMetadata:
+    """Return what the checker says about itself, with ``mean`` M of the baseline."""
+    half_width = errors.score_fraction * mean
     return ModelMetadata(
         **scene_facts(scene, grid),
         exposure=scale.exposure,
         lam=scale.lam,
         conformal={"coverage": COVERAGE, "counts": COUNTS_FACTOR, "score": half_width},
-        held_out=[MEASURED],
+        held_out=[errors.held_out()],
         preview=grid_facts(grid),
         renderer={},
         training_data_hash="",
         git_revision="",
         versions={},
-        residual={"kind": PREVIEW},
+        residual={"kind": errors.kind},
         units=UNITS,
     )

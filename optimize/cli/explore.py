@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
-from optimize.cli.options import Json, ModelFolder, SceneName, Seed
+from optimize.cli.options import Coarse, Json, ModelFolder, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.errors import DesignError
 from render.progress import Progress
 
 if TYPE_CHECKING:
+    from optimize.exploration import Exploration
     from optimize.search import SearchStep
 
 
@@ -24,6 +25,7 @@ def run(
         Path | None, Option(help="Result directory (default: runs/<scene>-explore).")
     ] = None,
     model: ModelFolder = None,
+    coarse: Coarse = False,
     seed: Seed = 0,
     robust: Annotated[
         Literal["quantile", "spread"] | None,
@@ -43,7 +45,7 @@ def run(
         print_study,
         study_robustness,
     )
-    from optimize.scoring import open_model
+    from optimize.scoring import is_prompt, open_model
     from optimize.ui.output import check_target
     from render.preview.gl import create_context
     from render.scene import load_scene
@@ -59,18 +61,28 @@ def run(
             )
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
-        checker = open_model(scene, model)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
-        where = "its preview" if checker.file is None else f"the surrogate in {checker.file.parent}"
-        note(f"Exploring {scene.name} on {where}")
-        with ProgressBar() as bar:
-            found = explore(scene, checker, seed=seed, progress=_Steps(bar))
-            if robust is not None or shadow is not None:
-                bar.note("  refining for what was asked")
-                found = study_robustness(found, robust, shadow, bar)
-            bar.note("  drawing pictures and the report")
-            result = write_exploration(found, target, lambda: time.monotonic() - began)
+        # What takes a minute to answer is answered coarsely before.
+        answers = [True, False] if not coarse and not is_prompt(scene, model) else [coarse]
+        for number, first in enumerate(answers):
+            checker = open_model(scene, model, coarse=first)
+            where = (
+                f"its {checker.level}" if checker.file is None
+                else f"the surrogate in {checker.file.parent}"
+            )  # fmt: skip
+            note(f"Exploring {scene.name} on {where}")
+            with ProgressBar() as bar:
+                found = explore(scene, checker, seed=seed, progress=_Steps(bar))
+                if robust is not None or shadow is not None:
+                    bar.note("  refining for what was asked")
+                    found = study_robustness(found, robust, shadow, bar)
+                bar.note("  drawing pictures and the report")
+                result = write_exploration(
+                    found, target, lambda: time.monotonic() - began, keep_other=number == 0
+                )
+            if number + 1 < len(answers):
+                note(_first_answer(found, target, time.monotonic() - began))
         if as_json:
             print_json(stream, result)
         else:
@@ -83,6 +95,16 @@ def run(
             for warning in doubts:
                 stream.write(f"Note: {warning}\n")
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
+
+
+def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
+    """Return what the coarse preview found, for those who wait for more."""
+    low, high = found.rating.interval
+    return (
+        f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "
+        f"({low:.0f} to {high:.0f}), baseline {found.stages[0].rating.score:.0f}. "
+        "Light is now followed through the diffuser for a more exact one"
+    )
 
 
 class _Steps:

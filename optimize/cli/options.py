@@ -21,6 +21,9 @@ SceneOfDesign = Annotated[
 ModelFolder = Annotated[
     Path | None, Option(help="Folder with checker.onnx (default: found by the scene's hash).")
 ]
+Coarse = Annotated[
+    bool, Option("--coarse", help="On the preview as drawn: seconds, not a minute, and less exact.")
+]
 Bend = Annotated[float, Option(min=0.0, max=180.0, help="Total bending angle in degrees.")]
 Seed = Annotated[int, Option(min=0, help="Seed of all random choices.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]

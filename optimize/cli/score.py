@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from optimize.cli.options import Json, ModelFolder, SceneOfDesign
+from optimize.cli.options import Coarse, Json, ModelFolder, SceneOfDesign
 from optimize.ui.console import print_json, reserved_stdout
 
 
@@ -17,6 +17,7 @@ def run(
     ],
     scene: SceneOfDesign = None,
     model: ModelFolder = None,
+    coarse: Coarse = False,
     out: Annotated[Path | None, Option(help="Write the rated design to this file.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -29,7 +30,7 @@ def run(
 
     with reserved_stdout() as stream:
         sensor, design = load_layout(path, scene)
-        checker = open_model(sensor, model)
+        checker = open_model(sensor, model, coarse=coarse)
         first = rate(checker, sensor, "baseline", "Baseline", "", dimmed_baseline(sensor))
         found = rate(checker, sensor, "design", "Design", "", design)
         ranking = RankingTest.of(checker.metadata)

@@ -14,9 +14,10 @@ from optimize.design.limits import dimmed_baseline
 from render.metric import THESIS, MetricConfig, design_score, image_counts, site_metric
 from render.scene import Scene
 
-Level = Literal["preview", "surrogate", "reference"]
+Level = Literal["preview", "converged preview", "surrogate", "reference"]
 LEVEL_NAMES: dict[str, str] = {
     "preview": "0, preview",
+    "converged preview": "0, converged preview",
     "surrogate": "1, surrogate",
     "reference": "2, reference",
 }

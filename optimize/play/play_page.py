@@ -140,8 +140,8 @@ class PlayPage:
         style, script = _part("play.css"), '(() => {\n"use strict";\n'
         script += "\n".join(_part(name) for name in SCRIPTS) + "\n})();"
         level = facts["level"]
-        notes = [] if level != "preview" else [
-            f"There is no trained model of {self.scene.name}, so this page is made on the preview "
+        notes = [] if level == "surrogate" else [
+            f"There is no trained model of {self.scene.name}, so this page is made on the {level} "
             "(level 0): good for trying and comparing, to be confirmed by tactilux verify."
         ]  # fmt: skip
         scores = [f"{scorer.score(design.phi, design.power):.1f}" for design in known]
@@ -150,7 +150,7 @@ class PlayPage:
             scene=self.scene.name,
             scene_hash=self.scene.hash,
             level=LEVEL_NAMES[level],
-            source="the preview" if level == "preview" else "the scene's model",
+            source="the scene's model" if level == "surrogate" else f"the {level}",
             notes=notes,
             made=datetime.now(UTC).strftime("%d %B %Y"),
             confidence=f"{self.checker.coverage:.0%}",

@@ -51,15 +51,20 @@ LEGEND = (
 
 
 def write_exploration(
-    exploration: Exploration, target: Path, elapsed: Callable[[], float]
+    exploration: Exploration,
+    target: Path,
+    elapsed: Callable[[], float],
+    *,
+    keep_other: bool = True,
 ) -> dict[str, object]:
     """Write everything into ``target`` and return the result for programs.
 
-    An earlier result in ``target`` is replaced, or kept under a number where it found another
-    design. ``elapsed`` returns the seconds since the command began.
+    An earlier result in ``target`` is replaced; where it found another design it is kept under a
+    number, unless ``keep_other`` says not to. ``elapsed`` returns the seconds since the command
+    began.
     """
     scene, first, last = exploration.scene, exploration.stages[0], exploration.stages[-1]
-    with fresh_directory(target, keep=DESIGN) as folder:
+    with fresh_directory(target, keep=DESIGN if keep_other else "") as folder:
         save_design(folder / BASELINE, first.design, scene, first.rating)
         save_design(folder / DESIGN, last.design, scene, last.rating)
         pictures = dict(explore_pictures(exploration))
@@ -116,6 +121,9 @@ def caveats(exploration: Exploration) -> list[str]:
     origin = {
         "preview": "All scores come from the preview (level 0): nothing was rendered for this "
         "sensor. Its errors were measured on other sensors of the family, and are those below.",
+        "converged preview": "All scores come from the converged preview (level 0): light was "
+        "followed through the diffuser to every facet, but nothing was rendered for this sensor. "
+        "Its errors were measured on other sensors of the family, and are those below.",
         "surrogate": "All scores come from the surrogate (level 1): the preview, corrected by a "
         "model that was fitted to physically based renders. It has not seen this design.",
     }

@@ -3,20 +3,19 @@
 A *block* holds one lighting per lane, lanes last, so that one instruction treats 8 or 16 of them.
 The dtype follows the arguments: float32 for exhaustive searches, float64 elsewhere.
 
-Everything compiled lives in this one file: numba's store of machine code notices when a function's
-own file changes, not when a function that it calls does.
+Everything compiled lives in this one file, see `render.compiled`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
-import numba
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 from numpy.typing import NDArray
 
+from render.compiled import compiled
 from render.metric import MetricConfig
 
 Single = NDArray[np.float32]
@@ -29,17 +28,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 _FASTMATH = {"contract", "arcp", "nsz"}
 
 
-def compiled(function: F) -> F:
-    """Compile ``function`` on its first call; it runs without the interpreter's lock.
-
-    The machine code is stored beside the source, else in the user's cache folder; in an install
-    where neither can be written it is compiled anew in every process.
-    """
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": _FASTMATH}
-    try:
-        return cast(F, numba.njit(cache=True, **options)(function))
-    except RuntimeError:  # numba found no folder that it may write to
-        return cast(F, numba.njit(**options)(function))
+def vectorized(function: F) -> F:
+    """Compile ``function`` so that its loops over lanes may use wide instructions."""
+    return compiled(function, error_model="numpy", fastmath=_FASTMATH)
 
 
 def kernel_constants(config: MetricConfig, lam: float, dtype: Any) -> np.ndarray:
@@ -52,7 +43,7 @@ def channel_mark(channels: int, dtype: Any) -> tuple[Any, ...]:
     return (dtype(0),) * channels
 
 
-@compiled
+@vectorized
 def score_lanes(
     base: np.ndarray,
     block: np.ndarray,
@@ -143,7 +134,7 @@ def score_lanes(
     _score_map(metric, bends, ddof, out)
 
 
-@compiled
+@vectorized
 def _score_map(metric: np.ndarray, bends: int, ddof: Any, out: np.ndarray) -> None:
     """Write S of eq. (4.7) of ``metric`` ``(bend * site, lane)`` to ``out`` ``(lane,)``."""
     cells, lanes = metric.shape
@@ -178,7 +169,7 @@ def _score_map(metric: np.ndarray, bends: int, ddof: Any, out: np.ndarray) -> No
         )
 
 
-@compiled
+@vectorized
 def best_of_tile(
     prefix: Single,
     middles: Single,
@@ -223,7 +214,7 @@ def best_of_tile(
     return count
 
 
-@compiled
+@vectorized
 def score_moves(
     counts: Double,
     change: Double,

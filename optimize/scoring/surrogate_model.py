@@ -55,31 +55,41 @@ def find_model(scene: Scene, given: Path | None = None) -> Path | None:
     return None
 
 
-def open_model(scene: Scene, given: Path | None = None, *, threads: int | None = None) -> Checker:
+def open_model(
+    scene: Scene, given: Path | None = None, *, threads: int | None = None, coarse: bool = False
+) -> Checker:
     """Return the model of ``scene``: a trained one, or its preview alone where there is none.
 
     It says on stderr which; and warns where the scene leaves the range that a model was trained
-    for.
+    for. A preview takes seconds, or a minute where it can be converged (`is_prompt` asks which).
 
     Arguments:
         scene: the sensor.
         given: folder of the model (default: see :func:`find_model`).
         threads: of the runtime (default: its own choice).
+        coarse: take the preview as the shader draws it, even where there is a better answer.
 
     Raises:
-        ModelError: there is none in ``given``, or it is damaged or of another scene.
+        ModelError: there is none in ``given``, or it is damaged or of another scene; or a model
+            is given and the coarse preview asked for.
         GraphicsError: there is none, and no OpenGL library can draw the preview.
     """
-    folder = find_model(scene, given)
+    if coarse and given is not None:
+        raise ModelError(
+            f"--coarse asks for the preview, --model for {given}, allowed: one of them",
+            field="model",
+        )
+    folder = None if coarse else find_model(scene, given)
     if folder is None:
         from surrogate.preview_model import preview_checker
 
+        with ProgressBar("Making the preview") as bar:
+            checker = preview_checker(scene, bar, coarse=coarse)
+        reason = "" if coarse else f"There is no model for scene {scene.name}, hash {scene.hash}: "
         note(
-            f"There is no model for scene {scene.name}, hash {scene.hash}: this is level 0, the "
-            "preview alone, with wider intervals; tactilux train makes a model"
+            f"{reason}this is level 0, the {checker.level} alone; tactilux train makes a model"
         )
-        with ProgressBar("Drawing the preview") as bar:
-            return preview_checker(scene, bar)
+        return checker
     checker = Checker.for_scene(folder, scene, threads=threads)
     unlit = np.zeros((1, scene.lamp_count, len(scene.palette.channels)))
     dark = np.full(unlit.shape[:2], np.pi / 2), unlit, np.array(scene.bending.angles)
@@ -101,6 +111,15 @@ def open_model(scene: Scene, given: Path | None = None, *, threads: int | None =
 def search_table(checker: Checker) -> TransportTable:
     """Return the surrogate's transport at the direction nodes that searches interpolate between."""
     return checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+
+
+def is_prompt(scene: Scene, given: Path | None = None) -> bool:
+    """Return whether `open_model` answers in seconds: it has a model, or all of its preview."""
+    if find_model(scene, given) is not None:
+        return True
+    from surrogate.preview_model import is_prompt as preview_is_prompt
+
+    return preview_is_prompt(scene)
 
 
 def predict_design(checker: Checker, design: Design, bends: Array) -> dict[str, Array]:

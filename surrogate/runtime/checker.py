@@ -11,7 +11,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import ModelError
 from render.transport import TransportTable
-from surrogate.runtime.metadata import PREVIEW, ModelMetadata, read_props
+from surrogate.runtime.metadata import CONVERGED, PREVIEW, ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
 if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model may lack
@@ -95,9 +95,12 @@ class Checker:
         return cls(session, metadata, material, scene.hash, file)
 
     @property
-    def level(self) -> Literal["preview", "surrogate"]:
-        """What answers: the preview alone, or with a residual that was trained on renders."""
-        return "preview" if self.metadata.residual["kind"] == PREVIEW else "surrogate"
+    def level(self) -> Literal["preview", "converged preview", "surrogate"]:
+        """What answers: a preview alone, or with a residual that was trained on renders."""
+        kind = self.metadata.residual["kind"]
+        if kind == PREVIEW:
+            return "preview"
+        return "converged preview" if kind == CONVERGED else "surrogate"
 
     @property
     def exposure(self) -> float:

@@ -17,7 +17,9 @@ from render.metric import MetricConfig, current_conventions
 SCHEMA = "tactilux-checker-2"
 """Version 2: exposure and lambda are those of the scene's preview, not of the training renders."""
 PREVIEW = "preview"
-"""Kind of the residual of a model that is the preview alone."""
+"""Kind of the residual of a model that is the preview alone, as the shader draws it."""
+CONVERGED = "converged preview"
+"""The same, where the preview's light was followed by converged paths."""
 LICENCE = "Apache-2.0"
 UNITS = {
     "phi": "rad",

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from surrogate.runtime.metadata import PREVIEW, ModelMetadata
+from surrogate.runtime.metadata import CONVERGED, PREVIEW, ModelMetadata
 
 RELIABLE_TAU = 0.85
 """What verification asks of a ranking as well, before it believes the surrogate."""
@@ -71,9 +71,9 @@ class RankingTest:
         """Return what more effort would bring, as a sentence; empty for a reliable model."""
         if self.reliable:
             return ""
-        if self.level == PREVIEW:
+        if self.level in (PREVIEW, CONVERGED):
             return (
-                "The preview ranks designs of such sensors with a Kendall's tau of "
+                f"The {self.level} ranks designs of such sensors with a Kendall's tau of "
                 f"{self.tau:.2f}, needed: {RELIABLE_TAU:g}: train a model (tactilux train) or let "
                 "renders decide (tactilux optimize)."
             )

@@ -1,6 +1,6 @@
 """Preview and model of finger20 against compiled walks that share next to nothing with either.
 
-The walks (``tests.oracles.converged``) against closed forms, another walk and themselves; then
+The walks (``render.preview.converged``) against closed forms, another walk and themselves; then
 colors of random designs, converged and from the shader, against those of the trained model, which
 renders of level 2 made. From the command line, with full effort:
 ``python -m tests.validation.test_converged_transport``.
@@ -21,10 +21,10 @@ from render.preview.diffuser.response import compute_response
 from render.progress import Clock
 from render.scene import load_scene
 from tests.long import LONG
-from tests.oracles.converged.block import bent_block, face_grid
-from tests.oracles.converged.exit_field import exit_field
-from tests.oracles.converged.gathering import gathered, site_points
-from tests.oracles.converged.transport import Effort, task_count, transport_at
+from render.preview.converged.block import bent_block, face_grid
+from render.preview.converged.exit_field import exit_field
+from render.preview.converged.gathering import gathered, site_points
+from render.preview.converged.transport import Effort, task_count, transport_at
 
 SCENE = load_scene("finger20")
 DESIGNS = 40

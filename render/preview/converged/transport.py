@@ -18,9 +18,9 @@ from render.geometry import counted_sites
 from render.preview.facet_blur import facet_blur
 from render.progress import Clock
 from render.scene import Scene
-from tests.oracles.converged.block import bent_block, face_grid, patch_counts
-from tests.oracles.converged.exit_field import exit_field
-from tests.oracles.converged.gathering import (
+from render.preview.converged.block import bent_block, face_grid, patch_counts
+from render.preview.converged.exit_field import exit_field
+from render.preview.converged.gathering import (
     Gathered,
     Starts,
     facet_points,
@@ -28,7 +28,7 @@ from tests.oracles.converged.gathering import (
     patch_points,
     site_points,
 )
-from tests.oracles.converged.walks import Block, FaceGrid
+from render.preview.converged.walks import Block, FaceGrid
 
 BATCH = 16
 """Starts that are multiplied with the exit field at a time, which bounds the memory."""
@@ -40,8 +40,8 @@ MINOR = 8
 class Effort:
     """Light paths: ``photons`` per lamp, ``paths`` per facet."""
 
-    photons: int = 300_000
-    paths: int = 49_152
+    photons: int = 200_000
+    paths: int = 32_768
 
 
 def task_count(scene: Scene) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from tests.oracles.analog_tracer import compiled, fresnel, uniform
+from render.compiled import compiled
 
 State = NDArray[np.uint64]
 
@@ -97,6 +97,17 @@ class FaceGrid(NamedTuple):
 
 
 @compiled
+def uniform(state: State) -> float:
+    """Return a number in [0, 1): splitmix64 (Steele et al. 2014) of the counter ``state``."""
+    state[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = state[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) * 2.0**-53
+
+
+@compiled
 def begin_stream(state: State, key: int, index: int) -> None:
     """Start the stream of path ``index`` in the family ``key``: its numbers depend on these alone.
 
@@ -125,6 +136,18 @@ def turn(d: Array, cos: float, azimuth: float) -> None:
     d[2] = -s * sign * x - t * y + cos * z
     scale = 1.0 / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     d *= scale
+
+
+@compiled
+def fresnel(cos_in: float, eta: float) -> tuple[float, float]:
+    """Return unpolarized reflectance and cosine of refraction; ``eta`` is behind over in front."""
+    squared = 1.0 - (1.0 - cos_in * cos_in) / (eta * eta)
+    if squared <= 0.0:
+        return 1.0, 0.0
+    cos_out = math.sqrt(squared)
+    s = (cos_in - eta * cos_out) / (cos_in + eta * cos_out)
+    p = (eta * cos_in - cos_out) / (eta * cos_in + cos_out)
+    return 0.5 * (s * s + p * p), cos_out
 
 
 @compiled

@@ -15,13 +15,13 @@ from render.preview.diffuser.cache import fiber_ends
 from render.preview.diffuser.emission import FiberEnd, radiance_of_nodes
 from render.preview.diffuser.random_walk import deflect, tangent_frame
 from render.scene import Scene
-from tests.oracles.converged.block import (
+from render.preview.converged.block import (
     cell_count,
     directions_to_block,
     orthonormal_terms,
     to_block,
 )
-from tests.oracles.converged.walks import Block, FaceGrid, trace_lamp
+from render.preview.converged.walks import Block, FaceGrid, trace_lamp
 
 REPEATS = 4
 """Photons that share a way to the block, and walk apart."""

@@ -16,14 +16,14 @@ from render.arrays import Array
 from render.geometry import bend_frames, bend_points, declared_sites, facets
 from render.geometry.visibility import BACKGROUND_RADIUS
 from render.scene import Scene
-from tests.oracles.converged.block import (
+from render.preview.converged.block import (
     cell_count,
     directions_to_block,
     orthonormal_terms,
     patch_counts,
     to_block,
 )
-from tests.oracles.converged.walks import Block, FaceGrid, find_coating, gather
+from render.preview.converged.walks import Block, FaceGrid, find_coating, gather
 
 FOOT_WIDTH = 0.3
 """Width of the coating before the foot of a facet that the camera mixes with it, in radii."""

@@ -10,7 +10,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.geometry import curvature, facets
 from render.scene import Scene
-from tests.oracles.converged.walks import Block, FaceGrid
+from render.preview.converged.walks import Block, FaceGrid
 
 CELL_SIDE = 0.25
 """Side of a cell on the inner faces, in thicknesses of the pad; light is linear within it."""
@@ -23,12 +23,12 @@ PATCH_SIDE, MAX_PATCHES = 0.5, 320
 
 
 def to_block(scene: Scene, points: Array) -> Array:
-    """Return world positions ``(..., 3)`` in the frame of `tests.oracles.converged.walks`."""
+    """Return world positions ``(..., 3)`` in the frame of `render.preview.converged.walks`."""
     return (points - [0.0, scene.camera.pivot, scene.pad.thickness]) * [1.0, 1.0, -1.0]
 
 
 def directions_to_block(directions: Array) -> Array:
-    """Return world directions ``(..., 3)`` in the frame of `tests.oracles.converged.walks`."""
+    """Return world directions ``(..., 3)`` in the frame of `render.preview.converged.walks`."""
     return np.ascontiguousarray(directions * [1.0, 1.0, -1.0])
 
 
