@@ -1,10 +1,10 @@
 """The model that a scene has before anything was rendered: its preview, with measured intervals.
 
 Colors superpose the preview's transport at Chebyshev nodes in direction and bend; there is no
-residual. The coarse preview is the shader's, and there for every scene in seconds. Where all light
-comes out of an opaque diffuser its transport is corrected by that of `render.preview.converged`,
-which takes about a minute. How far each is from level 2 was measured once
-(``tests/validation/test_preview_model.py``), and gives the intervals of every scene.
+residual. The coarse preview is the shader's, and there in seconds. The converged one corrects its
+transport by that of `render.preview.converged`, which takes about a minute. How far each is from
+level 2 was measured once (``tests/validation/test_preview_model.py``), and gives the intervals of
+every scene.
 """
 
 from __future__ import annotations
@@ -20,12 +20,17 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import NODES, converged_transport, is_kept, limitation
+from render.preview.converged import (
+    NODES,
+    ConvergedTransport,
+    converged_transport,
+    is_kept,
+)
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
-from surrogate.model.preview_grid import PreviewGrid, draw_grid
+from surrogate.model.preview_grid import FLOOR, PreviewGrid, draw_grid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.runtime import Checker, ModelMetadata
 from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS
@@ -35,6 +40,8 @@ VERSION = 3
 """Part of the cache key: raise it when the preview changes."""
 COVERAGE = 0.9
 BEND_DEGREE = 3
+SHADER_ERROR = 0.15
+"""One standard deviation of a cell of the shader's, relative."""
 COUNTS_FACTOR = 2.0
 """The interval of a color, in standard deviations."""
 
@@ -77,8 +84,8 @@ def preview_checker(
 ) -> Checker:
     """Return a checker of ``scene`` on its preview alone, level 0.
 
-    The converged one where the scene allows it (`converges`), in about a minute; the shader's in
-    seconds elsewhere, and with ``coarse``. Both are kept in the user's cache, by the scene's hash.
+    The converged one, in about a minute; with ``coarse`` the shader's, in seconds. Both are kept
+    in the user's cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.
@@ -86,8 +93,8 @@ def preview_checker(
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
     errors = COARSE_ERRORS
-    if not coarse and converges(scene):
-        following = in_stage(progress, "following light through the diffuser")
+    if not coarse:
+        following = in_stage(progress, "following light")
         grid = corrected(grid, scene, converged_transport(scene, following))
         errors = CONVERGED_ERRORS
     session = PreviewSession(grid, scale, errors.color_spread)
@@ -98,27 +105,24 @@ def preview_checker(
     return Checker(session, _about(scene, grid, scale, errors, mean))
 
 
-def converges(scene: Scene) -> bool:
-    """Return whether converged paths serve ``scene``: all light comes out of an opaque diffuser."""
-    return not limitation(scene)
-
-
 def is_prompt(scene: Scene) -> bool:
     """Return whether the best preview of ``scene`` is there in seconds."""
-    return not converges(scene) or is_kept(scene)
+    return is_kept(scene)
 
 
-def corrected(grid: PreviewGrid, scene: Scene, cells: Array) -> PreviewGrid:
-    """Return the shader's grid times the ratio of converged ``cells`` to it.
+def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:
+    """Return the shader's grid times the ratio of converged transport to it.
 
-    The logarithm of the ratio is smooth: in direction the polynomial through `NODES`, in bend one
-    of degree `BEND_DEGREE` at most through the scene's own, constant beyond them. A cell without
-    any light in ``cells`` keeps the shader's, and is counted with the floored ones.
+    The ratio at `NODES` and the scene's own bends is the mean of what was found and of 1, weighed
+    by their variances: that of the noise, and `SHADER_ERROR` squared. Its logarithm is interpolated
+    in direction by the polynomial through `NODES`, in bend by one of degree `BEND_DEGREE` at most,
+    constant beyond the scene's own.
     """
     own = np.array(scene.bending.angles)
-    unlit = cells <= 0.0
-    drawn = grid.evaluate(NODES, own)
-    ratio = np.where(unlit, 0.0, np.log(np.where(unlit, 1.0, cells)) - drawn)
+    drawn = np.exp(grid.evaluate(NODES, own))
+    noise = found.grain[..., None, None] / drawn
+    trust = SHADER_ERROR**2 / (SHADER_ERROR**2 + noise)
+    ratio = np.log1p(trust * (np.maximum(found.cells / drawn, FLOOR) - 1.0))
     in_phi = interpolation_weights(NODES, grid.phi)
     degree = min(len(set(own)) - 1, BEND_DEGREE)
     at_own, at_nodes = (
@@ -127,11 +131,7 @@ def corrected(grid: PreviewGrid, scene: Scene, cells: Array) -> PreviewGrid:
     )
     in_bend = at_nodes @ np.linalg.pinv(at_own)
     change = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, ratio, optimize=True)
-    return replace(
-        grid,
-        log_transport=grid.log_transport + change,
-        floored=grid.floored + int(unlit.sum()),
-    )
+    return replace(grid, log_transport=grid.log_transport + change)
 
 
 class PreviewSession:

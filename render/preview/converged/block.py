@@ -7,10 +7,22 @@ import math
 import numpy as np
 
 from render.arrays import Array
-from render.errors import RenderError
 from render.geometry import curvature, facets
+from render.preview.converged.walks import (
+    BASE,
+    END,
+    LEFT,
+    LOWER,
+    NONE,
+    OUTER_LEFT,
+    OUTER_RIGHT,
+    RIGHT,
+    TIP,
+    UPPER,
+    Block,
+    FaceGrid,
+)
 from render.scene import Scene
-from render.preview.converged.walks import Block, FaceGrid
 
 CELL_SIDE = 0.25
 """Side of a cell on the inner faces, in thicknesses of the pad; light is linear within it."""
@@ -34,10 +46,12 @@ def directions_to_block(directions: Array) -> Array:
 
 def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
     """Return the block at ``bend`` rad, pressed by the pyramids at all sites or untouched."""
-    if scene.diffuser is None:
-        raise RenderError("the scene has no diffuser, so no light leaves one", field="diffuser")
     pad, layer, kappa = scene.pad, scene.diffuser, curvature(scene, bend)
-    half_length = pad.length / 2
+    half_length, rim = pad.length / 2, layer.thickness if layer else 0.0
+    left, tip, right, base, lower = (finish.roughness for finish in scene.finishes)
+    alpha = np.zeros(NONE + 1)
+    alpha[[LEFT, TIP, RIGHT, LOWER, UPPER]] = left, tip, right, lower, pad.roughness
+    alpha[[OUTER_LEFT, END, OUTER_RIGHT, BASE]] = left, tip, right, base
 
     def plane(y: float) -> Array:
         flat = y - scene.camera.pivot
@@ -53,15 +67,15 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         kappa=kappa,
         level=pad.thickness * (1.0 + 0.5 * kappa * pad.thickness),
         half_width=pad.width / 2,
-        rim=layer.thickness,
+        rim=rim,
         base=plane(-half_length),
         tip=plane(half_length),
-        end=plane(half_length + layer.thickness),
+        end=plane(half_length + rim),
         index=pad.index,
-        alpha=pad.roughness,
-        sigma_s=layer.sigma_s,
-        sigma_a=layer.sigma_a,
-        g=layer.g,
+        alpha=alpha,
+        sigma_s=layer.sigma_s if layer else 0.0,
+        sigma_a=layer.sigma_a if layer else 0.0,
+        g=layer.g if layer else 0.0,
         sites=to_block(scene, shape.site_position[:count]),
         reach=1.001 * max(scene.indenter.radius, scene.indenter.depth),
         normal=np.ascontiguousarray(normal),
@@ -75,6 +89,12 @@ def patch_counts(scene: Scene) -> tuple[int, int]:
     pad = scene.pad
     side = max(PATCH_SIDE * pad.thickness, np.sqrt(pad.width * pad.length / MAX_PATCHES))
     return int(np.ceil(pad.width / side)), int(np.ceil(pad.length / side))
+
+
+def patch_area(scene: Scene) -> float:
+    """Return the area of a patch of the untouched coating, mm^2."""
+    columns, rows = patch_counts(scene)
+    return scene.pad.width * scene.pad.length / (columns * rows)
 
 
 def face_grid(scene: Scene, degree: int = DEGREE) -> FaceGrid:

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.files import read_or_drop, write_npz
-from render.geometry import flat_fiber_poses
-from render.preview.converged.transport import Effort, task_count, transport_at
-from render.preview.diffuser.cache import cache_folder, slab_of
-from render.preview.diffuser.response import OPAQUE_THICKNESS
+from render.preview.converged.transport import (
+    ConvergedTransport,
+    Effort,
+    task_count,
+    transport_at,
+)
+from render.preview.diffuser.cache import cache_folder
 from render.progress import Clock, OnProgress
 from render.scene import Scene
 
@@ -26,38 +28,16 @@ PHI_NODES = 13
 NODES = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
 
 
-def limitation(scene: Scene) -> str:
-    """Return why converged transport does not serve ``scene``, as a clause; empty where it does.
-
-    All light has to come out of the diffuser, and scattered: light that passes it straight, or
-    enters the pad beside it, is too narrow for the few terms of the exit field.
-    """
-    if scene.diffuser is None:
-        return "it has no diffuser"
-    if (flat_fiber_poses(scene).layer <= 0.0).any():
-        return "not all of its lamps shine through the diffuser"
-    if len(set(scene.finishes)) > 1:
-        return "its faces are not all alike"
-    thickness = slab_of(scene).optical_thickness
-    if thickness < OPAQUE_THICKNESS:
-        return (
-            f"its diffuser has an optical thickness of {thickness:.2g}, and up to "
-            f"{OPAQUE_THICKNESS:g} light passes straight"
-        )
-    return ""
-
-
 def converged_transport(
     scene: Scene, progress: OnProgress | None = None, effort: Effort | None = None
-) -> Array:
-    """Return transport ``(lamp, node, bend, site, facet + 1)``, the last the untouched pad.
+) -> ConvergedTransport:
+    """Return transport at `NODES` and the scene's own bends, which are one more axis.
 
-    Radiance at the camera in 1/(mm^2 sr) per unit power, at `NODES` and the scene's own bends.
-    Cells hold the noise of the paths, at most some 1 % with the default effort; the same bits for
-    any number of threads.
+    ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``; the same
+    bits for any number of threads.
 
     Arguments:
-        scene: a sensor without a `limitation`.
+        scene: the sensor.
         progress: is told of every lamp and facet.
         effort: how many paths.
     """
@@ -66,17 +46,17 @@ def converged_transport(
     clock = Clock(len(bends) * task_count(scene), progress)
     parts = []
     for bend in bends:
-        kept = read_or_drop(_file(scene, bend, effort), "transport")
+        kept = read_or_drop(_file(scene, bend, effort), *ConvergedTransport._fields)
         if kept is not None:
             clock.skip(task_count(scene))
-            parts.append(kept["transport"])
+            parts.append(ConvergedTransport(kept["cells"], kept["grain"]))
             continue
         parts.append(transport_at(scene, bend, NODES, effort, clock))
         try:
-            write_npz(_file(scene, bend, effort), {"transport": parts[-1]})
+            write_npz(_file(scene, bend, effort), parts[-1]._asdict())
         except OSError as error:
             warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=2)
-    return np.stack(parts, axis=2)
+    return ConvergedTransport(*(np.stack(each, axis=2) for each in zip(*parts, strict=True)))
 
 
 def is_kept(scene: Scene) -> bool:

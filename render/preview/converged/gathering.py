@@ -15,7 +15,6 @@ import numpy as np
 from render.arrays import Array
 from render.geometry import bend_frames, bend_points, declared_sites, facets
 from render.geometry.visibility import BACKGROUND_RADIUS
-from render.scene import Scene
 from render.preview.converged.block import (
     cell_count,
     directions_to_block,
@@ -23,7 +22,9 @@ from render.preview.converged.block import (
     patch_counts,
     to_block,
 )
+from render.preview.converged.spread_points import spread_points
 from render.preview.converged.walks import Block, FaceGrid, find_coating, gather
+from render.scene import Scene
 
 FOOT_WIDTH = 0.3
 """Width of the coating before the foot of a facet that the camera mixes with it, in radii."""
@@ -31,17 +32,8 @@ FACET_KEY, SITE_KEY, PATCH_KEY = 2 << 40, 3 << 40, 4 << 40
 """Families of the streams of facets, untouched spots and patches."""
 
 
-def spread_points(count: int, dimensions: int, key: int) -> Array:
-    """Return evenly spread points ``(point, dimension)`` in [0, 1), shifted by chance.
-
-    Roberts' additive sequence: multiples of powers of the root of ``x^(d + 1) = x + 1``.
-    """
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    shift = np.random.Generator(np.random.Philox(key=key)).random(dimensions)
-    steps = root ** -np.arange(1.0, dimensions + 1)
-    return np.asarray((shift + np.arange(count)[:, None] * steps) % 1.0)
+NO_GRID = FaceGrid(np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3), 0, 0.0, 0)
+"""The grid of a pad whose exit field nobody needs."""
 
 
 class Starts(NamedTuple):
@@ -73,7 +65,7 @@ class Gathered(NamedTuple):
 def facet_points(scene: Scene, bend: float, site: int, facet: int, count: int) -> Starts:
     """Return points spread over a facet of a site."""
     key = FACET_KEY + int(site) * scene.indenter.faces + facet
-    drawn = spread_points(count, 7, key)
+    drawn = spread_points(range(count), 7, key)
     shape = facets(scene, bend)
     place = drawn[:, 5:]
     place = np.where(place.sum(axis=1, keepdims=True) > 1.0, 1.0 - place, place)
@@ -88,7 +80,7 @@ def site_points(scene: Scene, bend: float, site: int, facet: int | None, count: 
     """Return points spread over the background spot of a site, or before the foot of a facet."""
     faces = scene.indenter.faces
     key = SITE_KEY + int(site) * (faces + 1) + (faces if facet is None else facet)
-    drawn = spread_points(count, 7, key)
+    drawn = spread_points(range(count), 7, key)
     if facet is None:
         azimuth = 2 * np.pi * drawn[:, 5]
         radius = BACKGROUND_RADIUS * scene.indenter.radius * np.sqrt(drawn[:, 6])
@@ -107,7 +99,7 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
     """Return points spread over a patch of the coating, pressed or not."""
     columns, rows = patch_counts(scene)
     key = PATCH_KEY + patch
-    drawn = spread_points(count, 7, key)
+    drawn = spread_points(range(count), 7, key)
     x = scene.pad.width * ((patch % columns + drawn[:, 5]) / columns - 0.5)
     y = scene.pad.length * ((patch // columns + drawn[:, 6]) / rows - 0.5)
     angle = block.kappa * (y - scene.camera.pivot)
@@ -126,8 +118,15 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
     return Starts(points, normals, weights / max(weights.sum(), 1.0), drawn, key)
 
 
-def gathered(starts: Starts, block: Block, grid: FaceGrid, patches: int) -> Gathered:
-    """Return what ``starts`` get of the exit field and of so many patches."""
+def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) -> Gathered:
+    """Return what ``starts`` get of the exit field, if there is one, and of so many patches."""
+    if grid is None:
+        terms, ends = np.zeros((0, 0, 1)), np.zeros(patches)
+        gather(
+            block, NO_GRID, starts.points, starts.normals, starts.weights, starts.drawn,
+            starts.key, terms, ends,
+        )  # fmt: skip
+        return Gathered(terms.ravel(), ends)
     out = np.zeros((cell_count(grid), 4 * (grid.degree + 1) ** 2, 1))
     ends = np.zeros(patches)
     gather(

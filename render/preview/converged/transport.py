@@ -1,7 +1,9 @@
-"""Converged transport as the product of exit field and gathering, T = U H.
+"""Converged transport of a pad at one bend.
 
-``U`` is the light that leaves the diffusive layer (`exit_field`), ``H`` what a facet gets of it
-(`gathering`); the camera mixes facets as in the shader's preview (`render.preview.facet_blur`).
+Of lamps behind an opaque layer it is a product, T = U H: ``U`` is the light that leaves the layer
+(`exit_field`), ``H`` what a facet gets of it (`gathering`). Light of other lamps is too narrow for
+the terms of U: `arrivals` follows it to the coating, and ``H`` has what the coating sends on. The
+camera mixes facets as in the shader's preview (`render.preview.facet_blur`).
 """
 
 from __future__ import annotations
@@ -10,14 +12,14 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry import counted_sites
-from render.preview.facet_blur import facet_blur
-from render.progress import Clock
-from render.scene import Scene
+from render.geometry import counted_sites, flat_fiber_poses
+from render.preview.converged.arrivals import Arrivals, arrivals, no_arrivals, receivers_at
 from render.preview.converged.block import bent_block, face_grid, patch_counts
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.gathering import (
@@ -29,6 +31,11 @@ from render.preview.converged.gathering import (
     site_points,
 )
 from render.preview.converged.walks import Block, FaceGrid
+from render.preview.diffuser.cache import slab_of
+from render.preview.diffuser.response import OPAQUE_THICKNESS
+from render.preview.facet_blur import facet_blur
+from render.progress import Clock
+from render.scene import Scene
 
 BATCH = 16
 """Starts that are multiplied with the exit field at a time, which bounds the memory."""
@@ -36,12 +43,31 @@ MINOR = 8
 """Patches and feet of facets, which count little, have so many times fewer paths than facets."""
 
 
+FEWEST_ARRIVALS = 1000
+"""Photons of a lamp at least."""
+
+
 @dataclass(frozen=True)
 class Effort:
-    """Light paths: ``photons`` per lamp, ``paths`` per facet."""
+    """Light paths: ``photons`` of a lamp behind an opaque layer, ``paths`` from a facet.
+
+    ``arrivals`` are photons that all other lamps share, at all bends.
+    """
 
     photons: int = 200_000
     paths: int = 32_768
+    arrivals: int = 20_000_000
+
+
+def spreads(scene: Scene) -> NDArray[np.bool_]:
+    """Return ``(lamp,)`` whether a lamp's light comes out of a diffuser, and scattered.
+
+    Then it is wide enough for the few terms of the exit field.
+    """
+    behind = flat_fiber_poses(scene).layer > 0.0
+    if not behind.any():
+        return behind
+    return behind & (slab_of(scene).optical_thickness >= OPAQUE_THICKNESS)
 
 
 def task_count(scene: Scene) -> int:
@@ -49,10 +75,23 @@ def task_count(scene: Scene) -> int:
     return scene.lamp_count + len(counted_sites(scene)) * (scene.indenter.faces + 1)
 
 
-def transport_at(scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock) -> Array:
-    """Return transport at one bend, ``(fiber, node, site, facet + 1)``, the last the background.
+class ConvergedTransport(NamedTuple):
+    """Transport at one bend: radiance at the camera in 1/(mm^2 sr) per unit power.
 
-    Radiance at the camera in 1/(mm^2 sr) per unit power. The same for any number of threads.
+    Arguments:
+        cells: ``(lamp, node, site, facet + 1)``, the last of the untouched pad.
+        grain: ``(lamp, node)``: the variance of a cell is about the grain times it; 0 for lamps
+            behind an opaque layer, whose noise is about 1 % everywhere.
+    """
+
+    cells: Array
+    grain: Array
+
+
+def transport_at(
+    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock
+) -> ConvergedTransport:
+    """Return transport at one bend, the same for any number of threads.
 
     Arguments:
         scene: the sensor.
@@ -62,49 +101,92 @@ def transport_at(scene: Scene, bend: float, phi: Array, effort: Effort, clock: C
         clock: is ticked for every lamp, facet and spot.
     """
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        light, nodes = _light(scene, bend, phi, effort, clock, pool)
-        pressed = _Receivers(scene, bend, True, light, effort, clock, pool)
-        untouched = _Receivers(scene, bend, False, light, effort, clock, pool)
+        light = _light(scene, bend, phi, effort, clock, pool)
+        pressed = _Gathering(scene, bend, True, light, effort, clock, pool)
+        untouched = _Gathering(scene, bend, False, light, effort, clock, pool)
         facet, foot, site = pressed.facets(), pressed.feet(), untouched.sites()
     blur = facet_blur(scene, bend)
     mixed, around = blur[:, :-1, :-1], blur[:, :-1, -1, None]
     cells = np.einsum("sij,sjr->sir", mixed, facet) + around * foot
     background = blur[:, -1, -1:, None] * site[:, None]
     cells = np.concatenate([cells, background], axis=1)
-    split = np.split(cells, np.cumsum(nodes)[:-1], axis=2)
-    every = [np.broadcast_to(part, (*part.shape[:2], len(phi))) for part in split]
-    return np.stack(every).transpose(0, 3, 1, 2)
+    out = np.empty((scene.lamp_count, len(phi), *cells.shape[:2]))
+    grain = np.zeros(out.shape[:2])
+    grains = np.concatenate([np.zeros(light.field.shape[1]), light.arrived.grain])
+    passed = np.pi * float(np.median(blur[:, :-1].sum(axis=-1)))
+    for lamp, columns in light.columns.items():
+        out[lamp] = np.moveaxis(cells[..., columns], -1, 0)
+        grain[lamp] = passed * grains[columns]
+    return ConvergedTransport(out, grain)
+
+
+class _Light(NamedTuple):
+    """What leaves the lamps: columns of ``field``, then those of ``arrived``.
+
+    Arguments:
+        columns: of each lamp, one for every node, or one for all.
+        field: ``(cell * term, column)`` the exit field.
+        arrived: what gets to coating and facets by itself; the last axis is the column.
+    """
+
+    columns: dict[int, slice]
+    field: Array
+    arrived: Arrivals
 
 
 def _light(
     scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, pool: ThreadPoolExecutor
-) -> tuple[Array, list[int]]:
-    """Return the exit field ``(cell * term, column)`` and how many columns each lamp has."""
+) -> _Light:
     block, grid = bent_block(scene, bend, pressed=False), face_grid(scene)
+    pressed, receivers = bent_block(scene, bend, pressed=True), receivers_at(scene, bend)
+    wide = spreads(scene)
+    flights = max(1, int((~wide).sum()) * len(scene.bending.angles))
+    photons = max(FEWEST_ARRIVALS, effort.arrivals // flights)
 
-    def of_lamp(lamp: int) -> Array:
+    def field_of(lamp: int) -> Array:
         field = exit_field(scene, bend, lamp, phi, block, grid, effort.photons)
         clock.tick()
         return field.reshape(-1, field.shape[-1])
 
-    fields = list(pool.map(of_lamp, range(scene.lamp_count)))
-    return np.concatenate(fields, axis=1), [field.shape[1] for field in fields]
+    def arrivals_of(lamp: int) -> Arrivals:
+        found = arrivals(scene, bend, lamp, phi, block, pressed, receivers, photons)
+        clock.tick()
+        return found
+
+    order = [*np.flatnonzero(wide), *np.flatnonzero(~wide)]
+    fields = list(pool.map(field_of, np.flatnonzero(wide).tolist()))
+    arrived = list(pool.map(arrivals_of, np.flatnonzero(~wide).tolist()))
+    counts = [each.shape[-1] for each in fields] + [each.patches.shape[-1] for each in arrived]
+    ends = np.cumsum(counts)
+    columns = {
+        int(lamp): slice(int(end - count), int(end))
+        for lamp, end, count in zip(order, ends, counts, strict=True)
+    }
+    nothing = no_arrivals(scene)
+    cells = len(fields[0]) if fields else 0
+    return _Light(
+        columns,
+        np.concatenate([np.zeros((cells, 0)), *fields], axis=1),
+        Arrivals(
+            *(np.concatenate(parts, axis=-1) for parts in zip(nothing, *arrived, strict=True))
+        ),
+    )
 
 
-class _Receivers:
-    """What points of one pad, pressed or untouched, get of the exit field ``light``.
+class _Gathering:
+    """What points of one pad, pressed or untouched, get of ``light``.
 
     Irradiance in 1/mm^2 per unit power, ``(..., column)``.
     """
 
     def __init__(
-        self, scene: Scene, bend: float, pressed: bool, light: Array, effort: Effort, clock: Clock,
-        pool: ThreadPoolExecutor,
+        self, scene: Scene, bend: float, pressed: bool, light: _Light, effort: Effort,
+        clock: Clock, pool: ThreadPoolExecutor,
     ) -> None:  # fmt: skip
         self._scene, self._bend, self._effort, self._clock = scene, bend, effort, clock
         self._pool, self._light = pool, light
         self._block: Block = bent_block(scene, bend, pressed)
-        self._grid: FaceGrid = face_grid(scene)
+        self._grid: FaceGrid | None = face_grid(scene) if len(light.field) else None
         columns, rows = patch_counts(scene)
         self._patches = columns * rows
         few = max(effort.paths // MINOR, 1)
@@ -112,43 +194,46 @@ class _Receivers:
             range(self._patches), lambda i: patch_points(scene, self._block, i, few)
         )
         albedo = scene.coating.albedo
+        direct = np.concatenate([direct, light.arrived.patches], axis=1)
         self._sent = np.linalg.solve(np.eye(self._patches) - albedo * ends, albedo * direct)
 
     def facets(self) -> Array:
         """Return ``(site, facet, column)``."""
         faces, paths = self._scene.indenter.faces, self._effort.paths
         sites = counted_sites(self._scene)
-        found = self._irradiance(
-            range(len(sites) * faces),
+        return self._irradiance(
             lambda i: facet_points(self._scene, self._bend, sites[i // faces], i % faces, paths),
+            self._light.arrived.facets,
             ticks=True,
         )
-        return found.reshape(len(sites), faces, -1)
 
     def feet(self) -> Array:
         """Return ``(site, facet, column)`` on the coating before the facets."""
         faces, few = self._scene.indenter.faces, max(self._effort.paths // MINOR, 1)
         sites = counted_sites(self._scene)
-        found = self._irradiance(
-            range(len(sites) * faces),
+        return self._irradiance(
             lambda i: site_points(self._scene, self._bend, sites[i // faces], i % faces, few),
+            self._light.arrived.feet,
         )
-        return found.reshape(len(sites), faces, -1)
 
     def sites(self) -> Array:
         """Return ``(site, column)`` on the spots."""
         sites, paths = counted_sites(self._scene), self._effort.paths
         return self._irradiance(
-            range(len(sites)),
             lambda i: site_points(self._scene, self._bend, sites[i], None, paths),
+            self._light.arrived.spots,
             ticks=True,
         )
 
     def _irradiance(
-        self, items: range, starts: Callable[[int], Starts], ticks: bool = False
+        self, starts: Callable[[int], Starts], arrived: Array, ticks: bool = False
     ) -> Array:
+        """Return that of items in the shape of ``arrived``, ``(..., column)``."""
+        items = range(int(np.prod(arrived.shape[:-1])))
         direct, ends = self._products(items, starts, ticks)
-        return np.asarray(np.pi * (direct + ends @ self._sent))
+        direct = np.concatenate([direct, arrived.reshape(len(items), -1)], axis=1)
+        found = np.pi * (direct + ends @ self._sent)
+        return np.asarray(found.reshape(*arrived.shape[:-1], -1))
 
     def _products(
         self, items: range, starts: Callable[[int], Starts], ticks: bool = False
@@ -164,6 +249,6 @@ class _Receivers:
         direct, ends = [], []
         for first in range(0, len(items), BATCH):
             found = list(self._pool.map(one, items[first : first + BATCH]))
-            direct.append(np.stack([each.terms for each in found]) @ self._light)
+            direct.append(np.stack([each.terms for each in found]) @ self._light.field)
             ends += [each.patches for each in found]
         return np.concatenate(direct), np.stack(ends)

@@ -41,7 +41,9 @@ class Block(NamedTuple):
         half_width: of the clear pad; ``rim`` the thickness of the layer.
         base, tip, end: planes ``(cos, sin, offset)`` through the bend's axis: the pad's base, its
             tip, and the outer face of the layer there. ``cos v - sin w - offset`` grows to the tip.
-        index, alpha: of the faces to the air.
+        index: of refraction, of the silicone.
+        alpha: ``(face,)`` Beckmann roughness of the faces to the air, by their number here; of the
+            layer's inner faces where there is no layer (``rim`` 0), and they lie in the air.
         sigma_s, sigma_a, g: of the layer.
         sites: ``(site, 3)`` centers of the pyramids; none of an untouched pad.
         reach: radius of a ball about a center that holds the pyramid.
@@ -58,7 +60,7 @@ class Block(NamedTuple):
     tip: Array
     end: Array
     index: float  # type: ignore[assignment]  # of refraction, not tuple.index
-    alpha: float
+    alpha: Array
     sigma_s: float
     sigma_a: float
     g: float
@@ -91,6 +93,29 @@ class FaceGrid(NamedTuple):
     rows: int
     thickness: float
     degree: int
+
+
+class Receivers(NamedTuple):
+    """Small faces at the sites that gather the light which passes near them; mm.
+
+    Arguments:
+        site: ``(site, 3)`` where each site touches the coating; ``inward`` ``(site, 3)`` the unit
+            normal of the coating there, into the pad.
+        center, normal: ``(site, receiver, 3)``; normals are unit and point into the pad.
+        corners: ``(site, receiver, 3, 3)`` of a triangle on which shadows are looked for.
+        shaded: ``(receiver,)`` whether pyramids hide light from it.
+        radius: of the disk parallel to the coating, about the center, over which light is alike.
+        reach: radius of a ball about a site that holds all of its disks.
+    """
+
+    site: Array
+    inward: Array
+    center: Array
+    normal: Array
+    corners: Array
+    shaded: NDArray[np.bool_]
+    radius: float
+    reach: float
 
 
 # ------------------------------------ Random numbers --------------------------------------
@@ -183,13 +208,14 @@ def microfacet(d: Array, n: Array, alpha: float, u: float, v: float, m: Array) -
 
 @compiled
 def reflect_inside(
-    block: Block, d: Array, n: Array, u: float, v: float, chance: float, m: Array
+    block: Block, face: int, d: Array, n: Array, u: float, v: float, chance: float, m: Array
 ) -> float:
     """Turn ``d``, which meets a face to the air with inward normal ``n``, back by chance.
 
     Return its weight; 0 where it leaves. ``u``, ``v`` and ``chance`` are random in [0, 1).
     """
-    weight = microfacet(d, n, block.alpha, u, v, m)
+    alpha = block.alpha[face]
+    weight = microfacet(d, n, alpha, u, v, m)
     if weight == 0.0:
         return 0.0
     cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
@@ -201,16 +227,19 @@ def reflect_inside(
     cos_out = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
     if cos_out <= 0.0:
         return 0.0
-    return float(weight * unmasked(cos_out, block.alpha))
+    return float(weight * unmasked(cos_out, alpha))
 
 
 @compiled
-def refract_into(block: Block, d: Array, n: Array, u: float, v: float, m: Array) -> float:
+def refract_into(
+    block: Block, face: int, d: Array, n: Array, u: float, v: float, m: Array
+) -> float:
     """Turn ``d``, which comes from the air, into the silicone; return what passes, 0 for none.
 
     ``n`` is the face's outward normal.
     """
-    weight = microfacet(d, n, block.alpha, u, v, m)
+    alpha = block.alpha[face]
+    weight = microfacet(d, n, alpha, u, v, m)
     if weight == 0.0:
         return 0.0
     cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
@@ -220,7 +249,7 @@ def refract_into(block: Block, d: Array, n: Array, u: float, v: float, m: Array)
     behind = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
     if behind <= 0.0:
         return 0.0
-    return weight * (1.0 - back) * unmasked(behind, block.alpha)
+    return weight * (1.0 - back) * unmasked(behind, alpha)
 
 
 # -------------------------------------- Geometry ------------------------------------------
@@ -267,10 +296,10 @@ def face_normal(block: Block, face: int, p: Array, n: Array) -> None:
         n *= (1.0 if face == LOWER else -1.0) / math.sqrt(n[1] * n[1] + n[2] * n[2])
     elif face == BASE:
         n[1], n[2] = -block.base[0], block.base[1]
-    elif face == END:
+    elif face in (END, TIP):
         n[1], n[2] = block.end[0], -block.end[1]
     else:
-        n[0] = -1.0 if face == OUTER_LEFT else 1.0
+        n[0] = -1.0 if face in (OUTER_LEFT, LEFT) else 1.0
 
 
 @compiled
@@ -420,6 +449,8 @@ def enter_block(block: Block, p: Array, d: Array) -> int:
 @compiled
 def in_layer(block: Block, p: Array) -> bool:
     """Return whether a point of the block lies in the diffusive layer."""
+    if block.rim == 0.0:
+        return False
     return abs(p[0]) > block.half_width or beyond(block.tip, p) > 0.0
 
 
@@ -481,7 +512,7 @@ def walk_layer(
             for k in range(3):
                 n[k] = -n[k]
             u, v, chance = uniform(state), uniform(state), uniform(state)
-            weight *= reflect_inside(block, d, n, u, v, chance, m)
+            weight *= reflect_inside(block, face, d, n, u, v, chance, m)
             if weight == 0.0:
                 return 0.0, NONE
     return 0.0, NONE
@@ -560,7 +591,7 @@ def trace_lamp(
         if face == NONE:
             continue
         face_normal(block, face, p, n)
-        passed = refract_into(block, d, n, uniform(state), uniform(state), m)
+        passed = refract_into(block, face, d, n, uniform(state), uniform(state), m)
         if passed == 0.0:
             continue
         layer = in_layer(block, p)
@@ -572,6 +603,112 @@ def trace_lamp(
             for node in range(len(scaled)):
                 scaled[node] = passed * left * weights[ray // repeats, node] / repeats
             deposit(block, grid, face, p, d, 1.0, scaled, powers, out)
+
+
+@compiled
+def receive(
+    pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
+    scale: float, weights: Array, received: Array,
+) -> None:  # fmt: skip
+    """Add light on its way from ``p`` along ``d`` to the receivers that it passes.
+
+    ``way`` is that to the face it meets next; ``scale`` times ``weights`` ``(weight,)`` its power.
+    The light is taken to be alike within ``receivers.radius``, and carried over to a point of the
+    receiver, which another pyramid may hide from it.
+    """
+    e, y = np.empty(3), np.empty(3)
+    share = 1.0 / (math.pi * receivers.radius * receivers.radius)
+    for site in range(len(receivers.site)):
+        along = squared = down = 0.0
+        for k in range(3):
+            to = receivers.site[site, k] - p[k]
+            along += to * d[k]
+            squared += to * to
+            down += d[k] * receivers.inward[site, k]
+        if down >= -1e-9 or squared - along * along > receivers.reach * receivers.reach:
+            continue
+        for part in range(receivers.center.shape[1]):
+            cos = height = 0.0
+            for k in range(3):
+                cos -= receivers.normal[site, part, k] * d[k]
+                height += (receivers.center[site, part, k] - p[k]) * receivers.inward[site, k]
+            to = height / down
+            # The coating may bend away before the plane of the receiver.
+            if cos <= 0.0 or to < 0.0 or to > way + receivers.radius:
+                continue
+            squared = 0.0
+            for k in range(3):
+                off = p[k] + to * d[k] - receivers.center[site, part, k]
+                squared += off * off
+            if squared > receivers.radius * receivers.radius:
+                continue
+            if receivers.shaded[part]:
+                u, v = uniform(state), uniform(state)
+                if u + v > 1.0:
+                    u, v = 1.0 - u, 1.0 - v
+                for k in range(3):
+                    a = receivers.corners[site, part, 0, k]
+                    b = receivers.corners[site, part, 1, k]
+                    c = receivers.corners[site, part, 2, k]
+                    y[k] = a + u * (b - a) + v * (c - a)
+                    e[k] = -d[k]
+                _, hidden, _ = meet_pyramids(pressed, y, e, to)
+                if hidden >= 0:
+                    continue
+            factor = scale * share * cos / -down
+            for weight in range(len(weights)):
+                received[site, part, weight] += factor * weights[weight]
+
+
+@compiled
+def trace_arrivals(
+    block: Block, pressed: Block, receivers: Receivers, origin: Array, direction: Array,
+    weights: Array, key: int, number: int, patches: Array, received: Array,
+) -> None:  # fmt: skip
+    """Follow rays of a lamp ``(ray, 3)`` until they end on the coating of the untouched ``block``.
+
+    ``weights`` ``(ray, node)``; ``number`` is that of the first ray. The power that
+    arrives is added to ``patches`` ``(patch, node)``, and the irradiance of receivers to
+    ``received`` ``(site, receiver, node)``.
+    """
+    state = np.zeros(1, np.uint64)
+    p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for ray in range(len(origin)):
+        begin_stream(state, key, number + ray)
+        p[:] = origin[ray]
+        d[:] = direction[ray]
+        face = enter_block(block, p, d)
+        if face == NONE:
+            continue
+        layer = in_layer(block, p)
+        if face == UPPER and not layer:
+            continue  # on the back of the coating
+        face_normal(block, face, p, n)
+        weight = refract_into(block, face, d, n, uniform(state), uniform(state), m)
+        if weight > 0.0 and layer:
+            left, face = walk_layer(state, block, p, d, n, m)
+            weight *= left
+        for _ in range(MAX_EVENTS):
+            if weight == 0.0:
+                break
+            way, face, _, _ = cross_clear(block, p, d)
+            receive(pressed, receivers, state, p, d, way, weight, weights[ray], received)
+            for k in range(3):
+                p[k] += way * d[k]
+            if face == COATING:
+                patch = patch_of(block, p)
+                for node in range(weights.shape[1]):
+                    patches[patch, node] += weight * weights[ray, node]
+                break
+            if face <= RIGHT and block.rim > 0.0:
+                left, face = walk_layer(state, block, p, d, n, m)
+                weight *= left
+            else:
+                face_normal(block, face, p, n)
+                for k in range(3):
+                    n[k] = -n[k]
+                u, v, chance = uniform(state), uniform(state), uniform(state)
+                weight *= reflect_inside(block, face, d, n, u, v, chance, m)
 
 
 @compiled
@@ -605,8 +742,8 @@ def gather(
 
     Directions at the points are cosine distributed; ``drawn`` ``(path, 5)`` in [0, 1) draws them
     and the first reflection. Where a path enters the layer, the light that leaves there is added to
-    ``out`` ``(cell, term, 1)``; where it ends on the coating, its weight to
-    ``patches`` ``(patch,)``.
+    ``out`` ``(cell, term, 1)``, which may have no cells; where it ends on the coating, its weight
+    to ``patches`` ``(patch,)``.
     """
     state, powers, one = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1)), np.empty(1)
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -626,9 +763,10 @@ def gather(
             if face in (COATING, FACET):
                 patches[patch_of(block, p)] += weight
                 break
-            if face <= RIGHT:
-                one[0] = weight
-                deposit(block, grid, face, p, d, -1.0, one, powers, out)
+            if face <= RIGHT and block.rim > 0.0:
+                if len(out):
+                    one[0] = weight
+                    deposit(block, grid, face, p, d, -1.0, one, powers, out)
                 left, face = walk_layer(state, block, p, d, n, m)
                 weight *= left
             else:
@@ -639,7 +777,7 @@ def gather(
                     u, v, chance = drawn[path, 2], drawn[path, 3], drawn[path, 4]
                 else:
                     u, v, chance = uniform(state), uniform(state), uniform(state)
-                weight *= reflect_inside(block, d, n, u, v, chance, m)
+                weight *= reflect_inside(block, face, d, n, u, v, chance, m)
                 first = False
             if weight == 0.0:
                 break

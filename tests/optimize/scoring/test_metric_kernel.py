@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from optimize.scoring.metric_kernel import channel_mark, vectorized, kernel_constants, score_lanes
+from optimize.scoring.metric_kernel import channel_mark, kernel_constants, score_lanes, vectorized
 from render.metric import MetricConfig, clip_counts, design_score, site_metric
 
 CONVENTIONS = [

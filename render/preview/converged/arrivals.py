@@ -1,0 +1,135 @@
+"""Light that lamps send to the coating and the facets before the coating has reflected any.
+
+For lamps whose light is too narrow for the exit field: it enters through a clear face, or passes a
+thin layer. Analog photons fly through the untouched pad as it is bent. What a facet gets is what
+passes near it, taken to be alike within a disk of about the size of the pyramid; its error is of
+the second order in that radius.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from render.arrays import Array
+from render.geometry import bend_frames, bend_points, counted_sites, declared_sites, facets
+from render.preview.converged.block import directions_to_block, patch_area, patch_counts, to_block
+from render.preview.converged.gathering import FOOT_WIDTH
+from render.preview.converged.launching import launched
+from render.preview.converged.walks import Block, Receivers, trace_arrivals
+from render.scene import Scene
+
+ARRIVAL_KEY = 5 << 40
+"""Family of the streams of photons; lamps are counted from it."""
+BATCH = 100_000
+"""Photons at a time, which bounds the memory."""
+DISK = 1.0
+"""Radius within which light is taken to be alike, in radii of the pyramid."""
+
+
+class Arrivals(NamedTuple):
+    """Irradiance over pi, 1/mm^2 per unit power, that the coating has not reflected.
+
+    ``patches`` ``(patch, node)``, ``facets`` and their ``feet`` ``(site, facet, node)`` on the
+    pressed pad, ``spots`` ``(site, node)`` on the untouched one. ``grain`` ``(node,)`` is what one
+    photon is worth to a facet: the variance of an irradiance is about the grain times it.
+    """
+
+    patches: Array
+    facets: Array
+    feet: Array
+    spots: Array
+    grain: Array
+
+
+def no_arrivals(scene: Scene) -> Arrivals:
+    """Return arrivals of no lamp, without a column."""
+    columns, rows = patch_counts(scene)
+    sites, faces = len(counted_sites(scene)), scene.indenter.faces
+    shapes: tuple[tuple[int, ...], ...]
+    shapes = (columns * rows,), (sites, faces), (sites, faces), (sites,), ()
+    return Arrivals(*(np.zeros((*shape, 0)) for shape in shapes))
+
+
+def receivers_at(scene: Scene, bend: float) -> Receivers:
+    """Return facets, feet of facets and spots of all sites that count, in this order."""
+    faces, radius = scene.indenter.faces, scene.indenter.radius
+    sites, shape = counted_sites(scene), facets(scene, bend)
+    turn = bend_frames(scene, declared_sites(scene)[sites, 1], bend)
+    azimuth = 2 * np.pi * (np.arange(faces)[:, None] + [-0.25, 0.25, 0.0]) / faces
+    out = radius * (1.0 + FOOT_WIDTH * np.array([0.0, 0.0, 1.0]))
+    ring = np.stack([out * np.sin(azimuth), out * np.cos(azimuth), np.zeros_like(azimuth)], axis=-1)
+    flat = declared_sites(scene)[sites][:, None, None] + ring
+    feet = bend_points(scene, flat, bend)
+    inward = -turn[..., 2]
+    spot = np.repeat(shape.site_position[sites][:, None, None], 3, axis=2)
+    corners = np.concatenate([shape.corners[sites], feet, spot], axis=1)
+    level = np.repeat(inward[:, None], faces + 1, axis=1)
+    normal = np.concatenate([shape.normal[sites], level], axis=1)
+    center, site = corners.mean(axis=2), shape.site_position[sites]
+    apart = np.linalg.norm(center - site[:, None], axis=-1).max()
+    return Receivers(
+        site=to_block(scene, site),
+        inward=directions_to_block(inward),
+        center=np.ascontiguousarray(to_block(scene, center)),
+        normal=directions_to_block(normal),
+        corners=np.ascontiguousarray(to_block(scene, corners)),
+        shaded=np.arange(2 * faces + 1) < 2 * faces,
+        radius=DISK * radius,
+        reach=float(apart) + DISK * radius,
+    )
+
+
+def arrivals(
+    scene: Scene,
+    bend: float,
+    lamp: int,
+    phi: Array,
+    block: Block,
+    pressed: Block,
+    receivers: Receivers,
+    photons: int,
+    seed: int = 0,
+) -> Arrivals:
+    """Return what a lamp of unit power sends to all receivers and patches.
+
+    Arguments:
+        scene: the sensor.
+        bend: rad.
+        lamp: its number.
+        phi: ``(node,)`` rad; a lamp that does not turn has one node.
+        block: of the scene at this bend, untouched; ``pressed`` with its pyramids.
+        pressed: see ``block``.
+        receivers: of the scene at this bend.
+        photons: how many share the power.
+        seed: of their random numbers.
+    """
+    columns, rows = patch_counts(scene)
+    faces = scene.indenter.faces
+    patches = received = None
+    key, grain = ARRIVAL_KEY + (seed << 20) + lamp, np.zeros(1)
+    for first in range(0, photons, BATCH):
+        numbers = range(first, min(first + BATCH, photons))
+        origin, direction, weights = launched(scene, bend, lamp, phi, numbers, key)
+        weights *= len(numbers) / photons
+        grain = grain + (weights**2).sum(axis=0)
+        if patches is None or received is None:
+            nodes = weights.shape[1]
+            patches = np.zeros((columns * rows, nodes))
+            received = np.zeros((*receivers.center.shape[:2], nodes))
+        trace_arrivals(
+            block, pressed, receivers, to_block(scene, origin), directions_to_block(direction),
+            weights, key, first, patches, received,
+        )  # fmt: skip
+    if patches is None or received is None:
+        raise ValueError(f"photons = {photons}, allowed: at least 1")
+    patches /= np.pi * patch_area(scene)
+    received /= np.pi
+    return Arrivals(
+        patches,
+        received[:, :faces],
+        received[:, faces : 2 * faces],
+        received[:, 2 * faces],
+        grain / (np.pi**2 * receivers.radius**2),
+    )

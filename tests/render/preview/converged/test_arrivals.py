@@ -1,0 +1,122 @@
+"""Light that lamps send straight to the pad: closed forms, analog photons, and itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from render.geometry import declared_sites, fiber_poses
+from render.preview.converged import Effort, transport_at
+from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
+from render.preview.converged.block import bent_block, patch_area
+from render.preview.converged.launching import launched
+from render.preview.diffuser.cache import fiber_ends
+from render.preview.diffuser.emission import radiance_of_nodes
+from render.progress import Clock
+from render.scene import Scene
+from tests.oracles.analog_cells import AnalogScene
+from tests.surrogate.conftest import small_scene
+
+AHEAD = np.array([np.pi / 2])
+FLAT = {"angles": {"value": [0.0], "unit": "deg", "source": "flat"}}
+
+
+def clear_pad(**pad: float) -> Scene:
+    """Return a flat pad without a diffuser, with values of ``pad`` in place of its own."""
+    scene = small_scene(bending=FLAT).model_copy(update={"diffuser": None})
+    return scene.model_copy(update={"pad": scene.pad.model_copy(update=pad)})
+
+
+def arrived(scene: Scene, lamp: int, photons: int, bend: float = 0.0) -> Arrivals:
+    blocks = bent_block(scene, bend, pressed=False), bent_block(scene, bend, pressed=True)
+    return arrivals(scene, bend, lamp, AHEAD, *blocks, receivers_at(scene, bend), photons)
+
+
+def test_without_refraction_a_spot_gets_the_inverse_square_of_its_distance() -> None:
+    scene = clear_pad(index=1.0)
+    lamp = 1
+    poses, end = fiber_poses(scene, 0.0), fiber_ends(scene)[lamp]
+    flat = declared_sites(scene)
+    spots = np.column_stack([flat[:, :2], np.full(len(flat), scene.pad.thickness)])
+    to = spots - poses.position[lamp]
+    distance = np.linalg.norm(to, axis=1)
+    beam = poses.directions(np.full(scene.lamp_count, np.pi / 2))[lamp]
+    angle = np.arccos(to @ beam / distance)
+    # Light gets in at the edge alone; the lamp is a disk that a far spot sees foreshortened.
+    intensity = end.peak_intensity * end.radiance(angle) * np.cos(angle)
+    expected = intensity * to[:, 2] / distance / distance**2 / np.pi
+    found = arrived(scene, lamp, 1_000_000).spots[:, 0]
+    bright = expected > 0.2 * expected.max()
+    assert bright.sum() >= 2
+    np.testing.assert_allclose(found[bright], expected[bright], rtol=0.06)
+
+
+def test_all_that_enters_a_pad_of_index_1_reaches_the_coating_or_leaves() -> None:
+    scene = clear_pad(index=1.0)
+    power = np.pi * arrived(scene, 1, 100_000).patches.sum() * patch_area(scene)
+    # A quarter of the light flies up and meets the coating; some of it leaves before.
+    assert 0.05 < power < 0.6
+
+
+def test_cells_of_a_clear_rough_pad_are_those_of_analog_photons() -> None:
+    scene = clear_pad(roughness=0.15)
+    found = transport_at(scene, 0.0, AHEAD, Effort(paths=2048, arrivals=1_600_000), quiet())
+    photons = AnalogScene(scene, True)
+    for lamp in (0, 4):
+        batches = photons.cells(lamp, np.pi / 2, 200_000).replicates
+        truth, se = batches.mean(axis=0).ravel(), stats.sem(batches, axis=0).ravel()
+        cells = found.cells[lamp, 0, :, :-1].ravel()
+        noise = np.sqrt(se**2 + found.grain[lamp, 0] * truth)
+        # Two percent more for light that is not quite alike within a pyramid.
+        spread = float(stats.sem(batches.sum(axis=1)))
+        assert cells.sum() == pytest.approx(truth.sum(), abs=3 * spread + 0.02 * truth.sum())
+        error = (cells - truth) / np.hypot(noise, 0.02 * truth)
+        assert np.sqrt(np.mean(error**2)) < 1.5
+
+
+def test_the_grain_is_the_variance_of_a_cell_over_the_cell() -> None:
+    scene = clear_pad()
+    blocks = bent_block(scene, 0.0, pressed=False), bent_block(scene, 0.0, pressed=True)
+    receivers, photons = receivers_at(scene, 0.0), 20_000
+    runs = [
+        arrivals(scene, 0.0, 1, AHEAD, *blocks, receivers, photons, seed=seed) for seed in range(24)
+    ]
+    facets = np.array([run.facets[..., 0] for run in runs])
+    variance = facets.var(axis=0, ddof=1).sum()
+    assert runs[0].grain[0] * facets.mean(axis=0).sum() == pytest.approx(variance, rel=0.5)
+
+
+def test_weights_of_launched_rays_are_the_radiance_of_every_node() -> None:
+    scene, phi = clear_pad(), np.array([0.3, 1.2, 2.9])
+    origin, direction, weights = launched(scene, 0.0, 3, phi, range(2000), 5)
+    poses, end = fiber_poses(scene, 0.0), fiber_ends(scene)[3]
+    frame = np.stack([poses.along[3], poses.inward[3], poses.up[3]])
+    offset = (origin - poses.position[3]) @ frame.T
+    expected = radiance_of_nodes(end, end.directions(phi), offset, direction @ frame.T)
+    expected /= expected.mean(axis=1, keepdims=True) * 2000
+    np.testing.assert_allclose(weights, expected, atol=1e-6 * weights.max())
+    np.testing.assert_allclose(weights.sum(axis=0), 1.0, rtol=0.02)
+
+
+def test_a_slightly_bent_pad_gets_what_the_flat_one_gets() -> None:
+    scene = clear_pad()
+    flat, bent = (arrived(scene, 1, 50_000, bend) for bend in (0.0, 1e-7))
+    np.testing.assert_allclose(bent.patches, flat.patches, atol=0.02 * flat.patches.max())
+
+
+def test_lamps_before_bare_edges_and_behind_the_layer_share_a_pad() -> None:
+    scene = small_scene(bending=FLAT)
+    layer = scene.diffuser.model_copy(update={"thickness": 0.3})  # type: ignore[union-attr]
+    thin = scene.model_copy(update={"diffuser": layer})
+    effort = Effort(photons=4000, paths=256, arrivals=100_000)
+    for pad in (scene, thin):
+        found = transport_at(pad, 0.0, np.array([1.0, 2.0]), effort, quiet())
+        assert found.cells.shape == (8, 2, 6, 7)
+        assert (found.cells >= 0.0).all()
+        assert found.cells.max() > 0.0
+    assert (found.grain > 0.0).all()
+
+
+def quiet() -> Clock:
+    return Clock(1, None)
