@@ -136,6 +136,8 @@ def __dir__() -> list[str]:
 def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
     """Return the surrogate of ``scene``, level 1, or its preview, level 0, where there is none.
 
+    The first time that takes about a minute: the converged preview follows light to every facet.
+
     Arguments:
         scene: the sensor.
         folder: that holds ``checker.onnx`` (default: found by the scene's hash, here

@@ -85,8 +85,11 @@ def open_model(
 
         with ProgressBar("Making the preview") as bar:
             checker = preview_checker(scene, bar, coarse=coarse)
-        reason = "" if coarse else f"There is no model for scene {scene.name}, hash {scene.hash}: "
-        note(f"{reason}this is level 0, the {checker.level} alone; tactilux train makes a model")
+        if not coarse:
+            note(
+                f"There is no model for scene {scene.name}, hash {scene.hash}: this is level 0, "
+                f"the {checker.level} alone; tactilux train makes a model"
+            )
         return checker
     checker = Checker.for_scene(folder, scene, threads=threads)
     unlit = np.zeros((1, scene.lamp_count, len(scene.palette.channels)))

@@ -118,7 +118,9 @@ def test_lam_must_not_be_negative(lam: float) -> None:
 
 
 def test_the_level_must_be_known() -> None:
-    with pytest.raises(TableError, match="allowed: preview, surrogate, reference"):
+    with pytest.raises(
+        TableError, match="allowed: preview, converged preview, surrogate, reference"
+    ):
         replace(example(), level="guess")
 
 

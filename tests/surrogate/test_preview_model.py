@@ -8,15 +8,24 @@ import numpy as np
 import pytest
 import torch
 
+from render.chebyshev import chebyshev_nodes
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
+from render.preview.converged import NODES, ConvergedTransport, Effort, cache, task_count
+from render.progress import Progress
 from render.scale import ScoreScale, scene_scale
 from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
-from surrogate.preview_model import PHI_NODES, PreviewSession, preview_checker
+from surrogate.preview_model import (
+    PHI_NODES,
+    PreviewSession,
+    corrected,
+    is_prompt,
+    preview_checker,
+)
 from surrogate.runtime import Checker, RankingTest
 from surrogate.runtime.model_file import OUTPUTS
 from tests.surrogate.conftest import small_scene
@@ -33,7 +42,7 @@ def sensor() -> Scene:
 def checker(sensor: Scene, tmp_path_factory: pytest.TempPathFactory) -> Checker:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        return preview_checker(sensor)
+        return preview_checker(sensor, coarse=True)
 
 
 def designs(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +99,7 @@ def test_beyond_the_bends_of_the_scene_it_is_an_extrapolation(checker: Checker) 
 def test_the_scenes_own_bends_are_inside_though_float32_rounds_them_up() -> None:
     last = np.radians(45.0)
     grid = PreviewGrid(np.zeros((1, 1, 2, 1, 4)), np.array([1.0]), np.array([0.0, last]), 0)
-    session = PreviewSession(grid, ScoreScale(1.0, 1.0))
+    session = PreviewSession(grid, ScoreScale(1.0, 1.0), 0.1)
     rounded = np.float64(np.float32(last))
     assert rounded > last
     said = session.outputs(np.ones((1, 1)), np.ones((1, 1, 3)), np.array([0.0, rounded]))
@@ -104,13 +113,83 @@ def test_what_was_drawn_is_kept_and_a_damaged_file_is_drawn_again(
     phi, power = designs(sensor, 1)
     asked = phi, power, np.array(sensor.bending.angles)
     told: list[object] = []
-    first = preview_checker(sensor, told.append).run(*asked)
+    first = preview_checker(sensor, told.append, coarse=True).run(*asked)
     assert len(told) == 1
-    again = preview_checker(sensor, told.append).run(*asked)
+    again = preview_checker(sensor, told.append, coarse=True).run(*asked)
     assert len(told) == 1
     (file,) = (tmp_path / "tactilux").glob("preview-*.npz")
     file.write_bytes(b"damaged")
-    mended = preview_checker(sensor).run(*asked)
+    mended = preview_checker(sensor, coarse=True).run(*asked)
     for name in OUTPUTS:
         assert np.array_equal(first[name], again[name])
         assert np.array_equal(first[name], mended[name])
+
+
+def found(cells: np.ndarray, grain: float) -> ConvergedTransport:
+    return ConvergedTransport(cells, np.full(cells.shape[:3], grain))
+
+
+def shader_grid(bends: list[float]) -> PreviewGrid:
+    """Return a smooth grid of 2 lamps, 2 sites and 3 facets."""
+    rng = np.random.default_rng(4)
+    phi, nodes = chebyshev_nodes(33, 0.0, np.pi), chebyshev_nodes(9, 0.0, max(bends))
+    level = rng.uniform(-2.0, 0.0, (2, 1, 1, 2, 4))
+    log = level + 0.5 * np.sin(phi)[:, None, None, None] - 0.3 * nodes[:, None, None]
+    return PreviewGrid(log, phi, nodes, 0)
+
+
+def bending(scene: Scene, bends: list[float]) -> Scene:
+    return scene.model_copy(
+        update={"bending": scene.bending.model_copy(update={"angles": tuple(bends)})}
+    )
+
+
+def test_without_noise_the_corrected_grid_is_the_converged_transport(sensor: Scene) -> None:
+    bends = [0.0, 0.5, 1.2]
+    scene, grid = bending(sensor, bends), shader_grid(bends)
+    drawn = np.exp(grid.evaluate(NODES, np.array(bends)))
+    cells = drawn * (1.3 + 0.2 * np.cos(NODES)[:, None, None, None])
+    better = corrected(grid, scene, found(cells, 0.0))
+    at = np.exp(better.evaluate(NODES, np.array(bends)))
+    np.testing.assert_allclose(at, cells, rtol=1e-9)
+    between = np.array([0.7, 2.2])
+    ratio = np.exp(better.evaluate(between, np.array([0.9])) - grid.evaluate(between, [0.9]))
+    expected = np.broadcast_to(1.3 + 0.2 * np.cos(between)[:, None, None, None], ratio.shape)
+    np.testing.assert_allclose(ratio, expected, rtol=1e-3)
+
+
+def test_where_noise_drowns_it_the_shader_s_cell_stays(sensor: Scene) -> None:
+    scene, grid = bending(sensor, [0.3]), shader_grid([0.3])
+    scene_grid = PreviewGrid(grid.log_transport[:, :, :1], grid.phi, np.array([0.3]), 0)
+    unlit = np.zeros((2, len(NODES), 1, 2, 4))
+    better = corrected(scene_grid, scene, found(unlit, 1e3))
+    np.testing.assert_allclose(better.log_transport, scene_grid.log_transport, atol=1e-3)
+    dark = corrected(scene_grid, scene, found(unlit, 1e-6))
+    assert np.isfinite(dark.log_transport).all()
+    assert (dark.log_transport < scene_grid.log_transport - 3.0).all()
+
+
+def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(cache, "EFFORT", Effort(photons=2000, paths=128, arrivals=20_000))
+    scene = small_scene(bending={"angles": {"value": [0.0, 60.0], "unit": "deg", "source": "-"}})
+    assert not is_prompt(scene)
+
+    def stop(at: Progress) -> None:
+        if at.done > task_count(scene):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cache.converged_transport(scene, stop)
+    assert len(list((tmp_path / "tactilux").glob("converged-*.npz"))) == 1
+    told: list[Progress] = []
+    whole = cache.converged_transport(scene, told.append)
+    assert told[0].done == task_count(scene)
+    assert is_prompt(scene)
+    (tmp_path / "tactilux").rename(tmp_path / "moved")
+    np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)
+    checker = preview_checker(scene)
+    assert checker.level == "converged preview"
+    assert checker.score_half_width < preview_checker(scene, coarse=True).score_half_width

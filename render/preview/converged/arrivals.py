@@ -13,7 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import bend_frames, bend_points, counted_sites, declared_sites, facets
+from render.geometry import (
+    bend_frames,
+    bend_points,
+    counted_sites,
+    declared_sites,
+    facets,
+    fiber_poses,
+)
 from render.preview.converged.block import directions_to_block, patch_area, patch_counts, to_block
 from render.preview.converged.gathering import FOOT_WIDTH
 from render.preview.converged.launching import launched
@@ -33,7 +40,7 @@ class Arrivals(NamedTuple):
 
     ``patches`` ``(patch, node)``, ``facets`` and their ``feet`` ``(site, facet, node)`` on the
     pressed pad, ``spots`` ``(site, node)`` on the untouched one. ``grain`` ``(node,)`` is what one
-    photon is worth to a facet: the variance of an irradiance is about the grain times it.
+    photon is worth to a receiver: the variance of an irradiance is about the grain times it.
     """
 
     patches: Array
@@ -107,29 +114,26 @@ def arrivals(
     """
     columns, rows = patch_counts(scene)
     faces = scene.indenter.faces
-    patches = received = None
-    key, grain = ARRIVAL_KEY + (seed << 20) + lamp, np.zeros(1)
+    nodes = len(phi) if fiber_poses(scene, bend).turns[lamp] else 1
+    patches, squares = np.zeros((columns * rows, nodes)), np.zeros(nodes)
+    received = np.zeros((*receivers.center.shape[:2], nodes))
+    key = ARRIVAL_KEY + (seed << 20) + lamp
     for first in range(0, photons, BATCH):
         numbers = range(first, min(first + BATCH, photons))
         origin, direction, weights = launched(scene, bend, lamp, phi, numbers, key)
         weights *= len(numbers) / photons
-        grain = grain + (weights**2).sum(axis=0)
-        if patches is None or received is None:
-            nodes = weights.shape[1]
-            patches = np.zeros((columns * rows, nodes))
-            received = np.zeros((*receivers.center.shape[:2], nodes))
         trace_arrivals(
             block, pressed, receivers, to_block(scene, origin), directions_to_block(direction),
-            weights, key, first, patches, received,
+            weights, key, first, patches, received, squares,
         )  # fmt: skip
-    if patches is None or received is None:
-        raise ValueError(f"photons = {photons}, allowed: at least 1")
     patches /= np.pi * patch_area(scene)
+    lit = received.sum(axis=(0, 1))
+    grain = np.divide(squares, lit, out=np.zeros(nodes), where=lit > 0.0) / np.pi
     received /= np.pi
     return Arrivals(
         patches,
         received[:, :faces],
         received[:, faces : 2 * faces],
         received[:, 2 * faces],
-        grain / (np.pi**2 * receivers.radius**2),
+        grain,
     )

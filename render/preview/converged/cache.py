@@ -26,11 +26,11 @@ VERSION = 1
 PHI_NODES = 13
 """Directions: log transport of `finger20` between them is off by less than 0.1 % (99 %)."""
 NODES = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
+EFFORT = Effort()
+"""What is kept, and looked for."""
 
 
-def converged_transport(
-    scene: Scene, progress: OnProgress | None = None, effort: Effort | None = None
-) -> ConvergedTransport:
+def converged_transport(scene: Scene, progress: OnProgress | None = None) -> ConvergedTransport:
     """Return transport at `NODES` and the scene's own bends, which are one more axis.
 
     ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``; the same
@@ -39,21 +39,19 @@ def converged_transport(
     Arguments:
         scene: the sensor.
         progress: is told of every lamp and facet.
-        effort: how many paths.
     """
-    effort = effort or Effort()
     bends = scene.bending.angles
     clock = Clock(len(bends) * task_count(scene), progress)
     parts = []
     for bend in bends:
-        kept = read_or_drop(_file(scene, bend, effort), *ConvergedTransport._fields)
+        kept = read_or_drop(_file(scene, bend), *ConvergedTransport._fields)
         if kept is not None:
             clock.skip(task_count(scene))
             parts.append(ConvergedTransport(kept["cells"], kept["grain"]))
             continue
-        parts.append(transport_at(scene, bend, NODES, effort, clock))
+        parts.append(transport_at(scene, bend, NODES, EFFORT, clock))
         try:
-            write_npz(_file(scene, bend, effort), parts[-1]._asdict())
+            write_npz(_file(scene, bend), parts[-1]._asdict())
         except OSError as error:
             warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=2)
     return ConvergedTransport(*(np.stack(each, axis=2) for each in zip(*parts, strict=True)))
@@ -61,9 +59,9 @@ def converged_transport(
 
 def is_kept(scene: Scene) -> bool:
     """Return whether the cache holds converged transport of ``scene`` at all of its bends."""
-    return all(_file(scene, bend, Effort()).is_file() for bend in scene.bending.angles)
+    return all(_file(scene, bend).is_file() for bend in scene.bending.angles)
 
 
-def _file(scene: Scene, bend: float, effort: Effort) -> Path:
-    about = f"{VERSION} {scene.hash} {PHI_NODES} {bend!r} {astuple(effort)}"
+def _file(scene: Scene, bend: float) -> Path:
+    about = f"{VERSION} {scene.hash} {PHI_NODES} {bend!r} {astuple(EFFORT)}"
     return cache_folder() / f"converged-{hashlib.sha256(about.encode()).hexdigest()[:16]}.npz"

@@ -608,9 +608,12 @@ def trace_lamp(
 @compiled
 def receive(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
-    scale: float, weights: Array, received: Array,
+    scale: float, weights: Array, received: Array, squares: Array,
 ) -> None:  # fmt: skip
     """Add light on its way from ``p`` along ``d`` to the receivers that it passes.
+
+    What is added to ``received`` ``(site, receiver, weight)`` is added squared to ``squares``
+    ``(weight,)``.
 
     ``way`` is that to the face it meets next; ``scale`` times ``weights`` ``(weight,)`` its power.
     The light is taken to be alike within ``receivers.radius``, and carried over to a point of the
@@ -657,19 +660,21 @@ def receive(
                     continue
             factor = scale * share * cos / -down
             for weight in range(len(weights)):
-                received[site, part, weight] += factor * weights[weight]
+                added = factor * weights[weight]
+                received[site, part, weight] += added
+                squares[weight] += added * added
 
 
 @compiled
 def trace_arrivals(
     block: Block, pressed: Block, receivers: Receivers, origin: Array, direction: Array,
-    weights: Array, key: int, number: int, patches: Array, received: Array,
+    weights: Array, key: int, number: int, patches: Array, received: Array, squares: Array,
 ) -> None:  # fmt: skip
     """Follow rays of a lamp ``(ray, 3)`` until they end on the coating of the untouched ``block``.
 
     ``weights`` ``(ray, node)``; ``number`` is that of the first ray. The power that
     arrives is added to ``patches`` ``(patch, node)``, and the irradiance of receivers to
-    ``received`` ``(site, receiver, node)``.
+    ``received`` ``(site, receiver, node)``, see `receive`.
     """
     state = np.zeros(1, np.uint64)
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -692,7 +697,7 @@ def trace_arrivals(
             if weight == 0.0:
                 break
             way, face, _, _ = cross_clear(block, p, d)
-            receive(pressed, receivers, state, p, d, way, weight, weights[ray], received)
+            receive(pressed, receivers, state, p, d, way, weight, weights[ray], received, squares)
             for k in range(3):
                 p[k] += way * d[k]
             if face == COATING:

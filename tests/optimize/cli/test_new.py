@@ -80,7 +80,7 @@ def test_a_new_scene_is_explored_at_once(tactilux: Run) -> None:
     words = ("--lamp", "led", "--diffuser", 0, "--left", 2, "--tip", 1, "--right", 2)
     assert tactilux("new", "quick", *words, "--width", 8, "--length", 8).code == 0
     scene = load_scene("quick.toml")
-    checker = open_model(scene)
+    checker = open_model(scene, coarse=True)
     assert checker.level == "preview"
     found = explore(scene, checker)
     assert found.stages[-1].rating.score >= found.stages[0].rating.score

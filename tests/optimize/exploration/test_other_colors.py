@@ -23,7 +23,7 @@ def test_a_mono_camera_is_explored_on_the_preview(tmp_path: Path) -> None:
     scale = scene_scale(scene)
     assert scale.lam == 0.0
     assert baseline_power(scene).shape == (8, 1)
-    checker = open_model(scene)
+    checker = open_model(scene, coarse=True)
     assert checker.metadata.channels == ["gray"]
     found = explore(scene, checker)
     design, first = found.stages[-1].design, found.stages[0]

@@ -52,7 +52,7 @@ def test_it_is_explored_at_once_on_its_preview(
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where no model is
     scene = fewer(load_scene(name))
-    checker = open_model(scene)
+    checker = open_model(scene, coarse=True)
     assert checker.level == "preview"
     found = explore(scene, checker)
     first, last = found.stages[0], found.stages[-1]

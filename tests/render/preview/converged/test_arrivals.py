@@ -109,12 +109,13 @@ def test_lamps_before_bare_edges_and_behind_the_layer_share_a_pad() -> None:
     scene = small_scene(bending=FLAT)
     layer = scene.diffuser.model_copy(update={"thickness": 0.3})  # type: ignore[union-attr]
     thin = scene.model_copy(update={"diffuser": layer})
-    effort = Effort(photons=4000, paths=256, arrivals=100_000)
+    effort = Effort(photons=4000, paths=64, arrivals=100_000)
     for pad in (scene, thin):
         found = transport_at(pad, 0.0, np.array([1.0, 2.0]), effort, quiet())
         assert found.cells.shape == (8, 2, 6, 7)
-        assert (found.cells >= 0.0).all()
         assert found.cells.max() > 0.0
+    # All of the thin layer's light is followed by itself: it cannot be negative, and has grain.
+    assert (found.cells >= 0.0).all()
     assert (found.grain > 0.0).all()
 
 
