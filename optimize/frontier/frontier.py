@@ -164,7 +164,7 @@ def measure_frontier(
         same = about.training_data_hash == data_hash(table)
         table_seconds = float(about.renderer.get("seconds", 0.0)) if same else 0.0
     report(Progress(0, 1, stage="preview"))
-    rows = [levels.preview_row(reference)]
+    rows = [levels.preview_row(reference), levels.converged_row(reference)]
     began = time.perf_counter()
     grid = draw_grid(scene, *config.preview_nodes)
     drawing = time.perf_counter() - began

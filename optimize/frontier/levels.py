@@ -24,6 +24,7 @@ from render.reference.path_tracer import PathTracer
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
+from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from surrogate.training.dataset import training_cells
 from surrogate.training.evaluation import scene_bends
@@ -79,12 +80,26 @@ def preview_row(reference: HeldOutReference) -> FrontierRow:
         return timed_row(reference, "preview", counts, time.perf_counter() - began)
 
 
-def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> list[FrontierRow]:
-    """Return the shipped model, one design a call and in batches."""
+def converged_row(reference: HeldOutReference) -> FrontierRow:
+    """Return the converged preview: light followed to every facet once, then superposed."""
+    began = time.perf_counter()
+    checker = preview_checker(reference.designs.scene)
+    setup = time.perf_counter() - began
+    return timed_row(reference, checker.level, _counts_of(checker, reference), setup)
 
+
+def _counts_of(checker: Checker, reference: HeldOutReference) -> Counts:
     def counts(phi: Array, power: Array) -> Array:
         return checker.run(phi, power, reference.designs.bends)["counts"].astype(np.float64)
 
+    return counts
+
+
+def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> list[FrontierRow]:
+    """Return the trained model, one design a call and in batches; nothing where there is none."""
+    if checker.file is None:
+        return []
+    counts = _counts_of(checker, reference)
     alone = timed_row(reference, "checker.onnx", counts, setup)
     name = f"checker.onnx, batches of {BATCH}"
     return [alone, timed_row(reference, name, counts, setup, BATCH)]

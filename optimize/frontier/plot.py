@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 GROUPS = {
     "preview": "#c46a1b",
+    "converged": "#e0a04b",
     "checker": "#1f6fb2",
     "surrogate": "#1f6fb2",
     "transport": "#5b616b",

@@ -30,7 +30,7 @@ SMALLER = {
     "value = [0.0, 45.0, 90.0]": "value = [0.0, 45.0]",
 }
 LEVELS = [
-    "preview", "preview + ridge", "preview + network", "checker.onnx",
+    "preview", "converged preview", "preview + ridge", "preview + network", "checker.onnx",
     "checker.onnx, batches of 64", "transport table", "bidirectional, MIS, 1 samples",
     "bidirectional, MIS, 4 samples",
     "PSSMLT, 4 samples", "volpath, 4 samples a pixel", "volpath, 16 samples a pixel",

@@ -50,13 +50,13 @@ class Arrivals(NamedTuple):
     grain: Array
 
 
-def no_arrivals(scene: Scene) -> Arrivals:
-    """Return arrivals of no lamp, without a column."""
+def no_arrivals(scene: Scene, nodes: int) -> Arrivals:
+    """Return those of a lamp all of whose light belongs to the exit field."""
     columns, rows = patch_counts(scene)
     sites, faces = len(counted_sites(scene)), scene.indenter.faces
     shapes: tuple[tuple[int, ...], ...]
     shapes = (columns * rows,), (sites, faces), (sites, faces), (sites,), ()
-    return Arrivals(*(np.zeros((*shape, 0)) for shape in shapes))
+    return Arrivals(*(np.zeros((*shape, nodes)) for shape in shapes))
 
 
 def receivers_at(scene: Scene, bend: float) -> Receivers:

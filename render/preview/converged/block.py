@@ -22,6 +22,8 @@ from render.preview.converged.walks import (
     Block,
     FaceGrid,
 )
+from render.preview.diffuser.cache import slab_of
+from render.preview.diffuser.response import OPAQUE_THICKNESS
 from render.scene import Scene
 
 CELL_SIDE = 0.25
@@ -76,12 +78,25 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         sigma_s=layer.sigma_s if layer else 0.0,
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,
+        wide=wide_from(scene),
         sites=to_block(scene, shape.site_position[:count]),
         reach=1.001 * max(scene.indenter.radius, scene.indenter.depth),
         normal=np.ascontiguousarray(normal),
         offset=np.einsum("sfi,sfi->sf", normal, corner),
         patch=np.array([columns, rows, half_length, scene.camera.pivot], dtype=np.float64),
     )
+
+
+def wide_from(scene: Scene) -> int:
+    """Return how often light is scattered until it is wide enough for the exit field's terms.
+
+    Behind an opaque layer all of it is; elsewhere as often as leaves a mean cosine of 1/e,
+    ``g^n`` with ``n = 1 / (1 - g)``.
+    """
+    layer = scene.diffuser
+    if layer is None or slab_of(scene).optical_thickness >= OPAQUE_THICKNESS:
+        return 0
+    return math.ceil(1.0 / (1.0 - abs(layer.g)))
 
 
 def patch_counts(scene: Scene) -> tuple[int, int]:
@@ -116,6 +131,11 @@ def face_grid(scene: Scene, degree: int = DEGREE) -> FaceGrid:
 def cell_count(grid: FaceGrid) -> int:
     """Return the number of cells on the inner faces."""
     return int(grid.columns.sum()) * grid.rows
+
+
+def term_count(grid: FaceGrid) -> int:
+    """Return how many terms a cell has."""
+    return 4 * (grid.degree + 1) ** 2
 
 
 def orthonormal_terms(grid: FaceGrid) -> Array:

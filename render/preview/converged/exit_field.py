@@ -14,6 +14,7 @@ from render.preview.converged.block import (
     cell_count,
     directions_to_block,
     orthonormal_terms,
+    term_count,
     to_block,
 )
 from render.preview.converged.launching import launched
@@ -45,7 +46,7 @@ def exit_field(
     """
     key = PHOTON_KEY + lamp
     origin, direction, weights = launched(scene, bend, lamp, phi, range(photons // REPEATS), key)
-    out = np.zeros((cell_count(grid), 4 * (grid.degree + 1) ** 2, weights.shape[1]))
+    out = np.zeros((cell_count(grid), term_count(grid), weights.shape[1]))
     entered = np.zeros(2)
     trace_lamp(
         block, grid, to_block(scene, origin), directions_to_block(direction), weights,

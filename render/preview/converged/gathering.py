@@ -20,6 +20,7 @@ from render.preview.converged.block import (
     directions_to_block,
     orthonormal_terms,
     patch_counts,
+    term_count,
     to_block,
 )
 from render.preview.converged.spread_points import spread_points
@@ -127,7 +128,7 @@ def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) 
             starts.key, terms, ends,
         )  # fmt: skip
         return Gathered(terms.ravel(), ends)
-    out = np.zeros((cell_count(grid), 4 * (grid.degree + 1) ** 2, 1))
+    out = np.zeros((cell_count(grid), term_count(grid), 1))
     ends = np.zeros(patches)
     gather(
         block, grid, starts.points, starts.normals, starts.weights, starts.drawn, starts.key,

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.geometry import counted_sites, flat_fiber_poses
 from render.preview.converged.arrivals import Arrivals, arrivals, no_arrivals, receivers_at
-from render.preview.converged.block import bent_block, face_grid, patch_counts
+from render.preview.converged.block import (
+    bent_block,
+    cell_count,
+    face_grid,
+    patch_counts,
+    term_count,
+    wide_from,
+)
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.gathering import (
     Gathered,
@@ -31,8 +38,6 @@ from render.preview.converged.gathering import (
     site_points,
 )
 from render.preview.converged.walks import Block, FaceGrid
-from render.preview.diffuser.cache import slab_of
-from render.preview.diffuser.response import OPAQUE_THICKNESS
 from render.preview.facet_blur import facet_blur
 from render.progress import Clock
 from render.scene import Scene
@@ -62,19 +67,19 @@ class Effort:
 
 
 def spreads(scene: Scene) -> NDArray[np.bool_]:
-    """Return ``(lamp,)`` whether a lamp's light comes out of a diffuser, and scattered.
+    """Return ``(lamp,)`` whether a lamp shines through the diffuser: its exit field is made."""
+    return flat_fiber_poses(scene).layer > 0.0
 
-    Then it is wide enough for the few terms of the exit field.
-    """
-    behind = flat_fiber_poses(scene).layer > 0.0
-    if not behind.any():
-        return behind
-    return behind & (slab_of(scene).optical_thickness >= OPAQUE_THICKNESS)
+
+def flies(scene: Scene) -> NDArray[np.bool_]:
+    """Return ``(lamp,)`` whether some of a lamp's light is too narrow for the exit field."""
+    return ~spreads(scene) | (wide_from(scene) > 0)
 
 
 def task_count(scene: Scene) -> int:
     """Return the ticks of the clock that `transport_at` takes for one bend."""
-    return scene.lamp_count + len(counted_sites(scene)) * (scene.indenter.faces + 1)
+    lamps = int(spreads(scene).sum() + flies(scene).sum())
+    return lamps + len(counted_sites(scene)) * (scene.indenter.faces + 1)
 
 
 class ConvergedTransport(NamedTuple):
@@ -114,24 +119,23 @@ def transport_at(
     cells = np.concatenate([cells, background], axis=1)
     out = np.empty((scene.lamp_count, len(phi), *cells.shape[:2]))
     grain = np.zeros(out.shape[:2])
-    grains = np.concatenate([np.zeros(light.field.shape[1]), light.arrived.grain])
     passed = np.pi * float(np.median(blur[:, :-1].sum(axis=-1)))
-    for lamp, columns in light.columns.items():
+    for lamp, columns in enumerate(light.columns):
         out[lamp] = np.moveaxis(cells[..., columns], -1, 0)
-        grain[lamp] = passed * grains[columns]
+        grain[lamp] = passed * light.arrived.grain[columns]
     return ConvergedTransport(out, grain)
 
 
 class _Light(NamedTuple):
-    """What leaves the lamps: columns of ``field``, then those of ``arrived``.
+    """What leaves the lamps; the last axis is the column.
 
     Arguments:
         columns: of each lamp, one for every node, or one for all.
-        field: ``(cell * term, column)`` the exit field.
-        arrived: what gets to coating and facets by itself; the last axis is the column.
+        field: ``(cell * term, column)`` the exit field; no cells where no lamp has one.
+        arrived: what gets to coating and facets by itself.
     """
 
-    columns: dict[int, slice]
+    columns: list[slice]
     field: Array
     arrived: Arrivals
 
@@ -141,38 +145,33 @@ def _light(
 ) -> _Light:
     block, grid = bent_block(scene, bend, pressed=False), face_grid(scene)
     pressed, receivers = bent_block(scene, bend, pressed=True), receivers_at(scene, bend)
-    wide = spreads(scene)
-    flights = max(1, int((~wide).sum()) * len(scene.bending.angles))
+    spread, flying = spreads(scene), flies(scene)
+    flights = max(1, int(flying.sum()) * len(scene.bending.angles))
     photons = effort.arrivals // flights // (WALKING if scene.diffuser else 1)
     photons = max(FEWEST_ARRIVALS, photons)
+    nodes = np.where(flat_fiber_poses(scene).turns, len(phi), 1)
+    rows = cell_count(grid) * term_count(grid) if spread.any() else 0
 
     def field_of(lamp: int) -> Array:
+        if not spread[lamp]:
+            return np.zeros((rows, nodes[lamp]))
         field = exit_field(scene, bend, lamp, phi, block, grid, effort.photons)
         clock.tick()
-        return field.reshape(-1, field.shape[-1])
+        return field.reshape(rows, -1)
 
     def arrivals_of(lamp: int) -> Arrivals:
+        if not flying[lamp]:
+            return no_arrivals(scene, nodes[lamp])
         found = arrivals(scene, bend, lamp, phi, block, pressed, receivers, photons)
         clock.tick()
         return found
 
-    order = [*np.flatnonzero(wide), *np.flatnonzero(~wide)]
-    fields = list(pool.map(field_of, np.flatnonzero(wide).tolist()))
-    arrived = list(pool.map(arrivals_of, np.flatnonzero(~wide).tolist()))
-    counts = [each.shape[-1] for each in fields] + [each.patches.shape[-1] for each in arrived]
-    ends = np.cumsum(counts)
-    columns = {
-        int(lamp): slice(int(end - count), int(end))
-        for lamp, end, count in zip(order, ends, counts, strict=True)
-    }
-    nothing = no_arrivals(scene)
-    cells = len(fields[0]) if fields else 0
+    lamps, ends = range(scene.lamp_count), np.cumsum(nodes)
+    fields, arrived = list(pool.map(field_of, lamps)), list(pool.map(arrivals_of, lamps))
     return _Light(
-        columns,
-        np.concatenate([np.zeros((cells, 0)), *fields], axis=1),
-        Arrivals(
-            *(np.concatenate(parts, axis=-1) for parts in zip(nothing, *arrived, strict=True))
-        ),
+        [slice(int(end - count), int(end)) for end, count in zip(ends, nodes, strict=True)],
+        np.concatenate(fields, axis=1),
+        Arrivals(*(np.concatenate(parts, axis=-1) for parts in zip(*arrived, strict=True))),
     )
 
 
@@ -197,8 +196,8 @@ class _Gathering:
             range(self._patches), lambda i: patch_points(scene, self._block, i, few)
         )
         albedo = scene.coating.albedo
-        direct = np.concatenate([direct, light.arrived.patches], axis=1)
-        self._sent = np.linalg.solve(np.eye(self._patches) - albedo * ends, albedo * direct)
+        sent = albedo * (direct + light.arrived.patches)
+        self._sent = np.linalg.solve(np.eye(self._patches) - albedo * ends, sent)
 
     def facets(self) -> Array:
         """Return ``(site, facet, column)``."""
@@ -234,9 +233,8 @@ class _Gathering:
         """Return that of items in the shape of ``arrived``, ``(..., column)``."""
         items = range(int(np.prod(arrived.shape[:-1])))
         direct, ends = self._products(items, starts, ticks)
-        direct = np.concatenate([direct, arrived.reshape(len(items), -1)], axis=1)
-        found = np.pi * (direct + ends @ self._sent)
-        return np.asarray(found.reshape(*arrived.shape[:-1], -1))
+        direct += arrived.reshape(direct.shape)
+        return np.asarray(np.pi * (direct + ends @ self._sent)).reshape(arrived.shape)
 
     def _products(
         self, items: range, starts: Callable[[int], Starts], ticks: bool = False

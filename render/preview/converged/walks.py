@@ -45,6 +45,7 @@ class Block(NamedTuple):
         alpha: ``(face,)`` Beckmann roughness of the faces to the air, by their number here; of the
             layer's inner faces where there is no layer (``rim`` 0), and they lie in the air.
         sigma_s, sigma_a, g: of the layer.
+        wide: light that the layer has scattered so often belongs to the exit field.
         sites: ``(site, 3)`` centers of the pyramids; none of an untouched pad.
         reach: radius of a ball about a center that holds the pyramid.
         normal: ``(site, facet, 3)`` unit normals of facets, into the silicone.
@@ -64,6 +65,7 @@ class Block(NamedTuple):
     sigma_s: float
     sigma_a: float
     g: float
+    wide: int
     sites: Array
     reach: float
     normal: Array
@@ -480,12 +482,13 @@ def patch_of(block: Block, p: Array) -> int:
 @compiled
 def walk_layer(
     state: State, block: Block, p: Array, d: Array, n: Array, m: Array
-) -> tuple[float, int]:
-    """Walk in the layer until light leaves it through an inner face; return weight and face.
+) -> tuple[float, int, int]:
+    """Walk in the layer until light leaves it through an inner face.
 
-    Weight 0: it was absorbed or left into the air.
+    Return its weight, the face, and how often it was scattered. Weight 0: it was absorbed or left
+    into the air.
     """
-    extinction, weight = block.sigma_s + block.sigma_a, 1.0
+    extinction, weight, scattered = block.sigma_s + block.sigma_a, 1.0, 0
     for _ in range(MAX_EVENTS):
         free = math.inf
         if extinction > 0.0:
@@ -496,7 +499,8 @@ def walk_layer(
             p[k] += step * d[k]
         if free < way:
             if uniform(state) * extinction >= block.sigma_s:
-                return 0.0, NONE
+                return 0.0, NONE, scattered
+            scattered += 1
             u, g = uniform(state), block.g
             cos = 2.0 * u - 1.0
             if abs(g) > 1e-3:
@@ -506,7 +510,7 @@ def walk_layer(
         elif face <= RIGHT:
             if face != TIP:
                 p[0] = -block.half_width if face == LEFT else block.half_width
-            return weight, face
+            return weight, face, scattered
         else:
             face_normal(block, face, p, n)
             for k in range(3):
@@ -514,8 +518,8 @@ def walk_layer(
             u, v, chance = uniform(state), uniform(state), uniform(state)
             weight *= reflect_inside(block, face, d, n, u, v, chance, m)
             if weight == 0.0:
-                return 0.0, NONE
-    return 0.0, NONE
+                return 0.0, NONE, scattered
+    return 0.0, NONE, scattered
 
 
 @compiled
@@ -598,8 +602,8 @@ def trace_lamp(
         entered[1 if layer else 0] += passed * weights[ray // repeats].sum()
         if not layer:
             continue
-        left, face = walk_layer(state, block, p, d, n, m)
-        if left > 0.0:
+        left, face, scattered = walk_layer(state, block, p, d, n, m)
+        if left > 0.0 and scattered >= block.wide:
             for node in range(len(scaled)):
                 scaled[node] = passed * left * weights[ray // repeats, node] / repeats
             deposit(block, grid, face, p, d, 1.0, scaled, powers, out)
@@ -672,6 +676,8 @@ def trace_arrivals(
 ) -> None:  # fmt: skip
     """Follow rays of a lamp ``(ray, 3)`` until they end on the coating of the untouched ``block``.
 
+    But for light that belongs to the exit field: it ends where it leaves the layer.
+
     ``weights`` ``(ray, node)``; ``number`` is that of the first ray. The power that
     arrives is added to ``patches`` ``(patch, node)``, and the irradiance of receivers to
     ``received`` ``(site, receiver, node)``, see `receive`.
@@ -691,8 +697,8 @@ def trace_arrivals(
         face_normal(block, face, p, n)
         weight = refract_into(block, face, d, n, uniform(state), uniform(state), m)
         if weight > 0.0 and layer:
-            left, face = walk_layer(state, block, p, d, n, m)
-            weight *= left
+            left, face, scattered = walk_layer(state, block, p, d, n, m)
+            weight *= left if scattered < block.wide else 0.0
         for _ in range(MAX_EVENTS):
             if weight == 0.0:
                 break
@@ -706,7 +712,7 @@ def trace_arrivals(
                     patches[patch, node] += weight * weights[ray, node]
                 break
             if face <= RIGHT and block.rim > 0.0:
-                left, face = walk_layer(state, block, p, d, n, m)
+                left, face, _ = walk_layer(state, block, p, d, n, m)
                 weight *= left
             else:
                 face_normal(block, face, p, n)
@@ -772,7 +778,7 @@ def gather(
                 if len(out):
                     one[0] = weight
                     deposit(block, grid, face, p, d, -1.0, one, powers, out)
-                left, face = walk_layer(state, block, p, d, n, m)
+                left, face, _ = walk_layer(state, block, p, d, n, m)
                 weight *= left
             else:
                 face_normal(block, face, p, n)

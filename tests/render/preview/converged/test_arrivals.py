@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from render.geometry import declared_sites, fiber_poses
-from render.preview.converged import Effort, transport_at
+from render.preview.converged import Effort, block, transport, transport_at
 from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
 from render.preview.converged.block import bent_block, patch_area
 from render.preview.converged.launching import launched
@@ -46,10 +46,10 @@ def test_without_refraction_a_spot_gets_the_inverse_square_of_its_distance() -> 
     # Light gets in at the edge alone; the lamp is a disk that a far spot sees foreshortened.
     intensity = end.peak_intensity * end.radiance(angle) * np.cos(angle)
     expected = intensity * to[:, 2] / distance / distance**2 / np.pi
-    found = arrived(scene, lamp, 1_000_000).spots[:, 0]
+    found = arrived(scene, lamp, 600_000).spots[:, 0]
     bright = expected > 0.2 * expected.max()
     assert bright.sum() >= 2
-    np.testing.assert_allclose(found[bright], expected[bright], rtol=0.06)
+    np.testing.assert_allclose(found[bright], expected[bright], rtol=0.08)
 
 
 def test_all_that_enters_a_pad_of_index_1_reaches_the_coating_or_leaves() -> None:
@@ -61,7 +61,7 @@ def test_all_that_enters_a_pad_of_index_1_reaches_the_coating_or_leaves() -> Non
 
 def test_cells_of_a_clear_rough_pad_are_those_of_analog_photons() -> None:
     scene = clear_pad(roughness=0.15)
-    found = transport_at(scene, 0.0, AHEAD, Effort(paths=2048, arrivals=1_600_000), quiet())
+    found = transport_at(scene, 0.0, AHEAD, Effort(paths=2048, arrivals=1_200_000), quiet())
     photons = AnalogScene(scene, True)
     for lamp in (0, 4):
         batches = photons.cells(lamp, np.pi / 2, 200_000).replicates
@@ -105,18 +105,22 @@ def test_a_slightly_bent_pad_gets_what_the_flat_one_gets() -> None:
     np.testing.assert_allclose(bent.patches, flat.patches, atol=0.02 * flat.patches.max())
 
 
-def test_lamps_before_bare_edges_and_behind_the_layer_share_a_pad() -> None:
+def test_what_belongs_to_the_exit_field_and_what_flies_is_all_light(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     scene = small_scene(bending=FLAT)
-    layer = scene.diffuser.model_copy(update={"thickness": 0.3})  # type: ignore[union-attr]
+    layer = scene.diffuser.model_copy(update={"thickness": 0.75})  # type: ignore[union-attr]
     thin = scene.model_copy(update={"diffuser": layer})
-    effort = Effort(photons=4000, paths=64, arrivals=100_000)
-    for pad in (scene, thin):
-        found = transport_at(pad, 0.0, np.array([1.0, 2.0]), effort, quiet())
-        assert found.cells.shape == (8, 2, 6, 7)
-        assert found.cells.max() > 0.0
-    # All of the thin layer's light is followed by itself: it cannot be negative, and has grain.
-    assert (found.cells >= 0.0).all()
-    assert (found.grain > 0.0).all()
+    effort, phi = Effort(photons=40_000, paths=256, arrivals=1_200_000), np.array([1.0, 2.0])
+    parted = transport_at(thin, 0.0, phi, effort, quiet())
+    assert (parted.grain > 0.0).all()
+    for module in (block, transport):
+        monkeypatch.setattr(module, "wide_from", lambda scene: 1_000_000)
+    flown = transport_at(thin, 0.0, phi, effort, quiet())
+    assert parted.cells.shape == flown.cells.shape == (8, 2, 6, 7)
+    by_lamp, expected = (found.cells.sum(axis=(1, 2, 3)) for found in (parted, flown))
+    np.testing.assert_allclose(by_lamp, expected, rtol=0.12)
+    assert by_lamp.sum() == pytest.approx(expected.sum(), rel=0.04)
 
 
 def quiet() -> Clock:
