@@ -18,7 +18,6 @@ from render.preview.converged.walks import (
     OUTER_RIGHT,
     RIGHT,
     TIP,
-    UPPER,
     Block,
     FaceGrid,
 )
@@ -26,6 +25,8 @@ from render.preview.diffuser.cache import slab_of
 from render.preview.diffuser.response import OPAQUE_THICKNESS
 from render.scene import Scene
 
+FACES = ((LEFT, OUTER_LEFT), (TIP, END), (RIGHT, OUTER_RIGHT), (BASE,), (LOWER,))
+"""Numbers in the walks of the faces that a scene names; an edge has two, with and without layer."""
 CELL_SIDE = 0.25
 """Side of a cell on the inner faces, in thicknesses of the pad; light is linear within it."""
 MAX_COLUMNS = 64
@@ -50,10 +51,12 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
     """Return the block at ``bend`` rad, pressed by the pyramids at all sites or untouched."""
     pad, layer, kappa = scene.pad, scene.diffuser, curvature(scene, bend)
     half_length, rim = pad.length / 2, layer.thickness if layer else 0.0
-    left, tip, right, base, lower = (finish.roughness for finish in scene.finishes)
-    alpha = np.zeros(NONE + 1)
-    alpha[[LEFT, TIP, RIGHT, LOWER, UPPER]] = left, tip, right, lower, pad.roughness
-    alpha[[OUTER_LEFT, END, OUTER_RIGHT, BASE]] = left, tip, right, base
+    alpha, paint = np.full(NONE + 1, pad.roughness), np.full((NONE + 1, 2), -1.0)
+    for faces, finish in zip(FACES, scene.finishes, strict=True):
+        for face in faces:
+            alpha[face] = finish.roughness
+            if finish.paint is not None:
+                paint[face] = finish.paint.reflectance, float(finish.paint.mirror)
 
     def plane(y: float) -> Array:
         flat = y - scene.camera.pivot
@@ -75,6 +78,7 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         end=plane(half_length + rim),
         index=pad.index,
         alpha=alpha,
+        paint=paint,
         sigma_s=layer.sigma_s if layer else 0.0,
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,

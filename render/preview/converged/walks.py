@@ -44,6 +44,8 @@ class Block(NamedTuple):
         index: of refraction, of the silicone.
         alpha: ``(face,)`` Beckmann roughness of the faces to the air, by their number here; of the
             layer's inner faces where there is no layer (``rim`` 0), and they lie in the air.
+        paint: ``(face, 2)`` reflectance of what is painted, -1 where there is air; and 1 where it
+            is a mirror, 0 where it is Lambertian.
         sigma_s, sigma_a, g: of the layer.
         wide: light that the layer has scattered so often belongs to the exit field.
         sites: ``(site, 3)`` centers of the pyramids; none of an untouched pad.
@@ -62,6 +64,7 @@ class Block(NamedTuple):
     end: Array
     index: float  # type: ignore[assignment]  # of refraction, not tuple.index
     alpha: Array
+    paint: Array
     sigma_s: float
     sigma_a: float
     g: float
@@ -212,10 +215,22 @@ def microfacet(d: Array, n: Array, alpha: float, u: float, v: float, m: Array) -
 def reflect_inside(
     block: Block, face: int, d: Array, n: Array, u: float, v: float, chance: float, m: Array
 ) -> float:
-    """Turn ``d``, which meets a face to the air with inward normal ``n``, back by chance.
+    """Turn ``d``, which meets an outer face with inward normal ``n``, back by chance.
 
     Return its weight; 0 where it leaves. ``u``, ``v`` and ``chance`` are random in [0, 1).
     """
+    reflectance = block.paint[face, 0]
+    if reflectance >= 0.0:
+        if chance >= reflectance:
+            return 0.0
+        if block.paint[face, 1] > 0.0:
+            cos_in = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
+            for k in range(3):
+                d[k] += 2.0 * cos_in * n[k]
+        else:
+            d[:] = n
+            turn(d, math.sqrt(1.0 - u), 2.0 * math.pi * v)
+        return 1.0
     alpha = block.alpha[face]
     weight = microfacet(d, n, alpha, u, v, m)
     if weight == 0.0:
@@ -592,7 +607,7 @@ def trace_lamp(
         p[:] = origin[ray // repeats]
         d[:] = direction[ray // repeats]
         face = enter_block(block, p, d)
-        if face == NONE:
+        if face == NONE or block.paint[face, 0] >= 0.0:
             continue
         face_normal(block, face, p, n)
         passed = refract_into(block, face, d, n, uniform(state), uniform(state), m)
@@ -692,8 +707,8 @@ def trace_arrivals(
         if face == NONE:
             continue
         layer = in_layer(block, p)
-        if face == UPPER and not layer:
-            continue  # on the back of the coating
+        if block.paint[face, 0] >= 0.0 or (face == UPPER and not layer):
+            continue  # on the back of paint or coating
         face_normal(block, face, p, n)
         weight = refract_into(block, face, d, n, uniform(state), uniform(state), m)
         if weight > 0.0 and layer:
