@@ -1,12 +1,7 @@
-"""Figures 3.2 and 3.3 of the thesis, made again: renderers compared, and the luminance scale.
+"""Figures of the thesis, made again: ``python examples/figures.py FIGURE OUT``.
 
-``python examples/figures.py OUT`` writes ``fig32.png``, ``fig33.png`` and ``figures.json``:
-
-- Fig. 3.2: one picture of finger20 by path tracing (Mitsuba's ``volpath``), ``bdpt`` and ``pssmlt``
-  at equal samples per pixel and at equal time, with the relative error of each against a long
-  ``bdpt`` render of another seed.
-- Fig. 3.3: the standard deviation of the mean intensity over independent seeds against the number
-  of luminance samples, relative to the mean.
+FIGURE is 3.2, 3.3, 3.5, 3.6, 5.1, 5.2 or 5.3. Written are ``fig-FIGURE.png`` and, with the numbers
+in it, ``fig-FIGURE.json``. docs/figures.md says what agrees with the thesis and what does not.
 """
 
 from __future__ import annotations
@@ -16,171 +11,71 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+sys.path.insert(0, str(Path(__file__).parent))
 
-from render.arrays import Array
-from render.reference import VARIANT, mitsuba
-from render.scene import load_scene
-
-WIDTH, HEIGHT = 96, 160
-# Errors are taken over square blocks of so many pixels, where the coating fills the picture.
-BLOCK = 8
-COATED = np.s_[48:, 16:80]
-SEEDS = 8
-INTEGRATORS = ("volpath", "bdpt", "pssmlt")
-SAMPLES = (10_000, 100_000, 1_000_000, 10_000_000)
+FIGURES = ("3.2", "3.3", "3.5", "3.6", "5.1", "5.2", "5.3")
+Say = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Rendering:
-    """One render: radiance ``(row, column)`` float64, samples per pixel and seconds."""
+def make(figure: str, path: Path, effort: argparse.Namespace, say: Say) -> Any:
+    """Draw one figure into ``path`` and return its numbers."""
+    if figure in ("3.2", "3.3"):
+        return _renderers(figure, path, effort, say)
+    if figure in ("3.5", "3.6"):
+        from thesis import rig
 
-    integrator: str
-    picture: Array
-    spp: int
-    seconds: float
+        draw = rig.reference_lines if figure == "3.5" else rig.all_fibers
+        return draw(effort.rig_samples, path, say)
+    from thesis import designs
 
-    def error(self, truth: Array) -> float:
-        """Return the root mean square relative error over blocks."""
-        measured, expected = blocks(self.picture[COATED]), blocks(truth[COATED])
-        return float(np.sqrt((((measured - expected) / expected) ** 2).mean()))
-
-
-def blocks(picture: Array) -> Array:
-    """Return block means of ``(row, column)``."""
-    rows, columns = picture.shape
-    cut = picture.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK)
-    return np.asarray(cut.mean(axis=(1, 3)))
+    entries = designs.rated(effort.samples if figure == "5.1" else 0, say)
+    drawn = {"5.1": designs.heat_maps, "5.2": designs.patches, "5.3": designs.bolts}
+    return drawn[figure](entries, path)
 
 
-def sensor() -> Any:
-    """Return finger20 with all fibers lit, flat, as a Mitsuba scene."""
-    from render.optics.lit_scene import lit_scene
+def _renderers(figure: str, path: Path, effort: argparse.Namespace, say: Say) -> Any:
+    from thesis import renderers
 
-    scene = load_scene("finger20")
-    count = scene.lamp_count
-    return lit_scene(
-        scene, np.full(count, np.pi / 2), np.ones(count), 0.0, width=WIDTH, height=HEIGHT
-    )
+    from render.reference import VARIANT, mitsuba
 
-
-def pictures(
-    lit: Any, spp: int, seconds: float, say: Callable[[str], None]
-) -> tuple[dict[str, list[Rendering]], Array]:
-    """Return shots at equal samples and at equal time, and the long render they are held to."""
-    import mitsuba as mi
-
-    def shoot(integrator: str, samples: int, seed: int) -> Rendering:
-        say(f"{integrator}, {samples} samples per pixel")
-        depth = {"max_depth": -1, "rr_depth": 1000} if integrator == "volpath" else {}
-        plugin: Any = mi.load_dict({"type": integrator, **depth})
-        began = time.perf_counter()
-        total = np.zeros((HEIGHT, WIDTH))
-        # In parts, so that no wavefront of Mitsuba's own outgrows the memory.
-        parts = max(1, samples // 64) if integrator == "volpath" else 1
-        for part in range(parts):
-            image = np.array(plugin.render(lit, seed=seed * 1000 + part, spp=samples // parts))
-            total += image[..., 0] / parts
-        return Rendering(integrator, total, samples, time.perf_counter() - began)
-
-    shoot("bdpt", 1, 0)
-    equal_samples = [shoot(name, spp, 1) for name in INTEGRATORS]
-    equal_time = [
-        shoot(shot.integrator, max(1, round(shot.spp * seconds / shot.seconds)), 2)
-        for shot in equal_samples
+    mitsuba(VARIANT)
+    lit = renderers.sensor()
+    if figure == "3.3":
+        rows = renderers.luminance_scale(lit, effort.most, say)
+        renderers.draw_scale(rows, path)
+        return rows
+    shots, truth = renderers.pictures(lit, effort.spp, effort.seconds, say)
+    renderers.draw_pictures(shots, truth, path)
+    return [
+        {
+            "at": title,
+            "integrator": shot.integrator,
+            "spp": shot.spp,
+            "seconds": shot.seconds,
+            "error": shot.error(truth),
+        }
+        for title, pictures in shots.items()
+        for shot in pictures
     ]
-    truth = shoot("bdpt", 4 * max(shot.spp for shot in equal_time if shot.integrator == "bdpt"), 3)
-    return {"equal samples": equal_samples, "equal time": equal_time}, truth.picture
-
-
-def luminance_scale(lit: Any, most: int, say: Callable[[str], None]) -> list[dict[str, float]]:
-    """Return the relative standard deviation of the mean intensity per luminance samples."""
-    from render.integrators.film_sampler import FilmSampler
-    from render.integrators.mixed_run import LANES
-    from render.integrators.subpaths import PathLimits
-    from render.integrators.vertex_cache import SHARED_PATHS
-    from render.sampling.monte_carlo import monte_carlo_replicates
-
-    sampler = FilmSampler(lit, lit.sensors()[0], PathLimits())
-    rows = []
-    for wanted in SAMPLES:
-        samples = min(wanted, most)
-        passes = -(-samples // LANES)
-        lanes = -(-samples // passes)
-        sharing = sampler.sharing(lanes, 2, SHARED_PATHS)
-        means = np.array(
-            [
-                monte_carlo_replicates(
-                    sharing, lanes=lanes, passes=passes, replicates=2, seed=seed
-                ).mean()
-                for seed in range(SEEDS)
-            ]
-        )
-        spread = float(means.std(ddof=1) / means.mean())
-        # The last one is the standard error of a standard deviation from so few seeds.
-        rows.append(
-            {
-                "luminance_samples": samples,
-                "relative_std": spread,
-                "relative_std_se": spread / float(np.sqrt(2 * (SEEDS - 1))),
-            }
-        )
-        say(f"{samples} luminance samples: {100 * spread:.2f} %")
-        if wanted >= most:
-            break
-    return rows
-
-
-def draw_pictures(shots: dict[str, list[Rendering]], truth: Array, path: Path) -> None:
-    """Write Fig. 3.2."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 11), layout="constrained")
-    axes = figure.subplots(2, 4)
-    top = np.percentile(truth, 99)
-    for row, (title, pictures) in zip(axes, shots.items(), strict=True):
-        for axis, shot in zip(row, pictures, strict=False):
-            axis.imshow((np.clip(shot.picture / top, 0, 1)) ** (1 / 2.2), cmap="gray")
-            axis.set_title(
-                f"{shot.integrator}, {title}\n{shot.spp} spp, {shot.seconds:.1f} s, "
-                f"error {100 * shot.error(truth):.1f} %",
-                fontsize=9,
-            )
-        row[3].imshow((np.clip(truth / top, 0, 1)) ** (1 / 2.2), cmap="gray")
-        row[3].set_title("bdpt, long", fontsize=9)
-    for axis in axes.flat:
-        axis.set_axis_off()
-    figure.savefig(path, dpi=100)
-
-
-def draw_scale(rows: list[dict[str, float]], path: Path) -> None:
-    """Write Fig. 3.3."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5, 4), layout="constrained")
-    axis = figure.subplots()
-    samples = np.array([row["luminance_samples"] for row in rows])
-    spread = 100 * np.array([row["relative_std"] for row in rows])
-    error = 100 * np.array([row["relative_std_se"] for row in rows])
-    axis.errorbar(samples, spread, error, fmt="o-", capsize=3, label="measured")
-    axis.axhline(0.2, color="gray", linestyle="--", label="0.2 %")
-    axis.set(xscale="log", yscale="log", xlabel="luminance samples")
-    axis.set_ylabel("standard deviation of the mean intensity (%)")
-    axis.legend()
-    figure.savefig(path, dpi=120)
 
 
 def main(arguments: list[str]) -> None:
-    """Write both figures and their numbers."""
+    """Write one figure and its numbers."""
     parser = argparse.ArgumentParser(prog="python examples/figures.py", description=__doc__)
+    parser.add_argument("figure", choices=FIGURES)
     parser.add_argument("out", type=Path, help="folder for the results")
-    parser.add_argument("--spp", type=int, default=64, help="samples per pixel in Fig. 3.2")
-    parser.add_argument("--seconds", type=float, default=20.0, help="equal time in Fig. 3.2")
-    parser.add_argument("--most", type=int, default=10_000_000, help="samples in Fig. 3.3")
+    parser.add_argument("--spp", type=int, default=64, help="3.2: samples per pixel")
+    parser.add_argument("--seconds", type=float, default=20.0, help="3.2: equal time")
+    parser.add_argument("--most", type=int, default=10_000_000, help="3.3: luminance samples")
+    parser.add_argument(
+        "--rig-samples", type=int, default=200, help="3.5, 3.6: light paths per fiber and cell"
+    )
+    parser.add_argument(
+        "--samples", type=int, default=0, help="5.1: render with so many per cell (0: surrogate)"
+    )
     chosen = parser.parse_args(arguments)
     began = time.monotonic()
 
@@ -188,29 +83,10 @@ def main(arguments: list[str]) -> None:
         print(f"{time.monotonic() - began:7.1f} s  {line}", file=sys.stderr, flush=True)
 
     chosen.out.mkdir(parents=True, exist_ok=True)
-    mitsuba(VARIANT)
-    lit = sensor()
-    shots, truth = pictures(lit, chosen.spp, chosen.seconds, say)
-    draw_pictures(shots, truth, chosen.out / "fig32.png")
-    rows = luminance_scale(lit, chosen.most, say)
-    draw_scale(rows, chosen.out / "fig33.png")
-    numbers = {
-        "fig32": [
-            {
-                "at": title,
-                "integrator": shot.integrator,
-                "spp": shot.spp,
-                "seconds": shot.seconds,
-                "error": shot.error(truth),
-            }
-            for title, pictures_ in shots.items()
-            for shot in pictures_
-        ],
-        "fig33": rows,
-    }
-    text = json.dumps(numbers, indent=1)
-    (chosen.out / "figures.json").write_text(text + "\n")
-    print(text)
+    path = chosen.out / f"fig-{chosen.figure}.png"
+    numbers = make(chosen.figure, path, chosen, say)
+    path.with_suffix(".json").write_text(json.dumps(numbers, indent=1) + "\n")
+    print(path)
 
 
 if __name__ == "__main__":
