@@ -37,7 +37,7 @@ from render.reference import (
     RenderCost,
     RenderJob,
     TimeBudget,
-    samples_of_full_pass,
+    samples_per_pass,
     transport_estimate,
     transport_jobs,
     trial_cost,
@@ -75,7 +75,10 @@ def measure_cost(context: RunContext) -> RenderCost:
         context.stage("Trial renders", "trial")
         phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
         seed = context.random_seed(PILOT_PURPOSE, 0)
-        unit = samples_of_full_pass(context.scene)
+        # A short night must not spend itself on them.
+        jobs_of_table = 2 * len(context.bends) * MIN_PASSES
+        seconds = context.seconds_until(TABLE_UNTIL)
+        unit = samples_per_pass(context.scene, seconds, jobs_of_table)
         jobs = transport_jobs(
             context.scene, phi, context.bends[:1], samples=unit, per_pass=unit, seeds=[seed]
         )

@@ -34,6 +34,7 @@ class PretendedWorkers:
 
     def __init__(self, table: TransportTable) -> None:
         self.table, self.now = table, 0.0
+        self.asked: list[RenderJob] = []
 
     def light(self, job: RenderJob) -> Array:
         """Return what the table says of the job, ``(fiber, node, target)``."""
@@ -51,6 +52,7 @@ class PretendedWorkers:
         state: Callable[[RenderJob], Path],
         tick: Callable[[int], None],
     ) -> Iterator[FinishedJob]:
+        self.asked += jobs
         for index, job in enumerate(jobs):
             light = self.light(job)
             rng = np.random.default_rng(int(job.key[:16], 16))
@@ -107,11 +109,14 @@ def test_hours_that_are_too_few_are_said_as_soon_as_renders_are_timed(
         return [lines[i] for i in found]
 
     (said,) = warned(6.0)
-    before = workers.now
+    before, count = workers.now, len(workers.asked)
     assert "0.1 minutes are too few: with the fewest samples this takes some " in said
     assert 60.0 * float(said.split(" some ")[1].split()[0]) > REPORT_SECONDS
     assert warned(120.0) == []
     assert workers.now - before < 132.0
+    # The trials of a short night have smaller passes.
+    short, long = workers.asked[0], workers.asked[count]
+    assert 2 * short.chains < long.chains
 
 
 def test_some_more_hours_verify_the_same_finalists_with_more_seeds(
