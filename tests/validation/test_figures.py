@@ -22,14 +22,14 @@ def test_the_luminance_scale(tmp_path: Path) -> None:
 
 
 def test_one_fiber_of_the_emulated_rig(tmp_path: Path) -> None:
-    bends = made("3.5", tmp_path, "--rig-samples", 20)
+    bends = made("3.5", tmp_path, "--rig-samples", 50)
     errors = [line["relative_rms"] for lines in bends.values() for line in lines.values()]
     assert set(bends) == {"bend 0", "bend 90"}
     assert np.median(errors) < 0.15
 
 
 def test_all_fibers_of_the_emulated_rig(tmp_path: Path) -> None:
-    numbers = made("3.6", tmp_path, "--rig-samples", 20)
+    numbers = made("3.6", tmp_path, "--rig-samples", 50)
     assert min(numbers["correlation"]) > 0.9
 
 
