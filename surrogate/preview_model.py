@@ -75,7 +75,7 @@ class PreviewErrors:
 
 
 COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.16, 0.22, 0.6, 11.0, 35.0, 0.73)
-CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.06, 0.03, 0.1, 4.0, 12.0, 0.9)
+CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.06, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.stats import kendalltau
 
 from optimize.scoring import open_model
 from render.chebyshev import chebyshev_nodes, interpolation_weights
@@ -20,6 +21,8 @@ from render.preview.converged.block import face_grid
 from render.preview.converged.transport import Effort, task_count, transport_at
 from render.progress import Clock
 from render.scene import load_scene
+from surrogate.preview_model import preview_checker
+from surrogate.training.evaluation import random_colors
 from tests.long import LONG
 
 SCENE = load_scene("finger20")
@@ -73,7 +76,27 @@ def test_renders_agree_with_converged_transport_better_than_with_the_shader(degr
     assert converged.rms < shader.rms
 
 
+def designs_told() -> None:
+    """Print how far both previews are from the model, over 200 random designs at all bends."""
+    rng, bends = np.random.default_rng(1), np.array(SCENE.bending.angles)
+    phi = rng.uniform(0.0, np.pi, (200, SCENE.lamp_count))
+    power, model = np.eye(3)[random_colors(*phi.shape, rng)], open_model(SCENE)
+    known = model.run(phi, power, bends)
+    for coarse in (True, False):
+        said = preview_checker(SCENE, coarse=coarse).run(phi, power, bends)
+        off = np.linalg.norm(said["counts"] - known["counts"], axis=-1)
+        off /= np.linalg.norm(known["counts"], axis=-1)
+        score = np.abs(said["score"] - known["score"])
+        tau = kendalltau(said["score"], known["score"]).statistic
+        print(
+            f"{'as drawn' if coarse else 'converged'}: colors off by {np.median(off):.2%} (median), "
+            f"{np.quantile(off, 0.95):.2%} (95 %), scores by {np.median(score):.2f}, "
+            f"{np.quantile(score, 0.9):.2f} (90 %), tau {tau:.3f}"
+        )
+
+
 if __name__ == "__main__":
+    designs_told()
     for angle in SCENE.bending.angles:
         for name, found in zip(("converged", "shader"), deviations(angle, Effort()), strict=True):
             print(f"{np.degrees(angle):3.0f} deg, {name}: {found.rms:.2%} rms, {found.ratio:.4f}")
