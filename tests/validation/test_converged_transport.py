@@ -88,8 +88,9 @@ def designs_told() -> None:
         off /= np.linalg.norm(known["counts"], axis=-1)
         score = np.abs(said["score"] - known["score"])
         tau = kendalltau(said["score"], known["score"]).statistic
+        level = "as drawn" if coarse else "converged"
         print(
-            f"{'as drawn' if coarse else 'converged'}: colors off by {np.median(off):.2%} (median), "
+            f"{level}: colors off by {np.median(off):.2%} (median), "
             f"{np.quantile(off, 0.95):.2%} (95 %), scores by {np.median(score):.2f}, "
             f"{np.quantile(score, 0.9):.2f} (90 %), tau {tau:.3f}"
         )
