@@ -1,9 +1,9 @@
 """Converged transport of a pad at one bend.
 
-Of lamps behind an opaque layer it is a product, T = U H: ``U`` is the light that leaves the layer
-(`exit_field`), ``H`` what a facet gets of it (`gathering`). Light of other lamps is too narrow for
-the terms of U: `arrivals` follows it to the coating, and ``H`` has what the coating sends on. The
-camera mixes facets as in the shader's preview (`render.preview.facet_blur`).
+Light that a diffuser has scattered widely is a product, T = U H: ``U`` is what leaves the layer
+(`exit_field`), ``H`` what a facet gets of it (`gathering`). Other light is too narrow for the terms
+of U: `arrivals` follows it to the coating, and ``H`` has what the coating sends on. The camera
+mixes facets as in the shader's preview (`render.preview.facet_blur`).
 """
 
 from __future__ import annotations
@@ -46,8 +46,6 @@ BATCH = 16
 """Starts that are multiplied with the exit field at a time, which bounds the memory."""
 MINOR = 8
 """Patches and feet of facets, which count little, have so many times fewer paths than facets."""
-
-
 FEWEST_ARRIVALS = 1000
 """Photons of a lamp at least."""
 WALKING = 3
@@ -56,9 +54,9 @@ WALKING = 3
 
 @dataclass(frozen=True)
 class Effort:
-    """Light paths: ``photons`` of a lamp behind an opaque layer, ``paths`` from a facet.
+    """Light paths: ``photons`` of a lamp for its exit field, ``paths`` from a facet.
 
-    ``arrivals`` are photons that all other lamps share, at all bends.
+    ``arrivals`` are photons for all light that is too narrow for it, of all lamps at all bends.
     """
 
     photons: int = 200_000
@@ -88,7 +86,7 @@ class ConvergedTransport(NamedTuple):
     Arguments:
         cells: ``(lamp, node, site, facet + 1)``, the last of the untouched pad.
         grain: ``(lamp, node)``: the variance of a cell is about the grain times it; 0 for lamps
-            behind an opaque layer, whose noise is about 1 % everywhere.
+            all of whose light has an exit field, whose noise is about 1 % everywhere.
     """
 
     cells: Array
