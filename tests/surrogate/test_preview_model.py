@@ -178,7 +178,7 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     assert not is_prompt(scene)
 
     def stop(at: Progress) -> None:
-        if at.done > task_count(scene):
+        if at.done > task_count(scene, cache.EFFORT):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -186,7 +186,7 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     assert len(list((tmp_path / "tactilux").glob("converged-*.npz"))) == 1
     told: list[Progress] = []
     whole = cache.converged_transport(scene, told.append)
-    assert told[0].done == task_count(scene)
+    assert told[0].done == task_count(scene, cache.EFFORT)
     assert is_prompt(scene)
     (tmp_path / "tactilux").rename(tmp_path / "moved")
     np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)

@@ -62,7 +62,7 @@ def deviations(bend: float, effort: Effort) -> tuple[Deviation, Deviation]:
         )
 
     few, many = (chebyshev_nodes(count, 0.0, np.pi) for count in (13, 33))
-    cells = transport_at(SCENE, bend, few, effort, Clock(task_count(SCENE), None)).cells
+    cells = transport_at(SCENE, bend, few, effort, Clock(task_count(SCENE, effort), None)).cells
     with Preview(SCENE) as preview:
         shader, _ = preview.transport(many, np.array([bend]))
     return deviation(few, cells[..., :-1]), deviation(many, shader[:, :, 0])

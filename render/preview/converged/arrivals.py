@@ -8,6 +8,7 @@ the second order in that radius.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,8 +30,8 @@ from render.scene import Scene
 
 ARRIVAL_KEY = 5 << 40
 """Family of the streams of photons; lamps are counted from it."""
-BATCH = 100_000
-"""Photons at a time, which bounds the memory."""
+PHOTONS_AT_A_TIME = 100_000
+"""Bounds the memory, and is the step of progress."""
 DISK = 1.0
 """Radius within which light is taken to be alike, in radii of the pyramid."""
 
@@ -98,6 +99,7 @@ def arrivals(
     receivers: Receivers,
     photons: int,
     seed: int = 0,
+    after_batch: Callable[[], None] = lambda: None,
 ) -> Arrivals:
     """Return what a lamp of unit power sends to all receivers and patches.
 
@@ -111,6 +113,7 @@ def arrivals(
         receivers: of the scene at this bend.
         photons: how many share the power.
         seed: of their random numbers.
+        after_batch: is called after every `PHOTONS_AT_A_TIME` photons.
     """
     columns, rows = patch_counts(scene)
     faces = scene.indenter.faces
@@ -118,14 +121,15 @@ def arrivals(
     patches, squares = np.zeros((columns * rows, nodes)), np.zeros(nodes)
     received = np.zeros((*receivers.center.shape[:2], nodes))
     key = ARRIVAL_KEY + (seed << 20) + lamp
-    for first in range(0, photons, BATCH):
-        numbers = range(first, min(first + BATCH, photons))
+    for first in range(0, photons, PHOTONS_AT_A_TIME):
+        numbers = range(first, min(first + PHOTONS_AT_A_TIME, photons))
         origin, direction, weights = launched(scene, bend, lamp, phi, numbers, key)
         weights *= len(numbers) / photons
         trace_arrivals(
             block, pressed, receivers, to_block(scene, origin), directions_to_block(direction),
             weights, key, first, patches, received, squares,
         )  # fmt: skip
+        after_batch()
     patches /= np.pi * patch_area(scene)
     lit = received.sum(axis=(0, 1))
     grain = np.divide(squares, lit, out=np.zeros(nodes), where=lit > 0.0) / np.pi

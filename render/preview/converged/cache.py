@@ -41,12 +41,12 @@ def converged_transport(scene: Scene, progress: OnProgress | None = None) -> Con
         progress: is told of every lamp and facet.
     """
     bends = scene.bending.angles
-    clock = Clock(len(bends) * task_count(scene), progress)
+    clock = Clock(len(bends) * task_count(scene, EFFORT), progress)
     parts = []
     for bend in bends:
         kept = read_or_drop(_file(scene, bend), *ConvergedTransport._fields)
         if kept is not None:
-            clock.skip(task_count(scene))
+            clock.skip(task_count(scene, EFFORT))
             parts.append(ConvergedTransport(kept["cells"], kept["grain"]))
             continue
         parts.append(transport_at(scene, bend, NODES, EFFORT, clock))

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import counted_sites, flat_fiber_poses
-from render.preview.converged.arrivals import Arrivals, arrivals, no_arrivals, receivers_at
+from render.preview.converged.arrivals import (
+    PHOTONS_AT_A_TIME,
+    Arrivals,
+    arrivals,
+    no_arrivals,
+    receivers_at,
+)
 from render.preview.converged.block import (
     bent_block,
     cell_count,
@@ -46,6 +52,8 @@ BATCH = 16
 """Starts that are multiplied with the exit field at a time, which bounds the memory."""
 MINOR = 8
 """Patches and feet of facets, which count little, have so many times fewer paths than facets."""
+FIELD_COST = 2
+"""Times that a photon of an exit field takes longer than a path from a facet."""
 FEWEST_ARRIVALS = 1000
 """Photons of a lamp at least."""
 WALKING = 3
@@ -74,10 +82,30 @@ def flies(scene: Scene) -> NDArray[np.bool_]:
     return ~spreads(scene) | (wide_from(scene) > 0)
 
 
-def task_count(scene: Scene) -> int:
-    """Return the ticks of the clock that `transport_at` takes for one bend."""
-    lamps = int(spreads(scene).sum() + flies(scene).sum())
+def task_count(scene: Scene, effort: Effort) -> int:
+    """Return the ticks of the clock that `transport_at` takes for one bend.
+
+    One for every facet and spot; for lamps as many as their light takes so many times longer.
+    """
+    lamps = int(spreads(scene).sum()) * _field_ticks(effort)
+    batches = -(-_flown(scene, effort) // PHOTONS_AT_A_TIME)
+    lamps += int(flies(scene).sum()) * batches * _batch_ticks(scene, effort)
     return lamps + len(counted_sites(scene)) * (scene.indenter.faces + 1)
+
+
+def _field_ticks(effort: Effort) -> int:
+    return max(1, round(FIELD_COST * effort.photons / effort.paths))
+
+
+def _batch_ticks(scene: Scene, effort: Effort) -> int:
+    cost = WALKING if scene.diffuser else 1
+    return max(1, round(cost * PHOTONS_AT_A_TIME / effort.paths))
+
+
+def _flown(scene: Scene, effort: Effort) -> int:
+    """Return the photons of a lamp at one bend whose light is too narrow for the exit field."""
+    shares = max(1, int(flies(scene).sum()) * len(scene.bending.angles))
+    return max(FEWEST_ARRIVALS, effort.arrivals // shares // (WALKING if scene.diffuser else 1))
 
 
 class ConvergedTransport(NamedTuple):
@@ -103,7 +131,7 @@ def transport_at(
         bend: rad in [0, pi].
         phi: ``(node,)`` rad.
         effort: how many paths.
-        clock: is ticked for every lamp, facet and spot.
+        clock: is ticked, `task_count` times in all.
     """
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         light = _light(scene, bend, phi, effort, clock, pool)
@@ -144,9 +172,6 @@ def _light(
     block, grid = bent_block(scene, bend, pressed=False), face_grid(scene)
     pressed, receivers = bent_block(scene, bend, pressed=True), receivers_at(scene, bend)
     spread, flying = spreads(scene), flies(scene)
-    flights = max(1, int(flying.sum()) * len(scene.bending.angles))
-    photons = effort.arrivals // flights // (WALKING if scene.diffuser else 1)
-    photons = max(FEWEST_ARRIVALS, photons)
     nodes = np.where(flat_fiber_poses(scene).turns, len(phi), 1)
     rows = cell_count(grid) * term_count(grid) if spread.any() else 0
 
@@ -154,15 +179,16 @@ def _light(
         if not spread[lamp]:
             return np.zeros((rows, nodes[lamp]))
         field = exit_field(scene, bend, lamp, phi, block, grid, effort.photons)
-        clock.tick()
+        clock.tick(_field_ticks(effort))
         return field.reshape(rows, -1)
 
     def arrivals_of(lamp: int) -> Arrivals:
         if not flying[lamp]:
             return no_arrivals(scene, nodes[lamp])
-        found = arrivals(scene, bend, lamp, phi, block, pressed, receivers, photons)
-        clock.tick()
-        return found
+        return arrivals(
+            scene, bend, lamp, phi, block, pressed, receivers, _flown(scene, effort),
+            after_batch=lambda: clock.tick(_batch_ticks(scene, effort)),
+        )  # fmt: skip
 
     lamps, ends = range(scene.lamp_count), np.cumsum(nodes)
     fields, arrived = list(pool.map(field_of, lamps)), list(pool.map(arrivals_of, lamps))
