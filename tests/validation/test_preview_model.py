@@ -25,7 +25,8 @@ from tests.long import LONG
 from tests.oracles.random_scenes import random_scene
 
 SENSORS = range(1, 17) if LONG else (4,)
-SAMPLES = 200 if LONG else 40
+SAMPLES = 600 if LONG else 300
+"""Fewer leave noise in S that is not normal: it cannot be taken off."""
 DIRECTIONS = 4
 DESIGNS = 200
 NOISE_DRAWS = 4
