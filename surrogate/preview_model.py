@@ -20,12 +20,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import (
-    NODES,
-    ConvergedTransport,
-    converged_transport,
-    is_kept,
-)
+from render.preview.converged import NODES, ConvergedTransport, converged_transport
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
@@ -40,6 +35,7 @@ VERSION = 3
 """Part of the cache key: raise it when the preview changes."""
 COVERAGE = 0.9
 BEND_DEGREE = 3
+"""In the bend, of the polynomial that corrects the shader's logarithm."""
 SHADER_ERROR = 0.15
 """One standard deviation of a cell of the shader's, relative."""
 COUNTS_FACTOR = 2.0
@@ -103,11 +99,6 @@ def preview_checker(
     metric = session.outputs(phi, baseline_power(scene)[None], bends)["metric"]
     mean = float(design_score(metric).mean[0])
     return Checker(session, _about(scene, grid, scale, errors, mean))
-
-
-def is_prompt(scene: Scene) -> bool:
-    """Return whether the best preview of ``scene`` is there in seconds."""
-    return is_kept(scene)
 
 
 def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:

@@ -65,8 +65,8 @@ def run(
         create_context().release()
         # What takes a minute to answer is answered coarsely before.
         answers = [True, False] if not coarse and not is_prompt(scene, model) else [coarse]
-        for number, first in enumerate(answers):
-            checker = open_model(scene, model, coarse=first)
+        for number, as_drawn in enumerate(answers):
+            checker = open_model(scene, model, coarse=as_drawn)
             where = (
                 f"its {checker.level}" if checker.file is None
                 else f"the surrogate in {checker.file.parent}"
@@ -74,14 +74,15 @@ def run(
             note(f"Exploring {scene.name} on {where}")
             with ProgressBar() as bar:
                 found = explore(scene, checker, seed=seed, progress=_Steps(bar))
-                if robust is not None or shadow is not None:
+                last = number + 1 == len(answers)
+                if last and (robust is not None or shadow is not None):
                     bar.note("  refining for what was asked")
                     found = study_robustness(found, robust, shadow, bar)
                 bar.note("  drawing pictures and the report")
                 result = write_exploration(
                     found, target, lambda: time.monotonic() - began, keep_other=number == 0
                 )
-            if number + 1 < len(answers):
+            if not last:
                 note(_first_answer(found, target, time.monotonic() - began))
         if as_json:
             print_json(stream, result)

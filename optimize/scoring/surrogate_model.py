@@ -118,9 +118,9 @@ def is_prompt(scene: Scene, given: Path | None = None) -> bool:
     """Return whether `open_model` answers in seconds: it has a model, or all of its preview."""
     if find_model(scene, given) is not None:
         return True
-    from surrogate.preview_model import is_prompt as preview_is_prompt
+    from render.preview.converged import is_kept
 
-    return preview_is_prompt(scene)
+    return is_kept(scene)
 
 
 def predict_design(checker: Checker, design: Design, bends: Array) -> dict[str, Array]:

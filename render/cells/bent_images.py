@@ -119,7 +119,9 @@ class BentImages(MirrorImages):
         meets = (inside_a > 0) & (inside_y > 0) & (met >= 0) & (met <= length * inside)
         cosine = dr.dot(direction, self._inward(segment))
         by_segment = self.reflectance(self.sizes[0] + segment, cosine)
-        return weight * dr.select(segment > 0, dr.select(meets, by_segment, 0.0), 1.0)
+        # Without wall and segment it is no image.
+        alone = 1.0 if wall > 0 else 0.0
+        return weight * dr.select(segment > 0, dr.select(meets, by_segment, 0.0), alone)
 
     def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
         """Return the number of the plane that an image over one mirror takes."""
@@ -135,8 +137,6 @@ class BentImages(MirrorImages):
         while segment < self.segment_count:
             for wall in range(self.sizes[0]):
                 here = self._weight(wall, segment, a, y)
-                if wall == 0:
-                    here = dr.select(segment > 0, here, 0.0)
                 total += here
                 chance = dr.select(here > 0, here / total, 0.0)
                 chosen = number < chance
@@ -153,8 +153,6 @@ class BentImages(MirrorImages):
         while segment < self.segment_count:
             for wall in range(self.sizes[0]):
                 here = self._weight(wall, segment, a, y)
-                if wall == 0:
-                    here = dr.select(segment > 0, here, 0.0)
                 total += here
                 weight = dr.select(image == wall + self.sizes[0] * segment, here, weight)
             segment += 1

@@ -11,7 +11,7 @@ import torch
 from render.chebyshev import chebyshev_nodes
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
-from render.preview.converged import NODES, ConvergedTransport, Effort, cache, task_count
+from render.preview.converged import NODES, ConvergedTransport, Effort, cache, is_kept, task_count
 from render.progress import Progress
 from render.scale import ScoreScale, scene_scale
 from render.scene import Scene
@@ -23,7 +23,6 @@ from surrogate.preview_model import (
     PHI_NODES,
     PreviewSession,
     corrected,
-    is_prompt,
     preview_checker,
 )
 from surrogate.runtime import Checker, RankingTest
@@ -175,7 +174,7 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(cache, "EFFORT", Effort(photons=2000, paths=128, arrivals=20_000))
     scene = small_scene(bending={"angles": {"value": [0.0, 60.0], "unit": "deg", "source": "-"}})
-    assert not is_prompt(scene)
+    assert not is_kept(scene)
 
     def stop(at: Progress) -> None:
         if at.done > task_count(scene, cache.EFFORT):
@@ -187,7 +186,7 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     told: list[Progress] = []
     whole = cache.converged_transport(scene, told.append)
     assert told[0].done == task_count(scene, cache.EFFORT)
-    assert is_prompt(scene)
+    assert is_kept(scene)
     (tmp_path / "tactilux").rename(tmp_path / "moved")
     np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)
     checker = preview_checker(scene)

@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 
 from tests.long import LONG
-from tests.oracles.analog_tracer import LEFT, OUTSIDE, RIGHT, Lamp, Pad, trace_photons
+from tests.oracles.analog_tracer import LEFT, OPEN, OUTSIDE, RIGHT, Lamp, Pad, trace_photons
 
 ANGLES = {True: 24, False: 32}
 """Of the quadrature, in a matched slab and between faces: more of them lose energy by rounding."""
@@ -161,6 +161,8 @@ def test_analog_photons_are_reflected_and_transmitted_as_adding_doubling_says(
         half_length=wide,
         index=material.index,
         alpha=np.zeros(6),
+        paint=np.full(6, OPEN),
+        reflectance=np.zeros(6),
         sigma_s=material.sigma_s,
         sigma_a=material.sigma_a,
         g=material.g,

@@ -47,9 +47,8 @@ def exit_field(
     key = PHOTON_KEY + lamp
     origin, direction, weights = launched(scene, bend, lamp, phi, range(photons // REPEATS), key)
     out = np.zeros((cell_count(grid), term_count(grid), weights.shape[1]))
-    entered = np.zeros(2)
     trace_lamp(
         block, grid, to_block(scene, origin), directions_to_block(direction), weights,
-        REPEATS, key, out, entered,
+        REPEATS, key, out,
     )  # fmt: skip
     return np.asarray(orthonormal_terms(grid) @ out)

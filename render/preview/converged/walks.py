@@ -279,6 +279,16 @@ def beyond(plane: Array, p: Array) -> float:
 
 
 @compiled
+def way_to(plane: Array, p: Array, d: Array, sign: float) -> float:
+    """Return the way (mm) to a plane through the axis that is passed towards the tip (1) or base.
+
+    ``sign`` is -1 for the base; infinite where ``d`` leads the other way.
+    """
+    towards = plane[0] * d[1] - plane[1] * d[2]
+    return -beyond(plane, p) / towards if sign * towards > 0.0 else math.inf
+
+
+@compiled
 def level_of(block: Block, p: Array) -> float:
     """Return the level g of a point."""
     return float(0.5 * block.kappa * (p[1] * p[1] + p[2] * p[2]) + p[2])
@@ -353,16 +363,12 @@ def cross_clear(block: Block, p: Array, d: Array) -> tuple[float, int, int, int]
         to = (block.half_width - p[0]) / d[0] if d[0] > 0.0 else (-block.half_width - p[0]) / d[0]
         if to < way:
             way, face = to, RIGHT if d[0] > 0.0 else LEFT
-    towards = block.tip[0] * d[1] - block.tip[1] * d[2]
-    if towards > 0.0:
-        to = -beyond(block.tip, p) / towards
-        if to < way:
-            way, face = to, TIP
-    towards = block.base[0] * d[1] - block.base[1] * d[2]
-    if towards < 0.0:
-        to = -beyond(block.base, p) / towards
-        if to < way:
-            way, face = to, BASE
+    to = way_to(block.tip, p, d, 1.0)
+    if to < way:
+        way, face = to, TIP
+    to = way_to(block.base, p, d, -1.0)
+    if to < way:
+        way, face = to, BASE
     way = max(way, 0.0)
     if len(block.sites):
         # As far as the lower face may reach, a pyramid is met first or not at all.
@@ -386,16 +392,12 @@ def cross_layer(block: Block, p: Array, d: Array) -> tuple[float, int]:
         to = (-outer - p[0]) / d[0]
         if to < way:
             way, face = to, OUTER_LEFT
-    towards = block.base[0] * d[1] - block.base[1] * d[2]
-    if towards < 0.0:
-        to = -beyond(block.base, p) / towards
-        if to < way:
-            way, face = to, BASE
-    towards = block.end[0] * d[1] - block.end[1] * d[2]
-    if towards > 0.0:
-        to = -beyond(block.end, p) / towards
-        if to < way:
-            way, face = to, END
+    to = way_to(block.base, p, d, -1.0)
+    if to < way:
+        way, face = to, BASE
+    to = way_to(block.end, p, d, 1.0)
+    if to < way:
+        way, face = to, END
     past = beyond(block.tip, p)
     towards = block.tip[0] * d[1] - block.tip[1] * d[2]
     if abs(p[0]) >= block.half_width and d[0] * p[0] < 0.0:
@@ -590,14 +592,14 @@ def deposit(
 @compiled
 def trace_lamp(
     block: Block, grid: FaceGrid, origin: Array, direction: Array, weights: Array, repeats: int,
-    key: int, out: Array, entered: Array,
+    key: int, out: Array,
 ) -> None:  # fmt: skip
     """Follow rays of a lamp ``(ray, 3)`` until they leave the layer, and add them to ``out``.
 
     Each is followed ``repeats`` times.
 
-    ``weights`` ``(ray, node)``; ``out`` ``(cell, term, node)``; ``entered`` ``(2,)`` counts the
-    light that enters the clear pad and the layer.
+    ``weights`` ``(ray, node)``; ``out`` ``(cell, term, node)``. Light that enters the clear pad is
+    left out.
     """
     state, powers = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1))
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -613,9 +615,7 @@ def trace_lamp(
         passed = refract_into(block, face, d, n, uniform(state), uniform(state), m)
         if passed == 0.0:
             continue
-        layer = in_layer(block, p)
-        entered[1 if layer else 0] += passed * weights[ray // repeats].sum()
-        if not layer:
+        if not in_layer(block, p):
             continue
         left, face, scattered = walk_layer(state, block, p, d, n, m)
         if left > 0.0 and scattered >= block.wide:
