@@ -46,7 +46,16 @@ TOGETHER = {
     ),
     "small_model": tuple(
         f"tests/optimize/cli/test_{name}.py"
-        for name in ("bad_input", "compare", "explore", "faults", "optimize", "score", "verify")
+        for name in (
+            "bad_input",
+            "compare",
+            "explore",
+            "faults",
+            "optimize",
+            "runs",
+            "score",
+            "verify",
+        )
     )
     + ("tests/validation/test_faults.py", "tests/hw/calibration/test_calibrated_scene.py"),
     "tiny_night": (

@@ -26,6 +26,7 @@ from optimize.cli import (
     reconstruct,
     render,
     report,
+    runs,
     schema,
     score,
     sensitivity,
@@ -56,7 +57,7 @@ app = typer.Typer(
 )
 for _command in (
     explore, play, score, compare, verify, optimize, sensitivity, reconstruct, train, frontier,
-    overnight, status, render, describe, report, colors, new, schema,
+    overnight, status, report, runs, render, describe, colors, new, schema,
 ):  # fmt: skip
     app.command(_command.__name__.rpartition(".")[2])(_command.run)
 

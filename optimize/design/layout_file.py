@@ -8,7 +8,7 @@ A finger of eight fibers::
     angles_deg = [90, 90, 90, 80, 100, 90, 90, 90]   # or one number for all
 
 Fibers are numbered as in the wiring sheet: left from base to tip, tip from left to right, right
-from base to tip. The lit LED of a fiber has the full power that the scene allows, unless ``power``
+from tip to base. The lit LED of a fiber has the full power that the scene allows, unless ``power``
 says less, a fraction per fiber. A ``design.json`` of any version is a layout too; its rating is
 not read.
 """

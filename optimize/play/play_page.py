@@ -84,6 +84,7 @@ class PlayPage:
         scorer = TableScorer(table, self.checker.metadata.metric, limits=limits_of(self.scene))
         baseline = dimmed_baseline(self.scene)
         optimum = self.optimum or best_design(scorer, baseline)
+        designs = {"baseline": baseline, "optimum": optimum, "start": self.start or baseline}
         skin = skin_light(self.scene, table.phi)
         text, places = packed(
             {
@@ -101,11 +102,9 @@ class PlayPage:
             "metric": self._metric(table),
             "halfWidth": self.checker.score_half_width,
             "clipped": CLIPPED,
-            "designs": {
-                "baseline": _plain(baseline),
-                "optimum": _plain(optimum),
-                "start": _plain(self.start or baseline),
-            },
+            "designs": {name: _plain(design) for name, design in designs.items()},
+            # For who lists pages; the page itself rates what it shows.
+            "scores": {name: scorer.score(d.phi, d.power) for name, d in designs.items()},
             "shader": {
                 "paths": _preview_shader("light_paths.glsl"),
                 "picture": _preview_shader("picture.frag"),

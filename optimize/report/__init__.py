@@ -2,6 +2,7 @@
 
 from optimize.report.exploration_report import (
     DESIGN,
+    PLAY,
     REPORT,
     doubted_gain,
     print_scores,

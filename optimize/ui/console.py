@@ -73,7 +73,7 @@ def print_table(
     table = Table(title=title, title_justify="left")
     for heading in headings:
         left = heading in (headings[:1] if words is None else words)
-        table.add_column(heading, justify="left" if left else "right")
+        table.add_column(heading, justify="left" if left else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
     console = Console(file=stream, width=None if stream.isatty() else width)

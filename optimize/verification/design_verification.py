@@ -63,7 +63,10 @@ class Verification:
         """Return what programs rely on."""
         both = {"baseline": self.baseline.score, "design": self.design.score}
         return {
-            **{name: {"score": score.value, "se": score.se} for name, score in both.items()},
+            **{
+                name: {"score": score.value, "se": score.se, "interval": list(score.interval())}
+                for name, score in both.items()
+            },
             "difference": {
                 "value": self.difference.value,
                 "interval": list(self.difference.interval()),

@@ -1,0 +1,119 @@
+"""Where the runs of a folder are: folders and files that the commands write, whole or not."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from optimize.overnight.result import NIGHT
+from optimize.overnight.run_directory import RECORD, RunError
+from optimize.records.run_record import (
+    VERIFIED,
+    RunRecord,
+    damaged,
+    kind_of_result,
+    read_record,
+)
+from optimize.report import DESIGN, REPORT
+from optimize.ui.output import MANIFEST
+from render.files import TEMPORARY
+from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE, SUM_FILE
+
+LEFT_BEHIND = re.compile(r"\.(.+)\.[0-9a-z_]{8}")
+"""Folders in which a result is put together before it has its name (``tempfile.mkdtemp``)."""
+SKIPPED = ("node_modules", "site-packages", "__pycache__")
+PLAY_MARK = b'<script type="application/json" id="page">'
+BEGINNING = 200_000
+"""Bytes of an HTML file in which the mark of a page to play with stands, style included."""
+
+
+def find_runs(folder: Path) -> list[RunRecord]:
+    """Return all runs in ``folder`` and below, the latest first.
+
+    Raises:
+        RunError: there is no such folder.
+    """
+    if not folder.is_dir():
+        raise RunError(
+            f"{folder} is no folder: name the one in which your runs are, or leave it out for the "
+            "one that you are in",
+            field="folder",
+        )
+    found = list(_runs(folder))
+    return sorted(found, key=lambda record: (-record.time, str(record.path)))
+
+
+def _runs(folder: Path) -> Iterator[RunRecord]:
+    for place, folders, files in os.walk(folder):
+        here = Path(place)
+        own = _own(here, set(files))
+        yield from own
+        yield from (_half_written(here / name) for name in sorted(folders)
+                    if TEMPORARY.fullmatch(name) or LEFT_BEHIND.fullmatch(name))  # fmt: skip
+        # What lies in a night or a model is of that run.
+        inside = any(record.kind in ("overnight", "train") for record in own)
+        folders[:] = [] if inside else [
+            name for name in sorted(folders) if name not in SKIPPED and not name.startswith(".")
+        ]  # fmt: skip
+
+
+def _own(here: Path, files: set[str]) -> list[RunRecord]:
+    """Return the runs whose record lies in the folder ``here`` itself."""
+    if {RECORD, NIGHT} & files:
+        return [read_record("overnight", here)]
+    if MODEL_FILE in files:
+        return [read_record("train", here)]
+    if {CARD_FILE, SUM_FILE} <= files:
+        return [damaged("train", here, f"{MODEL_FILE} is missing")]
+    found = [read_record("verify", here / name) for name in sorted(files)
+             if VERIFIED.fullmatch(name)]  # fmt: skip
+    found += _unfinished(here, files)
+    kind = kind_of_result(here / MANIFEST) if MANIFEST in files else None
+    if kind is not None:
+        return [*found, read_record(kind, here)]
+    if {DESIGN, REPORT} <= files:
+        found.append(damaged("explore", here, f"{MANIFEST} is missing"))
+    pages = sorted(name for name in files if name.endswith((".html", ".htm")))
+    return found + [read_record("play", here / name) for name in pages if _to_play(here / name)]
+
+
+def _to_play(path: Path) -> bool:
+    """Return whether ``path`` is a page to play with, whole or cut off."""
+    try:
+        with path.open("rb") as stream:
+            return PLAY_MARK in stream.read(BEGINNING)
+    except OSError:
+        return False
+
+
+def _unfinished(here: Path, files: set[str]) -> list[RunRecord]:
+    """Return the run whose work in progress ``here`` is, where it has not come to its end."""
+    stem, _, end = here.resolve().name.rpartition("-")
+    beside = here.resolve().with_name(stem) if stem else here
+    if end == "training" and "plan.json" in files and not (beside / MODEL_FILE).is_file():
+        return [_goes_on("train", here, f"no model in {beside} yet")]
+    if end != "renders":
+        return []
+    rendered = any(name.endswith(".npz") for name in files)
+    if rendered and not beside.with_suffix(".json").exists() and not beside.exists():
+        return [_goes_on("optimize", here, f"no result in {beside} yet")]
+    if any(name.endswith(".state.npz") for name in files):
+        return [_goes_on("verify", here, "a render was cut off")]
+    return []
+
+
+def _goes_on(kind: str, path: Path, why: str) -> RunRecord:
+    text = f"{why}; the same command goes on from here"
+    return RunRecord(
+        kind, path, path.stat().st_mtime, "unfinished", note=text[0].upper() + text[1:]
+    )
+
+
+def _half_written(path: Path) -> RunRecord:
+    """Return the run that was being put together when its process ended, or is just now."""
+    files = {item.name for item in path.iterdir()} if path.is_dir() else set()
+    kind = "train" if MODEL_FILE in files else "overnight" if RECORD in files else "explore"
+    why = "half written: a process works in it, or was killed and it can be deleted"
+    return RunRecord(kind, path, path.stat().st_mtime, "unfinished", note=why.capitalize())

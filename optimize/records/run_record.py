@@ -1,0 +1,334 @@
+"""One run as its own files tell of it: a reader per kind, and one sentence for what is damaged.
+
+Nothing is computed again, and no record is believed beyond what it says: a file that lacks what its
+kind must have makes the run *damaged*, which is told with the reason.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from optimize.design import Design, load_design_file
+from optimize.design.design_file import DesignFile
+from optimize.overnight.result import DESIGNS, NIGHT, SCENE, OvernightResult
+from optimize.overnight.run_directory import LOG, RECORD, RunError
+from optimize.overnight.run_directory import REPORT as NIGHT_REPORT
+from optimize.overnight.status import status_of
+from optimize.report import DESIGN, PLAY, REPORT
+from optimize.ui.console import duration
+from optimize.ui.output import MANIFEST
+from render.errors import SceneError, TactiluxError
+from render.scene import load_scene
+from surrogate.runtime import Checker
+from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE
+
+KINDS = ("explore", "verify", "optimize", "overnight", "train", "play")
+STATES = ("finished", "running", "stopped", "lost", "unfinished", "damaged")
+"""``stopped``, ``lost`` (its process was killed) and ``unfinished`` go on by the same command."""
+VERIFIED = re.compile(r"verified-[0-9a-f]{12}\.json")
+PLAY_FACTS = re.compile(rb'<script type="application/json" id="page">(.*?)</script>', re.DOTALL)
+
+
+@dataclass(frozen=True, eq=False)
+class RunRecord:
+    """What is known of a run.
+
+    Arguments:
+        kind: the command that made it, one of `KINDS`.
+        path: its folder, or its file where it is one.
+        time: when its record was written, seconds since 1970.
+        state: one of `STATES`.
+        scene, scene_hash, level: empty where the record does not say.
+        score: of the design that it hands over, in counts.
+        interval: of ``score``: 90 % on models and previews, 95 % from renders.
+        design: file of that design; lights: the design itself.
+        report: what to open; play: a page to play with beside it.
+        note: what else its record says, or what is wrong with it.
+    """
+
+    kind: str
+    path: Path
+    time: float
+    state: str = "finished"
+    scene: str = ""
+    scene_hash: str = ""
+    level: str = ""
+    score: float | None = None
+    interval: tuple[float, float] | None = None
+    design: Path | None = None
+    lights: Design | None = None
+    report: Path | None = None
+    play: Path | None = None
+    note: str = ""
+
+
+def read_record(kind: str, path: Path) -> RunRecord:
+    """Return the run of ``kind`` in ``path``; damaged, with the reason, where it cannot be read."""
+    readers: dict[str, Callable[[Path], RunRecord]] = {
+        "explore": lambda folder: _result("explore", folder),
+        "optimize": lambda folder: _result("optimize", folder),
+        "verify": _verification,
+        "overnight": _night,
+        "train": _model,
+        "play": _page,
+    }
+    try:
+        return readers[kind](path)
+    except TactiluxError as error:
+        return damaged(kind, path, str(error))
+    except OSError as error:
+        return damaged(kind, path, f"{error.filename or path} cannot be read ({error.strerror})")
+
+
+def damaged(kind: str, path: Path, why: str) -> RunRecord:
+    """Return a run that is named for what is wrong with it."""
+    page = path / REPORT
+    report = page if page.is_file() else None
+    return RunRecord(kind, path, _time(path), "damaged", report=report, note=why)
+
+
+def _time(path: Path) -> float:
+    return path.stat().st_mtime
+
+
+class _Strict(BaseModel):
+    """A part of a record: other keys may stand beside it, numbers are finite."""
+
+    model_config = ConfigDict(allow_inf_nan=False, strict=True)
+
+
+class _Manifest(_Strict):
+    files: list[str]
+
+
+class _Estimate(_Strict):
+    score: float
+    interval: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+
+
+class _Gain(_Strict):
+    value: float
+    interval: Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class _Verified(_Strict):
+    """What ``tactilux verify`` keeps beside its renders."""
+
+    design: _Estimate
+    difference: _Gain
+    converged: bool
+    samples: int
+    seeds: list[int]
+
+
+class _Named(_Strict):
+    name: str
+    hash: str
+
+
+class _Played(_Strict):
+    """What the script of a page to play with begins with; earlier pages do not tell scores."""
+
+    scene: _Named
+    level: str
+    half_width: Annotated[float, Field(alias="halfWidth")]
+    designs: dict[str, Any]
+    scores: dict[str, float] = {}
+
+
+_Part = TypeVar("_Part", bound=BaseModel)
+
+
+def _parsed(part: type[_Part], content: bytes, path: Path) -> _Part:
+    try:
+        return part.model_validate_json(content)
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        place = ".".join(map(str, problem["loc"]))
+        words = f"{place}: {problem['msg']}" if place else problem["msg"]
+        raise RunError(f"{path.name} is damaged ({words})", field="run") from None
+
+
+def _interval(ends: list[float] | None) -> tuple[float, float] | None:
+    return None if ends is None else (ends[0], ends[1])
+
+
+def _of_design(file: DesignFile) -> dict[str, Any]:
+    """Return what a design file says of the scene and of its score."""
+    known: dict[str, Any] = {
+        "scene": file.scene,
+        "scene_hash": file.scene_hash,
+        "lights": file.design,
+    }
+    if file.level is not None and file.score is not None:
+        known |= {"level": file.level, "score": file.score.value, "interval": file.score.interval}
+    return known
+
+
+def _result(kind: str, folder: Path) -> RunRecord:
+    """Read the folder of ``explore`` or ``optimize``, which appears complete or not at all."""
+    path = folder / MANIFEST
+    manifest = _parsed(_Manifest, path.read_bytes(), path)
+    missing = [name for name in manifest.files if not (folder / name).exists()]
+    if missing:
+        raise RunError(f"{', '.join(missing)} missing, which its {MANIFEST} names", field="run")
+    play = folder / PLAY
+    return RunRecord(
+        kind,
+        folder,
+        _time(path),
+        design=folder / DESIGN,
+        report=folder / REPORT,
+        play=play if play.is_file() else None,
+        **_of_design(load_design_file(folder / DESIGN)),
+    )
+
+
+def _verification(path: Path) -> RunRecord:
+    """Read what ``verify`` found, and the design beside it if it is still the one."""
+    content = _parsed(_Verified, path.read_bytes(), path)
+    folder = path.parent if path.parent.name else path.parent.resolve()
+    design = folder.with_name(f"{folder.name.removesuffix('-renders')}.json")
+    known: dict[str, Any] = {}
+    text = "The design that was rendered lies beside it no more."
+    if design.is_file():
+        file = load_design_file(design)
+        lights = file.design
+        words = file.scene_hash.encode() + lights.phi.tobytes() + lights.drive.tobytes()
+        if hashlib.sha256(words).hexdigest()[:12] in path.name:
+            known, text = _of_design(file), ""
+    low, high = content.difference.interval
+    gain = f"{content.difference.value:+.1f} over the baseline ({low:+.1f} to {high:+.1f})"
+    if not content.converged:
+        gain += ", by renders that have not converged and decide nothing"
+    known |= {
+        "level": "reference",
+        "score": content.design.score,
+        "interval": _interval(content.design.interval),
+    }
+    return RunRecord(
+        "verify",
+        path,
+        _time(path),
+        design=None if text else design,
+        note=f"{gain}. {text}".strip(),
+        **known,
+    )
+
+
+def _night(run: Path) -> RunRecord:
+    """Read a night, also while it works; one without its record is known by its result."""
+    files = [run / NIGHT, run / LOG, run / RECORD]
+    time = next((_time(path) for path in files if path.is_file()), _time(run))
+    state, note, best = "finished", "", None
+    if (run / RECORD).is_file():
+        status = status_of(run)
+        state, best = status.state, status.best
+        note = f"{status.stage}, {100 * status.share:.0f} %" if status.stage else ""
+        if status.eta_seconds is not None:
+            note += f", {duration(status.eta_seconds)} left"
+    if state != "finished":
+        known = {} if best is None else {
+            "level": best["level"], "score": best["score"], "interval": _interval(best["interval"])
+        }  # fmt: skip
+        try:
+            scene = load_scene(run / SCENE)
+            known |= {"scene": scene.name, "scene_hash": scene.hash}
+        except SceneError:  # killed before it was kept
+            pass
+        return RunRecord("overnight", run, time, state, note=note, **known)
+    result = OvernightResult.load(run)
+    page = run / NIGHT_REPORT
+    return RunRecord(
+        "overnight",
+        run,
+        time,
+        scene=result.scene.name,
+        scene_hash=result.scene.hash,
+        level=result.best.rating.level,
+        score=result.best.score,
+        interval=result.best.rating.interval,
+        design=run / DESIGNS / f"{result.winner}.json",
+        lights=result.best.design,
+        report=page if page.is_file() else None,
+        note=result.verdict[0] if result.verdict else "",
+    )
+
+
+def _model(folder: Path) -> RunRecord:
+    """Read a model, which says how wrong it was on designs that it had not seen."""
+    checker = Checker.load(folder)
+    about = checker.metadata
+    own = about.residual["kind"]
+    held_out = next((row for row in about.held_out if row["level"] == own), None)
+    note = f"Scores ± {checker.score_half_width:.2f} ({checker.coverage:.0%} of held-out designs)"
+    if held_out is not None:
+        note += f", color error {held_out['facet_median']:.1%}"
+        note += f", Kendall's tau {held_out['kendall_tau']:.2f}"
+    card = folder / CARD_FILE
+    return RunRecord(
+        "train",
+        folder,
+        _time(folder / MODEL_FILE),
+        scene=about.scene,
+        scene_hash=about.scene_hash,
+        level=checker.level,
+        report=card if card.is_file() else None,
+        note=f"{note}.",
+    )
+
+
+def _page(path: Path) -> RunRecord:
+    """Read what a page to play with opens with."""
+    found = PLAY_FACTS.search(path.read_bytes())
+    if found is None:
+        raise RunError(f"{path.name} is cut off: its facts have no end", field="run")
+    page = _parsed(_Played, found[1], path)
+    score = page.scores.get("start")
+    half = page.half_width
+    return RunRecord(
+        "play",
+        path,
+        _time(path),
+        scene=page.scene.name,
+        scene_hash=page.scene.hash,
+        level=page.level,
+        score=score,
+        interval=None if score is None else (score - half, score + half),
+        report=path,
+        lights=_lights(page.designs.get("start")),
+        note="" if score is not None else "Its score is on the page.",
+    )
+
+
+def _lights(plain: Any) -> Design | None:
+    """Return a design as a page to play with keeps it: red, green and blue."""
+    import numpy as np
+
+    try:
+        return Design(np.radians(plain["angles_deg"]), np.array(plain["power"], dtype=float))
+    except (KeyError, TypeError, ValueError, TactiluxError):
+        return None
+
+
+def kind_of_result(path: Path) -> str | None:
+    """Return who wrote a ``result.json``; None for those of other programs.
+
+    A file that is no JSON is that of ``explore`` where a design lies beside it, because somebody
+    has to be told of it.
+    """
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return "explore" if (path.parent / DESIGN).is_file() else None
+    if not isinstance(content, dict) or "scene_hash" not in content:
+        return None
+    return "explore" if "optimized" in content else "optimize" if "finalists" in content else None
