@@ -62,6 +62,7 @@ TOGETHER = {
         "tests/optimize/overnight/test_whole_night.py",
         "tests/optimize/overnight/test_status.py",
         "tests/optimize/overnight/test_more_hours.py",
+        "tests/optimize/overnight/test_follow.py",
     ),
     "night_report": (
         "tests/optimize/overnight/test_report.py",

@@ -40,6 +40,7 @@ from optimize.overnight.store import Request, Store
 from optimize.overnight.surrogate_stages import fit_model, pooled_table, render_table
 from optimize.overnight.workers import StoredRenders, Workers
 from optimize.ui.process import Signals, Stopped
+from render.errors import TactiluxError
 from render.progress import Progress
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
@@ -87,6 +88,9 @@ def overnight(
             except Stopped:
                 ended = "stopped"
                 log.note(f"Stopped; give the same command again to go on: {run}")
+                raise
+            except TactiluxError as error:
+                log.keep(f"Ended by an error: {error}")
                 raise
             finally:
                 if store is not None:

@@ -20,8 +20,8 @@ class RunStatus:
     """How far a run is.
 
     Arguments:
-        state: ``running``, ``finished``, ``stopped`` (goes on when asked) or ``lost`` (its process
-            was killed; goes on when asked as well).
+        state: ``running``, ``finished``, or what goes on when asked: ``stopped``, ``lost`` (its
+            process was killed) or ``failed`` (an error ended it, which its log tells).
         stage: what it does, or did last; share: how much of that is done, 0 to 1.
         best: ``score``, ``interval``, ``level`` and ``design`` of the best design so far.
         evaluations: finished renders; render_seconds: theirs, on whatever machine.
@@ -58,7 +58,8 @@ def status_of(run: Path) -> RunStatus:
         last = db.execute("SELECT ended FROM attempts ORDER BY id DESC").fetchone()
         row = db.execute("SELECT stage, done, total, eta, best FROM progress").fetchone()
     stage, done, total, eta, best = row or ("", 0.0, 1.0, None, None)
-    ended = {"": "lost", "finished": "finished"}.get(last[0] if last else "stopped", "stopped")
+    ends = {"": "lost", "error": "failed", "finished": "finished"}
+    ended = ends.get(last[0] if last else "stopped", "stopped")
     return RunStatus(
         state="running" if working else ended,
         stage=stage,

@@ -31,8 +31,8 @@ from surrogate.runtime import Checker
 from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE
 
 KINDS = ("explore", "verify", "optimize", "overnight", "train", "play")
-STATES = ("finished", "running", "stopped", "lost", "unfinished", "damaged")
-"""``stopped``, ``lost`` (its process was killed) and ``unfinished`` go on by the same command."""
+STATES = ("finished", "running", "stopped", "lost", "failed", "unfinished", "damaged")
+"""All but the first two and the last go on by the same command, see `RunStatus` for nights."""
 VERIFIED = re.compile(r"verified-[0-9a-f]{12}\.json")
 PLAY_FACTS = re.compile(rb'<script type="application/json" id="page">(.*?)</script>', re.DOTALL)
 

@@ -23,7 +23,7 @@ from render.geometry import fiber_edges
 from render.scene import OFF, Scene, load_scene
 from render.sensor_drawing import sensor_svg
 
-BAD = ("damaged", "lost", "unfinished", "stopped")
+BAD = ("damaged", "lost", "failed", "unfinished", "stopped")
 
 
 def record_to_json(record: RunRecord) -> dict[str, object]:

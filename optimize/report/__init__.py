@@ -36,10 +36,12 @@ from optimize.report.page import (
     clipping_warning,
     data_uri,
     holder_warning,
+    inline_digest,
     monochrome_warning,
     render_page,
     sensor_figure,
     stage_pictures,
+    template_text,
     verification_steps,
 )
 from optimize.report.wiring import wiring_context, wiring_drawing, wiring_files, write_wiring

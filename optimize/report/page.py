@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import shlex
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,17 @@ def render_page(template: str, context: Mapping[str, Any], package: str = "optim
         lstrip_blocks=True,
     )
     return environment.get_template(template).render(context)
+
+
+def template_text(name: str) -> str:
+    """Return the text of a file beside the templates, as it is."""
+    return (resources.files("optimize") / "templates" / name).read_text(encoding="utf-8")
+
+
+def inline_digest(text: str) -> str:
+    """Return the hash by which a content security policy knows an inline script or style."""
+    digest = hashlib.sha256(text.encode()).digest()
+    return "sha256-" + base64.b64encode(digest).decode("ascii")
 
 
 def picture_kind(content: bytes) -> str:
