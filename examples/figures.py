@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import tactilux
+
 sys.path.insert(0, str(Path(__file__).parent))
 
 FIGURES = ("3.2", "3.3", "3.5", "3.6", "5.1", "5.2", "5.3")
@@ -68,7 +70,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("figure", choices=FIGURES)
     parser.add_argument("out", type=Path, help="folder for the results")
     parser.add_argument("--spp", type=int, default=64, help="3.2: samples per pixel")
-    parser.add_argument("--seconds", type=float, default=20.0, help="3.2: equal time")
+    parser.add_argument("--seconds", type=float, default=40.0, help="3.2: equal processor time")
     parser.add_argument("--most", type=int, default=10_000_000, help="3.3: luminance samples")
     parser.add_argument(
         "--rig-samples", type=int, default=200, help="3.5, 3.6: light paths per fiber and cell"
@@ -84,7 +86,11 @@ def main(arguments: list[str]) -> None:
 
     chosen.out.mkdir(parents=True, exist_ok=True)
     path = chosen.out / f"fig-{chosen.figure}.png"
-    numbers = make(chosen.figure, path, chosen, say)
+    try:
+        numbers = make(chosen.figure, path, chosen, say)
+    except tactilux.TactiluxError as error:
+        print(f"figures.py: {error}", file=sys.stderr)
+        sys.exit(2)
     path.with_suffix(".json").write_text(json.dumps(numbers, indent=1) + "\n")
     print(path)
 

@@ -18,12 +18,15 @@ from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import Setup, in_frame, sample_image
 from hw.camera.projection import pad_positions, pixels_of
 from hw.emulator.emulated_camera import CameraImperfections
+from hw.errors import CalibrationError
 from render.arrays import Array
 from render.progress import OnProgress
 from tactilux import Scene
 
 COLUMNS, ROWS = 120, 200
 RAYS = 360_000
+ENOUGH_SAMPLES = 50
+"""With which the figures of the emulated rig are made."""
 FIRST_SEED = 900_000
 """Nothing that a fit is built from has such seeds."""
 
@@ -120,6 +123,9 @@ def rendered_images(
 
     ``setup`` is what is known of the rig, ``truth`` what is not. Fibers that are not ``lit`` at a
     bend stay dark. There are ``samples`` light paths per fiber and cell of the pad.
+
+    Raises:
+        CalibrationError: they are so few that renders of a bend say nothing.
     """
     light = render_pad_light(
         truth.built(setup), lit, samples=samples, seed=FIRST_SEED + truth.seed,
@@ -128,8 +134,17 @@ def rendered_images(
     images = true_images(setup, truth)
     for bend, angle in enumerate(setup.bends):
         images[bend, np.setdiff1d(np.arange(len(setup.phi)), lit[bend])] = 0.0
-        if len(lit[bend]):
+        if not len(lit[bend]):
+            continue
+        try:
             _bring_to_reference(setup.scene, images[bend], light, lit[bend], bend, float(angle))
+        except CalibrationError:
+            raise CalibrationError(
+                f"--rig-samples = {samples} light paths per fiber and cell leave every render of "
+                f"the rig at bend {np.degrees(angle):g}° too noisy to use: give more, "
+                f"{ENOUGH_SAMPLES} are enough for finger20",
+                field="rig_samples",
+            ) from None
     return images
 
 
@@ -184,7 +199,7 @@ class SmoothRatio:
     field that all share, and one of its own for each. ``data`` has one entry per fiber.
 
     Raises:
-        ValueError: no data at all.
+        CalibrationError: no data at all.
     """
 
     def __init__(self, data: Sequence[LogRatios]) -> None:
@@ -192,7 +207,7 @@ class SmoothRatio:
         self._seen = [ratios.place for ratios in data]
         self._values = np.concatenate([ratios.log_ratio for ratios in data])
         if not len(self._values):
-            raise ValueError("no render tells anything about the ratio")
+            raise CalibrationError("no render tells anything about the ratio: render longer")
         noise = np.diag(np.concatenate([ratios.variance for ratios in data]))
         near, same = _kernels(self._seen, self._seen)
         best = -np.inf

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
 import pytest
 
 from hw.calibration.log_ratio import LogRatios
-from hw.emulator.rig import SmoothRatio
+from hw.calibration.reference_lines import Setup
+from hw.emulator.rig import SmoothRatio, random_parameters, rendered_images
+from hw.errors import CalibrationError
 from render.arrays import Array
+from tactilux import baseline_design, load_scene
 
 
 def field(place: Array) -> Array:
@@ -36,5 +41,14 @@ def test_the_field_is_found_between_the_samples() -> None:
 
 def test_nothing_measured_is_no_ratio() -> None:
     empty = LogRatios(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    with pytest.raises(ValueError, match="no render"):
+    with pytest.raises(CalibrationError, match="no render"):
         SmoothRatio([empty])
+
+
+def test_too_few_light_paths_for_any_ratio_raise_one_clear_error(mono: ModuleType) -> None:
+    scene = load_scene("finger20")
+    setup = Setup(scene, baseline_design(scene).phi, np.zeros(1))
+    with pytest.raises(
+        CalibrationError, match=r"--rig-samples = 1 light .* at bend 0°.*: give more"
+    ):
+        rendered_images(setup, random_parameters(scene, 0), [[5]], samples=1)
