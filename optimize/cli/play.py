@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from optimize.cli.options import Json, ModelFolder, SceneOfDesign
+from optimize.cli.options import Coarse, Json, ModelFolder, SceneOfDesign
 from optimize.ui.console import note, print_json, reserved_stdout
 
 
@@ -21,6 +21,7 @@ def run(
     ] = "finger20",
     scene: SceneOfDesign = None,
     model: ModelFolder = None,
+    coarse: Coarse = False,
     out: Annotated[Path | None, Option(help="The page (default: <scene>-play.html).")] = None,
     as_json: Json = False,
 ) -> None:
@@ -39,9 +40,9 @@ def run(
             sensor = load_scene(scene or what)
         path = out or Path(f"{sensor.name}-play.html")
         check_file(path, (".html", ".htm"))
-        checker = open_model(sensor, model)
+        checker = open_model(sensor, model, coarse=coarse)
         note(f"Making a page of {sensor.name}")
-        command = f"tactilux play {shlex.quote(what)}"
+        command = f"tactilux play {shlex.quote(what)}" + (" --coarse" if coarse else "")
         write_play(path, PlayPage(sensor, checker, start=start, command=command))
         result: dict[str, object] = {
             "scene": sensor.name,

@@ -156,6 +156,7 @@ class PlayPage:
             baseline_score=scores[0],
             optimum_score=scores[1],
             facets=scorer.facets,
+            turns=any(lamp.turns for lamp in self.scene.placed_lamps()),
             nodes=PHI_NODES,
             tested=TESTED,
             worst=f"{page_error(self.checker, scorer):.3f}",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import tactilux
+from hw.cli import app
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -52,6 +53,14 @@ def test_the_api_page_has_every_public_name_with_what_its_docstring_says(site: P
         words = re.sub(r"[`(].*", "", first).strip()
         assert words, name
         assert words[:40] in page, name
+
+
+def test_every_command_is_on_the_page_of_commands() -> None:
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    names = {command.name for command in app.registered_commands}
+    assert {"explore", "play", "runs"} < names
+    first = "".join(row.split(" | ")[0] + "\n" for row in page.splitlines())
+    assert [name for name in sorted(names) if not re.search(rf"`[^`]*\b{name}\b", first)] == []
 
 
 def test_links_of_pages_lead_to_files_of_the_site(site: Path) -> None:

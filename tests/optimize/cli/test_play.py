@@ -1,0 +1,35 @@
+"""``tactilux play`` makes a page of any sensor, on the preview where nothing was trained for it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from optimize.design import baseline_design
+from optimize.records import find_runs
+from optimize.scoring import TableScorer, open_model, search_table
+from render.scene import load_scene
+
+Run = Callable[..., Any]
+
+
+def test_a_scene_without_a_model_has_a_page_on_the_preview_which_says_so(
+    tactilux: Run, small_scene: Path, tmp_path: Path
+) -> None:
+    done = tactilux("play", small_scene, "--coarse", "--json")
+    assert done.code == 0, done.err
+    said = json.loads(done.out)
+    assert said["page"] == "small8-play.html"
+    text = (tmp_path / "small8-play.html").read_text()
+    assert "There is no trained model of small8, so this page is made on the preview" in text
+    assert f"tactilux play {small_scene} --coarse" in text
+    assert "Drag a beam to turn it, click a lamp" in text
+    (record,) = find_runs(tmp_path)
+    assert (record.kind, record.level, record.scene) == ("play", "preview", "small8")
+    scene = load_scene(small_scene)
+    scorer, base = TableScorer(search_table(open_model(scene, coarse=True))), baseline_design(scene)
+    assert record.score == pytest.approx(scorer.score(base.phi, base.power), abs=0.05)
