@@ -21,6 +21,9 @@ from render.files import read_npz, write_npz
 
 LEVELS = ("preview", "converged preview", "surrogate", "reference")
 
+OPTIONAL = ("background", "background_se", "half_difference")
+"""Arrays that a table may be without."""
+
 
 @dataclass(frozen=True)
 class TransportTable:
@@ -33,6 +36,9 @@ class TransportTable:
         bends: ``(bend,)`` rad; empty when a foreign table does not say.
         background: ``(fiber, phi_node, bend, site[, channel])`` or None.
         background_se: its standard errors, of the same shape, or None.
+        half_difference: ``(fiber, phi_node, bend, site, facet + 1[, channel])``, the untouched pad
+            last: T plus and minus it are the means over two halves of the light paths, which share
+            none; None where nobody kept them apart.
         exposure: counts per unit of ``sum_f power_f T_f``.
         lam: weight of M_phi in eq. (4.6).
         scene_hash: the scene that it was made for; empty for foreign tables.
@@ -49,6 +55,7 @@ class TransportTable:
     bends: Array = field(default_factory=lambda: np.zeros(0))
     background: Array | None = None
     background_se: Array | None = None
+    half_difference: Array | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values: a table with missing cells is refused, never patched."""
@@ -68,6 +75,7 @@ class TransportTable:
             "bends": self.T.shape[2:3],
             "background": pads,
             "background_se": pads,
+            "half_difference": (*self.T.shape[:4], self.T.shape[4] + 1, *self.T.shape[5:]),
         }
         given = {
             name: shape
@@ -119,7 +127,15 @@ class TransportTable:
         """Return the table at ``bends`` ``(bend,)`` rad, interpolated, without its background."""
         weights = interpolation_weights(self.bends, bends)
         T, se = (np.einsum("ab,fjbsk->fjask", weights, part) for part in (self.T, self.se))
-        return replace(self, T=T, se=se, bends=bends, background=None, background_se=None)
+        return replace(
+            self,
+            T=T,
+            se=se,
+            bends=bends,
+            background=None,
+            background_se=None,
+            half_difference=None,
+        )
 
     def save(self, path: Path) -> None:
         """Write the table as ``.npz`` without pickles, first beside ``path``, then renamed."""
@@ -133,7 +149,7 @@ class TransportTable:
             "scene_hash": np.array(self.scene_hash),
             "level": np.array(self.level),
         }
-        for name in ("background", "background_se"):
+        for name in OPTIONAL:
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)
         write_npz(path, arrays)
@@ -155,12 +171,14 @@ def mean_table(tables: Sequence[TransportTable], samples: Sequence[float]) -> Tr
         squares = sum((weight * getattr(part, name)) ** 2 for weight, part in parts)
         return np.asarray(np.sqrt(np.asarray(squares)))
 
+    apart = any(part.half_difference is None for part in tables)
     return replace(
         tables[0],
         T=mean("T"),
         se=error("se"),
         background=mean("background"),
         background_se=error("background_se"),
+        half_difference=None if apart else mean("half_difference"),
     )
 
 
@@ -176,7 +194,7 @@ def load_table(path: Path) -> TransportTable:
         raise TableError(f"{path} is not a transport table: it has no {sorted(missing)}")
     numbers = {
         name: _numbers(path, name, arrays[name])
-        for name in ("T", "se", "phi", "bends", "background", "background_se", "exposure", "lam")
+        for name in ("T", "se", "phi", "bends", *OPTIONAL, "exposure", "lam")
         if name in arrays
     }
     for name in ("exposure", "lam"):
@@ -191,8 +209,7 @@ def load_table(path: Path) -> TransportTable:
         lam=float(numbers["lam"].item()),
         scene_hash=str(arrays.get("scene_hash", "")),
         level=str(arrays.get("level", "reference")),
-        background=numbers.get("background"),
-        background_se=numbers.get("background_se"),
+        **{name: numbers.get(name) for name in OPTIONAL},
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import NODES, ConvergedTransport, converged_transport
+from render.preview.converged import converged_transport
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
-from surrogate.model.preview_grid import FLOOR, PreviewGrid, draw_grid
+from surrogate.model.converged_grid import corrected
+from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.runtime import Checker, ModelMetadata
 from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS
@@ -34,10 +35,6 @@ PHI_NODES, BEND_NODES = 33, 9
 VERSION = 3
 """Part of the cache key: raise it when the preview changes."""
 COVERAGE = 0.9
-BEND_DEGREE = 3
-"""In the bend, of the polynomial that corrects the shader's logarithm."""
-SHADER_ERROR = 0.15
-"""One standard deviation of a cell of the shader's, relative."""
 COUNTS_FACTOR = 2.0
 """The interval of a color, in standard deviations."""
 
@@ -99,30 +96,6 @@ def preview_checker(
     metric = session.outputs(phi, baseline_power(scene)[None], bends)["metric"]
     mean = float(design_score(metric).mean[0])
     return Checker(session, _about(scene, grid, scale, errors, mean))
-
-
-def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:
-    """Return the shader's grid times the ratio of converged transport to it.
-
-    The ratio at `NODES` and the scene's own bends is the mean of what was found and of 1, weighed
-    by their variances: that of the noise, and `SHADER_ERROR` squared. Its logarithm is interpolated
-    in direction by the polynomial through `NODES`, in bend by one of degree `BEND_DEGREE` at most,
-    constant beyond the scene's own.
-    """
-    own = np.array(scene.bending.angles)
-    drawn = np.exp(grid.evaluate(NODES, own))
-    noise = found.grain[..., None, None] / drawn
-    trust = SHADER_ERROR**2 / (SHADER_ERROR**2 + noise)
-    ratio = np.log1p(trust * (np.maximum(found.cells / drawn, FLOOR) - 1.0))
-    in_phi = interpolation_weights(NODES, grid.phi)
-    degree = min(len(set(own)) - 1, BEND_DEGREE)
-    at_own, at_nodes = (
-        np.polynomial.chebyshev.chebvander(at / max(own.max(), 1.0), degree)
-        for at in (own, np.clip(grid.bends, own.min(), own.max()))
-    )
-    in_bend = at_nodes @ np.linalg.pinv(at_own)
-    change = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, ratio, optimize=True)
-    return replace(grid, log_transport=grid.log_transport + change)
 
 
 class PreviewSession:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +25,6 @@ from surrogate.model.checker_module import CheckerModule
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import (
     MATERIALS,
-    InterpolationError,
-    PreviewGrid,
     draw_material_grid,
     grid_nodes,
     interpolation_error,
@@ -34,7 +32,8 @@ from surrogate.model.preview_grid import (
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
-from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
+from surrogate.training.fit import Fit, fit_residual
+from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.fit_time import FitTime, TrainingCost
 from surrogate.training.render_plan import (
     ReferenceData,
@@ -43,6 +42,7 @@ from surrogate.training.render_plan import (
     render_reference,
     training_bends,
 )
+from surrogate.training.training_preview import TrainingPreview, followed_grid
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class TrainConfig:
         samples: samples per (fiber, facet) pair instead; the same number on any machine.
         phi_nodes, bend_nodes: nodes of the reference.
         preview_nodes: nodes of the preview in phi and bend.
+        coarse: take the preview as the shader draws it; otherwise it is converged where the scene
+            has one material and time allows.
         materials, preview_materials: how many materials are rendered, and drawn by the preview,
             where the scene leaves its material free.
         fit: the residual.
@@ -64,6 +66,7 @@ class TrainConfig:
     phi_nodes: int = 11
     bend_nodes: int = 5
     preview_nodes: tuple[int, int] = (11, 9)
+    coarse: bool = False
     materials: int = 8
     preview_materials: int = MATERIALS
     fit: FitConfig = field(default_factory=FitConfig)
@@ -133,7 +136,8 @@ def train(
         fit_time = _fit_time(scene, run, seed, config, began)
         report(Progress(0, 1, stage="preview", note=fit_time.warning()))
     scale = scene_scale(scene)
-    grid, left_out, preview_error = _preview(scene, run / "fit", config, progress)
+    preview = _preview(scene, run / "fit", config, fit_time, progress)
+    grid = preview.grid
     report(Progress(1, 1, stage="preview"))
 
     reference = _reference(scene, table, run, seed, config, fit_time, progress)
@@ -157,7 +161,7 @@ def train(
     fit_seconds = time.monotonic() - fitting
 
     report(Progress(0, 1, stage="export"))
-    about = describe_model(scene, grid, preview_error, left_out, reference, fit)
+    about = describe_model(scene, preview, reference, fit)
     graph = CheckerModule(
         scene, grid, fit.residual, exposure=scale.exposure, lam=scale.lam, spread=fit.spread
     )
@@ -186,43 +190,29 @@ def _baseline_counts(scene: Scene, table: TransportTable) -> float:
 
 
 def _preview(
-    scene: Scene, folder: Path, config: TrainConfig, progress: OnProgress | None
-) -> tuple[PreviewGrid, InterpolationError | None, InterpolationError]:
-    """Return the preview's grid, its error over a free material and that between its nodes.
-
-    A finished grid is kept in ``folder``.
-    """
-    about = scene.hash, scene.free, config.preview_nodes, config.preview_materials
+    scene: Scene,
+    folder: Path,
+    config: TrainConfig,
+    fit_time: FitTime | None,
+    progress: OnProgress | None,
+) -> TrainingPreview:
+    """Return the preview; what is finished of it is kept in ``folder``."""
+    about = scene.hash, scene.free, config.preview_nodes, config.preview_materials, config.coarse
     parts = FinishedParts(folder, hashlib.sha256(repr(about).encode()).hexdigest())
-    kept = parts.load("preview")
-    if kept is not None:
-        free = MaterialRange.of(scene)
-        left_out, error = (
-            InterpolationError(*kept[name]) if name in kept else None
-            for name in ("left_out", "error")
+    preview = TrainingPreview.load(parts, MaterialRange.of(scene))
+    if preview is None:
+        told = in_stage(progress, "preview")
+        grid, left_out = draw_material_grid(
+            scene, *config.preview_nodes, materials=config.preview_materials, progress=told
         )
-        floored, slopes = int(kept["floored"]), kept.get("slopes")
-        log, phi, bends = kept["log_transport"], kept["phi"], kept["bends"]
-        assert error is not None  # kept with every grid
-        return PreviewGrid(log, phi, bends, floored, slopes, free), left_out, error
-    grid, left_out = draw_material_grid(
-        scene,
-        *config.preview_nodes,
-        materials=config.preview_materials,
-        progress=in_stage(progress, "preview"),
-    )
-    error = interpolation_error(scene, grid)
-    named = {
-        "log_transport": grid.log_transport,
-        "phi": grid.phi,
-        "bends": grid.bends,
-        "floored": np.array(grid.floored),
-        "error": np.array(astuple(error)),
-    }
-    if grid.slopes is not None and left_out is not None:
-        named |= {"slopes": grid.slopes, "left_out": np.array(astuple(left_out))}
-    parts.save("preview", named)
-    return grid, left_out, error
+        preview = TrainingPreview(grid, interpolation_error(scene, grid), left_out)
+        if grid.free is None and not config.coarse:
+            following = in_stage(progress, "following light")
+            within = None if fit_time is None else fit_time.budget.seconds
+            grid = followed_grid(grid, scene, within, following)
+            preview = replace(preview, grid=grid, converged=grid is not preview.grid)
+        preview.save(parts)
+    return preview
 
 
 def _check(scene: Scene, table: TransportTable) -> None:

@@ -25,6 +25,9 @@ def run(
     table: Annotated[
         Path | None, Option(help="Fit to this reference table instead of rendering one.")
     ] = None,
+    coarse: Annotated[
+        bool, Option("--coarse", help="Stand on the preview as the shader draws it.")
+    ] = False,
 ) -> None:
     """Make the surrogate: render, fit, export."""
     began = time.monotonic()
@@ -33,6 +36,7 @@ def run(
     from render.transport import load_table
     from surrogate.export.package import check_replaceable
     from surrogate.runtime import RankingTest
+    from surrogate.runtime.metadata import NONE
     from surrogate.train import TrainConfig, train
 
     with reserved_stdout() as stream:
@@ -49,13 +53,15 @@ def run(
             command += ["--samples", str(samples)]
         else:
             command += ["--minutes", f"{minutes:g}"]
+        if coarse:
+            command.append("--coarse")
         with ProgressBar(announce=True) as bar:
             made = train(
                 scene,
                 folder,
                 seed=seed,
                 table=known,
-                config=TrainConfig(minutes=minutes, samples=samples),
+                config=TrainConfig(minutes=minutes, samples=samples, coarse=coarse),
                 command=shlex.join(command),
                 began=began,
                 progress=bar,
@@ -74,9 +80,17 @@ def run(
             f"in the renders the baseline reaches {made.baseline_counts:.0f} counts instead of "
             f"{about.metric.exposure_counts:g}.\n"
         )
+        kind = made.metadata.residual["kind"]
+        if kind == NONE:
+            stream.write(
+                f"Note: independent halves of the renders bear out no correction of the "
+                f"{about.preview['kind']}: the model is that preview, and the renders are its "
+                "check. Several times the samples may find what it misses.\n"
+            )
         advice = RankingTest.of(about).advice()
         if advice:
             stream.write(f"Note: {advice}\n")
         stream.write(
-            f"Model: {made.folder} ({made.metadata.residual['kind']}, {made.seconds:.0f} s)\n"
+            f"Model: {made.folder} ({about.preview['kind']}, residual: {kind}, "
+            f"{made.seconds:.0f} s)\n"
         )

@@ -27,8 +27,9 @@ from surrogate.model.preview_grid import PreviewGrid
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from surrogate.training.dataset import training_cells
+from surrogate.training.ensembles import fit_ensembles
 from surrogate.training.evaluation import scene_bends
-from surrogate.training.fit import FitConfig, FitTask, fit_ensembles
+from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.render_plan import data_hash
 
 BATCH = 64
@@ -127,7 +128,10 @@ def fitted_rows(
     folder: Path,
     report: OnProgress,
 ) -> list[FrontierRow]:
-    """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does."""
+    """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does.
+
+    Networks that the renders of the table do not bear out are left out.
+    """
     scene, settings = reference.designs.scene, reference.settings
     exposure, lam = settings.exposure, settings.lam
 
@@ -135,7 +139,10 @@ def fitted_rows(
         began, rows = time.perf_counter(), []
         cells, angles = training_cells(scene, [table]), scene.bending.angles
         task = FitTask(scene, grid, cells, exposure, lam, scene_bends(table, angles), seed, config)
-        models = fit_ensembles(task, report)
+        both = fit_ensembles(task, report)
+        models = {"ridge": both.ridge}
+        if both.network is not None:
+            models["network"] = both.network
         seconds, bends = time.perf_counter() - began, torch.tensor([angles], dtype=torch.float32)
         for kind, model in models.items():
             graph = CheckerModule(

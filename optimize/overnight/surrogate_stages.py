@@ -219,7 +219,8 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
     from surrogate.train import TrainConfig, train
 
     context.stage("Surrogate", "surrogate")
-    config = TrainConfig()
+    # Following light has no share of the night; its renders tell what the shader misses.
+    config = TrainConfig(coarse=True)
     # The table is of the scene's own material, whatever it leaves free.
     scene = context.scene.model_copy(update={"free": None})
     fit = context.amount("fit", lambda _: {"steps": _affordable_steps(context, scene, config)})

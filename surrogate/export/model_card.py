@@ -15,14 +15,16 @@ from pathlib import Path
 import numpy as np
 
 from render.scene import Scene
-from surrogate.model.preview_grid import InterpolationError, PreviewGrid
+from surrogate.model.preview_grid import PreviewGrid
 from surrogate.model.scene_facts import grid_facts, scene_facts
+from surrogate.preview_model import CONVERGED_ERRORS
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import UNITS, ModelMetadata
+from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS, ModelMetadata
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit
 from surrogate.training.render_plan import ReferenceData
+from surrogate.training.training_preview import TrainingPreview
 
 VERSIONED = ("tactilux", "numpy", "torch", "onnx", "mitsuba", "drjit")
 
@@ -39,17 +41,13 @@ class Provenance:
 
 def describe_model(
     scene: Scene,
-    grid: PreviewGrid,
-    preview_error: InterpolationError,
-    left_out: InterpolationError | None,
+    preview: TrainingPreview,
     reference: ReferenceData,
     fit: Fit,
 ) -> ModelMetadata:
-    """Return the metadata of a model of ``scene`` fitted to ``reference``.
-
-    ``left_out`` is the error of the preview at materials that it was not drawn for.
-    """
-    table = reference.tables[0]
+    """Return the metadata of a model of ``scene`` fitted to ``reference``."""
+    table, grid, left_out = reference.tables[0], preview.grid, preview.left_out
+    halves = all(table.half_difference is not None for table in reference.tables)
     return ModelMetadata(
         **scene_facts(scene, grid),
         exposure=table.exposure,
@@ -64,8 +62,11 @@ def describe_model(
         held_out=[asdict(row) for row in (*fit.levels, *fit.splits)],
         preview={
             **grid_facts(grid),
-            **asdict(preview_error),
+            "kind": CONVERGED if preview.converged else PREVIEW,
+            **asdict(preview.error),
             **({} if left_out is None else {"materials": asdict(left_out)}),
+            # A residual that halves of the renders bear out makes no ranking worse.
+            **({"ranks": CONVERGED_ERRORS.kendall_tau} if preview.converged and halves else {}),
         },
         renderer={
             "phi_nodes": len(table.phi),
@@ -197,7 +198,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "fitted with their weight, left out of the errors of single cells",
             "",
             f"Residual: {metadata.residual['kind']}, {metadata.residual['members']} members.",
-            f"Preview: {preview['phi_nodes']} x {preview['bend_nodes']} nodes; between them its "
+            f"{str(preview['kind']).capitalize()}: {preview['phi_nodes']} x "
+            f"{preview['bend_nodes']} nodes; between them the shader's "
             f"interpolation is off by {preview['median']:.2%} (median), {preview['p95']:.2%} "
             f"(95th percentile), {preview['worst']:.1%} (worst cell); {preview['floored']} cells "
             "were black and hold the floor.",

@@ -20,6 +20,8 @@ PREVIEW = "preview"
 """Kind of the residual of a model that is the preview alone, as the shader draws it."""
 CONVERGED = "converged preview"
 """The same, where the preview's light was followed by converged paths."""
+NONE = "none"
+"""Kind of the residual of a trained model whose renders bear no correction of the preview out."""
 LICENCE = "Apache-2.0"
 UNITS = {
     "phi": "rad",
@@ -77,7 +79,8 @@ class ModelMetadata:
             ``score_spread`` is one standard deviation of the score; ``checked`` gives the
             coverage found on cells that had no part in them.
         held_out: errors per level, on held-out designs.
-        preview: nodes of the table and its interpolation error.
+        preview: its kind, nodes of the table and its interpolation error; ``ranks`` is the tau
+            that its kind was found to have on other sensors.
         renderer: settings, sample counts and seconds of the reference.
         training_data_hash: SHA-256 of the reference table.
         git_revision, versions: the sources and packages that made the model.

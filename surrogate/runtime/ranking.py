@@ -1,11 +1,12 @@
 """Whether a model has shown that it can rank designs, and what more samples would bring.
 
 Held-out designs are ranked by the model and by the reference that it was fitted to; Kendall's tau
-says how well both agree. Where the reference is noisy no model can agree with it, and none can
-learn from it: then more samples are needed. For normally distributed scores tau is
-``(2 / pi) asin(r)`` with their correlation r (Greiner 1909), and noise of the variance q relative
-to that of the true scores leaves ``r = 1 / sqrt(1 + q)`` with a perfect model; q falls as one over
-the number of samples, or more slowly where few light paths carry most of the light.
+says how well both agree. A model of a preview that was held against renders of other sensors has at
+least the tau that was found there. Where the reference is noisy no model can agree with it, and
+none can learn from it: then more samples are needed. For normally distributed scores tau is ``(2 /
+pi) asin(r)`` with their correlation r (Greiner 1909), and noise of the variance q relative to that
+of the true scores leaves ``r = 1 / sqrt(1 + q)`` with a perfect model; q falls as one over the
+number of samples, or more slowly where few light paths carry most of the light.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from surrogate.runtime.metadata import CONVERGED, PREVIEW, ModelMetadata
+from surrogate.runtime.metadata import CONVERGED, NONE, PREVIEW, ModelMetadata
 
 RELIABLE_TAU = 0.85
 """What verification asks of a ranking as well, before it believes the surrogate."""
@@ -52,14 +53,16 @@ class RankingTest:
         held = {str(row["level"]): float(row["kendall_tau"]) for row in metadata.held_out}
         samples = metadata.renderer.get("samples_per_cell")
         seconds = metadata.renderer.get("seconds")
+        kind = str(metadata.residual["kind"])
+        found = held.get(PREVIEW if kind == NONE else kind, 0.0)
         return cls(
-            tau=held.get(str(metadata.residual["kind"]), 0.0),
+            tau=max(found, float(metadata.preview.get("ranks", 0.0))),
             factor=_factor(held.get(NOISE, 1.0)),
             samples=int(samples) if samples is not None else None,
             minutes=float(seconds) / 60.0 if seconds is not None else None,
             unconverged=int(metadata.residual.get("unreliable_cells", 0))
             / int(metadata.residual.get("cells", 1)),
-            level=str(metadata.residual["kind"]),
+            level=kind,
         )
 
     @property

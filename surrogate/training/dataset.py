@@ -47,6 +47,7 @@ class TrainingCells:
         fiber_group, direction_group, bend_group: the same shape, coarser groups.
         block: ``(direction,)`` which material the cells of a direction are of.
         material: ``(direction, quantity)`` that material, where the scene leaves it free.
+        half_difference: the shape of ``transport``, see `TransportTable`; None where unknown.
     """
 
     phi: Array
@@ -59,6 +60,7 @@ class TrainingCells:
     bend_group: np.ndarray
     block: np.ndarray
     material: Array | None = None
+    half_difference: Array | None = None
 
     @property
     def material_group(self) -> np.ndarray:
@@ -105,7 +107,14 @@ def training_cells(
         bend_group=_numbered(keys[..., 3:]),
         block=block,
         material=None if materials is None else materials[block],
+        half_difference=_half_difference(tables),
     )
+
+
+def _half_difference(tables: Sequence[TransportTable]) -> Array | None:
+    """Return that of all tables, ``(direction, fiber, bend, site, normal)``, if all have it."""
+    known = [t.half_difference.swapaxes(0, 1) for t in tables if t.half_difference is not None]
+    return np.concatenate(known) if len(known) == len(tables) else None
 
 
 def _cells_of(scene: Scene, table: TransportTable) -> tuple[Array, Array]:
@@ -186,6 +195,7 @@ class RegressionData:
         ratio: ``(row, normal)`` T_reference / T_preview; noisy, may be 0 or negative.
         noise: ``(row, normal)`` its relative standard error, smoothed (:func:`smooth_noise`).
         log_preview: ``(direction, fiber, bend, site, normal)`` float64.
+        half_difference: ``(row, normal)`` that of the ratio, see `TransportTable`; or None.
     """
 
     x: Tensor
@@ -193,6 +203,7 @@ class RegressionData:
     ratio: Tensor
     noise: Tensor
     log_preview: Array
+    half_difference: Tensor | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -242,12 +253,18 @@ def build_rows(scene: Scene, grid: PreviewGrid, cells: TrainingCells) -> Regress
     log_cells = log_preview.movedim(0, -1).double().numpy()
     preview = np.exp(log_cells)
     noise = smooth_noise(cells.transport, cells.error, rows.double().numpy())
+
+    def relative(values: Array) -> Tensor:
+        return torch.as_tensor(values / preview, dtype=torch.float32).reshape(-1, normals)
+
+    half = cells.half_difference
     return RegressionData(
         x=rows,
         basis=basis,
-        ratio=torch.as_tensor(cells.transport / preview, dtype=torch.float32).reshape(-1, normals),
+        ratio=relative(cells.transport),
         noise=torch.as_tensor(noise, dtype=torch.float32).reshape(-1, normals),
         log_preview=log_cells,
+        half_difference=None if half is None else relative(half),
     )
 
 

@@ -1,23 +1,22 @@
-"""Fitting the residual: ridge, then networks; the one that is better out of fold is kept."""
+"""Fitting the residual: ridge, then networks; the one that renders bear out is kept, or none.
+
+Renders whose light paths are known in halves choose by `surrogate.training.halves`; for tables of
+which only mean and error are known, the residual that is better out of fold is kept.
+"""
 
 from __future__ import annotations
 
-import hashlib
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 from torch import nn
 
 from render.arrays import Array
-from render.progress import Clock, OnProgress, in_stage
-from render.scene import Scene
-from surrogate.model.networks import RidgeEnsemble
-from surrogate.model.preview_grid import PreviewGrid
+from render.progress import OnProgress
+from surrogate.model.facet_basis import SIZE
+from surrogate.model.networks import NoResidual
+from surrogate.runtime.metadata import NONE, PREVIEW
 from surrogate.training.conformal import (
     Comparison,
     Coverage,
@@ -28,45 +27,10 @@ from surrogate.training.conformal import (
     coverage,
     fit_spread,
 )
-from surrogate.training.dataset import (
-    RegressionData,
-    TrainingCells,
-    build_rows,
-    folds,
-    interior_folds,
-)
-from surrogate.training.evaluation import (
-    HeldOutEvaluation,
-    LevelErrors,
-    RandomDesigns,
-    random_designs,
-)
-from surrogate.training.finished_parts import FinishedParts
-from surrogate.training.fit_time import FitTime
-from surrogate.training.mlp import NetworkConfig, fit_networks, one_thread
-from surrogate.training.ridge import fit_ridge
-
-VERSION = 1
-"""Of the fit: finished parts of another one are made anew."""
-SPLIT_FOLDS = 3
-"""Folds when whole fiber positions, directions or bends are left out."""
-
-
-@dataclass(frozen=True)
-class FitConfig:
-    """How the residual is fitted and evaluated.
-
-    Arguments:
-        members: folds of the cross-validation and members of the ensemble.
-        network: size and training of the networks.
-        penalties: candidate ridge penalties; the best out of fold is taken.
-        designs: random held-out designs for errors and conformal factors.
-    """
-
-    members: int = 5
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    penalties: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-    designs: int = 300
+from surrogate.training.ensembles import fit_ensembles, train_networks, train_ridge
+from surrogate.training.evaluation import HeldOutEvaluation, LevelErrors
+from surrogate.training.fit_task import FitTask, Split, out_of_fold
+from surrogate.training.mlp import one_thread
 
 
 @dataclass(frozen=True)
@@ -75,11 +39,12 @@ class Fit:
 
     Arguments:
         residual: the ensemble that goes into the graph.
-        kind: ``ridge`` or ``network``.
+        kind: ``ridge``, ``network``, or ``none`` where the renders bear neither out.
         spread: parameters of the calibrated residual (see `CheckerModule`).
         quantiles: conformal factors from all held-out designs.
         coverage: what factors from one half of the cells cover of designs from the other half.
-        levels: errors of preview, scaled preview, ridge and networks on held-out designs.
+        levels: errors of preview, scaled preview, ridge and networks on held-out designs; of
+            networks only where they are kept or chosen by these errors.
         splits: errors of the kept kind when whole fiber positions, directions or bends are out.
         unreliable, cells: number of cells with a relative error of half or more, and of all.
         noise: median relative standard error of the reference's cells.
@@ -97,131 +62,11 @@ class Fit:
     noise: float
 
 
-@dataclass(frozen=True)
-class Split:
-    """Folds ``(direction, fiber, bend)`` that leave whole positions, directions ... out."""
-
-    name: str
-    fold: np.ndarray
-
-    @property
-    def members(self) -> int:
-        """Number of folds."""
-        return int(self.fold.max()) + 1
-
-
-@dataclass(frozen=True)
-class FitTask:
-    """What is fitted: the residual of ``cells`` on the preview ``grid``.
-
-    Arguments:
-        scene, grid, cells: the sensor, its preview and its training cells.
-        exposure, lam: of the scene.
-        bends: indices of the bends that designs are evaluated at.
-        seed: of folds, networks and held-out designs; the same seed gives the same fit.
-        config: how it is fitted.
-        time: what the networks' steps have to fit into; all of them without.
-        folder: where finished parts are kept, so that a fit goes on; None keeps none.
-    """
-
-    scene: Scene
-    grid: PreviewGrid
-    cells: TrainingCells
-    exposure: float
-    lam: float
-    bends: np.ndarray
-    seed: int
-    config: FitConfig
-    time: FitTime | None = None
-    folder: Path | None = None
-
-    @cached_property
-    def parts(self) -> FinishedParts:
-        """What is finished of it."""
-        digest = hashlib.sha256()
-        for array in (self.cells.transport, self.cells.error, self.grid.log_transport, self.bends):
-            digest.update(np.ascontiguousarray(array).tobytes())
-        versions = torch.__version__, np.__version__, VERSION
-        about = self.scene.hash, self.exposure, self.lam, self.seed, self.config, versions
-        digest.update(repr(about).encode())
-        return FinishedParts(self.folder, digest.hexdigest())
-
-    @cached_property
-    def rows(self) -> RegressionData:
-        """The regression rows of the cells."""
-        return build_rows(self.scene, self.grid, self.cells)
-
-    @cached_property
-    def fold(self) -> np.ndarray:
-        """``(direction, fiber, bend)`` fold of every cell."""
-        return folds(self.cells.group, self.config.members, self.seed)
-
-    @cached_property
-    def splits(self) -> tuple[Split, ...]:
-        """Folds of whole fiber positions, inner directions, bends and materials, where several."""
-        cells = self.cells
-        groups = (
-            ("fiber position", cells.fiber_group, False),
-            ("direction", cells.direction_group, True),
-            ("bend", cells.bend_group, True),
-            ("material", cells.material_group, False),
-        )
-        splits = (
-            Split(name, interior_folds(group, SPLIT_FOLDS, self.seed, inner))
-            for name, group, inner in groups
-        )
-        return tuple(split for split in splits if split.members > 1)
-
-    @cached_property
-    def overall(self) -> HeldOutEvaluation:
-        """Held-out designs over all cells."""
-        everywhere = np.ones(self.fold.shape, dtype=bool)
-        return self.evaluation(self.designs(everywhere[..., 0], 0), everywhere, self.bends)
-
-    def evaluation(
-        self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray
-    ) -> HeldOutEvaluation:
-        """Return the evaluation of ``designs`` on cells ``held_out`` at some bends."""
-        return HeldOutEvaluation(
-            reference=self.cells.transport,
-            error=self.cells.error,
-            reliable=self.cells.reliable,
-            designs=designs,
-            exposure=self.exposure,
-            lam=self.lam,
-            held_out=held_out,
-            bends=bends,
-        )
-
-    def designs(self, allowed: np.ndarray, stream: int) -> RandomDesigns:
-        """Return random designs over the directions ``allowed`` ``(direction, fiber)``."""
-        rng = np.random.default_rng([self.seed, stream])
-        count, block = self.config.designs, self.cells.block
-        return random_designs(count, allowed, block, rng, self.scene.palette)
-
-    def residuals(self, model: nn.Module) -> Array:
-        """Return what every member adds to the log preview, ``(member, ...)``."""
-        with torch.no_grad():
-            return self.rows.residuals(model(self.rows.x))
-
-    def predicted(self, model: nn.Module) -> Array:
-        """Return the transport that members predict out of fold."""
-        residual = out_of_fold(self.residuals(model), self.fold)
-        return np.asarray(np.exp(self.rows.log_preview) * np.exp(residual))
-
-
-@one_thread()
-def fit_ensembles(task: FitTask, progress: OnProgress | None) -> dict[str, nn.Module]:
-    """Return ``ridge`` and ``network`` as :func:`fit_residual` fits them, without evaluation."""
-    both = _ensembles(task, progress)
-    return {"ridge": both.ridge, "network": both.network}
-
-
 @one_thread()
 def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
     """Return the residual of ``task`` and all that is known about its errors."""
     cells, rows, evaluation = task.cells, task.rows, task.overall
-    both = _ensembles(task, progress)
+    both = fit_ensembles(task, progress)
     preview = np.exp(rows.log_preview)
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
 
@@ -230,24 +75,31 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
             f"errors-{level}{made}", LevelErrors, lambda: evaluation.errors(level, transport())
         )
 
-    levels = (
+    levels = [
         errors("noise of the reference", lambda: _noisy(task)),
-        errors("preview", lambda: preview),
+        errors(PREVIEW, lambda: preview),
         errors("preview, one factor", lambda: preview * factor),
         errors("ridge", lambda: task.predicted(both.ridge)),
-        errors("network", lambda: task.predicted(both.network), f"-{both.steps}"),
-    )
-    better = levels[-1].facet_rms < levels[-2].facet_rms
-    kind, model = ("network", both.network) if better else ("ridge", both.ridge)
+    ]
+    if both.network is not None:
+        network = both.network
+        levels.append(errors("network", lambda: task.predicted(network), f"-{both.steps}"))
+    kind = both.kind
+    if kind is None:
+        kind = "network" if levels[-1].facet_rms < levels[-2].facet_rms else "ridge"
+    model = {"ridge": both.ridge, "network": both.network, NONE: NoResidual(SIZE)}[kind]
+    assert model is not None  # networks are kept only where they were trained
     # What the parts from here on are made of.
     made = f"{kind}-{both.steps}"
 
     def refit(split: Split, later: int) -> nn.Module:
         out, count = split.fold, split.members
-        if better:
+        if kind == "network":
             shorter = task.config.network.shorter(2)
-            return _train(task, out, count, f"split by {split.name}", shorter, progress, later)[0]
-        return _ridge(task, f"ridge split by {split.name}", out, count, both.penalty)
+            return train_networks(
+                task, out, count, f"split by {split.name}", shorter, progress, later
+            )[0]
+        return train_ridge(task, f"ridge split by {split.name}", out, count, both.penalty)
 
     members = task.residuals(model)
     residual, deviation = out_of_fold(members, task.fold), members - members.mean(axis=0)
@@ -266,88 +118,12 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
             f"quantiles-{made}", Quantiles, lambda: conformal(compared(evaluation))
         ),
         coverage=_coverage(task, made, compared),
-        levels=levels,
-        splits=_splits(task, made, refit),
+        levels=tuple(levels),
+        splits=() if kind == NONE else _splits(task, made, refit),
         unreliable=int((~cells.reliable).sum()),
         cells=int(cells.reliable.size),
         noise=float(rows.noise.median()),
     )
-
-
-@dataclass(frozen=True)
-class _Ensembles:
-    """Ridge with the penalty that is best out of fold, and networks with their steps."""
-
-    penalty: float
-    ridge: nn.Module
-    network: nn.Module
-    steps: int
-
-
-def _ensembles(task: FitTask, progress: OnProgress | None) -> _Ensembles:
-    config, fold, overall = task.config, task.fold, task.overall
-    clock, ridges = Clock(len(config.penalties), progress, "ridge"), []
-    for penalty in config.penalties:
-        name = f"ridge-{penalty:g}"
-        model = _ridge(task, name, fold, config.members, penalty)
-        found = task.parts.value(
-            f"errors-{name}",
-            LevelErrors,
-            lambda model=model: overall.errors("ridge", task.predicted(model)),  # type: ignore[misc]
-        )
-        ridges.append((found.facet_rms, penalty, model))
-        clock.tick()
-    _, penalty, ridge = min(ridges, key=lambda item: item[0])
-    splits = len(task.splits)
-    network, steps = _train(
-        task, fold, config.members, "networks", config.network, progress, splits
-    )
-    return _Ensembles(penalty, ridge, network, steps)
-
-
-def _train(
-    task: FitTask,
-    where: np.ndarray,
-    members: int,
-    name: str,
-    network: NetworkConfig,
-    progress: OnProgress | None,
-    later: int,
-) -> tuple[nn.Module, int]:
-    """Return networks and steps; where time decides these, ``later`` splits need some of it too."""
-    steps, told = network.steps, in_stage(progress, name)
-    if task.time is not None:
-        steps = task.time.steps(name, network.steps, members=members, splits=later)
-    network, part = replace(network, steps=steps), f"{name}-{steps}"
-    fresh, began = task.parts.load(part) is None, time.monotonic()
-    made = fit_networks(task.rows, where, members, network, task.seed, told, task.parts, part)
-    if task.time is not None and fresh:
-        task.time.took(steps, members, time.monotonic() - began)
-    return made, steps
-
-
-def _ridge(
-    task: FitTask, name: str, where: np.ndarray, members: int, penalty: float
-) -> RidgeEnsemble:
-    def fit() -> dict[str, np.ndarray]:
-        return {"weight": fit_ridge(task.rows, where, members, penalty).weight.numpy()}
-
-    kept = task.parts.arrays(name, fit)
-    return RidgeEnsemble(torch.tensor(kept["weight"]), task.rows.x.shape[1])
-
-
-def out_of_fold(residuals: Array, fold: np.ndarray) -> Array:
-    """Return, for every cell, the residual of the member that was trained without it.
-
-    Arguments:
-        residuals: ``(member, direction, fiber, bend, site, normal)``; member ``m`` was trained
-            without fold ``m``.
-        fold: ``(direction, fiber, bend)``; -1 where no member was held out (the mean is taken).
-    """
-    out = residuals.mean(axis=0)
-    for member, residual in enumerate(residuals):
-        out[fold == member] = residual[fold == member]
-    return np.asarray(out)
 
 
 def _splits(

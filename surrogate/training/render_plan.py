@@ -158,6 +158,9 @@ def estimate_table(
     Bends ascend in the table; exposure and lambda are still to be fixed.
     """
     order = np.argsort(bends)
+    pad = estimate.background_replicates[..., None]
+    replicates = np.concatenate([estimate.replicates, pad], axis=-1)
+    halves = [replicates[start::2].mean(axis=0)[:, :, order] for start in (0, 1)]
     return TransportTable(
         T=estimate.T[:, :, order],
         se=estimate.se[:, :, order],
@@ -169,6 +172,7 @@ def estimate_table(
         bends=bends[order],
         background=estimate.background[:, :, order],
         background_se=estimate.background_se[:, :, order],
+        half_difference=0.5 * (halves[0] - halves[1]),
     )
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
-from render.transport import TransportTable, load_table
+from render.transport import TransportTable, load_table, mean_table
 
 RNG = np.random.default_rng(2)
 SHAPE = (4, 5, 3, 2, 6)
@@ -30,6 +30,7 @@ def example() -> TransportTable:
         level="preview",
         background=RNG.uniform(0, 1, SHAPE[:4]),
         background_se=RNG.uniform(0, 0.01, SHAPE[:4]),
+        half_difference=RNG.normal(0, 0.01, (*SHAPE[:4], SHAPE[4] + 1)),
     )
 
 
@@ -62,6 +63,20 @@ def test_a_foreign_table_needs_only_transport_phi_exposure_and_lam(tmp_path: Pat
     assert table.exposure == 3.0
     assert not table.se.any()
     assert table.at(np.full(7, 2.0)).shape == (7, 1, 2, 3)
+
+
+def test_the_halves_of_a_mean_are_the_means_of_halves() -> None:
+    parts, samples = [example(), example()], [1.0, 3.0]
+    mean = mean_table(parts, samples)
+    halves = [
+        [part.T + sign * part.half_difference[..., :-1] for part in parts] for sign in (1, -1)
+    ]
+    for sign, half in zip((1, -1), halves, strict=True):
+        np.testing.assert_allclose(
+            mean.T + sign * mean.half_difference[..., :-1], np.average(half, 0, samples)
+        )
+    apart = mean_table([parts[0], replace(parts[1], half_difference=None)], samples)
+    assert apart.half_difference is None
 
 
 def test_at_interpolates_every_fiber_at_its_own_direction() -> None:

@@ -16,7 +16,7 @@ from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid, grid_nodes
 from surrogate.train import TrainConfig, Trained, train
-from surrogate.training.fit import FitConfig
+from surrogate.training.fit_task import FitConfig
 from surrogate.training.mlp import NetworkConfig
 
 PHI_NODES, BEND_NODES = 7, 5
@@ -91,7 +91,7 @@ def quick() -> TrainConfig:
     """A training of seconds."""
     network = NetworkConfig(width=8, steps=200, batch=256)
     fit = FitConfig(members=3, network=network, penalties=(1e-4,), designs=40)
-    return TrainConfig(preview_nodes=(PHI_NODES, BEND_NODES), fit=fit)
+    return TrainConfig(preview_nodes=(PHI_NODES, BEND_NODES), coarse=True, fit=fit)
 
 
 @pytest.fixture(scope="session")

@@ -12,12 +12,18 @@ import pytest
 
 from render.errors import TableError
 from render.progress import Progress
+from render.reference import TransportEstimate
 from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.runtime import Checker
 from surrogate.train import TrainConfig, Trained, train
-from surrogate.training.render_plan import data_hash, make_plan, training_bends
+from surrogate.training.render_plan import (
+    data_hash,
+    estimate_table,
+    make_plan,
+    training_bends,
+)
 from tests.disk import DURABLE, logged_disk
 
 
@@ -90,6 +96,22 @@ def test_training_bends_include_the_scenes_own(make_scene: Callable[..., Scene])
     )
     bends = np.degrees(training_bends(scene, 3))
     np.testing.assert_allclose(bends, [0, 30, 45, 90], atol=1e-9)
+
+
+def test_a_rendered_table_knows_the_means_of_two_halves_of_its_light_paths(scene: Scene) -> None:
+    rng, shape = np.random.default_rng(1), (3, 2, 2, 4)
+    facets, pad = rng.uniform(1, 2, (8, *shape, 6)), rng.uniform(1, 2, (8, *shape))
+    estimate = TransportEstimate(
+        T=facets.mean(axis=0), se=np.ones((*shape, 6)), background=pad.mean(axis=0),
+        background_se=np.ones(shape), replicates=facets, background_replicates=pad,
+        seconds=1.0, settings={},
+    )  # fmt: skip
+    table = estimate_table(scene, np.array([1.0, 2.0]), np.array([0.7, 0.0]), estimate)
+    for sign, first in ((1, 0), (-1, 1)):
+        found = table.T + sign * table.half_difference[..., :-1]
+        np.testing.assert_allclose(found, facets[first::2].mean(axis=0)[:, :, ::-1])
+        found = table.background + sign * table.half_difference[..., -1]
+        np.testing.assert_allclose(found, pad[first::2].mean(axis=0)[:, :, ::-1])
 
 
 def test_an_interrupted_run_keeps_its_plan(

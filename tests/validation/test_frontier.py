@@ -16,7 +16,7 @@ from render.preview import Preview
 from render.scene import load_scene
 from render.transport import TransportTable
 from surrogate.train import TrainConfig, train
-from surrogate.training.fit import FitConfig
+from surrogate.training.fit_task import FitConfig
 from surrogate.training.mlp import NetworkConfig
 
 SMALLER = {
@@ -38,6 +38,7 @@ LEVELS = [
 QUICK = TrainConfig(
     phi_nodes=5,
     preview_nodes=(7, 3),
+    coarse=True,
     fit=FitConfig(members=2, network=NetworkConfig(width=8, steps=50), designs=20),
 )
 Run = Callable[..., tuple[int, str, str]]

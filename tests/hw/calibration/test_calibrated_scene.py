@@ -17,7 +17,7 @@ from optimize.scoring import find_model
 from render.scene import Scene, load_scene, sources
 from render.transport import TransportTable
 from surrogate.train import TrainConfig, train
-from surrogate.training.fit import FitConfig
+from surrogate.training.fit_task import FitConfig
 from surrogate.training.mlp import NetworkConfig
 from tests.colored_scenes import SAID, scene_with
 from tests.hw.calibration.toy import photographs, toy_model
@@ -86,7 +86,7 @@ def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(
         after,
         Path("models") / after.name,
         table=replace(small_reference, scene_hash=after.hash),
-        config=TrainConfig(preview_nodes=(9, 3), fit=quick),
+        config=TrainConfig(preview_nodes=(9, 3), coarse=True, fit=quick),
     )
     assert find_model(after) == Path("models") / "small8-calibrated"
     assert find_model(load_scene(small_scene)) == Path("models") / "small8"

@@ -66,12 +66,12 @@ def small_model(
 ) -> Path:
     """Train a model of the small sensor, with as few steps as the real code can do with."""
     from surrogate.train import TrainConfig, train
-    from surrogate.training.fit import FitConfig
+    from surrogate.training.fit_task import FitConfig
     from surrogate.training.mlp import NetworkConfig
 
     scene: Scene = load_scene(small_scene)
     folder = tmp_path_factory.mktemp("models") / scene.name
     quick = FitConfig(members=2, network=NetworkConfig(width=8, steps=100), designs=40)
-    config = TrainConfig(preview_nodes=(9, 3), fit=quick)
+    config = TrainConfig(preview_nodes=(9, 3), coarse=True, fit=quick)
     train(scene, folder, table=small_reference, config=config)
     return folder

@@ -143,7 +143,7 @@ def test_the_scale_is_the_same_at_every_effort_and_a_noisy_model_is_not_offered_
     tmp_path: Path,
 ) -> None:
     from surrogate.train import TrainConfig, train
-    from surrogate.training.fit import FitConfig
+    from surrogate.training.fit_task import FitConfig
     from surrogate.training.mlp import NetworkConfig
 
     scene: Scene = load_scene(small_scene)
@@ -156,7 +156,7 @@ def test_the_scale_is_the_same_at_every_effort_and_a_noisy_model_is_not_offered_
     quick = FitConfig(members=2, network=NetworkConfig(width=8, steps=20), designs=40)
     made = train(
         scene, tmp_path / "noisy", table=noisy, seed=7,
-        config=TrainConfig(preview_nodes=(9, 3), fit=quick),
+        config=TrainConfig(preview_nodes=(9, 3), coarse=True, fit=quick),
     )  # fmt: skip
     found = {
         "train, good renders": Checker.load(small_model),

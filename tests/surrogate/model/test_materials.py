@@ -19,7 +19,8 @@ from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
 from surrogate.runtime import Checker, family_hash
 from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.dataset import training_cells
-from surrogate.training.fit import FitConfig, FitTask, fit_residual
+from surrogate.training.fit import fit_residual
+from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.mlp import NetworkConfig
 
 RAYS = 20_000

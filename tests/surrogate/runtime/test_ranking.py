@@ -28,6 +28,20 @@ def test_a_good_model_gives_no_advice(trained: Trained) -> None:
     assert found.advice() == ""
 
 
+def test_a_model_without_a_residual_ranks_as_its_preview(trained: Trained) -> None:
+    about = described(trained.metadata, 0.4, 0.6)
+    rows = [*about.held_out, {"level": "preview", "kendall_tau": 0.7}]
+    bare = replace(about, held_out=rows, residual=about.residual | {"kind": "none"})
+    assert RankingTest.of(bare).tau == 0.7
+
+
+def test_a_converged_preview_vouches_for_a_model_whose_renders_are_noisy(trained: Trained) -> None:
+    about = described(trained.metadata, 0.4, 0.6)
+    vouched = replace(about, preview=about.preview | {"ranks": 0.9})
+    assert RankingTest.of(vouched).tau == 0.9
+    assert RankingTest.of(vouched).advice() == ""
+
+
 def test_a_noisy_reference_asks_for_more_samples_and_says_how_long_they_take(
     trained: Trained,
 ) -> None:

@@ -15,7 +15,8 @@ from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.dataset import RegressionData, build_rows, folds, training_cells
 from surrogate.training.finished_parts import FinishedParts
-from surrogate.training.fit import Fit, FitConfig, FitTask, fit_residual
+from surrogate.training.fit import Fit, fit_residual
+from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.mlp import NetworkConfig, fit_networks
 
 SHORT = NetworkConfig(width=8, steps=300, batch=256)

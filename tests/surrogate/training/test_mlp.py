@@ -19,7 +19,7 @@ from surrogate.training.dataset import (
     folds,
     training_cells,
 )
-from surrogate.training.fit import out_of_fold
+from surrogate.training.fit_task import out_of_fold
 from surrogate.training.mlp import NetworkConfig, deviance, fit_networks
 from surrogate.training.ridge import fit_ridge
 

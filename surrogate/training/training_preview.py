@@ -1,0 +1,111 @@
+"""The preview that a model is trained on: drawn, and where time allows converged."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from render.preview.converged import converged_transport
+from render.progress import OnProgress, Progress
+from render.scene import Scene
+from surrogate.model.converged_grid import corrected
+from surrogate.model.materials import MaterialRange
+from surrogate.model.preview_grid import InterpolationError, PreviewGrid
+from surrogate.training.finished_parts import FinishedParts
+
+MAX_FRACTION = 0.25
+"""Part of the time that following light may take from renders and fit."""
+TRIAL_SECONDS = 3.0
+"""Of following light, until its estimate is believed."""
+
+
+@dataclass(frozen=True)
+class TrainingPreview:
+    """The preview of a model.
+
+    Arguments:
+        grid: at its nodes.
+        error: of the interpolation between them.
+        left_out: error at materials that it was not drawn for, where the scene leaves it free.
+        converged: whether light was followed to every facet, or as the shader draws it.
+    """
+
+    grid: PreviewGrid
+    error: InterpolationError
+    left_out: InterpolationError | None
+    converged: bool = False
+
+    def save(self, parts: FinishedParts) -> None:
+        """Keep it in ``parts``."""
+        named = {
+            "log_transport": self.grid.log_transport,
+            "phi": self.grid.phi,
+            "bends": self.grid.bends,
+            "floored": np.array(self.grid.floored),
+            "error": np.array(astuple(self.error)),
+            "converged": np.array(self.converged),
+        }
+        if self.grid.slopes is not None and self.left_out is not None:
+            named |= {"slopes": self.grid.slopes, "left_out": np.array(astuple(self.left_out))}
+        parts.save("preview", named)
+
+    @classmethod
+    def load(cls, parts: FinishedParts, free: MaterialRange | None) -> TrainingPreview | None:
+        """Return what ``parts`` keep of a scene that leaves ``free``, or None."""
+        kept = parts.load("preview")
+        if kept is None:
+            return None
+        left_out = kept.get("left_out")
+        return cls(
+            PreviewGrid(
+                kept["log_transport"],
+                kept["phi"],
+                kept["bends"],
+                int(kept["floored"]),
+                kept.get("slopes"),
+                free,
+            ),
+            InterpolationError(*kept["error"]),
+            None if left_out is None else InterpolationError(*left_out),
+            bool(kept["converged"]),
+        )
+
+
+class TooLongError(Exception):
+    """Light cannot be followed in the time that is there."""
+
+
+def followed_grid(
+    grid: PreviewGrid, scene: Scene, within: float | None, progress: OnProgress | None
+) -> PreviewGrid:
+    """Return the grid of the converged preview, or ``grid`` itself where that takes too long.
+
+    Arguments:
+        grid: as the shader draws it.
+        scene: the sensor.
+        within: seconds of everything, of which this may take MAX_FRACTION; None for all it needs.
+        progress: is told of the paths, and of why there are none.
+    """
+    report = progress or (lambda _: None)
+    began = time.monotonic()
+
+    def told(at: Progress) -> None:
+        if within is not None and at.done < at.total:
+            spent = time.monotonic() - began
+            needed = spent + (at.eta_seconds or 0.0)
+            if needed > MAX_FRACTION * within and spent > min(TRIAL_SECONDS, 0.1 * within):
+                raise TooLongError(f"{needed:.0f} s")
+        report(at)
+
+    try:
+        return corrected(grid, scene, converged_transport(scene, told))
+    except TooLongError as error:
+        note = (
+            f"Following light to every facet would take {error} of {within:.0f} s: the preview "
+            "stays as the shader draws it. With more minutes, or after `tactilux explore`, it is "
+            "converged."
+        )
+        report(Progress(1, 1, note=note))
+        return grid

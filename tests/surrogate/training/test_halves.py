@@ -1,0 +1,125 @@
+"""Halves of the light paths tell what renders bear out, where held-out cells cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from render.scene import Scene
+from surrogate.model.preview_grid import PreviewGrid
+from surrogate.runtime.metadata import NONE
+from surrogate.training.dataset import TrainingCells, build_rows, training_cells
+from surrogate.training.ensembles import fit_ensembles
+from surrogate.training.fit import fit_residual
+from surrogate.training.fit_task import FitConfig, FitTask
+from surrogate.training.halves import borne_out, mean_gains
+from surrogate.training.mlp import NetworkConfig
+from tests.surrogate.conftest import invent_reference
+
+RUN = 0.3
+"""Of the noise that cells of one half share, relative."""
+
+
+@pytest.fixture(scope="module")
+def exact(scene: Scene) -> TrainingCells:
+    """Cells that hold the preview times a smooth residual, without noise."""
+    return training_cells(scene, [invent_reference(scene, noise=1e-9)])
+
+
+def task_of(scene: Scene, grid: PreviewGrid, light: np.ndarray, runs: np.ndarray) -> FitTask:
+    """Return the fit to ``light`` rendered in two halves; each run is noise of one half.
+
+    ``runs`` ``(2, direction, fiber, bend, site, normal)``, relative.
+    """
+    cells = training_cells(scene, [invent_reference(scene)])
+    first, second = light * (1.0 + runs)
+    cells = replace(
+        cells,
+        transport=0.5 * (first + second),
+        error=RUN * light,
+        half_difference=0.5 * (first - second),
+    )
+    config = FitConfig(
+        members=3,
+        network=NetworkConfig(width=8, steps=200, batch=256),
+        penalties=(1e-3, 1e-1),
+        designs=20,
+    )
+    bends = np.arange(len(cells.bends))
+    return FitTask(scene, grid, cells, 1.0, 0.0, bends, seed=1, config=config)
+
+
+def smooth_runs(cells: TrainingCells, seed: int) -> np.ndarray:
+    """Return noise of two halves that neighboring directions, bends and sites share."""
+    rng = np.random.default_rng(seed)
+    shape = cells.transport.shape
+    axes = [np.linspace(-1.0, 1.0, size) for size in shape]
+    out = np.zeros((2, *shape))
+    for run in out:
+        for lamp in range(shape[1]):
+            a, b, c = rng.normal(size=3)
+            direction, bend, site = np.ix_(axes[0], axes[2], axes[3])
+            run[:, lamp] = RUN * (a * direction + b * bend + c * site)[..., None]
+    return out
+
+
+def preview_of(scene: Scene, grid: PreviewGrid, cells: TrainingCells) -> np.ndarray:
+    return np.asarray(np.exp(build_rows(scene, grid, cells).log_preview))
+
+
+def test_noise_that_neighboring_cells_share_is_not_taken_for_light(
+    scene: Scene, grid: PreviewGrid, exact: TrainingCells
+) -> None:
+    light = preview_of(scene, grid, exact)
+    task = task_of(scene, grid, light, smooth_runs(exact, 3))
+    fit = fit_residual(task, None)
+    assert fit.kind == NONE
+    assert fit.splits == ()
+    assert [row.level for row in fit.levels][-1] == "ridge"
+    # Held-out cells of the same render take the noise for light.
+    levels = {row.level: row.facet_rms for row in fit.levels}
+    assert levels["ridge"] < 0.9 * levels["preview"]
+    with torch.no_grad():
+        np.testing.assert_array_equal(task.residuals(fit.residual), 0.0)
+
+
+def test_what_both_halves_show_is_kept(
+    scene: Scene, grid: PreviewGrid, exact: TrainingCells
+) -> None:
+    noise = 0.05 * np.random.default_rng(2).standard_normal((2, *exact.transport.shape))
+    task = task_of(scene, grid, exact.transport, noise)
+    found = fit_ensembles(task, None)
+    assert found.kind in ("ridge", "network")
+    model = found.ridge if found.network is None else found.network
+    off = np.abs(task.predicted(model) / exact.transport - 1.0)
+    before = np.abs(preview_of(scene, grid, exact) / exact.transport - 1.0)
+    assert np.median(off) < 0.2 * np.median(before)
+
+
+def test_the_gain_is_the_squared_error_that_a_residual_takes_away(
+    scene: Scene, grid: PreviewGrid, exact: TrainingCells
+) -> None:
+    runs = smooth_runs(exact, 5)
+    rows = task_of(scene, grid, exact.transport, runs).rows
+    residual = np.log(exact.transport) - rows.log_preview
+    found = mean_gains(rows, lambda _, number: (0.3, 0.7)[number] * residual).mean()
+    weight = rows.weight.double().numpy().reshape(residual.shape)
+    expected = 0.0
+    for number, share in enumerate((0.3, 0.7)):
+        other = exact.transport * (1.0 + runs[1 - number]) / np.exp(rows.log_preview) - 1.0
+        errors = other**2, (other - np.expm1(share * residual)) ** 2
+        expected += 0.5 * float((weight * (errors[0] - errors[1])).sum() / weight.sum())
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_gains_are_borne_out_beyond_their_scatter() -> None:
+    scatter = np.random.default_rng(1).standard_normal(40)
+    scatter -= scatter.mean()
+    assert borne_out(scatter + 0.4)
+    assert not borne_out(scatter + 0.1)
+    assert not borne_out(np.zeros(40))
+    assert borne_out(np.array([0.1]))
+    assert not borne_out(np.array([-0.1]))

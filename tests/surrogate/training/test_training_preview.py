@@ -1,0 +1,62 @@
+"""The preview that a model is trained on is converged where time allows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from render.preview.converged import Effort, cache, converged_transport
+from render.progress import Progress
+from render.scene import Scene
+from surrogate.model.converged_grid import corrected
+from surrogate.model.preview_grid import InterpolationError, PreviewGrid, draw_grid
+from surrogate.training.finished_parts import FinishedParts
+from surrogate.training.training_preview import TrainingPreview, followed_grid
+from tests.surrogate.conftest import small_scene
+
+
+@pytest.fixture(scope="module")
+def flat() -> Scene:
+    return small_scene(bending={"angles": {"value": [0.0], "unit": "deg", "source": "flat"}})
+
+
+@pytest.fixture(scope="module")
+def drawn(flat: Scene) -> PreviewGrid:
+    return draw_grid(flat, 5, 1)
+
+
+@pytest.fixture(autouse=True)
+def _little_effort(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(cache, "EFFORT", Effort(photons=2000, paths=128, arrivals=20_000))
+
+
+def test_light_is_followed_to_every_facet(flat: Scene, drawn: PreviewGrid) -> None:
+    found = followed_grid(drawn, flat, None, None)
+    wanted = corrected(drawn, flat, converged_transport(flat))
+    np.testing.assert_array_equal(found.log_transport, wanted.log_transport)
+    assert not np.array_equal(found.log_transport, drawn.log_transport)
+
+
+def test_where_that_takes_too_long_the_drawn_preview_stays_and_says_so(
+    flat: Scene, drawn: PreviewGrid
+) -> None:
+    told: list[Progress] = []
+    assert followed_grid(drawn, flat, 1e-3, told.append) is drawn
+    assert "the preview stays as the shader draws it" in told[-1].note
+    # What was followed before costs nothing.
+    converged_transport(flat)
+    assert followed_grid(drawn, flat, 1e-3, None) is not drawn
+
+
+def test_it_is_kept_with_its_kind(drawn: PreviewGrid, tmp_path: Path) -> None:
+    parts, error = FinishedParts(tmp_path, "key"), InterpolationError(0.1, 0.2, 0.3)
+    for converged in (False, True):
+        TrainingPreview(drawn, error, None, converged).save(parts)
+        kept = TrainingPreview.load(parts, None)
+        assert kept is not None
+        assert (kept.error, kept.left_out, kept.converged) == (error, None, converged)
+        np.testing.assert_array_equal(kept.grid.log_transport, drawn.log_transport)
+    assert TrainingPreview.load(FinishedParts(tmp_path, "other"), None) is None
