@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.preview.converged import NODES, ConvergedTransport
 from render.scene import Scene
@@ -13,23 +14,32 @@ from surrogate.model.preview_grid import FLOOR, PreviewGrid
 
 BEND_DEGREE = 3
 """In the bend, of the polynomial that corrects the shader's logarithm."""
-SHADER_ERROR = 0.15
-"""One standard deviation of a cell of the shader's, relative."""
+SHADER_ERROR = 0.4
+"""One standard deviation of a cell of the shader's, relative, once its lamp's light is right."""
+LAMP_ERROR = 0.6
+"""The same of the light of a lamp in one direction at one bend."""
 
 
 def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:
     """Return the shader's grid times the ratio of converged transport to it.
 
-    The ratio at `NODES` and the scene's own bends is the mean of what was found and of 1, weighed
-    by their variances: that of the noise, and `SHADER_ERROR` squared. Its logarithm is interpolated
+    At `NODES` and the scene's own bends, the ratio of a lamp's light is the mean of what was found
+    and of 1, weighed by their variances: that of the noise, and `LAMP_ERROR` squared. The ratio of
+    a cell is in the same way that of its lamp and what was found, with `SHADER_ERROR`. Its
+    logarithm is interpolated
     in direction by the polynomial through `NODES`, in bend by one of degree `BEND_DEGREE` at most,
     constant beyond the scene's own.
     """
     own = np.array(scene.bending.angles)
     drawn = np.exp(grid.evaluate(NODES, own))
-    noise = found.grain[..., None, None] / drawn
-    trust = SHADER_ERROR**2 / (SHADER_ERROR**2 + noise)
-    ratio = np.log1p(trust * (np.maximum(found.cells / drawn, FLOOR) - 1.0))
+    grain = found.grain[..., None, None]
+    # Facets of a site share photons: a lamp's light is known as well as that of its sites.
+    normals = drawn.shape[-1]
+    whole = drawn.sum(axis=(3, 4), keepdims=True)
+    lamps = found.cells.sum(axis=(3, 4), keepdims=True) / whole
+    share = 1.0 + _trust(normals * grain / whole, LAMP_ERROR) * (lamps - 1.0)
+    cells = share + _trust(grain / drawn, SHADER_ERROR) * (found.cells / drawn - share)
+    ratio = np.log(np.maximum(cells, FLOOR))
     in_phi = interpolation_weights(NODES, grid.phi)
     degree = min(len(set(own)) - 1, BEND_DEGREE)
     at_own, at_nodes = (
@@ -39,3 +49,8 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
     in_bend = at_nodes @ np.linalg.pinv(at_own)
     change = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, ratio, optimize=True)
     return replace(grid, log_transport=grid.log_transport + change)
+
+
+def _trust(noise: Array, error: float) -> Array:
+    """Return the weight of what has the variance ``noise`` beside what has ``error`` squared."""
+    return np.asarray(error**2 / (error**2 + noise))

@@ -168,6 +168,17 @@ def test_where_noise_drowns_it_the_shader_s_cell_stays(sensor: Scene) -> None:
     assert (dark.log_transport < scene_grid.log_transport - 3.0).all()
 
 
+def test_a_lamp_s_light_is_known_where_its_cells_are_lost_in_noise(sensor: Scene) -> None:
+    level = np.zeros((2, 33, 1, 60, 4))
+    grid = PreviewGrid(level, chebyshev_nodes(33, 0.0, np.pi), np.array([0.3]), 0)
+    noisy = np.random.default_rng(3).poisson(0.5, (2, len(NODES), 1, 60, 4))
+    better = corrected(grid, bending(sensor, [0.3]), found(noisy, 1.0))
+    light = np.exp(better.evaluate(NODES, np.array([0.3])))
+    # The shader says 1, the truth is 0.5: single cells are 0.5 +- 0.7, a lamp's sum 0.50 +- 0.05.
+    assert light.mean() == pytest.approx(0.5, abs=0.05)
+    assert light.std() < 0.3
+
+
 def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
