@@ -56,7 +56,10 @@ def expected_plugins(content: dict[str, Any]) -> set[str]:
     faces = content.get("faces", ())
     rough = [part["roughness"]["value"] for part in (content["pad"], *faces) if "roughness" in part]
     found |= {"conductor"} if any("mirror" in part for part in faces) else set()
-    found |= {"roughdielectric" if alpha > 0 else "dielectric" for alpha in rough}
+    if content["pad"]["index"]["value"] == 1:
+        found |= {"null"}  # the pad is air
+    else:
+        found |= {"roughdielectric" if alpha > 0 else "dielectric" for alpha in rough}
     if "diffuser" in content:
         found |= {"homogeneous", "hg", "null"}
     return found | {
