@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optimize.design import Design, load_design_file
@@ -311,8 +312,6 @@ def _page(path: Path) -> RunRecord:
 
 def _lights(plain: Any) -> Design | None:
     """Return a design as a page to play with keeps it: red, green and blue."""
-    import numpy as np
-
     try:
         return Design(np.radians(plain["angles_deg"]), np.array(plain["power"], dtype=float))
     except (KeyError, TypeError, ValueError, TactiluxError):
