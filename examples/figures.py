@@ -70,7 +70,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("figure", choices=FIGURES)
     parser.add_argument("out", type=Path, help="folder for the results")
     parser.add_argument("--spp", type=int, default=64, help="3.2: samples per pixel")
-    parser.add_argument("--seconds", type=float, default=40.0, help="3.2: equal processor time")
+    parser.add_argument("--seconds", type=float, default=100.0, help="3.2: equal processor time")
     parser.add_argument("--most", type=int, default=10_000_000, help="3.3: luminance samples")
     parser.add_argument(
         "--rig-samples", type=int, default=200, help="3.5, 3.6: light paths per fiber and cell"

@@ -14,8 +14,6 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
-NOT_KEPT = ("3.2",)
-"""Takes ten minutes."""
 FIGURES = ("3.2", "3.3", "3.5", "3.6", "5.1", "5.2", "5.3")
 
 
@@ -42,8 +40,6 @@ def test_the_page_has_the_figure_its_data_and_the_command_that_made_both(figure:
     assert re.search(rf"^python examples/figures\.py {figure} docs/figures", section, re.MULTILINE)
     for word in ("**Agrees", "**Does not"):
         assert word in section
-    if figure in NOT_KEPT:
-        return
     assert f"](figures/fig-{figure}.png)" in section
     assert f"](figures/fig-{figure}.json)" in section
     size = (ROOT / "docs" / "figures" / f"fig-{figure}.png").stat().st_size
