@@ -37,6 +37,8 @@ COMMANDS = {
     "frontier": ("scene.toml", "--samples", "32", "--designs", "2", "--out", "OUT"),
     "overnight": ("scene.toml", "--samples", "1", "--coarse", "--out", "OUT"),
     "status": ("OUT",),
+    "status --serve": ("OUT", "--serve", "--port", "0"),
+    "runs": (".", "--out", "OUT.html"),
     "report": ("OUT",),
     "check": ("--capture", "OUT"),
     "hw ports": (),
