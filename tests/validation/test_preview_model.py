@@ -1,27 +1,33 @@
 """The preview alone against level 2, on sensors that it was not made for: errors and intervals.
 
 Random designs on random sensors (``tests.oracles.random_scenes``) are scored on both previews,
-coarse and converged, and on renders of the same cells. From the command line, for the figures in
-``surrogate.preview_model``: ``python -m tests.validation.test_preview_model 1 2 3 --samples 80``.
+coarse and converged, and on renders of the same cells, or on cells of analog photons where there is
+no diffuser: they are cheaper there, and their noise is that of counts.
+
+From the command line, for the figures in ``surrogate.preview_model``:
+``python -m tests.validation.test_preview_model 1 2 3 --samples 300 --photons 250000``.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 from scipy.stats import kendalltau
 
 from render.metric import clip_counts, design_score, site_metric
 from render.reference import render_transport
 from render.scale import scene_scale
 from render.scene import Scene
-from render.transport import TransportTable
 from surrogate.preview_model import COARSE_ERRORS, CONVERGED_ERRORS, COVERAGE, preview_checker
 from surrogate.runtime import Checker
 from surrogate.training.evaluation import random_colors
 from tests.long import LONG
+from tests.oracles.analog_cells import AnalogScene
+from tests.oracles.mesh_cells import BentScene
 from tests.oracles.random_scenes import random_scene
 
 SENSORS = range(1, 17) if LONG else (4,)
@@ -70,17 +76,45 @@ def checker_transport(checker: Checker, phi: np.ndarray, bends: np.ndarray) -> n
     return np.array(counts) / (DIM * checker.exposure)
 
 
-def measured(scene: Scene, samples: int) -> tuple[Errors, Errors]:
-    """Return the errors of both previews of ``scene`` against renders with ``samples`` per cell.
+class Truth(NamedTuple):
+    """Transport ``(lamp, direction, bend, site, facet)`` and its standard errors."""
 
-    First those of the coarse one, then of the converged one.
+    T: np.ndarray
+    se: np.ndarray
+
+
+def traced(scene: Scene, phi: np.ndarray, photons: int) -> Truth:
+    """Return what analog photons find, so many a lamp, direction and bend."""
+    pads = [
+        BentScene(scene, bend) if bend else AnalogScene(scene, True)
+        for bend in scene.bending.angles
+    ]
+    batches = np.array(
+        [
+            [[pad.cells(lamp, at, photons).replicates for pad in pads] for at in phi]
+            for lamp in range(scene.lamp_count)
+        ]
+    )
+    shape = (*batches.shape[:3], -1, scene.indenter.faces)
+    mean, error = batches.mean(axis=3), stats.sem(batches, axis=3)
+    return Truth(mean.reshape(shape), error.reshape(shape))
+
+
+def measured(scene: Scene, samples: int, photons: int = 0) -> tuple[Errors, Errors]:
+    """Return the errors of both previews of ``scene``: of the coarse and of the converged one.
+
+    Against renders with ``samples`` per cell, or where there is no diffuser ``photons`` if any.
     """
     phi = np.random.default_rng(5).uniform(0.0, np.pi, DIRECTIONS)
-    rendered = render_transport(scene, phi, np.array(scene.bending.angles), samples=samples)
-    return _measured(scene, phi, rendered, True), _measured(scene, phi, rendered, False)
+    if photons and scene.diffuser is None:
+        truth = traced(scene, phi, photons)
+    else:
+        found = render_transport(scene, phi, np.array(scene.bending.angles), samples=samples)
+        truth = Truth(found.T, found.se)
+    return _measured(scene, phi, truth, True), _measured(scene, phi, truth, False)
 
 
-def _measured(scene: Scene, phi: np.ndarray, rendered: TransportTable, coarse: bool) -> Errors:
+def _measured(scene: Scene, phi: np.ndarray, rendered: Truth, coarse: bool) -> Errors:
     rng = np.random.default_rng(6)
     scale, checker = scene_scale(scene), preview_checker(scene, coarse=coarse)
     drawn = checker_transport(checker, phi, np.array(scene.bending.angles))
@@ -137,11 +171,12 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("sensors", type=int, nargs="*", default=range(1, 17))
     parser.add_argument("--samples", type=int, default=80)
+    parser.add_argument("--photons", type=int, default=300_000)
     asked = parser.parse_args()
     titles = ("sensor", "light", "color", "S med", "S 90%", "tau", "noise", "covered")
     print("".join(f"{title:>9}" for title in titles))
     for number in asked.sensors:
-        for errors in measured(random_scene(number), asked.samples):
+        for errors in measured(random_scene(number), asked.samples, asked.photons):
             row = "".join(f"{value:9.3f}" for value in astuple(errors))
             print(f"{number:>9}{row}", flush=True)
 
