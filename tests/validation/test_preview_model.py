@@ -47,6 +47,7 @@ class Errors:
     Arguments:
         light: all light of the preview over that of the renders.
         color: median over facets of ``|c - c_reference| / |c_reference|`` (noise included).
+        color_noise: what the noise of the reference alone would leave of a perfect one.
         score_median, score_90: quantiles of ``|S - S_reference|`` over the baseline's mean M.
         tau, noise_tau: rank agreement of the scores, and what the noise of the renders would leave
             of a perfect one.
@@ -55,6 +56,7 @@ class Errors:
 
     light: float
     color: float
+    color_noise: float
     score_median: float
     score_90: float
     tau: float
@@ -136,19 +138,28 @@ def _measured(scene: Scene, phi: np.ndarray, rendered: Truth, coarse: bool) -> E
 
     said, found = scores(drawn), scores(truth)
     # Noise lowers S, which takes it for spread: as much as it lowers that of the preview.
-    noisy = [
-        scores(np.maximum(drawn + noise * rng.standard_normal(noise.shape), 0.0)) - said
+    redrawn = [
+        np.maximum(drawn + noise * rng.standard_normal(noise.shape), 0.0)
         for _ in range(NOISE_DRAWS)
     ]
+    noisy = [scores(cells) - said for cells in redrawn]
     error = said - (found - np.mean(noisy, axis=0))
     random = np.std(noisy, axis=0, ddof=1)
     half_width = checker.score_half_width
     mean = half_width / (COARSE_ERRORS if coarse else CONVERGED_ERRORS).score_fraction
-    off = np.linalg.norm(counts(drawn) - counts(truth), axis=-1)
+
+    def off(cells: np.ndarray, known: np.ndarray) -> float:
+        light = np.linalg.norm(counts(known), axis=-1)
+        lit = light > 0
+        return float(
+            np.median(np.linalg.norm(counts(cells) - counts(known), axis=-1)[lit] / light[lit])
+        )
+
     half = np.hypot(half_width, 1.645 * random)
     return Errors(
         light=float(drawn[seen].sum() / truth[seen].sum()),
-        color=float(np.median(off / np.linalg.norm(counts(truth), axis=-1))),
+        color=off(drawn, truth),
+        color_noise=off(drawn, redrawn[0]),
         score_median=float(np.median(np.abs(error)) / mean),
         score_90=float(np.quantile(np.abs(error), 0.9) / mean),
         tau=float(kendalltau(said, found).statistic),
@@ -173,7 +184,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=80)
     parser.add_argument("--photons", type=int, default=300_000)
     asked = parser.parse_args()
-    titles = ("sensor", "light", "color", "S med", "S 90%", "tau", "noise", "covered")
+    titles = ("sensor", "light", "color", "noise", "S med", "S 90%", "tau", "noise", "covered")
     print("".join(f"{title:>9}" for title in titles))
     for number in asked.sensors:
         for errors in measured(random_scene(number), asked.samples, asked.photons):
