@@ -33,6 +33,7 @@ from tests.oracles.random_scenes import random_scene
 SENSORS = range(1, 17) if LONG else (4,)
 SAMPLES = 600 if LONG else 300
 """Fewer leave noise in S that is not normal: it cannot be taken off."""
+PHOTONS = 250_000 if LONG else 100_000
 DIRECTIONS = 4
 DESIGNS = 200
 NOISE_DRAWS = 4
@@ -170,11 +171,12 @@ def _measured(scene: Scene, phi: np.ndarray, rendered: Truth, coarse: bool) -> E
 
 def test_the_preview_ranks_designs_and_its_intervals_hold() -> None:
     coarse, converged = zip(
-        *(measured(random_scene(number), SAMPLES) for number in SENSORS), strict=True
+        *(measured(random_scene(number), SAMPLES, PHOTONS) for number in SENSORS), strict=True
     )
     for found in (coarse, converged):
         assert np.mean([errors.covered for errors in found]) > COVERAGE - 0.05
         assert np.mean([errors.tau - errors.noise_tau for errors in found]) > -0.15
+    assert np.mean([errors.color - errors.color_noise for errors in converged]) < 0.02
 
 
 def main() -> None:
@@ -182,7 +184,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("sensors", type=int, nargs="*", default=range(1, 17))
     parser.add_argument("--samples", type=int, default=80)
-    parser.add_argument("--photons", type=int, default=300_000)
+    parser.add_argument("--photons", type=int, default=PHOTONS)
     asked = parser.parse_args()
     titles = ("sensor", "light", "color", "noise", "S med", "S 90%", "tau", "noise", "covered")
     print("".join(f"{title:>9}" for title in titles))
