@@ -75,7 +75,7 @@ def runs_page(path: Path, folder: Path, records: Sequence[RunRecord]) -> str:
         title = members[0].scene if scene_hash else "Scene not known"
         groups.append({"title": title, "scene_hash": scene_hash, "runs": rows})
     wrong = sum(record.state in BAD for record in records)
-    summary = f"{counted(len(records), 'run')}, {wrong or 'none'} not complete"
+    summary = f"{counted(len(records), 'run')}, {f'{wrong} not' if wrong else 'all'} complete"
     context = {
         "scene": folder.resolve().name,
         "bends": (),
