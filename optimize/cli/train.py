@@ -9,7 +9,7 @@ from typing import Annotated
 
 from typer import Option
 
-from optimize.cli.options import SceneName, Seed
+from optimize.cli.options import Coarse, SceneName, Seed
 from optimize.ui.console import ProgressBar, reserved_stdout
 
 
@@ -25,9 +25,7 @@ def run(
     table: Annotated[
         Path | None, Option(help="Fit to this reference table instead of rendering one.")
     ] = None,
-    coarse: Annotated[
-        bool, Option("--coarse", help="Stand on the preview as the shader draws it.")
-    ] = False,
+    coarse: Coarse = False,
 ) -> None:
     """Make the surrogate: render, fit, export."""
     began = time.monotonic()
@@ -80,7 +78,7 @@ def run(
             f"in the renders the baseline reaches {made.baseline_counts:.0f} counts instead of "
             f"{about.metric.exposure_counts:g}.\n"
         )
-        kind = made.metadata.residual["kind"]
+        kind = about.residual["kind"]
         if kind == NONE:
             stream.write(
                 f"Note: independent halves of the renders bear out no correction of the "

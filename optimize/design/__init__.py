@@ -24,4 +24,5 @@ from optimize.design.rating import (
     RatedDesign,
     Rating,
     ScoreSettings,
+    design_digest,
 )

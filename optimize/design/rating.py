@@ -28,6 +28,12 @@ PARTS = ("score", "mean", "spread_sites", "spread_bends")
 """S of eq. (4.7) and what it is made of."""
 
 
+def design_digest(scene_hash: str, design: Design) -> str:
+    """Return 12 hex digits of a design and its scene."""
+    content = scene_hash.encode() + design.phi.tobytes() + design.drive.tobytes()
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
 @dataclass(frozen=True)
 class ScoreSettings:
     """What turns transport into a score: the camera and the weights, fixed once per scene.
@@ -97,8 +103,7 @@ class RatedDesign:
     @property
     def digest(self) -> str:
         """12 hex digits of the design and its scene."""
-        content = self.scene.hash.encode() + self.design.phi.tobytes() + self.design.drive.tobytes()
-        return hashlib.sha256(content).hexdigest()[:12]
+        return design_digest(self.scene.hash, self.design)
 
     @property
     def baseline(self) -> Design:

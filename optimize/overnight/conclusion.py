@@ -208,7 +208,7 @@ def timed_levels(
         drawn = _median_seconds(lambda: preview.transport(phi[0, :1], bends))
     found = _median_seconds(lambda: checker.run(phi, power, bends))
     rows = [("preview", drawn, "preview")]
-    rows += [("surrogate", found, str(checker.metadata.residual["kind"]))]
+    rows += [("surrogate", found, checker.metadata.own_level)]
     if len(render_seconds):
         seconds = float(np.median(render_seconds))
         rows += [("a render of one round", seconds, "noise of the reference")]

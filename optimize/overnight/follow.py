@@ -18,7 +18,8 @@ from typing import Any
 from optimize.overnight.result import NIGHT, TITLES, OvernightResult
 from optimize.overnight.run_directory import LOG, REPORT, open_record, writing
 from optimize.overnight.status import status_of
-from optimize.report import inline_digest, render_page, template_text
+from optimize.play import inline_digest
+from optimize.report import render_page, template_text
 from optimize.ui.process import OutputError
 from render.errors import TactiluxError
 

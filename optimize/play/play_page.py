@@ -162,8 +162,8 @@ class PlayPage:
             worst=f"{page_error(self.checker, scorer):.3f}",
             command=self.command,
             policy=(
-                f"default-src 'none'; script-src '{_digest(script)}'; style-src "
-                f"'{_digest(style)}'; base-uri 'none'; form-action 'none'"
+                f"default-src 'none'; script-src '{inline_digest(script)}'; style-src "
+                f"'{inline_digest(style)}'; base-uri 'none'; form-action 'none'"
             ),
             style=style,
             script=script,
@@ -225,7 +225,7 @@ def _preview_shader(name: str) -> str:
     return (resources.files("render.preview") / "shaders" / name).read_text(encoding="utf-8")
 
 
-def _digest(text: str) -> str:
-    """Return the hash by which a content security policy knows an inline text."""
+def inline_digest(text: str) -> str:
+    """Return the hash by which a content security policy knows an inline script or style."""
     digest = hashlib.sha256(text.encode()).digest()
     return "sha256-" + base64.b64encode(digest).decode("ascii")

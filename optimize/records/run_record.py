@@ -6,7 +6,6 @@ kind must have makes the run *damaged*, which is told with the reason.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from optimize.design import Design, load_design_file
+from optimize.design import Design, design_digest, load_design_file
 from optimize.design.design_file import DesignFile
 from optimize.overnight.result import DESIGNS, NIGHT, SCENE, OvernightResult
 from optimize.overnight.run_directory import LOG, RECORD, RunError
@@ -202,9 +201,7 @@ def _verification(path: Path) -> RunRecord:
     text = "The design that was rendered lies beside it no more."
     if design.is_file():
         file = load_design_file(design)
-        lights = file.design
-        words = file.scene_hash.encode() + lights.phi.tobytes() + lights.drive.tobytes()
-        if hashlib.sha256(words).hexdigest()[:12] in path.name:
+        if design_digest(file.scene_hash, file.design) in path.name:
             known, text = _of_design(file), ""
     low, high = content.difference.interval
     gain = f"{content.difference.value:+.1f} over the baseline ({low:+.1f} to {high:+.1f})"
@@ -268,8 +265,7 @@ def _model(folder: Path) -> RunRecord:
     """Read a model, which says how wrong it was on designs that it had not seen."""
     checker = Checker.load(folder)
     about = checker.metadata
-    own = about.residual["kind"]
-    held_out = next((row for row in about.held_out if row["level"] == own), None)
+    held_out = next((row for row in about.held_out if row["level"] == about.own_level), None)
     note = f"Scores ± {checker.score_half_width:.2f} ({checker.coverage:.0%} of held-out designs)"
     if held_out is not None:
         note += f", color error {held_out['facet_median']:.1%}"

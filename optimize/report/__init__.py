@@ -36,7 +36,6 @@ from optimize.report.page import (
     clipping_warning,
     data_uri,
     holder_warning,
-    inline_digest,
     monochrome_warning,
     render_page,
     sensor_figure,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import shlex
 from collections.abc import Mapping
 from importlib import resources
@@ -34,12 +33,6 @@ def render_page(template: str, context: Mapping[str, Any], package: str = "optim
 def template_text(name: str) -> str:
     """Return the text of a file beside the templates, as it is."""
     return (resources.files("optimize") / "templates" / name).read_text(encoding="utf-8")
-
-
-def inline_digest(text: str) -> str:
-    """Return the hash by which a content security policy knows an inline script or style."""
-    digest = hashlib.sha256(text.encode()).digest()
-    return "sha256-" + base64.b64encode(digest).decode("ascii")
 
 
 def picture_kind(content: bytes) -> str:

@@ -26,9 +26,8 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
     At `NODES` and the scene's own bends, the ratio of a lamp's light is the mean of what was found
     and of 1, weighed by their variances: that of the noise, and `LAMP_ERROR` squared. The ratio of
     a cell is in the same way that of its lamp and what was found, with `SHADER_ERROR`. Its
-    logarithm is interpolated
-    in direction by the polynomial through `NODES`, in bend by one of degree `BEND_DEGREE` at most,
-    constant beyond the scene's own.
+    logarithm is interpolated in direction by the polynomial through `NODES`, in bend by one of
+    degree `BEND_DEGREE` at most, constant beyond the scene's own.
     """
     own = np.array(scene.bending.angles)
     drawn = np.exp(grid.evaluate(NODES, own))

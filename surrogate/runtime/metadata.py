@@ -124,6 +124,12 @@ class ModelMetadata:
         }
 
     @property
+    def own_level(self) -> str:
+        """Level of ``held_out`` that has the model's own errors."""
+        kind = str(self.residual["kind"])
+        return PREVIEW if kind == NONE else kind
+
+    @property
     def channels(self) -> list[str]:
         """Names of the camera's channels."""
         return self.axes["channel"].split(", ")

@@ -3,10 +3,10 @@
 Held-out designs are ranked by the model and by the reference that it was fitted to; Kendall's tau
 says how well both agree. A model of a preview that was held against renders of other sensors has at
 least the tau that was found there. Where the reference is noisy no model can agree with it, and
-none can learn from it: then more samples are needed. For normally distributed scores tau is ``(2 /
-pi) asin(r)`` with their correlation r (Greiner 1909), and noise of the variance q relative to that
-of the true scores leaves ``r = 1 / sqrt(1 + q)`` with a perfect model; q falls as one over the
-number of samples, or more slowly where few light paths carry most of the light.
+none can learn from it: then more samples are needed. For normally distributed scores tau is
+``(2 / pi) asin(r)`` with their correlation r (Greiner 1909), and noise of the variance q relative
+to that of the true scores leaves ``r = 1 / sqrt(1 + q)`` with a perfect model; q falls as one over
+the number of samples, or more slowly where few light paths carry most of the light.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from surrogate.runtime.metadata import CONVERGED, NONE, PREVIEW, ModelMetadata
+from surrogate.runtime.metadata import CONVERGED, PREVIEW, ModelMetadata
 
 RELIABLE_TAU = 0.85
 """What verification asks of a ranking as well, before it believes the surrogate."""
@@ -53,8 +53,7 @@ class RankingTest:
         held = {str(row["level"]): float(row["kendall_tau"]) for row in metadata.held_out}
         samples = metadata.renderer.get("samples_per_cell")
         seconds = metadata.renderer.get("seconds")
-        kind = str(metadata.residual["kind"])
-        found = held.get(PREVIEW if kind == NONE else kind, 0.0)
+        found = held.get(metadata.own_level, 0.0)
         return cls(
             tau=max(found, float(metadata.preview.get("ranks", 0.0))),
             factor=_factor(held.get(NOISE, 1.0)),
@@ -62,7 +61,7 @@ class RankingTest:
             minutes=float(seconds) / 60.0 if seconds is not None else None,
             unconverged=int(metadata.residual.get("unreliable_cells", 0))
             / int(metadata.residual.get("cells", 1)),
-            level=kind,
+            level=str(metadata.residual["kind"]),
         )
 
     @property

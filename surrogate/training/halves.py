@@ -27,9 +27,8 @@ SUPPORT = 0.95
 def halves(rows: RegressionData) -> tuple[RegressionData, RegressionData]:
     """Return the rows of both halves of the light paths; ``rows`` must know their difference."""
     assert rows.half_difference is not None
-    return tuple(  # type: ignore[return-value]
-        replace(rows, ratio=rows.ratio + sign * rows.half_difference) for sign in (1.0, -1.0)
-    )
+    off = rows.half_difference
+    return replace(rows, ratio=rows.ratio + off), replace(rows, ratio=rows.ratio - off)
 
 
 def mean_gains(rows: RegressionData, fitted: Callable[[RegressionData, int], Array]) -> Array:
