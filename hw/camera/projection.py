@@ -18,12 +18,12 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from hw.errors import CalibrationError, CaptureError
 from render.arrays import Array
 from render.geometry import (
+    SkinChart,
     camera_origin,
     distance_to_coating,
     lens_directions,
     pixel_directions,
     refract_into_pad,
-    unbend_points,
 )
 from tactilux import Scene
 
@@ -54,7 +54,7 @@ def flat_positions(scene: Scene, bend: float, directions: Array) -> Array:
     way = distance_to_coating(scene, bend, rays)
     met = rays.inside & np.isfinite(way)
     point = rays.entry + np.where(met, way, 0.0)[..., None] * rays.direction
-    flat = unbend_points(scene, point, bend)[..., :2]
+    flat = SkinChart(scene, bend).uv(point)
     return np.where(met[..., None], flat, np.nan)
 
 

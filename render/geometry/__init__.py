@@ -11,6 +11,7 @@ from render.geometry.camera_rays import (
     pixel_directions,
     pixel_positions,
 )
+from render.geometry.chart import SkinChart
 from render.geometry.holder import ALONG, PLAY, FiberHolder
 from render.geometry.indenter import (
     SHADOW_LENGTH,

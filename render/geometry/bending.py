@@ -60,3 +60,19 @@ def unbend_points(scene: Scene, points: Array, bend: float) -> Array:
     return np.stack(
         [points[..., 0], scene.camera.pivot + along, scene.pad.thickness - below], axis=-1
     )
+
+
+def distance_to_arc(kappa: float, start: Array, direction: Array) -> Array:
+    """Return the way to the arc ``kappa (y^2 + z^2) = 2 z`` from its outside, ``inf`` if missed.
+
+    The nearer root is written so that it stays exact as the arc straightens into ``z = 0``.
+    """
+    y, z = start[..., 1], start[..., 2]
+    dy, dz = direction[..., 1], direction[..., 2]
+    a = kappa * (dy**2 + dz**2)
+    half_b = kappa * (y * dy + z * dz) - dz
+    c = kappa * (y**2 + z**2) - 2.0 * z
+    discriminant = half_b**2 - a * c
+    met = (discriminant >= 0.0) & (half_b < 0.0)
+    denominator = np.sqrt(np.where(met, discriminant, 0.0)) - half_b
+    return np.where(met, c / np.where(met, denominator, 1.0), np.inf)

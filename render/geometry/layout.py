@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.geometry.bending import bend_frames, bend_points
+from render.geometry.chart import SkinChart
 from render.scene import Scene
 
 
@@ -25,8 +25,7 @@ def declared_sites(scene: Scene) -> Array:
     x = sites.centre_x + (np.arange(sites.columns) - (sites.columns - 1) / 2) * sites.spacing
     y = sites.centre_y + (np.arange(sites.rows) - (sites.rows - 1) / 2) * sites.spacing
     grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
-    z = np.full(grid_x.size, scene.pad.thickness)
-    return np.stack([grid_x.ravel(), grid_y.ravel(), z], axis=-1)
+    return SkinChart(scene, 0.0).flat(np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1))
 
 
 def facet_normals(scene: Scene) -> Array:
@@ -70,9 +69,8 @@ class Facets:
 
 def facets(scene: Scene, bend: float) -> Facets:
     """Return the facets at ``bend`` radians; each pyramid is rigid in its site's frame."""
-    flat = declared_sites(scene)
-    position = bend_points(scene, flat, bend)
-    turn = bend_frames(scene, flat[:, 1], bend)
+    uv, chart = declared_sites(scene)[:, :2], SkinChart(scene, bend)
+    position, turn = chart.points(uv), chart.frames(uv)
     corners = position[:, None, None] + np.einsum("sij,fcj->sfci", turn, pyramid(scene))
     normal = np.einsum("sij,fj->sfi", turn, facet_normals(scene))
     return Facets(corners, corners.mean(axis=2), normal, position, -turn[..., 2])

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.bending import bend_points
+from render.geometry.chart import SkinChart
 from render.geometry.indenter import Imprint, imprint_depth
 from render.geometry.layout import declared_sites, facets, pyramid
 from render.scene import FACES, OUTWARD, Scene
@@ -118,6 +119,14 @@ def pad_grid(scene: Scene, bend: float, indented: bool) -> PadGrid:
     return PadGrid(x_lines, y_lines, np.array([0.0, scene.pad.thickness]), material)
 
 
+def _flat_points(scene: Scene, grid: PadGrid) -> Array:
+    """Return the flat positions of a grid's vertices, its upper ones on the skin."""
+    points = grid.points.copy()
+    upper = points[:, 2] > 0.0
+    points[upper] = SkinChart(scene, 0.0).flat(points[upper, :2])
+    return points
+
+
 def _merged(values: Sequence[float]) -> Array:
     """Sort lines and merge those that differ by rounding only."""
     lines = np.sort(np.asarray(values, dtype=np.float64))
@@ -162,7 +171,7 @@ class PadMeshes:
 def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
     """Return the meshes of the pad at ``bend`` radians, pressed by the pyramids or untouched."""
     grid = pad_grid(scene, bend, indented)
-    points = bend_points(scene, grid.points, bend)
+    points = bend_points(scene, _flat_points(scene, grid), bend)
     clear = grid.material == ColumnMaterial.CLEAR
     if indented:
         corners = facets(scene, bend).corners

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry.bending import curvature, unbend_points
+from render.geometry.bending import curvature, distance_to_arc, unbend_points
+from render.geometry.chart import SkinChart
 from render.scene import Scene
 
 
@@ -39,7 +40,7 @@ def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array
     kappa = curvature(scene, bend)
     kappa_face = kappa / (1.0 + kappa * scene.pad.thickness)
     start = np.broadcast_to(origin - [0.0, scene.camera.pivot, 0.0], directions.shape)
-    distance = _distance_to_arc(kappa_face, start, directions)
+    distance = distance_to_arc(kappa_face, start, directions)
     hit = np.isfinite(distance)
     local = start + np.where(hit, distance, 0.0)[..., None] * directions
     # The outward normal is the gradient of the arc's equation.
@@ -88,21 +89,4 @@ def aim_at(
 
 def distance_to_coating(scene: Scene, bend: float, rays: PadRays) -> Array:
     """Return the way (mm) from entry to the untouched coating, ``inf`` where a ray passes it."""
-    local = rays.entry - [0.0, scene.camera.pivot, scene.pad.thickness]
-    return _distance_to_arc(curvature(scene, bend), local, rays.direction)
-
-
-def _distance_to_arc(kappa: float, start: Array, direction: Array) -> Array:
-    """Return the way to the arc ``kappa (y^2 + z^2) = 2 z`` from its outside, ``inf`` if missed.
-
-    The nearer root is written so that it stays exact as the arc straightens into ``z = 0``.
-    """
-    y, z = start[..., 1], start[..., 2]
-    dy, dz = direction[..., 1], direction[..., 2]
-    a = kappa * (dy**2 + dz**2)
-    half_b = kappa * (y * dy + z * dz) - dz
-    c = kappa * (y**2 + z**2) - 2.0 * z
-    discriminant = half_b**2 - a * c
-    met = (discriminant >= 0.0) & (half_b < 0.0)
-    denominator = np.sqrt(np.where(met, discriminant, 0.0)) - half_b
-    return np.where(met, c / np.where(met, denominator, 1.0), np.inf)
+    return SkinChart(scene, bend).way(rays.entry, rays.direction)

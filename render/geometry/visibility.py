@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry.bending import unbend_points
 from render.geometry.camera_rays import camera_origin, camera_rays, pixel_directions
+from render.geometry.chart import SkinChart
 from render.geometry.layout import declared_sites, facets
 from render.geometry.refraction import PadRays, distance_to_coating, refract_into_pad
 from render.scene import Scene
@@ -183,7 +183,7 @@ def _background_spot(scene: Scene, bend: float, rays: PadRays) -> Index:
     distance = distance_to_coating(scene, bend, rays)
     met = rays.inside & np.isfinite(distance)
     point = rays.entry + np.where(met, distance, 0.0)[:, None] * rays.direction
-    flat = unbend_points(scene, point, bend)[:, :2]
+    flat = SkinChart(scene, bend).uv(point)
     target = np.full(met.shape, -1)
     faces = scene.indenter.faces
     for site, center in enumerate(declared_sites(scene)[:, :2]):

@@ -13,7 +13,7 @@ import numpy as np
 from render.arrays import Array
 from render.geometry import (
     FacetMasks,
-    bend_frames,
+    SkinChart,
     camera_origin,
     counted_sites,
     curvature,
@@ -52,7 +52,7 @@ def facet_blur(scene: Scene, bend: float) -> Array:
     counted, faces = counted_sites(scene), masks.facets
     weights = np.zeros((len(counted), faces + 1, faces + 1))
     for index, site in enumerate(counted):
-        turn = bend_frames(scene, declared_sites(scene)[site, 1], bend)
+        turn = SkinChart(scene, bend).frames(declared_sites(scene)[site, :2])
         for target in range(faces + 1):
             chosen = owner == site * (faces + 1) + target
             if not chosen.any():

@@ -15,8 +15,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry import (
-    bend_frames,
-    bend_points,
+    SkinChart,
     counted_sites,
     declared_sites,
     facets,
@@ -64,13 +63,12 @@ def receivers_at(scene: Scene, bend: float) -> Receivers:
     """Return facets, feet of facets and spots of all sites that count, in this order."""
     faces, radius = scene.indenter.faces, scene.indenter.radius
     sites, shape = counted_sites(scene), facets(scene, bend)
-    turn = bend_frames(scene, declared_sites(scene)[sites, 1], bend)
+    uv, chart = declared_sites(scene)[sites, :2], SkinChart(scene, bend)
     azimuth = 2 * np.pi * (np.arange(faces)[:, None] + [-0.25, 0.25, 0.0]) / faces
     out = radius * (1.0 + FOOT_WIDTH * np.array([0.0, 0.0, 1.0]))
-    ring = np.stack([out * np.sin(azimuth), out * np.cos(azimuth), np.zeros_like(azimuth)], axis=-1)
-    flat = declared_sites(scene)[sites][:, None, None] + ring
-    feet = bend_points(scene, flat, bend)
-    inward = -turn[..., 2]
+    ring = np.stack([out * np.sin(azimuth), out * np.cos(azimuth)], axis=-1)
+    feet = chart.points(uv[:, None, None] + ring)
+    inward = -chart.frames(uv)[..., 2]
     spot = np.repeat(shape.site_position[sites][:, None, None], 3, axis=2)
     corners = np.concatenate([shape.corners[sites], feet, spot], axis=1)
     level = np.repeat(inward[:, None], faces + 1, axis=1)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import bend_frames, bend_points, declared_sites, facets
+from render.geometry import SkinChart, declared_sites, facets
 from render.geometry.visibility import BACKGROUND_RADIUS
 from render.preview.converged.block import (
     cell_count,
@@ -88,10 +88,10 @@ def site_points(scene: Scene, bend: float, site: int, facet: int | None, count: 
     else:
         azimuth = 2 * np.pi * (facet + drawn[:, 5] - 0.5) / scene.indenter.faces
         radius = scene.indenter.radius * (1.0 + FOOT_WIDTH * drawn[:, 6])
-    offset = np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros(count)], axis=-1)
-    flat = declared_sites(scene)[site] + radius[:, None] * offset
-    points = to_block(scene, bend_points(scene, flat, bend))
-    normals = directions_to_block(-bend_frames(scene, flat[:, 1], bend)[..., 2])
+    offset = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    uv, chart = declared_sites(scene)[site, :2] + radius[:, None] * offset, SkinChart(scene, bend)
+    points = to_block(scene, chart.points(uv))
+    normals = directions_to_block(-chart.frames(uv)[..., 2])
     weights, drawn = np.full(count, 1 / count), np.ascontiguousarray(drawn[:, :5])
     return Starts(points, normals, weights, drawn, key)
 
