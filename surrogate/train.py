@@ -39,7 +39,9 @@ from surrogate.training.render_plan import (
     ReferenceData,
     RenderTime,
     check_reference,
+    render_longer,
     render_reference,
+    rendered_seconds,
     training_bends,
 )
 from surrogate.training.training_preview import TrainingPreview, followed_grid
@@ -140,25 +142,37 @@ def train(
     grid = preview.grid
     report(Progress(1, 1, stage="preview"))
 
+    before = rendered_seconds(run)
     reference = _reference(scene, table, run, seed, config, fit_time, progress)
-    reference = reference.scaled(scale.exposure, scale.lam)
-    reference.save(run)
 
-    fitting = time.monotonic()
-    task = FitTask(
-        scene=scene,
-        grid=grid,
-        cells=reference.cells(scene),
-        exposure=scale.exposure,
-        lam=scale.lam,
-        bends=scene_bends(reference.tables[0], scene.bending.angles),
-        seed=seed,
-        config=config.fit,
-        time=fit_time,
-        folder=run / "fit",
-    )
-    fit = fit_residual(task, progress)
-    fit_seconds = time.monotonic() - fitting
+    def fitted(reference: ReferenceData, networks: bool) -> tuple[Fit, float]:
+        reference.scaled(scale.exposure, scale.lam).save(run)
+        fitting = time.monotonic()
+        task = FitTask(
+            scene=scene,
+            grid=grid,
+            cells=reference.cells(scene),
+            exposure=scale.exposure,
+            lam=scale.lam,
+            bends=scene_bends(reference.tables[0], scene.bending.angles),
+            seed=seed,
+            config=config.fit,
+            time=fit_time,
+            folder=run / "fit",
+            networks=networks,
+        )
+        return fit_residual(task, progress), time.monotonic() - fitting
+
+    fit, fit_seconds = fitted(reference, True)
+    if fit_time is not None and fit.kind != "network":
+        # Networks that the renders do not bear out leave their time to more renders.
+        left = fit_time.without_networks(rendered_seconds(run) - before)
+        longer = render_longer(scene, run, reference, left, progress)
+        if longer is not None:
+            reference = longer
+            fit, again = fitted(reference, False)
+            fit_seconds += again
+    reference = reference.scaled(scale.exposure, scale.lam)
 
     report(Progress(0, 1, stage="export"))
     about = describe_model(scene, preview, reference, fit)

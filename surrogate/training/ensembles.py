@@ -86,6 +86,8 @@ def _by_halves(task: FitTask, progress: OnProgress | None) -> Ensembles:
     penalty = max(found, key=lambda each: float(found[each].mean()))
     ridge = train_ridge(task, f"ridge-{penalty:g}", task.fold, config.members, penalty)
     kind, gain = ("ridge", found[penalty].mean()) if borne_out(found[penalty]) else (NONE, 0.0)
+    if not task.networks:
+        return Ensembles(penalty, ridge, None, 0, kind)
     # Those on halves take about as long as a split.
     steps = _steps(task, "networks", config.members, config.network, len(task.splits) + 1)
     told = in_stage(progress, "networks on halves")

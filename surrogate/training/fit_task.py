@@ -74,6 +74,7 @@ class FitTask:
         config: how it is fitted.
         time: what the networks' steps have to fit into; all of them without.
         folder: where finished parts are kept, so that a fit goes on; None keeps none.
+        networks: whether they are tried.
     """
 
     scene: Scene
@@ -86,6 +87,7 @@ class FitTask:
     config: FitConfig
     time: FitTime | None = None
     folder: Path | None = None
+    networks: bool = True
 
     @cached_property
     def parts(self) -> FinishedParts:

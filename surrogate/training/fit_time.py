@@ -15,6 +15,7 @@ from typing import Any
 from render.files import read_json, write_json
 from render.reference import TimeBudget
 from surrogate.training.mlp import NetworkConfig, seconds_per_step
+from surrogate.training.render_plan import RenderTime
 
 MIN_STEPS = 100
 """Steps of the networks, however little time there is."""
@@ -123,6 +124,16 @@ class FitTime:
             per_step * self.cost.fit(steps) for steps in (MIN_STEPS, self.cost.network.steps)
         )
         return min(most, max(least, MAX_FRACTION * self.budget.seconds))
+
+    def without_networks(self, rendered: float) -> RenderTime:
+        """Return the time that renders have once more, where no networks follow.
+
+        ``rendered`` are the seconds of renders since the budget began, which count twice otherwise:
+        renders that go on count what they took before.
+        """
+        return RenderTime(
+            self.budget.charged(-rendered), lambda: self.per_step_now() * self.cost.fit(0)
+        )
 
     def per_step_now(self) -> float:
         """Return the seconds of a step, measured not long ago."""

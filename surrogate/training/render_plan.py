@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
+from render.files import read_json, read_or_drop
 from render.progress import OnProgress, in_stage
 from render.reference import (
     TimeBudget,
@@ -34,8 +35,9 @@ from surrogate.model.preview_grid import bend_range
 if TYPE_CHECKING:  # torch comes with the cells
     from surrogate.training.dataset import TrainingCells
 
-PLAN, RENDERS = "plan.json", "reference"
-"""The plan and the folder of the renders in the folder of a run."""
+PLAN, LONGER_PLAN, RENDERS = "plan.json", "longer.json", "reference"
+"""The plan, the one that a fit without networks left time for, and the folder of the renders in the
+folder of a run."""
 MATERIAL_SEED = 100
 """Difference of the seeds of one material and the next."""
 
@@ -116,19 +118,66 @@ def make_plan(
     def make() -> RenderPlan:
         count = 2 * len(bends) * len(scenes)
         each = samples_per_pass(scenes[0], within.budget.left() - within.reserve(), count)
-        jobs = [
-            job
-            for scene, number in zip(scenes, request["seeds"], strict=True)
-            for job in transport_jobs(
-                scene, phi, bends, samples=each, per_pass=each, seeds=[number]
-            )
-        ]
-        units = render_within(
-            jobs, within.budget, run / RENDERS, reserve=within.reserve, progress=progress
-        )
-        return RenderPlan(samples=units * each, per_pass=each, **request)
+        plan = RenderPlan(samples=each, per_pass=each, **request)
+        return _filled(scenes, run, plan, within, progress)
 
     return stored_plan(run / PLAN, RenderPlan, request, make)
+
+
+def longer_plan(
+    scenes: Sequence[Scene],
+    run: Path,
+    plan: RenderPlan,
+    within: RenderTime,
+    progress: OnProgress | None,
+) -> RenderPlan | None:
+    """Return ``plan`` with as many more passes as the time ``within`` has, None for not even one.
+
+    Those are rendered by the way; kept like the first plan, so that it is the same again.
+    """
+    known = read_json(run / LONGER_PLAN)
+    request = {key: value for key, value in asdict(plan).items() if key != "samples"}
+    if plan.per_pass is None:
+        return None
+    if any(known.get(key) != value for key, value in request.items()):
+        one = rendered_seconds(run) * plan.per_pass / plan.samples
+        if within.budget.left() - within.reserve() < one:
+            return None
+    each = replace(plan, samples=plan.per_pass)
+    return stored_plan(
+        run / LONGER_PLAN,
+        RenderPlan,
+        request,
+        lambda: _filled(scenes, run, each, within, progress),
+    )
+
+
+def rendered_seconds(run: Path) -> float:
+    """Return the seconds that the renders in the folder ``run`` took, of all attempts together."""
+    states = [read_or_drop(path) for path in (run / RENDERS).glob("*.passes.npz")]
+    return sum(float(state["seconds"]) for state in states if state is not None)
+
+
+def _filled(
+    scenes: Sequence[Scene],
+    run: Path,
+    plan: RenderPlan,
+    within: RenderTime,
+    progress: OnProgress | None,
+) -> RenderPlan:
+    """Return ``plan``, of one pass, with as many passes as fit into the time: they are rendered."""
+    phi, bends = np.array(plan.phi), np.array(plan.bends)
+    jobs = [
+        job
+        for scene, number in zip(scenes, plan.seeds, strict=True)
+        for job in transport_jobs(
+            scene, phi, bends, samples=plan.samples, per_pass=plan.per_pass, seeds=[number]
+        )
+    ]
+    units = render_within(
+        jobs, within.budget, run / RENDERS, reserve=within.reserve, progress=progress
+    )
+    return replace(plan, samples=units * plan.samples)
 
 
 def render_plan(
@@ -184,11 +233,13 @@ class ReferenceData:
         tables: the scene's own material first.
         renderer: settings, sample counts and seconds.
         materials: ``(material, quantity)`` of the tables, where the scene leaves it free.
+        plan: by which they were rendered; None for a table that was given.
     """
 
     tables: tuple[TransportTable, ...]
     renderer: dict[str, object]
     materials: Array | None = None
+    plan: RenderPlan | None = None
 
     def scaled(self, exposure: float, lam: float) -> ReferenceData:
         """Return the reference with its exposure and lambda."""
@@ -234,10 +285,7 @@ def render_reference(
     scene's own alone. ``samples`` are per cell and material; None renders as many as the time
     ``within`` allows.
     """
-    free = MaterialRange.of(scene)
-    scenes = [scene]
-    if free is not None and materials is not None:
-        scenes = [free.scene_with(scene, material) for material in materials]
+    scenes = _variants(scene, materials)
     plan = make_plan(
         scenes,
         run,
@@ -248,6 +296,41 @@ def render_reference(
         within=within,
         progress=in_stage(progress, "render"),
     )
+    return _rendered(scenes, run, plan, materials, progress)
+
+
+def render_longer(
+    scene: Scene,
+    run: Path,
+    reference: ReferenceData,
+    within: RenderTime,
+    progress: OnProgress | None,
+) -> ReferenceData | None:
+    """Return ``reference`` with the passes that the time ``within`` has left; None for none."""
+    if reference.plan is None:
+        return None
+    scenes = _variants(scene, reference.materials)
+    told = in_stage(progress, "render")
+    plan = longer_plan(scenes, run, reference.plan, within, told)
+    if plan is None:
+        return None
+    return _rendered(scenes, run, plan, reference.materials, progress)
+
+
+def _variants(scene: Scene, materials: Array | None) -> list[Scene]:
+    free = MaterialRange.of(scene)
+    if free is None or materials is None:
+        return [scene]
+    return [free.scene_with(scene, material) for material in materials]
+
+
+def _rendered(
+    scenes: Sequence[Scene],
+    run: Path,
+    plan: RenderPlan,
+    materials: Array | None,
+    progress: OnProgress | None,
+) -> ReferenceData:
     tables, seconds = [], 0.0
     settings: dict[str, object] = {}
     for number, variant in enumerate(scenes):
@@ -256,7 +339,7 @@ def render_reference(
         tables.append(estimate_table(variant, np.array(plan.phi), np.array(plan.bends), estimate))
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)
-    return ReferenceData(tuple(tables), settings | {"seconds": seconds}, materials)
+    return ReferenceData(tuple(tables), settings | {"seconds": seconds}, materials, plan)
 
 
 def check_reference(scene: Scene, table: TransportTable) -> None:
