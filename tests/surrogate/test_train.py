@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,16 +13,19 @@ import pytest
 
 from render.errors import TableError
 from render.progress import Progress
-from render.reference import TransportEstimate
+from render.reference import TimeBudget, TransportEstimate
 from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.runtime import Checker
 from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.render_plan import (
+    RenderTime,
     data_hash,
     estimate_table,
+    longer_plan,
     make_plan,
+    rendered_seconds,
     training_bends,
 )
 from tests.disk import DURABLE, logged_disk
@@ -131,6 +135,26 @@ def test_an_interrupted_run_keeps_its_plan(
     assert calls == DURABLE
     assert plan(0, 50) == 50
     assert plan(1, 60) == 60
+
+
+def test_time_that_networks_leave_is_rendered_and_the_longer_plan_is_kept(
+    scene: Scene, tmp_path: Path
+) -> None:
+    def within(left: float) -> RenderTime:
+        return RenderTime(TimeBudget(left, time.monotonic()), lambda: 0.0)
+
+    phi, bends = np.array([1.0, 2.0]), np.zeros(1)
+    first = make_plan([scene], tmp_path, seed=0, phi=phi, bends=bends, samples=None,
+                      within=within(0.1))  # fmt: skip
+    spent = rendered_seconds(tmp_path)
+    assert spent > 0.0
+    assert longer_plan([scene], tmp_path, first, within(0.5 * spent), None) is None
+    # Renders count what they have taken before.
+    longer = longer_plan([scene], tmp_path, first, within(1.5 * spent), None)
+    assert longer is not None
+    assert longer == replace(first, samples=longer.samples)
+    assert longer.samples >= 2 * first.samples
+    assert longer_plan([scene], tmp_path, first, within(0.0), None) == longer
 
 
 def test_the_loaded_model_scores_the_baseline_like_its_training_data(
