@@ -25,6 +25,7 @@ from surrogate.model.checker_module import CheckerModule
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import (
     MATERIALS,
+    direction_nodes,
     draw_material_grid,
     grid_nodes,
     interpolation_error,
@@ -251,8 +252,10 @@ def _check(scene: Scene, table: TransportTable) -> None:
 def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost:
     """Return what a training of ``scene`` on renders at ``bends`` bends takes."""
     free = MaterialRange.of(scene)
-    drawn = config.preview_nodes[0] * len(grid_nodes(scene, *config.preview_nodes)[1])
-    directions = config.phi_nodes * (1 if free is None else config.materials)
+    phi, bend = grid_nodes(scene, *config.preview_nodes)
+    drawn = len(phi) * len(bend)
+    directions = len(direction_nodes(scene, config.phi_nodes))
+    directions *= 1 if free is None else config.materials
     fibers = scene.lamp_count
     return TrainingCost(
         draws=fibers * drawn * (1 if free is None else config.preview_materials),

@@ -30,7 +30,6 @@ from optimize.overnight.context import (
 )
 from optimize.overnight.run_directory import MODEL
 from optimize.overnight.store import TABLE
-from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import Clock
 from render.reference import (
@@ -44,6 +43,7 @@ from render.reference import (
 )
 from render.scene import Scene
 from render.transport import TransportTable, mean_table
+from surrogate.model.preview_grid import direction_nodes
 from surrogate.runtime import MODEL_FILE, Checker, sha256
 from surrogate.training.render_plan import estimate_table, training_bends
 
@@ -73,7 +73,7 @@ def measure_cost(context: RunContext) -> RenderCost:
 
     def trial() -> RenderCost:
         context.stage("Trial renders", "trial")
-        phi = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
+        phi = direction_nodes(context.scene, PHI_NODES)
         seed = context.random_seed(PILOT_PURPOSE, 0)
         # A short night must not spend itself on them.
         jobs_of_table = 2 * len(context.bends) * MIN_PASSES
@@ -201,7 +201,7 @@ def table_bends(context: RunContext) -> Array:
 
 
 def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[RenderJob]:
-    phi, bends = chebyshev_nodes(PHI_NODES, 0.0, np.pi), table_bends(context)
+    phi, bends = direction_nodes(context.scene, PHI_NODES), table_bends(context)
     jobs = transport_jobs(context.scene, phi, bends, samples=samples, seeds=seeds)
     ranks = {bend: int(i >= len(context.bends)) for i, bend in enumerate(bends.tolist())}
     return sorted(jobs, key=lambda job: (seeds.index(job.seed), ranks[job.bend], not job.indented))

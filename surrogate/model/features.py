@@ -61,6 +61,7 @@ class CellFeatures(nn.Module):
 
     fixed: Tensor
     turn: Tensor
+    turns: Tensor
     angles: Tensor
     columns: Tensor
     turned: Tensor
@@ -76,6 +77,8 @@ class CellFeatures(nn.Module):
         # phi runs the other way round for a mirrored tip fiber, whose "along" is x.
         turn = np.where(tip, sign, 1.0)
         along = along * turn[:, None]
+        # Of a lamp that does not turn, phi says nothing: it counts as pi/2.
+        self.fixed_lamps = not poses.turns.all()
 
         site = sites[None] * np.stack([sign, np.ones_like(sign)], axis=-1)[:, None]
         offset = site - fiber[:, None]
@@ -99,11 +102,13 @@ class CellFeatures(nn.Module):
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
         constants = {
             "fixed": fixed[:, None, :, None],
-            "turn": turn,
+            "turn": turn * poses.turns,
             "angles": _angles(ahead, aside),
             "columns": np.concatenate([harmonics, harmonics[partner]]),
             "turned": np.concatenate([same, other[partner]])[:, None, :, None],
         }
+        if self.fixed_lamps:
+            constants["turns"] = poses.turns
         store_constants(self, constants)
 
     def forward(
@@ -120,6 +125,8 @@ class CellFeatures(nn.Module):
         flat = log_preview[-1:]
         zero = 0.0 * flat
         cos, sin = torch.cos(phi) * self.turn, torch.sin(phi)
+        if self.fixed_lamps:
+            sin = 1.0 + self.turns * (sin - 1.0)
         waves = torch.stack([cos, sin, cos * cos - sin * sin, 2 * cos * sin], dim=-1)
         # (fiber, batch, 4) x (fiber, 4, 6 site) -> (6, batch, fiber, 1, site)
         angles = torch.matmul(waves.transpose(0, 1), self.angles)

@@ -61,8 +61,8 @@ def draw_grid(
 ) -> PreviewGrid:
     """Draw the preview of ``scene`` on ``phi_count`` by ``bend_count`` Chebyshev nodes.
 
-    phi covers [0, pi], the bend [0, largest angle of the scene]; a scene with one bend gets one
-    node there. ``progress`` is told of every bend.
+    phi covers [0, pi], the bend [0, largest angle of the scene]; a scene with one bend, or without
+    a lamp that turns, gets one node there. ``progress`` is told of every bend.
 
     Raises:
         GraphicsError: when no OpenGL library can draw.
@@ -84,7 +84,12 @@ def grid_nodes(scene: Scene, phi_count: int, bend_count: int) -> tuple[Array, Ar
     """Return the nodes in phi and bend (rad) that :func:`draw_grid` draws at."""
     low, high = bend_range(scene)
     bends = np.array([high]) if low == high else chebyshev_nodes(bend_count, low, high)
-    return chebyshev_nodes(phi_count, 0.0, np.pi), bends
+    return direction_nodes(scene, phi_count), bends
+
+
+def direction_nodes(scene: Scene, count: int) -> Array:
+    """Return ``count`` Chebyshev nodes in phi (rad), or one where no lamp of ``scene`` turns."""
+    return chebyshev_nodes(count if any(scene.turning) else 1, 0.0, np.pi)
 
 
 def bend_range(scene: Scene) -> tuple[float, float]:

@@ -30,7 +30,7 @@ from render.reference import (
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
-from surrogate.model.preview_grid import bend_range
+from surrogate.model.preview_grid import bend_range, direction_nodes
 
 if TYPE_CHECKING:  # torch comes with the cells
     from surrogate.training.dataset import TrainingCells
@@ -290,7 +290,7 @@ def render_reference(
         scenes,
         run,
         seed=seed,
-        phi=chebyshev_nodes(phi_count, 0.0, np.pi),
+        phi=direction_nodes(scene, phi_count),
         bends=training_bends(scene, bend_count),
         samples=samples,
         within=within,
