@@ -8,10 +8,10 @@ import numpy as np
 import torch
 
 from render.geometry import fiber_edges, mirror_twins
-from render.scene import Scene
+from render.scene import Scene, load_scene
 from surrogate.model.checker_module import PreviewTable
 from surrogate.model.features import FEATURE_NAMES, CellFeatures
-from surrogate.model.preview_grid import PreviewGrid
+from surrogate.model.preview_grid import PreviewGrid, draw_grid
 
 
 def _inputs(scene: Scene, grid: PreviewGrid, phi: np.ndarray) -> torch.Tensor:
@@ -60,3 +60,13 @@ def test_a_scene_with_one_bend_has_a_constant_bend_input(
     bend = torch.zeros(2, 1)
     x = CellFeatures(flat, grid)(phi, bend, PreviewTable(grid)(phi, bend))
     assert (x[FEATURE_NAMES.index("bend")] == 0).all()
+
+
+def test_the_direction_of_a_lamp_that_cannot_turn_is_no_input() -> None:
+    digit = load_scene("digit")
+    grid = draw_grid(digit, 11, 1)
+    assert grid.phi.tolist() == [np.pi / 2]
+    turned, straight = (_inputs(digit, grid, np.full((1, 3), phi)) for phi in (0.3, np.pi / 2))
+    assert torch.equal(turned, straight)
+    names = [FEATURE_NAMES.index(name) for name in ("cos phi", "sin phi")]
+    assert straight[0, :, 0, 0, names].tolist() == [[0.0, 1.0]] * 3
