@@ -111,11 +111,14 @@ def _holes(poses: FiberPoses, beams: Array, diameter: float, thickness: float) -
 def _plan(scene: Scene, holes: Array, thickness: float, gap: float) -> _Plan:
     """Cut the walls into cells of one hole each; ``gap`` is that of the fibers."""
     edge_of = fiber_edges(scene)
-    half = np.array([scene.pad.width, scene.pad.length]) / 2 + (scene.box.rim + gap)
+    left, tip, right, _ = (rim + gap for rim in scene.box.rims)
+    x, y = scene.pad.width / 2, scene.pad.length / 2
+    faces = np.array([-x - left, y + tip, x + right])
+    outwards = thickness * np.array([-1.0, 1.0, 1.0])
     base = min(-scene.pad.length / 2, float(holes[..., 1].min()) - MARGIN)
     # Corners of the inner and of the outer face, in the order of the fibers.
     corners = np.array(
-        [[(-x, base), (-x, y), (x, y), (x, base)] for x, y in (half, half + thickness)]
+        [[(a, base), (a, b), (c, b), (c, base)] for a, b, c in (faces, faces + outwards)]
     ).swapaxes(0, 1)
     borders, cells = [corners[0]], []
     for edge, start, end in zip(RIM_EDGES, corners[:-1], corners[1:], strict=True):

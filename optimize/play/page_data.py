@@ -78,7 +78,7 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
             "length": pad.length,
             "thickness": pad.thickness,
             "index": pad.index,
-            "rim": scene.diffuser.thickness if scene.diffuser else 0.0,
+            "rims": list(scene.box.rims),
         },
         "sites": flat_sites(scene)[:, :2].tolist(),
         "grid": {

@@ -24,7 +24,7 @@ from optimize.report.page import data_uri
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
 from render.geometry import FiberHolder, flat_fiber_poses, flat_sites
-from render.scene import RIM_EDGES, Scene
+from render.scene import Scene
 
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
 AXES = 5.0
@@ -97,7 +97,7 @@ def _ends(scene: Scene) -> list[str]:
     for row in scene.lamp_rows:
         tilt = np.degrees(row.tilt)
         side = "towards the coating" if tilt >= 0 else "towards the camera"
-        behind = "diffuser" if scene.diffuser and row.edge in RIM_EDGES else "pad"
+        behind = "diffuser" if row.edge in scene.diffuser_edges else "pad"
         who = "Every fiber" if scene.fibers else f"Every lamp of the {row.edge} edge's row"
         sentences.append(
             f"{who}: {row.diameter:g} mm in diameter, the center of its end at z = "
@@ -158,24 +158,24 @@ def wiring_drawing(mounting: Mounting) -> Figure:
     back = position - beams * holder.thickness / sine
     label = back - 1.5 * poses.inward[:, :2]
     half = np.array([scene.pad.width, scene.pad.length]) / 2
-    edge = scene.diffuser.thickness if scene.diffuser else 0.0
-    offset = scene.box.rim + max((row.gap for row in scene.lamp_rows), default=0.0)
-    inner, outer = half + offset, half + offset + holder.thickness
-    low = np.minimum(label.min(axis=0), -outer) - 1.2
-    high = np.maximum(label.max(axis=0), outer) + 1.2
+    gap = max((row.gap for row in scene.lamp_rows), default=0.0)
+    near, far = scene.box.low[:2] - gap, scene.box.high[:2] + gap
+    left, right = near - holder.thickness, far + holder.thickness
+    low = np.minimum(label.min(axis=0), left) - 1.2
+    high = np.maximum(label.max(axis=0), right) + 1.2
     low[1] = min(float(label[:, 1].min()), -half[1]) - 1.2
     beam = beam_length(scene)
     with drawing(4.2, 4.2 * (high[1] - low[1]) / (high[0] - low[0])) as figure:
         axes = figure.subplots()
         wall = [
-            (-outer[0], low[1]), (-outer[0], outer[1]), (outer[0], outer[1]), (outer[0], low[1]),
-            (inner[0], low[1]), (inner[0], inner[1]), (-inner[0], inner[1]), (-inner[0], low[1]),
+            (left[0], low[1]), (left[0], right[1]), (right[0], right[1]), (right[0], low[1]),
+            (far[0], low[1]), (far[0], far[1]), (near[0], far[1]), (near[0], low[1]),
         ]  # fmt: skip
         if len(holder.least):
             axes.add_patch(Polygon(wall, facecolor="#eef0f3", edgecolor="#b6bbc4", lw=0.6))
-        if edge:
-            frame = (2 * (half[0] + edge), 2 * half[1] + edge)
-            axes.add_patch(Rectangle((-half[0] - edge, -half[1]), *frame, color="#dfe2e7", lw=0))
+        if scene.diffuser is not None:
+            corner, size = scene.box.low, scene.box.high - scene.box.low
+            axes.add_patch(Rectangle(tuple(corner[:2]), *size[:2], color="#dfe2e7", lw=0))
         axes.add_patch(
             Rectangle(tuple(-half), *(2 * half), facecolor="#f6f7f9", edgecolor="#b6bbc4", lw=0.6)
         )

@@ -141,21 +141,23 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
         )[:, beam]
         way = way / np.sqrt(square[:, beam])[..., None]
         straight = comes_straight(marks)[:, beam, None, None]
-        sent = _beam_radiance(scene, emission[:, :, beam], way) * weight[:, beam] * straight
+        milky = scene.box.layered[face][:, beam, None, None]
+        sent = _beam_radiance(scene, emission[:, :, beam], way, milky) * weight[:, beam] * straight
         total += sent.sum(axis=2).swapaxes(0, 1)
         hidden += (sent * blocked[:, beam]).sum(axis=2).swapaxes(0, 1)
     fraction = hidden / np.where(total > 0.0, total, 1.0)
     return np.asarray(np.where(on_pad, fraction, np.nan))
 
 
-def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:
+def _beam_radiance(scene: Scene, emission: Array, way: Array, milky: np.ndarray) -> Array:
     """Return what beams send through a thin diffuser, per cosine at the edge, for unit fibers.
 
     It is what the preview's shader computes (``beam_intensity`` in ``shading.glsl``): the profile
     about the beam in air, refracted into the pad, dimmed by what the diffuser scatters.
 
     ``emission`` is beam direction and peak intensity ``(node, fiber, light, 4 or more)``; ``way``
-    are unit directions ``(fiber, light, site, point, 3)`` in the frames of the edges.
+    are unit directions ``(fiber, light, site, point, 3)`` in the frames of the edges, and ``milky``
+    says which lights shine through the diffuser.
 
     Returns:
         ``(node, fiber, light, site, point)`` in 1/sr.
@@ -166,7 +168,7 @@ def _beam_radiance(scene: Scene, emission: Array, way: Array) -> Array:
     squared = 1.0 - (side**2).sum(axis=-1)
     height = np.sqrt(np.maximum(squared, 1e-12))
     air = np.stack([side[..., 0], height, side[..., 1]], axis=-1)
-    depth = (layer.sigma_s + layer.sigma_a) * layer.thickness
+    depth = np.where(milky, (layer.sigma_s + layer.sigma_a) * layer.thickness, 0.0)
     passed = (1.0 - fresnel(cosine, 1.0 / index)[0]) * np.exp(-depth / cosine)
     # The solid angle grows by n^2 cos_pad / cos_air in air; the cosine is the caller's.
     passed = np.where((squared > 0.0) & (way[..., 1] > 0.0), passed * index**2 / height, 0.0)

@@ -37,7 +37,7 @@ from render.geometry import (
 from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
-from render.scene import FACES, RIM_EDGES, Scene
+from render.scene import Scene
 
 CELL_LIGHT_PATHS, PICTURE_LIGHT_PATHS = 4, 2
 """Light subpaths per sample of cells, and of a picture."""
@@ -68,7 +68,7 @@ AIMED_MAX, AIMED_MIN = 0.8, 0.1
 def diffuser_depth(scene: Scene) -> float:
     """Return the optical depth of the diffuser, straight through; 0 for lamps without one."""
     layer = scene.diffuser
-    bare = any(FACES[lamp.face] not in RIM_EDGES for lamp in scene.placed_lamps())
+    bare = any(not scene.box.layered[lamp.face] for lamp in scene.placed_lamps())
     return 0.0 if layer is None or bare else (layer.sigma_s + layer.sigma_a) * layer.thickness
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.lamp_poses import flat_fiber_poses
-from render.scene import HOLDER_THICKNESS, Edge, Scene
+from render.scene import EDGES, HOLDER_THICKNESS, Edge, Scene
 
 PLAY = 0.1
 """mm by which a hole is wider than its fiber."""
@@ -32,6 +32,13 @@ ALONG: dict[Edge, Array] = {
     "base": np.array([-1.0, 0.0]),
 }
 """Which way fibers are numbered on an edge: around the pad, from the left edge's base."""
+BESIDE: dict[Edge, tuple[Edge, Edge]] = {
+    "left": ("base", "tip"),
+    "tip": ("left", "right"),
+    "right": ("tip", "base"),
+    "base": ("right", "left"),
+}
+"""The edges where that way begins and where it ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +78,7 @@ class FiberHolder:
         hole = 2 * poses.radius + PLAY
         held = [i for i, lamp in enumerate(lamps) if lamp.edge and lamp.turns]
         base_wall = any(lamps[i].edge == "base" for i in held)
-        borders = []
+        borders, rims = [], dict(zip(EDGES, scene.box.rims, strict=True))
         for edge in ALONG:
             # Rows at different heights pass each other.
             own = sorted((i for i in held if lamps[i].edge == edge), key=lambda i: place[i])
@@ -79,20 +86,20 @@ class FiberHolder:
             for i in own:
                 height, level = poses.position[:, 2], poses.position[i, 2]
                 others = [j for j in own if abs(height[j] - level) < (hole[i] + hole[j]) / 2]
-                end = half / 2 + scene.box.rim + poses.gap[i]
+                first, last = (half / 2 + rims[beside] + poses.gap[i] for beside in BESIDE[edge])
                 if i == others[0] and (edge != "left" or base_wall):
-                    borders.append((-1, i, -end))
-                after = others[others.index(i) + 1 :]
-                if after:
-                    borders.append((i, after[0], 0.0))
+                    borders.append((-1, i, -first))
+                later = others[others.index(i) + 1 :]
+                if later:
+                    borders.append((i, later[0], 0.0))
                 elif edge != "right" or base_wall:
-                    borders.append((i, -1, end))
-        first, last, corner = np.array(borders, dtype=float).reshape(-1, 3).T
+                    borders.append((i, -1, last))
+        before, after, corner = np.array(borders, dtype=float).reshape(-1, 3).T
         holder = cls(
             place=place,
             turns=(poses.along[:, :2] * way).sum(axis=1),
-            first=first.astype(np.int64),
-            last=last.astype(np.int64),
+            first=before.astype(np.int64),
+            last=after.astype(np.int64),
             corner=corner,
             thickness=HOLDER_THICKNESS if limits is None else limits.holder_thickness,
             hole=hole,

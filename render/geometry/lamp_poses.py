@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry.bending import bend_frames, bend_points
-from render.scene import FACES, OUTWARD, RIM_EDGES, PlacedLamp, Scene
+from render.scene import FACES, OUTWARD, PlacedLamp, Scene
 
 LOWER = FACES.index("lower")
 
@@ -69,7 +69,7 @@ def flat_fiber_poses(scene: Scene) -> FiberPoses:
         gap[i] = box.distance(lamp.position)[lamp.face]
         foot[i] = lamp.position - gap[i] * OUTWARD[lamp.face]
     face = np.array([lamp.face for lamp in lamps])
-    rim = np.array([box.rim if name in RIM_EDGES else 0.0 for name in FACES])
+    rim = np.array([*box.rims, 0.0])
     up = np.tile([0.0, 0.0, 1.0], (len(lamps), 1))
     return FiberPoses(
         position=np.array([lamp.position for lamp in lamps]),
@@ -113,7 +113,8 @@ class MirrorTwins:
 
 def mirror_twins(scene: Scene) -> MirrorTwins | None:
     """Return the mirror images of the lamps, or None where one, or a side of the pad, has none."""
-    if scene.finish("left") != scene.finish("right"):
+    left, _, right, _ = scene.box.rims
+    if scene.finish("left") != scene.finish("right") or left != right:
         return None
     poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
     sign = np.array([-1.0, 1.0, 1.0])

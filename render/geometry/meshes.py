@@ -107,9 +107,10 @@ def pad_grid(scene: Scene, bend: float, indented: bool) -> PadGrid:
         x += [*(sites[:, 0] - half), *(sites[:, 0] + half)]
         y += [*(sites[:, 1] - half), *(sites[:, 1] + half)]
     if scene.diffuser:
-        margin = scene.diffuser.thickness
-        x += [-half_width - margin, half_width + margin]
-        y += [half_length + margin]
+        # Lines of edges without a layer are there already.
+        low, high = scene.box.low, scene.box.high
+        x += [low[0], high[0]]
+        y += [low[1], high[1]]
     x_lines, y_lines = _merged(x), _merged(y)
     if bend != 0.0:
         y_lines = _refined(y_lines)

@@ -120,6 +120,18 @@ def _lights_of(scene: Scene, poses: FiberPoses, lamp: int) -> list[list[float]]:
     return lights
 
 
+def shines_past_layers(scene: Scene) -> NDArray[np.bool_]:
+    """Return ``(lamp,)`` whether some of a lamp lies before a clear face: light without a glow."""
+    poses, box = flat_fiber_poses(scene), scene.box
+    clear = ~box.layered & [finish.paint is None for finish in scene.finishes]
+    return np.array(
+        [
+            any((box.distance(point)[clear] > 0.0).any() for point in end_points(poses, lamp)[0])
+            for lamp in range(len(poses.face))
+        ]
+    )
+
+
 def beam_turns(scene: Scene, face: int) -> list[Turns]:
     """Return the ``turns`` of the images that light entering through ``face`` may reach.
 

@@ -8,10 +8,17 @@ from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses, fresnel
 from render.preview.diffuser.basis import MIRROR_ALONG, TERMS, linear_weights
 from render.preview.diffuser.response import SlabResponse
-from render.scene import EDGES, RIM_EDGES, Scene
+from render.scene import EDGES, Edge, Scene
 
-RIM = range(len(RIM_EDGES))
-"""Numbers of the edges that a diffuser lies on."""
+BESIDE: dict[Edge, tuple[Edge, Edge]] = {
+    "left": ("base", "tip"),
+    "tip": ("left", "right"),
+    "right": ("base", "tip"),
+    "base": ("left", "right"),
+}
+"""The edges where one ends, in the direction of its glows."""
+ACROSS = (EDGES.index("tip"), EDGES.index("base"))
+"""Numbers of the edges along x."""
 TEXELS = 3
 """RGBA texels that hold the 9 terms of one glow."""
 MAX_MERGED_STEP, MIN_MERGED_FRACTION = 0.375, 1 / 40
@@ -43,14 +50,9 @@ class Glow:
             "SOFT_RADIUS": f"{SOFTNESS * step:.6f}",
         }
         edge, place = poses.face[lamps], poses.position[lamps]
-        center = np.where(edge == EDGES.index("tip"), place[:, 0], place[:, 1])
-        half_length = np.array([_half_length(scene, number) for number in RIM])[edge]
-        # At the tip's corners the layer goes on, and its walls send light back. At the base it
-        # ends: about half of what comes back there scattered back in the endless layer as well.
-        walls, base = _wall_reflectance(scene), scene.finish("base").paint
-        at_base = walls if base is None else base.reflectance
-        low = np.where(edge == EDGES.index("tip"), walls, 0.5 * at_base)
-        returned = np.stack([low, np.full(low.shape, walls)], axis=-1)
+        center = np.where(np.isin(edge, ACROSS), place[:, 0], place[:, 1])
+        half_length = np.array([_half_length(scene, number) for number in range(len(EDGES))])[edge]
+        returned = np.array([[_returned(scene, end) for end in BESIDE[one]] for one in EDGES])[edge]
         self._inside, self._folded = _ends(offsets, center, half_length, returned)
         ends = half_length[:, None]
         self._along = np.clip(center[:, None] + offsets, -ends, ends)
@@ -76,7 +78,7 @@ class Glow:
         """Return the glow of whole edges, shared linearly between evenly spaced lights."""
         radiance, power = self._radiance(phi), power[self._lamps]
         positions, emissions = [], []
-        for number in RIM:
+        for number in map(EDGES.index, self._scene.diffuser_edges):
             half_length = _half_length(self._scene, number)
             step = max(
                 MAX_MERGED_STEP * self._scene.pad.thickness, MIN_MERGED_FRACTION * 2 * half_length
@@ -139,6 +141,18 @@ def _ends(
     return keep, fold
 
 
+def _returned(scene: Scene, end: Edge) -> float:
+    """Return how much of the light beyond an end of a layer, at the edge ``end``, comes back.
+
+    Where the layer goes on round the corner its walls send light back. Where it ends: about half of
+    what comes back there scattered back in the endless layer as well.
+    """
+    walls, paint = _wall_reflectance(scene), scene.finish(end).paint
+    if end in scene.diffuser_edges:
+        return walls
+    return 0.5 * (walls if paint is None else paint.reflectance)
+
+
 def _wall_reflectance(scene: Scene) -> float:
     """Return the reflectance of a dielectric face for diffuse light from inside."""
     cosine = np.linspace(0.0, 1.0, 2001)
@@ -148,7 +162,7 @@ def _wall_reflectance(scene: Scene) -> float:
 
 def _half_length(scene: Scene, edge: int) -> float:
     """Return half the length (mm) of an edge's inner face."""
-    return (scene.pad.width if EDGES[edge] == "tip" else scene.pad.length) / 2
+    return (scene.pad.width if edge in ACROSS else scene.pad.length) / 2
 
 
 def _on_edges(scene: Scene, along: Array, edge: Array, heights: Array) -> Array:
@@ -157,9 +171,10 @@ def _on_edges(scene: Scene, along: Array, edge: Array, heights: Array) -> Array:
     spread = np.broadcast_to(along[..., None], shape)
     number = np.broadcast_to(edge[:, None, None], shape)
     side = np.where(number == EDGES.index("left"), -1.0, 1.0) * scene.pad.width / 2
-    tip = number == EDGES.index("tip")
-    x = np.where(tip, spread, side)
-    y = np.where(tip, scene.pad.length / 2, spread)
+    end = np.where(number == EDGES.index("base"), -1.0, 1.0) * scene.pad.length / 2
+    across = np.isin(number, ACROSS)
+    x = np.where(across, spread, side)
+    y = np.where(across, end, spread)
     z = np.broadcast_to(heights, shape)
     return np.stack([x, y, z, number.astype(np.float64)], axis=-1).reshape(len(along), -1, 4)
 

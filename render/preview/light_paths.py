@@ -34,7 +34,7 @@ class LightPath(NamedTuple):
 
 
 WALL_DISTANCE = 2.0
-"""Lights nearer to the base than this many thicknesses of the pad are seen in it as well."""
+"""Lights nearer to the one clear edge than this many thicknesses of the pad are seen in it."""
 FAR_IMAGES, MOST_IMAGES = 6.0, 3
 """Images of a bare pad that lie nearer than this many thicknesses count, in a row so many."""
 MIN_CURVATURE = 1e-9
@@ -94,8 +94,9 @@ def walls_met(turns: Turns) -> dict[int, int]:
 
 def reaches(scene: Scene, turns: Turns) -> bool:
     """Return whether light comes back from all edges of an image as from mirrors."""
-    paints = [scene.finishes[face].paint for face in walls_met(turns)]
-    return all(paint is None or paint.mirror for paint in paints)
+    met = walls_met(turns)
+    paints, layered = [scene.finishes[face].paint for face in met], scene.box.layered
+    return not layered[list(met)].any() and all(paint is None or paint.mirror for paint in paints)
 
 
 def walls_reflect(scene: Scene, turns: Turns, direction: Array) -> Array:
@@ -125,14 +126,18 @@ def wall_image(scene: Scene, turns: Turns) -> WallImage:
 def single_turns(scene: Scene) -> list[Turns] | None:
     """Return the images in single edges; None: a pad that has images of images as well.
 
-    White and black edges have none. The base alone reflects where the other edges have a diffuser.
-    A clear pad that never bends is the box that images of images are exact in; one that bends has
-    those of each edge.
+    White and black edges have none, and those with a diffuser: where it lies on three, the fourth
+    alone reflects. A pad that never bends is the box that images of images are exact in; one that
+    bends has those of each edge.
     """
-    edges = [(0, -1)] if scene.diffuser is not None else [(0, -1), (-1, 0), (0, 1), (1, 0)]
-    if scene.diffuser is None and not any(scene.bending.angles):
+    if not _rimmed(scene) and not any(scene.bending.angles):
         return None
-    return [turns for turns in edges if reaches(scene, turns)]
+    return [turns for turns in ((0, -1), (-1, 0), (0, 1), (1, 0)) if reaches(scene, turns)]
+
+
+def _rimmed(scene: Scene) -> bool:
+    """Return whether a diffuser lies around the pad, on all edges or all but one."""
+    return len(scene.diffuser_edges) >= len(EDGES) - 1
 
 
 def wall_images(scene: Scene) -> list[WallImage]:
@@ -153,8 +158,8 @@ def near_wall(scene: Scene) -> float:
 
     A diffuser around the pad sends back more than its far walls, unless they are metal.
     """
-    clear = scene.diffuser is not None and scene.finish("base").metal is None
-    return WALL_DISTANCE * scene.pad.thickness if clear else np.inf
+    metal = any(scene.finish(edge).metal is not None for edge in EDGES)
+    return WALL_DISTANCE * scene.pad.thickness if _rimmed(scene) and not metal else np.inf
 
 
 def direct_path(source: Array, target: Array, thickness: float, kappa: float) -> LightPath:

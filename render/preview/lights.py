@@ -9,16 +9,16 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
-from render.preview.beams import BEAM_MARK, Beams
+from render.preview.beams import BEAM_MARK, NO_TURNS, TURN_MARKS, Beams, shines_past_layers
 from render.preview.diffuser.cache import fiber_ends, slab_of, slab_response
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
 from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS, SlabResponse
 from render.preview.glow import Glow
-from render.preview.light_paths import near_wall, reaches, wall_image
+from render.preview.light_paths import near_wall, wall_images
 from render.scene import EDGES, Scene
 
-IMAGE_MARK, END_MARK = 128, -1
+IMAGE_MARK, END_MARK = 4096, -1
 """Parts of a light's mark, see `with_images`."""
 
 
@@ -67,31 +67,33 @@ def point_lights(scene: Scene, cache: Path | None = None) -> PointLights:
         if kind not in made:
             made[kind] = slab_response(scene, kind[0], edge=edge, cache=cache, rays=RAYS)
     glow = Glow(scene, [made[kind] for kind in kinds], behind)
-    if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS and len(behind) == len(ends):
+    if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS and not shines_past_layers(scene).any():
         return glow
     return GlowAndBeams(glow, Beams(scene), behind)
 
 
 def with_images(scene: Scene, position: Array) -> Array:
-    """Return lists of lights ``(list, light, 4)`` followed by their images in the pad's base.
+    """Return lists of lights ``(list, light, 4)`` followed by their images in clear edges.
 
-    Only glows near the base have an image that counts (beams have their own), and none where the
-    base is painted black or white. Its mark is the
-    light's own plus `IMAGE_MARK` times the light's number from 1. Lists end with the mark -1,
-    padded to the longest.
+    Only glows near enough have images that count (`near_wall`); beams have their own. The mark of
+    one is the light's own, the turns of its image as in that of a beam, and `IMAGE_MARK` times the
+    light's number from 1. Lists end with the mark -1, padded to the longest.
     """
-    beam = position[..., 3].astype(int) & BEAM_MARK
-    base = wall_image(scene, (0, -1))
-    near = (base.distance(position[..., :3]) < near_wall(scene)) & (beam == 0)
-    near &= reaches(scene, base.turns)
-    longest = int(near.sum(axis=1).max())
-    images = np.zeros((len(position), longest + 1, 4))
+    glows = (position[..., 3].astype(int) & BEAM_MARK) == 0
+    walls = wall_images(scene) if glows.any() else []
+    lists: list[list[Array]] = [[] for _ in position]
+    for wall in walls:
+        near = (wall.distance(position[..., :3]) < near_wall(scene)) & glows
+        turned = float(np.dot(np.add(wall.turns, NO_TURNS), TURN_MARKS))
+        for row, lights in enumerate(position):
+            (index,) = np.nonzero(near[row])
+            mark = lights[index, 3:] + turned + IMAGE_MARK * (index[:, None] + 1)
+            lists[row].append(np.concatenate([wall.image(lights[index, :3]), mark], axis=1))
+    images = np.zeros((len(position), 1 + max(sum(map(len, parts)) for parts in lists), 4))
     images[..., 3] = END_MARK
-    for row, lights in enumerate(position):
-        (index,) = np.nonzero(near[row])
-        mark = lights[index, 3:] + IMAGE_MARK * (index[:, None] + 1)
-        image = np.concatenate([base.image(lights[index, :3]), mark], axis=1)
-        images[row, : len(index)] = image
+    for row, parts in enumerate(lists):
+        joined = np.concatenate([images[row, :0], *parts])
+        images[row, : len(joined)] = joined
     return np.concatenate([position, images], axis=1)
 
 

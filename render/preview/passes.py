@@ -172,9 +172,10 @@ class ShaderPasses:
             "radius": 1 / kappa,
             "light_count": lights,
             "inverse_width": 1 / (2 * (profile.sigma_v or 1.0)),
-            "optical_thickness": (
-                (layer.sigma_s + layer.sigma_a) * layer.thickness if layer else 0.0
-            ),
+            "optical_thickness": [
+                (layer.sigma_s + layer.sigma_a) * layer.thickness if layer and milky else 0.0
+                for milky in self._scene.box.layered
+            ],
             "box_low": tuple(self._scene.box.low),
             "box_high": tuple(self._scene.box.high),
             "clear_half": (pad.width / 2, pad.length / 2),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import Imprint, pyramids
-from render.scene import EDGES, OUTWARD, RIM_EDGES, Scene
+from render.scene import EDGES, OUTWARD, Scene
 
 MAX_PATCH_SIDE, MIN_PATCH_FRACTION = 0.625, 1 / 16
 """Longest side of a patch in thicknesses of the pad, unless that is less than this part of its
@@ -103,7 +103,7 @@ def _edge_patches(
         [np.zeros(0, dtype=np.int64)],
     )
     for number, name in enumerate(EDGES):
-        if not (scene.diffuser and name in RIM_EDGES) and not scene.finish(name).white:
+        if name not in scene.diffuser_edges and not scene.finish(name).white:
             continue
         outward = OUTWARD[number]
         along, length = (x, pad.width) if outward[1] else (y, pad.length)

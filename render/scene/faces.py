@@ -9,6 +9,8 @@ and takes that of an edge into the diffuser's response; the light of bare lamps 
 as if they were smooth, which is within 5 % (median) up to a roughness of 0.3, and 6 to 10 % too
 bright at 0.5.
 
+Edges may have a diffuser each (``diffuser.on``); paint lies on others.
+
 Paint touches the silicone: there is no air between, so nothing is reflected before it. It lets
 nothing through, and its other side is black.
 """
@@ -21,7 +23,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from render.scene.lamps import FACES, RIM_EDGES, PlacedLamp
+from render.scene.lamps import FACES, Edge, PlacedLamp
 from render.scene.quantities import Part, Quantity
 
 FaceName = Literal["left", "tip", "right", "base", "lower"]
@@ -114,8 +116,9 @@ def finishes(named: tuple[NamedFaces, ...], roughness: float) -> tuple[Finish, .
     )
 
 
-def face_problems(named: tuple[NamedFaces, ...], diffuser: bool) -> Iterator[str]:
-    """Yield what is wrong with faces, one sentence each."""
+def face_problems(named: tuple[NamedFaces, ...], diffuser: tuple[Edge, ...]) -> Iterator[str]:
+    """Yield what is wrong with faces, one sentence each; ``diffuser`` names its edges."""
+    free = ", ".join(face for face in FACES if face not in diffuser and face != "lower")
     seen: dict[str, str] = {}
     for number, entry in enumerate(named):
         key = f"faces.{number}.on"
@@ -134,10 +137,10 @@ def face_problems(named: tuple[NamedFaces, ...], diffuser: bool) -> Iterator[str
             seen.setdefault(face, key)
             if painted and face == "lower":
                 yield f"{key} = lower: the camera looks through it, allowed: paint on edges"
-            elif painted and diffuser and face in RIM_EDGES:
+            elif painted and face in diffuser:
                 yield (
-                    f"{key} = {face}: a diffuser lies on that edge, allowed with one: paint on "
-                    "the base"
+                    f"{key} = {face}: a diffuser lies on that edge, allowed: paint on "
+                    f"{free or 'none, as it lies on all'}"
                 )
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.scene.lamp_profile import Profile
@@ -23,7 +24,7 @@ from render.scene.quantities import Count, Part, Quantity
 
 Edge = Literal["left", "tip", "right", "base"]
 RIM_EDGES: tuple[Edge, ...] = ("left", "tip", "right")
-"""Where a diffuser lies, if there is one."""
+"""Where a diffuser lies, if there is one that names no edges."""
 EDGES: tuple[Edge, ...] = (*RIM_EDGES, "base")
 FACES = (*EDGES, "lower")
 """What light can enter the pad through: its edges and the face on the camera's side."""
@@ -149,22 +150,29 @@ class PlacedLamp:
 
 @dataclass(frozen=True)
 class Box:
-    """The flat silicone: a clear pad with a diffuser ``rim`` mm thick on `RIM_EDGES`; mm."""
+    """The flat silicone: a clear pad with ``rims`` of diffuser, one thickness for each edge; mm."""
 
     width: float
     length: float
     thickness: float
-    rim: float
+    rims: tuple[float, ...]
+
+    @property
+    def layered(self) -> NDArray[np.bool_]:
+        """Which of `FACES` have a diffuser, ``(5,)``."""
+        return np.array([*self.rims, 0.0]) > 0.0
 
     @property
     def low(self) -> Array:
         """Corner ``(3,)`` of least coordinates."""
-        return np.array([-self.width / 2 - self.rim, -self.length / 2, 0.0])
+        return np.array([-self.width / 2 - self.rims[0], -self.length / 2 - self.rims[3], 0.0])
 
     @property
     def high(self) -> Array:
         """Corner ``(3,)`` of greatest coordinates."""
-        return np.array([self.width / 2 + self.rim, self.length / 2 + self.rim, self.thickness])
+        return np.array(
+            [self.width / 2 + self.rims[2], self.length / 2 + self.rims[1], self.thickness]
+        )
 
     def distance(self, position: Array) -> Array:
         """Return how far ``position`` lies outside of each of `FACES`, ``(5,)`` mm."""
@@ -222,7 +230,7 @@ def _row_lamps(box: Box, row: Row, key: str) -> Iterator[PlacedLamp]:
         turns=row.turns,
     )
     gap = row.gap if row.turns else max(row.gap, turned.recess + AIR_FILM)
-    offset = depth + ((box.rim if row.edge in RIM_EDGES else 0.0) + gap)
+    offset = depth + (box.rims[number] + gap)
     for place in places:
         plane = place * way + offset * outward[:2]
         position = np.array([plane[0] + 0.0, plane[1] + 0.0, row.height])

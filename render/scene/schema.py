@@ -42,7 +42,9 @@ from render.scene.free_ranges import FreeRanges
 from render.scene.lamps import (
     EDGES,
     FACES,
+    RIM_EDGES,
     Box,
+    Edge,
     Fibers,
     ListedLamp,
     PlacedLamp,
@@ -83,12 +85,30 @@ class Pad(Part):
 
 
 class Diffuser(Part):
-    """The scattering layer on the lit edges, index-matched to the pad (Henyey-Greenstein)."""
+    """The scattering layer on edges of the pad, index-matched to it (Henyey-Greenstein).
 
+    It lies ``on`` the edges that are named, and on left, tip and right where none is. Where two
+    edges that have it meet, it goes round the corner.
+    """
+
+    on: Annotated[tuple[Edge, ...], Field(strict=False, min_length=1)] | None = since_schema_2()
     thickness: Millimeters
     sigma_s: Annotated[float, Quantity("1/mm", 0.0, 50.0)]
     sigma_a: Annotated[float, Quantity("1/mm", 0.0, 10.0)]
     g: Annotated[float, Quantity("", -0.99, 0.99)]
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges that it lies on, in the order of `EDGES`."""
+        return RIM_EDGES if self.on is None else tuple(edge for edge in EDGES if edge in self.on)
+
+    def problems(self) -> Iterator[str]:
+        """Yield what is wrong with it, one sentence each."""
+        named = self.on or ()
+        for edge in EDGES:
+            if named.count(edge) > 1:
+                shown = ", ".join(named)
+                yield f"diffuser.on = {shown} names {edge} twice, allowed: each edge once"
 
     @property
     def free_values(self) -> dict[str, float]:
@@ -231,7 +251,9 @@ class Scene(Part):
             if self.constraints and any(one.color == OFF for one in self.constraints.fixed):
                 problems.append(f"constraints.fixed: color = {OFF} needs schema = 2")
         problems += self.camera.problems()
-        problems += face_problems(self.faces or (), self.diffuser is not None)
+        if self.diffuser is not None:
+            problems += self.diffuser.problems()
+        problems += face_problems(self.faces or (), self.diffuser_edges)
         problems += self._lamp_problems()
         angles = self.bending.angles
         if any(b <= a for a, b in itertools.pairwise(angles)):
@@ -355,8 +377,14 @@ class Scene(Part):
     @property
     def box(self) -> Box:
         """The outline of the flat silicone."""
-        rim = self.diffuser.thickness if self.diffuser else 0.0
-        return Box(self.pad.width, self.pad.length, self.pad.thickness, rim)
+        thick = self.diffuser.thickness if self.diffuser else 0.0
+        rims = tuple(thick if edge in self.diffuser_edges else 0.0 for edge in EDGES)
+        return Box(self.pad.width, self.pad.length, self.pad.thickness, rims)
+
+    @property
+    def diffuser_edges(self) -> tuple[Edge, ...]:
+        """The edges that a diffuser lies on."""
+        return self.diffuser.edges if self.diffuser else ()
 
     @property
     def finishes(self) -> tuple[Finish, ...]:
@@ -403,6 +431,10 @@ class Scene(Part):
         lightless = {"name", "constraints", "tolerances", "free"}
         content = self.model_dump(mode="json", exclude=lightless, exclude_none=True)
         content |= {"schema_version": 1, "diffuser": content.get("diffuser")}
+        if self.diffuser is not None:
+            content["diffuser"].pop("on", None)
+            if self.diffuser_edges != RIM_EDGES:
+                content["diffuser"]["on"] = self.diffuser_edges
         for color in content.get("colors", ()):
             color.pop("ink", None)
         # However the file groups them, and only those that are not like the rest of the pad.

@@ -57,7 +57,7 @@ class AnalogCells(NamedTuple):
 def analog_pad(scene: Scene, *, indented: bool) -> Pad:
     """Return the flat pad of ``scene``, pressed by the pyramids at all sites or untouched."""
     pad, layer, probe = scene.pad, scene.diffuser, scene.indenter
-    margin = layer.thickness if layer else 0.0
+    margin = {edge: rim_on(scene, edge) for edge in SIDES}
     half_width, half_length = pad.width / 2, pad.length / 2
     columns, rows = int(np.ceil(pad.width / PITCH)), int(np.ceil(pad.length / PITCH))
     apex = np.zeros((0, 3))
@@ -74,8 +74,8 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         axis=-1,
     )
     return Pad(
-        low=np.array([-half_width - margin, -half_length, 0.0]),
-        high=np.array([half_width + margin, half_length + margin, pad.thickness]),
+        low=np.array([-half_width - margin["left"], -half_length - margin["base"], 0.0]),
+        high=np.array([half_width + margin["right"], half_length + margin["tip"], pad.thickness]),
         half_width=half_width,
         half_length=half_length,
         index=pad.index,
@@ -95,6 +95,13 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         columns=columns,
         rows=rows,
     )
+
+
+def rim_on(scene: Scene, edge: str) -> float:
+    """Return how thick the diffuser is on an edge, mm: on left, tip and right if it names none."""
+    layer = scene.diffuser
+    milky = layer and edge in (layer.on or ("left", "tip", "right"))
+    return layer.thickness if layer and milky else 0.0
 
 
 def face_roughness(scene: Scene) -> Floats:
@@ -131,8 +138,10 @@ def analog_lamp(scene: Scene, fiber: int, phi: float) -> Lamp:
     fibers = scene.fibers
     if fibers is None:
         return schema_2_lamp(scene, fiber, phi)
-    beyond = fibers.gap + (scene.diffuser.thickness if scene.diffuser else 0.0)
     x, y = scene.pad.width / 2, scene.pad.length / 2
+    edge = "left" if fiber < fibers.left else "tip"
+    edge = edge if fiber < fibers.left + fibers.tip else "right"
+    beyond = fibers.gap + rim_on(scene, edge)
     if fiber < fibers.left:
         at = -y + 2 * y * (fiber + 0.5) / fibers.left
         center, along, inward = (-x - beyond, at), (0.0, 1.0), (1.0, 0.0)
@@ -158,7 +167,6 @@ def frame_about(beam: Floats) -> Floats:
 def schema_2_lamp(scene: Scene, number: int, phi: float) -> Lamp:
     """Return lamp ``number`` of rows and lists; rows are one to an edge here, in their order."""
     x, y = scene.pad.width / 2, scene.pad.length / 2
-    margin = scene.diffuser.thickness if scene.diffuser else 0.0
     for row in scene.rows or ():
         size = len(row.at) if row.at is not None else row.count or 0
         if number >= size:
@@ -168,7 +176,7 @@ def schema_2_lamp(scene: Scene, number: int, phi: float) -> Lamp:
         places = row.at or tuple(half * (2 * i + 1 - size) / size for i in range(size))
         place = sorted(places)[number if row.edge in ("left", "tip") else size - 1 - number]
         gap = row.gap if row.turns else max(row.gap, FILM)
-        beyond = gap + (margin if row.edge != "base" else 0.0)
+        beyond = gap + rim_on(scene, row.edge)
         center = {
             "left": (-x - beyond, place), "tip": (place, y + beyond),
             "right": (x + beyond, place), "base": (place, -y - beyond),

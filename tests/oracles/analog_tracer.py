@@ -49,7 +49,7 @@ class Pad(NamedTuple):
 
     Arguments:
         low, high: ``(3,)`` corners of the box, rim included.
-        half_width, half_length: of the clear pad: the rim is what lies beyond, but for the base.
+        half_width, half_length: of the clear pad: the rim is what lies beyond.
         index: of the silicone; 1 is no face at all.
         alpha: ``(6,)`` Beckmann roughness of the faces to the air, in the order of where power
             ends (left, right, base, tip, lower, upper); 0 is smooth.
@@ -315,7 +315,7 @@ def enter_pad(state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, ends: F
     for k in range(3):
         p[k] += near * d[k]
     p[axis] = pad.low[axis] if d[axis] > 0.0 else pad.high[axis]
-    if axis == 2 and d[2] < 0.0 and abs(p[0]) < pad.half_width and p[1] < pad.half_length:
+    if axis == 2 and d[2] < 0.0 and abs(p[0]) < pad.half_width and abs(p[1]) < pad.half_length:
         ends[BACK] += 1.0
         return 0.0
     face = 2 * axis + (0 if d[axis] > 0.0 else 1)
@@ -353,13 +353,16 @@ def arrive(
         # -------------------------- The border of the rim -----------------------------
         border = False
         if extinction > 0.0:
-            for k, plane in ((0, pad.half_width), (0, -pad.half_width), (1, pad.half_length)):
+            for k, plane in (
+                (0, pad.half_width), (0, -pad.half_width), (1, pad.half_length),
+                (1, -pad.half_length),
+            ):  # fmt: skip
                 if d[k] != 0.0:
                     t = (plane - p[k]) / d[k]
                     if AHEAD < t < way:
                         way, border = t, True
             x, y = p[0] + 0.5 * way * d[0], p[1] + 0.5 * way * d[1]
-            if abs(x) > pad.half_width or y > pad.half_length:
+            if abs(x) > pad.half_width or abs(y) > pad.half_length:
                 free = -math.log(1.0 - uniform(state)) / extinction
                 if free < way:
                     for k in range(3):
@@ -381,7 +384,7 @@ def arrive(
             axis == 2
             and d[2] > 0.0
             and abs(p[0]) <= pad.half_width
-            and p[1] <= pad.half_length
+            and abs(p[1]) <= pad.half_length + 1e-9
         ):  # fmt: skip
             return weight, -1, -1
         face = 2 * axis + (1 if d[axis] > 0.0 else 0)

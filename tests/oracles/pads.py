@@ -49,6 +49,11 @@ def painted(kind: str, *faces: str, reflectance: float = 0.0) -> dict[str, Any]:
     return {"on": list(faces), kind: True if kind == "black" else (reflectance,)}
 
 
+def rim_on(*edges: str, **changes: Any) -> dict[str, Any]:
+    """Return a diffuser on some edges alone."""
+    return RIM | {"on": list(edges)} | changes
+
+
 def listed(x: float, y: float, z: float, *beam: float) -> dict[str, Any]:
     """Return a lamp 1.5 mm wide; a fourth number of its ``beam`` is the power of its cosine."""
     profile = {"cosine_exponent": (beam[3],)} if len(beam) > 3 else LAMBERTIAN
@@ -171,6 +176,29 @@ CASES: dict[str, dict[str, Any]] = {
         "diffuser": RIM, "pad.roughness": (0.1,),
         "faces": [painted("white", "base", reflectance=0.9)],
     },
+    "rim on left rough 0.1": {"diffuser": rim_on("left"), "pad.roughness": (0.1,)},
+    "rim on left": {"diffuser": rim_on("left")},
+    "rim on left and right rough 0.1": {
+        "diffuser": rim_on("left", "right"), "pad.roughness": (0.1,),
+        "rows": [row("left", 1), row("tip", 2), row("base", 1)],
+    },
+    "rim on tip and base, painted": {
+        "diffuser": rim_on("tip", "base"), "pad.roughness": (0.1,),
+        "rows": [row("left", 1), row("tip", 1), row("base", 1)],
+        "faces": [painted("mirror", "right", reflectance=0.9)],
+    },
+    "rim all round rough 0.1": {
+        "diffuser": rim_on("left", "tip", "right", "base"), "pad.roughness": (0.1,),
+        "rows": [row("left", 1), row("base", 2)],
+    },
+    "thin rim on left rough 0.1": {
+        "diffuser": rim_on("left", sigma_s=(0.5, "1/mm")), "pad.roughness": (0.1,),
+    },
+    "rim on left and tip bent 45": {
+        "diffuser": rim_on("left", "tip"), "pad.roughness": (0.1,),
+        "rows": [row("left", 1), row("tip", 1), row("right", 1)],
+        "bending.angles": ([45.0], DEG),
+    },
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
 
@@ -225,7 +253,7 @@ def content_of_case(case: str) -> dict[str, Any]:
         content["baseline"] = {entry["edge"]: "red" for entry in changes.get("rows", ())}
         if "lamps" in changes:
             content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
-    newer = {"rows", "lamps", "faces"} & set(changes)
+    newer = {"rows", "lamps", "faces"} & set(changes) or "on" in changes.get("diffuser", {})
     schema = {"schema": 2 if newer else 1, "name": "case"}
     return schema | dict(_in_file_form(content))
 

@@ -54,10 +54,11 @@ class SensorView {
   }
 
   frame() {
-    const { pad, sites } = this.page, rim = pad.rim;
-    if (rim) element("path", { class: "rim", d:
-      `M${-pad.width / 2 - rim} ${pad.length / 2}V${-pad.length / 2 - rim}H${pad.width / 2 + rim}V${pad.length / 2}`
-      + `H${pad.width / 2}V${-pad.length / 2}H${-pad.width / 2}V${pad.length / 2}Z` }, this.svg);
+    const { pad, sites } = this.page, [left, tip, right, base] = pad.rims;
+    const box = (x, y, width, height) => `M${x} ${y}h${width}v${height}h${-width}Z`;
+    if (left + tip + right + base) element("path", { class: "rim", "fill-rule": "evenodd", d:
+      box(-pad.width / 2 - left, -pad.length / 2 - tip, left + pad.width + right, tip + pad.length + base)
+      + box(-pad.width / 2, -pad.length / 2, pad.width, pad.length) }, this.svg);
     element("rect", { class: "pad", x: -pad.width / 2, y: -pad.length / 2, width: pad.width,
       height: pad.length }, this.svg);
     for (const [x, y] of sites) element("circle", { class: "site", cx: x, cy: -y, r: 0.16 }, this.svg);

@@ -17,6 +17,7 @@ from render.preview.converged.walks import (
     OUTER_LEFT,
     OUTER_RIGHT,
     RIGHT,
+    START,
     TIP,
     Block,
     FaceGrid,
@@ -25,7 +26,7 @@ from render.preview.diffuser.cache import slab_of
 from render.preview.diffuser.response import OPAQUE_THICKNESS
 from render.scene import Scene
 
-FACES = ((LEFT, OUTER_LEFT), (TIP, END), (RIGHT, OUTER_RIGHT), (BASE,), (LOWER,))
+FACES = ((LEFT, OUTER_LEFT), (TIP, END), (RIGHT, OUTER_RIGHT), (BASE, START), (LOWER,))
 """Numbers in the walks of the faces that a scene names; an edge has two, with and without layer."""
 CELL_SIDE = 0.25
 """Side of a cell on the inner faces, in thicknesses of the pad; light is linear within it."""
@@ -50,7 +51,7 @@ def directions_to_block(directions: Array) -> Array:
 def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
     """Return the block at ``bend`` rad, pressed by the pyramids at all sites or untouched."""
     pad, layer, kappa = scene.pad, scene.diffuser, curvature(scene, bend)
-    half_length, rim = pad.length / 2, layer.thickness if layer else 0.0
+    half_length, rims = pad.length / 2, np.array(scene.box.rims)
     alpha, paint = np.full(NONE + 1, pad.roughness), np.full((NONE + 1, 2), -1.0)
     for faces, finish in zip(FACES, scene.finishes, strict=True):
         for face in faces:
@@ -72,10 +73,11 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         kappa=kappa,
         level=pad.thickness * (1.0 + 0.5 * kappa * pad.thickness),
         half_width=pad.width / 2,
-        rim=rim,
+        rims=rims,
         base=plane(-half_length),
         tip=plane(half_length),
-        end=plane(half_length + rim),
+        start=plane(-half_length - rims[BASE]),
+        end=plane(half_length + rims[TIP]),
         index=pad.index,
         alpha=alpha,
         paint=paint,
@@ -117,11 +119,12 @@ def patch_area(scene: Scene) -> float:
 
 
 def face_grid(scene: Scene, degree: int = DEGREE) -> FaceGrid:
-    """Return the cells on the inner faces: left, tip, right."""
+    """Return the cells on the inner faces of the layer."""
     pad = scene.pad
-    sides = np.array([pad.length, pad.width, pad.length])
+    sides = np.array([pad.length, pad.width, pad.length, pad.width])
     columns = np.ceil(sides / (CELL_SIDE * pad.thickness)).astype(np.int64)
     columns = np.clip(columns, 4, MAX_COLUMNS)
+    columns[np.array(scene.box.rims) == 0.0] = 0
     return FaceGrid(
         first=np.concatenate([[0], np.cumsum(columns)])[:-1],
         columns=columns,
@@ -162,7 +165,7 @@ def orthonormal_terms(grid: FaceGrid) -> Array:
     place = np.array([1.0, np.sqrt(3.0), np.sqrt(3.0), 3.0])
     one = np.einsum("st,ab->satb", angular, np.diag(place))
     one = one.reshape(2 * (len(place) * len(angular),))
-    side = np.repeat(2 * grid.half / grid.columns, grid.columns * grid.rows)
+    side = np.repeat(2 * grid.half / np.maximum(grid.columns, 1), grid.columns * grid.rows)
     area = side * grid.thickness / grid.rows
     return np.asarray(one / np.sqrt(area)[:, None, None])
 

@@ -33,7 +33,7 @@ FACET_KEY, SITE_KEY, PATCH_KEY = 2 << 40, 3 << 40, 4 << 40
 """Families of the streams of facets, untouched spots and patches."""
 
 
-NO_GRID = FaceGrid(np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3), 0, 0.0, 0)
+NO_GRID = FaceGrid(np.zeros(4, np.int64), np.zeros(4, np.int64), np.zeros(4), 0, 0.0, 0)
 """The grid of a pad whose exit field nobody needs."""
 
 

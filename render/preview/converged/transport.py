@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import counted_sites, flat_fiber_poses
+from render.preview.beams import shines_past_layers
 from render.preview.converged.arrivals import (
     PHOTONS_AT_A_TIME,
     Arrivals,
@@ -79,7 +80,7 @@ def spreads(scene: Scene) -> NDArray[np.bool_]:
 
 def flies(scene: Scene) -> NDArray[np.bool_]:
     """Return ``(lamp,)`` whether some of a lamp's light is too narrow for the exit field."""
-    return ~spreads(scene) | (wide_from(scene) > 0)
+    return ~spreads(scene) | (wide_from(scene) > 0) | shines_past_layers(scene)
 
 
 def task_count(scene: Scene, effort: Effort) -> int:

@@ -24,8 +24,11 @@ from render.compiled import compiled
 
 State = NDArray[np.uint64]
 
-LEFT, TIP, RIGHT, COATING, FACET, LOWER, UPPER, BASE, END, OUTER_LEFT, OUTER_RIGHT, NONE = range(12)
-"""Faces; the first three are the inner faces of the layer, through which light passes straight."""
+LEFT, TIP, RIGHT, BASE, COATING, FACET, LOWER, UPPER, START, END, OUTER_LEFT, OUTER_RIGHT, NONE = (
+    range(13)
+)
+"""Faces; the first four are the edges of the clear pad. Where a layer lies on one light passes
+straight, and meets an outer one behind it."""
 MAX_EVENTS = 100_000
 """Events after which a path counts as lost: only light that circles without loss gets there."""
 BLOCK_TOLERANCE = 1e-7
@@ -38,12 +41,14 @@ class Block(NamedTuple):
     Arguments:
         kappa: curvature of the coating.
         level: of the lower face.
-        half_width: of the clear pad; ``rim`` the thickness of the layer.
-        base, tip, end: planes ``(cos, sin, offset)`` through the bend's axis: the pad's base, its
-            tip, and the outer face of the layer there. ``cos v - sin w - offset`` grows to the tip.
+        half_width: of the clear pad; ``rims`` ``(4,)`` the thickness of the layer on left, tip,
+            right and base, 0 without one.
+        base, tip, start, end: planes ``(cos, sin, offset)`` through the bend's axis: the pad's base
+            and tip, and the outer faces of the layer there. ``cos v - sin w - offset`` grows to the
+            tip.
         index: of refraction, of the silicone.
         alpha: ``(face,)`` Beckmann roughness of the faces to the air, by their number here; of the
-            layer's inner faces where there is no layer (``rim`` 0), and they lie in the air.
+            layer's inner faces where there is no layer, and they lie in the air.
         paint: ``(face, 2)`` reflectance of what is painted, -1 where there is air; and 1 where it
             is a mirror, 0 where it is Lambertian.
         sigma_s, sigma_a, g: of the layer.
@@ -58,9 +63,10 @@ class Block(NamedTuple):
     kappa: float
     level: float
     half_width: float
-    rim: float
+    rims: Array
     base: Array
     tip: Array
+    start: Array
     end: Array
     index: float  # type: ignore[assignment]  # of refraction, not tuple.index
     alpha: Array
@@ -84,9 +90,9 @@ class FaceGrid(NamedTuple):
     edge, b to the coating, c into the pad): ``4 (degree + 1)^2`` terms, not yet orthonormal.
 
     Arguments:
-        first: ``(3,)`` number of each edge's first column of cells.
-        columns: ``(3,)`` how many there are along each edge.
-        half: ``(3,)`` half the length of each edge.
+        first: ``(4,)`` number of each edge's first column of cells.
+        columns: ``(4,)`` how many there are along each edge; 0 where no layer lies on it.
+        half: ``(4,)`` half the length of each edge.
         rows: cells above each other.
         thickness: of the pad.
         degree: in the direction.
@@ -321,7 +327,7 @@ def face_normal(block: Block, face: int, p: Array, n: Array) -> None:
     if face in (LOWER, UPPER):
         n[1], n[2] = block.kappa * p[1], block.kappa * p[2] + 1.0
         n *= (1.0 if face == LOWER else -1.0) / math.sqrt(n[1] * n[1] + n[2] * n[2])
-    elif face == BASE:
+    elif face in (START, BASE):
         n[1], n[2] = -block.base[0], block.base[1]
     elif face in (END, TIP):
         n[1], n[2] = block.end[0], -block.end[1]
@@ -383,31 +389,35 @@ def cross_layer(block: Block, p: Array, d: Array) -> tuple[float, int]:
     """Return the way to the next face of the layer and the face."""
     up, down = level_ways(block, p, d)
     way, face = (up, UPPER) if up <= down else (down, LOWER)
-    outer = block.half_width + block.rim
     if d[0] > 0.0:
-        to = (outer - p[0]) / d[0]
+        to = (block.half_width + block.rims[RIGHT] - p[0]) / d[0]
         if to < way:
             way, face = to, OUTER_RIGHT
     elif d[0] < 0.0:
-        to = (-outer - p[0]) / d[0]
+        to = (-block.half_width - block.rims[LEFT] - p[0]) / d[0]
         if to < way:
             way, face = to, OUTER_LEFT
-    to = way_to(block.base, p, d, -1.0)
+    to = way_to(block.start, p, d, -1.0)
     if to < way:
-        way, face = to, BASE
+        way, face = to, START
     to = way_to(block.end, p, d, 1.0)
     if to < way:
         way, face = to, END
-    past = beyond(block.tip, p)
+    past, short = beyond(block.tip, p), -beyond(block.base, p)
     towards = block.tip[0] * d[1] - block.tip[1] * d[2]
+    back = block.base[1] * d[2] - block.base[0] * d[1]
     if abs(p[0]) >= block.half_width and d[0] * p[0] < 0.0:
         to = (abs(p[0]) - block.half_width) / abs(d[0])
-        if to < way and past + to * towards < 0.0:
+        if to < way and past + to * towards < 0.0 and short + to * back < 0.0:
             way, face = to, LEFT if d[0] > 0.0 else RIGHT
     if past >= 0.0 and towards < 0.0:
         to = -past / towards
         if to < way and abs(p[0] + to * d[0]) < block.half_width:
             way, face = to, TIP
+    if short >= 0.0 and back < 0.0 and block.rims[BASE] > 0.0:
+        to = -short / back
+        if to < way and abs(p[0] + to * d[0]) < block.half_width:
+            way, face = to, BASE
     return max(way, 0.0), face
 
 
@@ -416,8 +426,9 @@ def within(block: Block, p: Array) -> bool:
     """Return whether the block holds a point, but for rounding."""
     level = level_of(block, p)
     return (
-        abs(p[0]) <= block.half_width + block.rim + BLOCK_TOLERANCE
-        and beyond(block.base, p) >= -BLOCK_TOLERANCE
+        p[0] <= block.half_width + block.rims[RIGHT] + BLOCK_TOLERANCE
+        and -p[0] <= block.half_width + block.rims[LEFT] + BLOCK_TOLERANCE
+        and beyond(block.start, p) >= -BLOCK_TOLERANCE
         and beyond(block.end, p) <= BLOCK_TOLERANCE
         and level >= -BLOCK_TOLERANCE
         and level <= block.level + BLOCK_TOLERANCE
@@ -427,13 +438,12 @@ def within(block: Block, p: Array) -> bool:
 @compiled
 def enter_block(block: Block, p: Array, d: Array) -> int:
     """Move a point in the air on to where its ray enters the block; return the face, or NONE."""
-    outer = block.half_width + block.rim
     best, found = math.inf, NONE
     q = np.empty(3)
     a = 0.5 * block.kappa * (d[1] * d[1] + d[2] * d[2])
     b = block.kappa * (p[1] * d[1] + p[2] * d[2]) + d[2]
     level = level_of(block, p)
-    for face in (LOWER, UPPER, BASE, END, OUTER_LEFT, OUTER_RIGHT):
+    for face in (LOWER, UPPER, START, END, OUTER_LEFT, OUTER_RIGHT):
         to = math.inf
         if face == LOWER:
             over = level - block.level
@@ -444,16 +454,16 @@ def enter_block(block: Block, p: Array, d: Array) -> int:
             root = math.sqrt(max(0.0, b * b - 4.0 * a * level))
             if level < 0.0 and b + root > 0.0:
                 to = -2.0 * level / (b + root)
-        elif face in (BASE, END):
-            plane = block.base if face == BASE else block.end
-            sign = 1.0 if face == BASE else -1.0
+        elif face in (START, END):
+            plane = block.start if face == START else block.end
+            sign = 1.0 if face == START else -1.0
             speed = sign * (plane[0] * d[1] - plane[1] * d[2])
             if speed > 0.0:
                 to = -sign * beyond(plane, p) / speed
         elif face == OUTER_LEFT and d[0] > 0.0:
-            to = (-outer - p[0]) / d[0]
+            to = (-block.half_width - block.rims[LEFT] - p[0]) / d[0]
         elif face == OUTER_RIGHT and d[0] < 0.0:
-            to = (outer - p[0]) / d[0]
+            to = (block.half_width + block.rims[RIGHT] - p[0]) / d[0]
         if 0.0 <= to < best:
             for k in range(3):
                 q[k] = p[k] + to * d[k]
@@ -468,9 +478,12 @@ def enter_block(block: Block, p: Array, d: Array) -> int:
 @compiled
 def in_layer(block: Block, p: Array) -> bool:
     """Return whether a point of the block lies in the diffusive layer."""
-    if block.rim == 0.0:
-        return False
-    return abs(p[0]) > block.half_width or beyond(block.tip, p) > 0.0
+    return (
+        (block.rims[LEFT] > 0.0 and -p[0] > block.half_width)
+        or (block.rims[RIGHT] > 0.0 and p[0] > block.half_width)
+        or (block.rims[TIP] > 0.0 and beyond(block.tip, p) > 0.0)
+        or (block.rims[BASE] > 0.0 and beyond(block.base, p) < 0.0)
+    )
 
 
 @compiled
@@ -524,8 +537,8 @@ def walk_layer(
                 ratio = (1.0 - g * g) / (1.0 - g + 2.0 * g * u)
                 cos = (1.0 + g * g - ratio * ratio) / (2.0 * g)
             turn(d, max(-1.0, min(1.0, cos)), 2.0 * math.pi * uniform(state))
-        elif face <= RIGHT:
-            if face != TIP:
+        elif face <= BASE:
+            if face in (LEFT, RIGHT):
                 p[0] = -block.half_width if face == LEFT else block.half_width
             return weight, face, scattered
         else:
@@ -557,8 +570,9 @@ def deposit(
     height = 1.0 - depth / grid.thickness
     along, into, s = tangent, abs(d[0]), (flat + block.patch[3]) / grid.half[face]
     scale = 1.0
-    if face == TIP:
-        along, into, s = sign * d[0], -tangent, p[0] / grid.half[face]
+    if face in (TIP, BASE):
+        along, s = sign * d[0], p[0] / grid.half[face]
+        into = -tangent if face == TIP else tangent
     else:
         # The face is wider below the coating: both factors of a product get half of it.
         scale = 1.0 / math.sqrt(1.0 + block.kappa * depth)
@@ -726,7 +740,7 @@ def trace_arrivals(
                 for node in range(weights.shape[1]):
                     patches[patch, node] += weight * weights[ray, node]
                 break
-            if face <= RIGHT and block.rim > 0.0:
+            if face <= BASE and block.rims[face] > 0.0:
                 left, face, _ = walk_layer(state, block, p, d, n, m)
                 weight *= left
             else:
@@ -789,7 +803,7 @@ def gather(
             if face in (COATING, FACET):
                 patches[patch_of(block, p)] += weight
                 break
-            if face <= RIGHT and block.rim > 0.0:
+            if face <= BASE and block.rims[face] > 0.0:
                 if len(out):
                     one[0] = weight
                     deposit(block, grid, face, p, d, -1.0, one, powers, out)

@@ -3,8 +3,8 @@
 
 // (light, list): x, y, z in flat pad coordinates (mm); mark: the number of its face (left, tip,
 // right, base, lower), and for a beam + 8 + 16 (m + 8) + 256 (n + 8) with the numbers of its
-// reflections at walls along x and y, for a glow + 128 (i + 1) when it is the image of light i in
-// the pad's base; -1 behind the last light of a list.
+// reflections at walls along x and y, for a glow these too and + 4096 (i + 1) when it is the image
+// of light i in such walls; -1 behind the last light of a list.
 uniform sampler2D lights;
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
@@ -44,7 +44,7 @@ float edges_reflect(int edge, int count, float cosine) {
 #ifdef BEAM
 
 uniform float inverse_width;      // 1 / (2 sigma_v), rad^-1
-uniform float optical_thickness;  // of the diffuser, 0 without one
+uniform float optical_thickness[5];  // of the diffuser on each face, 0 without one
 uniform vec3 box_low, box_high;   // of the silicone, diffuser included
 uniform vec2 clear_half;          // half the clear pad
 
@@ -122,7 +122,7 @@ float beam_intensity(vec4 emission, vec4 own, vec3 d, int face) {
     float theta = atan(length(cross(air, emission.xyz)), cosine);
     float solid_angle = refractive_index * refractive_index * d.y / air.y;
     float passed = 1.0 - reflectance(d.y);
-    if (face < 3) passed *= exp(-optical_thickness / d.y);
+    if (optical_thickness[face] > 0.0) passed *= exp(-optical_thickness[face] / d.y);
     return emission.w * profile_shape(theta, cosine, own) * passed * solid_angle;
 }
 
@@ -197,19 +197,20 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec4 light = texelFetch(lights, ivec2(i, first), 0);
         if (light.w < 0.0) break;
         int mark = int(light.w), face = mark & 7;
-        bool beam = (mark & 8) != 0, in_base = !beam && mark >= 128;
-        int sender = in_base ? mark / 128 - 1 : i;
+        bool beam = (mark & 8) != 0, image = !beam && mark >= 4096;
+        int sender = image ? mark / 4096 - 1 : i;
+        ivec2 turns = beam || image ? (ivec2(mark >> 4, mark >> 8) & 15) - 8 : ivec2(0);
+        vec2 flip = vec2(1 - 2 * (turns & 1));
         vec3 target = position, straight = light.xyz, folded = light.xyz;
         vec2 factor = vec2(1.0);
 #ifdef BEAM
-        // Seen in walls, the target is mirrored instead of the lamp.
-        ivec2 turns = beam ? (ivec2(mark >> 4, mark >> 8) & 15) - 8 : ivec2(0);
-        vec2 flip = vec2(1 - 2 * (turns & 1)), middle = 0.5 * (box_low + box_high).xy;
-        target.xy = middle + flip * (target.xy - middle) + vec2(turns) * (box_high - box_low).xy;
 #ifdef GLOW
         if (beam)
 #endif
         {
+            // Seen in walls, the target is mirrored instead of the lamp.
+            vec2 middle = 0.5 * (box_low + box_high).xy, step = (box_high - box_low).xy;
+            target.xy = middle + flip * (target.xy - middle) + vec2(turns) * step;
             straight = seen_through(light.xyz, target, face, factor.x);
             vec3 below = vec3(target.xy, -target.z);
             if (face == 4) factor.y = 0.0;
@@ -222,24 +223,23 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         Path direct = direct_path(straight, target, half_turn(straight, target));
         Path mirrored = mirrored_path(folded, target, half_turn(folded, target));
         vec2 spread = factor * vec2(direct.spread, mirrored.spread);
-        if (in_base) {
-            spread *= vec2(edges_reflect(3, 1, abs(direct.depart.y)),
-                           edges_reflect(3, 1, abs(mirrored.depart.y)));
-            direct.depart.y = -direct.depart.y;
-            mirrored.depart.y = -mirrored.depart.y;
-        }
-#ifdef BEAM
         for (int axis = 0; axis < 2; ++axis) {
             int count = abs(turns[axis]);
             if (count == 0) continue;
             // Towards +x and +y it is the right and the tip edge that the image lies beyond.
             int edge = turns[axis] > 0 ? 2 - axis : 3 * axis;
-            spread *= vec2(edges_reflect(edge, count, abs(direct.arrive[axis])),
-                           edges_reflect(edge, count, abs(mirrored.arrive[axis])));
+            vec2 cosine = image ? vec2(direct.depart[axis], mirrored.depart[axis])
+                                : vec2(direct.arrive[axis], mirrored.arrive[axis]);
+            spread *= vec2(edges_reflect(edge, count, abs(cosine.x)),
+                           edges_reflect(edge, count, abs(cosine.y)));
         }
-        direct.arrive.xy *= flip;
-        mirrored.arrive.xy *= flip;
-#endif
+        if (image) {
+            direct.depart.xy *= flip;
+            mirrored.depart.xy *= flip;
+        } else {
+            direct.arrive.xy *= flip;
+            mirrored.arrive.xy *= flip;
+        }
         vec3 d = to_face(direct.depart, face), m = to_face(mirrored.depart, face);
         vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
         vec2 here = spread * max(cosine, 0.0);

@@ -48,8 +48,8 @@ def test_its_volume_is_that_of_the_walls_less_the_holes() -> None:
     mesh = printed(FINGER20, Design(phi, design.power))
     low, high = mesh.bounds
     x, y, wall = (
-        9.0 + (FINGER20.box.rim + FINGER20.fibers.gap),
-        15.0 + (FINGER20.box.rim + FINGER20.fibers.gap),
+        9.0 + (FINGER20.box.rims[0] + FINGER20.fibers.gap),
+        15.0 + (FINGER20.box.rims[1] + FINGER20.fibers.gap),
         3.0,
     )
     area = 2 * wall * (y + wall - low[1]) + 2 * x * wall
@@ -70,6 +70,25 @@ def test_the_rims_of_the_holes_lie_around_the_fibers() -> None:
     apart = np.linalg.norm(away - (away * beams).sum(-1, keepdims=True) * beams, axis=-1)
     on_rim = np.abs(apart - 0.425) < 1e-4
     assert (on_rim.sum(axis=0) >= 2 * 48).all()  # of the inner and the outer face
+
+
+def test_walls_stand_nearer_where_no_diffuser_lies() -> None:
+    layer = FINGER20.diffuser
+    assert layer is not None
+    scene = FINGER20.model_copy(update={"diffuser": layer.model_copy(update={"on": ("left",)})})
+    mesh, gap, wall = printed(scene, baseline_design(scene)), FINGER20.fibers.gap, 3.0
+    low, high = mesh.bounds
+    assert mesh.is_watertight
+    assert (low[0], high[0], high[1]) == pytest.approx(
+        (-9.0 - layer.thickness - gap - wall, 9.0 + gap + wall, 15.0 + gap + wall)
+    )
+    # The corner of the tip and the left wall is farther from the tip's first fiber than the other.
+    holder = FiberHolder.of(scene)
+    borders = zip(holder.first, holder.last, holder.corner, strict=True)
+    at_tip = {(first, last): corner for first, last, corner in borders}
+    assert at_tip[-1, 8] == pytest.approx(-9.0 - layer.thickness - gap)
+    assert at_tip[11, -1] == pytest.approx(9.0 + gap)
+    assert at_tip[7, -1] == pytest.approx(15.0 + gap)
 
 
 def test_edges_without_fibers_are_plain_walls() -> None:

@@ -14,12 +14,23 @@ from render.scene import OUTWARD, Scene, load_scene
 
 SCENE = load_scene("finger20")
 BARE = SCENE.model_copy(update={"diffuser": None})
+SIDES = {
+    " ".join(edges): SCENE.model_copy(
+        update={"diffuser": SCENE.diffuser.model_copy(update={"on": edges})}
+    )
+    for edges in (("left",), ("tip", "base"), ("left", "tip", "right", "base"))
+    if SCENE.diffuser
+}
 BENDS = np.radians([0.0, 45.0, 90.0, 180.0])
 CASES = [
     pytest.param(scene, bend, indented, id=f"{name}-{np.degrees(bend):.0f}deg-{indented}")
     for (name, scene), bend, indented in itertools.product(
         [("diffuser", SCENE), ("bare", BARE)], [*BENDS, 1e-6], [True, False]
     )
+] + [
+    pytest.param(scene, bend, indented, id=f"{name}-{np.degrees(bend):.0f}deg-{indented}")
+    for name, scene in SIDES.items()
+    for bend, indented in ((0.0, True), (BENDS[2], False))
 ]
 
 

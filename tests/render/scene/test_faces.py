@@ -106,7 +106,7 @@ def test_paint_where_none_can_be_is_refused_with_what_can(tmp_path: Path) -> Non
         '["lower"]', PAINT["mirror"]
     )
     milky = refused('["tip"]', PAINT["white"])
-    assert "faces.0.on = tip: a diffuser lies on that edge, allowed with one: paint on the" in milky
+    assert "faces.0.on = tip: a diffuser lies on that edge, allowed: paint on base" in milky
 
 
 def test_a_lamp_before_paint_is_refused_with_the_faces_that_are_clear(tmp_path: Path) -> None:
