@@ -13,12 +13,12 @@ from typer import BadParameter, Option
 
 from optimize.cli.options import Bend, DesignOption, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, reserved_stdout
-from render.errors import GraphicsError, RenderError, TableError
+from render.errors import GraphicsError, TableError
 
 if TYPE_CHECKING:
     from optimize.design import Design
     from render.arrays import Array
-    from render.geometry import Imprint
+    from render.geometry import HeightMap, Imprint
     from render.scene import Scene
 
 SAMPLES = 256
@@ -27,9 +27,10 @@ once it is smoothed."""
 SHRINK = 3
 """How many times fewer columns and rows than the camera's a picture at level 2 has by default."""
 SIZES = 16, 4096
+MAX_SMOOTHING = 3.0
+"""Longest length over which skin can be told to round what is sharp, mm."""
 PICTURES, DATA = (".png", ".jpg", ".jpeg"), (".npz", ".exr")
 """Files for eyes, and files of linear radiance without smoothing and exposure."""
-PRESSED = ("none", "pyramids", "ball", "bolt")
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
@@ -57,8 +58,21 @@ def run(
         Literal["preview", "reference"], Option(help="Which renderer draws.")
     ] = "preview",
     press: Annotated[
-        str, Option(help="What is pressed in: none, pyramids, ball, bolt, or an STL file in mm.")
+        str,
+        Option(help="What is pressed in: none, pyramids, ball, bolt, edge, or an STL file in mm."),
     ] = "pyramids",
+    depth: Annotated[
+        float | None,
+        Option(min=0.01, help="How deep ball, bolt, edge or file are pressed in, mm (default: 1)."),
+    ] = None,
+    smooth: Annotated[
+        float | None,
+        Option(
+            min=0.0,
+            max=MAX_SMOOTHING,
+            help="Over how many mm skin rounds what is sharp (default: 0.3 for files, else 0).",
+        ),
+    ] = None,
     size: Annotated[str | None, Option(help="Width x height in pixels, such as 240x400.")] = None,
     mirror: Annotated[
         bool, Option("--mirror", help="The mirror image: the skin from outside, as in reports.")
@@ -84,6 +98,7 @@ def run(
 
     from optimize.design import baseline_design, load_design
     from optimize.ui.output import check_file, write_result
+    from render.geometry import probe
     from render.metric import THESIS
     from render.scene import load_scene
 
@@ -91,7 +106,7 @@ def run(
         scene = load_scene(scene_name)
         path = Path(f"{scene.name}-{level}-{bend:g}deg.png") if out is None else out
         check_file(path, PICTURES + DATA)
-        imprint = _imprint(scene, press)
+        imprint = probe(scene, press, depth, smooth)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         if level == "preview":
             columns, rows = wanted or (scene.camera.columns, scene.camera.rows)
@@ -159,22 +174,6 @@ def _exposure(scene: Scene, lit: Array) -> float:
     return THESIS.exposure_counts / bright if bright > 0 else 1.0
 
 
-def _imprint(scene: Scene, press: str) -> Imprint | None:
-    """Return what is pressed in; None for nothing and for the pyramids."""
-    from render.geometry import ball, body_of_file, bolt
-
-    if press in ("none", "pyramids"):
-        return None
-    if press in ("ball", "bolt"):
-        return ball(scene) if press == "ball" else bolt(scene)
-    if not Path(press).is_file():
-        raise RenderError(
-            f"--press {press!r} is no file, allowed: {', '.join(PRESSED)} or a mesh file",
-            field="press",
-        )
-    return body_of_file(scene, Path(press))
-
-
 def _preview(
     scene: Scene,
     design: Design,
@@ -182,7 +181,7 @@ def _preview(
     columns: int,
     rows: int,
     press: str,
-    imprint: Imprint | None,
+    imprint: Imprint | HeightMap | None,
 ) -> Array:
     from render.preview import Preview
 

@@ -26,6 +26,7 @@ from render.geometry import (
     flat_sites,
     half_view,
     pyramids,
+    straight_edge,
 )
 from render.geometry.holder import LEAST_SINE
 from render.scene import Scene
@@ -123,7 +124,8 @@ def large_pyramid(scene: Scene) -> Imprint:
 
 def _touches(scene: Scene) -> Iterator[dict[str, Any]]:
     """Yield what can be pressed in; a body that the pad is too small for is left out."""
-    for title, make in (("Bolt", bolt), ("Ball", ball), ("Pyramid", large_pyramid)):
+    bodies = ("Bolt", bolt), ("Ball", ball), ("Edge", straight_edge), ("Pyramid", large_pyramid)
+    for title, make in bodies:
         try:
             body = make(scene)
         except SceneError:

@@ -12,16 +12,18 @@ from render.geometry.camera_rays import (
     pixel_positions,
 )
 from render.geometry.chart import SkinChart
+from render.geometry.height_map import HeightMap
 from render.geometry.holder import ALONG, PLAY, FiberHolder
 from render.geometry.indenter import (
     SHADOW_LENGTH,
     BoltHead,
     Imprint,
     ball,
-    body_of_file,
     bolt,
     imprint_depth,
     pyramids,
+    smoothed_skin,
+    straight_edge,
 )
 from render.geometry.lamp_poses import (
     LOWER,
@@ -34,6 +36,7 @@ from render.geometry.lamp_poses import (
 )
 from render.geometry.layout import declared_sites, facet_normals, facets, pyramid
 from render.geometry.microfacets import Floats, fresnel, sample_rough_face
+from render.geometry.probes import PROBES, probe
 from render.geometry.refraction import aim_at, distance_to_coating, refract_into_pad
 from render.geometry.seen_sites import (
     RULE,

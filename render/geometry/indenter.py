@@ -1,4 +1,4 @@
-"""Convex bodies pressed into the pad: the pyramids of the metric; a bolt, a ball, a file for eyes.
+"""Convex bodies pressed into the pad: the pyramids of the metric; a bolt, ball or edge for eyes.
 
 A body is the intersection of half-spaces that the coating's plane cuts; its frame is that of the
 untouched pad at its center: across, towards the tip, towards the coating. It follows the bend.
@@ -7,27 +7,24 @@ untouched pad at its center: across, towards the tip, towards the coating. It fo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from render.arrays import Array
 from render.errors import SceneError
+from render.geometry.height_map import HeightMap, map_lines
 from render.geometry.layout import declared_sites, facet_normals, pyramid
 from render.scene import Scene
-
-if TYPE_CHECKING:
-    import trimesh
 
 SHADOW_LENGTH = 4.0
 """How far from its center a body's shadow is drawn, in units of its radius or its depth."""
 DRAPE = np.pi / 3
 """Slope of the skin around a body with steeper walls, rad; skin does not follow upright ones."""
-DRAPE_FACES, MAX_FACES, BALL_RINGS = 48, 48, 5
-"""Faces around the body of a file, and of its end, at most; rings of a ball's faces."""
-FILE_DEPTH = 1.0
-"""How far the body of a file is pressed in at most, mm."""
+BALL_RINGS = 5
+"""Rings of a ball's faces."""
+EDGE_SLOPE, EDGE_LENGTH = np.pi / 4, 8.0
+"""Slope of both faces of a straight edge, rad: a corner of 90 degrees; its length in mm, or half of
+the pad's width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +95,7 @@ def bolt(scene: Scene, head: BoltHead | None = None) -> Imprint:
     """
     head = head or BoltHead()
     reach = np.full(2, head.imprint_radius)
-    center = _place(scene, "a bolt", reach, head.depth, declared_sites(scene)[:, 1].min())
+    center = place_body(scene, "a bolt", reach, head.depth, declared_sites(scene)[:, 1].min())
     flats, down = head.radius * np.cos(np.pi / 6), np.array([0.0, 0.0, -head.depth])
     half = 0.5 * head.depth
     sides = _cone(6, np.pi / 6, flats + half / np.tan(head.drape), head.drape, -half)
@@ -122,7 +119,9 @@ def ball(scene: Scene, radius: float = 3.0, depth: float = 1.0) -> Imprint:
         SceneError: the pad is too small or too thin for it.
     """
     reach = np.sqrt(radius**2 - (radius - depth) ** 2)
-    center = _place(scene, "a ball", np.full(2, reach), depth, declared_sites(scene)[:, 1].mean())
+    center = place_body(
+        scene, "a ball", np.full(2, reach), depth, declared_sites(scene)[:, 1].mean()
+    )
     steepest = np.arccos(1.0 - depth / radius)
     rings = [
         _cone(
@@ -135,69 +134,30 @@ def ball(scene: Scene, radius: float = 3.0, depth: float = 1.0) -> Imprint:
     return _single(center, normal, distance, middle, max(reach, depth))
 
 
-def body_of_file(scene: Scene, path: Path) -> Imprint:
-    """Return the convex hull of the body in a mesh file (STL, PLY, OBJ; mm), its lower end pressed.
+def straight_edge(scene: Scene, depth: float = 1.0) -> Imprint:
+    """Return a straight edge across the middle of the sites: two planes that meet in a line.
 
-    It is pressed 1 mm deep, or a quarter of the pad, in the middle of the sites. Skin does not
-    follow walls that are steeper than DRAPE.
+    The line lies ``depth`` mm deep and runs across the pad (along x); the skin drapes over its
+    ends.
 
     Raises:
-        SceneError: the file is no body, or the pad is too small for it.
+        SceneError: the pad is too small or too thin for it.
     """
-    # A robot has no trimesh, and presses no file.
-    import trimesh
-
-    try:
-        mesh = trimesh.load_mesh(path)
-        points = np.asarray(mesh.convex_hull.vertices, dtype=np.float64)
-    except Exception as error:  # readers and qhull raise what they like
-        raise SceneError(
-            f"{path} is no body that can be pressed in ({type(error).__name__}), allowed: a mesh "
-            "file in mm, such as STL, PLY or OBJ",
-            field="press",
-        ) from None
-    depth = min(FILE_DEPTH, 0.25 * scene.pad.thickness, float(np.ptp(points[:, 2])))
-    if depth <= 0.0:
-        raise SceneError(f"{path} is flat, allowed: a body with a volume", field="press")
-    low, high = points.min(axis=0), points.max(axis=0)
-    points = points - [*(0.5 * (low + high))[:2], low[2] + depth]
-    hull = trimesh.convex.convex_hull(points)
-    wet = _below(hull)
-    facing = hull.facets_normal if len(hull.facets_normal) else np.zeros((0, 3))
-    facing = np.concatenate([facing, hull.face_normals])
-    facing = np.unique(np.round(facing, 3), axis=0)
-    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    gentle = facing[facing[:, 2] <= -np.cos(DRAPE)]
-    if len(gentle) > MAX_FACES:
-        gentle = _directions(MAX_FACES)
-    steep = facing[np.abs(facing[:, 2]) < np.cos(DRAPE)]
-    turn = 2 * np.pi / DRAPE_FACES
-    azimuth = turn * np.arange(DRAPE_FACES)
-    if len(steep):
-        azimuth = turn * np.unique(np.round(np.arctan2(steep[:, 0], steep[:, 1]) / turn))
-    side = np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros(len(azimuth))], axis=-1)
-    normal = np.concatenate([gentle, np.sin(DRAPE) * side - [0.0, 0.0, np.cos(DRAPE)]])
-    along = wet @ normal.T
-    distance = along.max(axis=0)
-    touching = along > distance - 1e-6
-    middle = (touching.T @ wet) / touching.sum(axis=0)[:, None]
-    half = np.abs(wet[:, :2]).max(axis=0) + depth / np.tan(DRAPE)
-    center = _place(scene, str(path), half, depth, declared_sites(scene)[:, 1].mean())
-    return _single(center, normal, distance, middle, max(*half, depth))
+    half = 0.5 * min(EDGE_LENGTH, 0.5 * scene.pad.width)
+    reach = np.array([half + depth / np.tan(DRAPE), depth / np.tan(EDGE_SLOPE)])
+    center = place_body(scene, "an edge", reach, depth, declared_sites(scene)[:, 1].mean())
+    faces = [
+        _cone(2, first, radius + 0.5 * depth / np.tan(slope), slope, -0.5 * depth)
+        for first, radius, slope in ((0.0, 0.0, EDGE_SLOPE), (np.pi / 2, half, DRAPE))
+    ]
+    normal, distance, middle = (np.concatenate(part) for part in zip(*faces, strict=True))
+    return _single(center, normal, distance, middle, max(*reach, depth))
 
 
-def _below(hull: trimesh.Trimesh) -> Array:
-    """Return the corners ``(n, 3)`` of the part of a convex body that lies below z = 0."""
-    points, edges = hull.vertices, hull.edges_unique
-    first, second = points[edges[:, 0]], points[edges[:, 1]]
-    crossing = first[:, 2] * second[:, 2] < 0
-    first, second = first[crossing], second[crossing]
-    part = first[:, 2:] / (first[:, 2:] - second[:, 2:])
-    return np.concatenate([points[points[:, 2] <= 0], first + part * (second - first)])
-
-
-def imprint_depth(imprint: Imprint, x: Array, y: Array) -> Array:
+def imprint_depth(imprint: Imprint | HeightMap, x: Array, y: Array) -> Array:
     """Return how deep the skin is pressed in at flat places ``x, y`` (mm), in mm; 0 beside it."""
+    if isinstance(imprint, HeightMap):
+        return imprint.at(x, y)
     depth = np.zeros(np.broadcast(x, y).shape)
     for center in imprint.center:
         offset = np.stack(np.broadcast_arrays(x - center[0], y - center[1]), axis=-1)
@@ -208,16 +168,14 @@ def imprint_depth(imprint: Imprint, x: Array, y: Array) -> Array:
     return depth
 
 
-def _directions(count: int) -> Array:
-    """Return ``count`` unit vectors, downward, evenly spread over slopes below DRAPE."""
-    number = np.arange(count) + 0.5
-    height = 1.0 - number / count * (1.0 - np.cos(DRAPE))
-    angle = np.pi * (1.0 + np.sqrt(5.0)) * number
-    flat = np.sqrt(1.0 - height**2)
-    return np.stack([flat * np.sin(angle), flat * np.cos(angle), -height], axis=-1)
+def smoothed_skin(scene: Scene, imprint: Imprint, smoothing: float) -> HeightMap:
+    """Return the skin over a body, see `HeightMap.smoothed`; ``smoothing`` in mm."""
+    x, y = map_lines(scene)
+    depth = imprint_depth(imprint, x[None, :], y[:, None])
+    return HeightMap(depth, scene.pad.width, scene.pad.length).smoothed(smoothing)
 
 
-def _place(scene: Scene, name: str, half: Array, depth: float, y: float) -> Array:
+def place_body(scene: Scene, name: str, half: Array, depth: float, y: float) -> Array:
     """Return the flat position of a body that reaches ``half`` ``(2,)`` mm, near ``y``.
 
     Raises:

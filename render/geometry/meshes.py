@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.geometry.bending import bend_points
 from render.geometry.chart import SkinChart
+from render.geometry.height_map import HeightMap
 from render.geometry.indenter import Imprint, imprint_depth
 from render.geometry.layout import declared_sites, facets, pyramid
 from render.scene import FACES, OUTWARD, Scene
@@ -224,7 +225,7 @@ def turned_inside_out(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return _mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)[:, ::-1])
 
 
-def imprinted_coating(scene: Scene, bend: float, imprint: Imprint) -> trimesh.Trimesh:
+def imprinted_coating(scene: Scene, bend: float, imprint: Imprint | HeightMap) -> trimesh.Trimesh:
     """Return the coating with a body pressed in, as a fine grid; normals point into the pad.
 
     Its border lies in that of the untouched coating (``pad_meshes``), at the corners exactly.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.geometry import (
     SHADOW_LENGTH,
+    HeightMap,
     Imprint,
     camera_axes,
     camera_origin,
@@ -32,7 +33,7 @@ POINT_COLUMNS = 1024
 class ShaderPasses:
     """The shader programs of one scene and what they read, in an OpenGL context of its own.
 
-    ``imprint`` is pressed into its pictures.
+    ``imprint`` is pressed into its pictures: planes of bodies, or skin as a height map.
     """
 
     def __init__(
@@ -40,7 +41,7 @@ class ShaderPasses:
         scene: Scene,
         lights: PointLights,
         points: ShadingPoints,
-        imprint: Imprint,
+        imprint: Imprint | HeightMap,
         backend: str | None,
     ) -> None:
         """Open the context and upload what does not depend on the design."""
@@ -59,6 +60,8 @@ class ShaderPasses:
             if lights.profiles is not None:
                 table = float_texture(self._context, lights.profiles[..., None], smooth=True)
                 self._profiles["profiles"] = table
+            if isinstance(imprint, HeightMap):
+                self._skin = float_texture(self._context, imprint.depth[..., None], smooth=True)
 
     def release(self) -> None:
         """Free the OpenGL context."""
@@ -108,7 +111,8 @@ class ShaderPasses:
             position: one list of lights ``(1, light, 4)``.
             emission: theirs, ``(3, light, n)``.
             coating: indirect irradiance ``(3, row, column)`` over the pad.
-            facet: indirect irradiance ``(3, site, facet)``, or None for the untouched pad.
+            facet: indirect irradiance ``(3, site, facet)``, on a height map what its slopes add
+                ``(3, 1, 5)`` (`slope_terms`), or None for the untouched pad.
             bend: rad.
             size: width and height in pixels.
         """
@@ -119,11 +123,15 @@ class ShaderPasses:
                 "emissions": float_texture(self._context, emission.reshape(3, -1, 4)),
                 "indirect": float_texture(self._context, np.moveaxis(coating, 0, -1), smooth=True),
             }
+            kept = dict(self._profiles)
             if facet is not None:
-                images["facet_indirect"] = float_texture(self._context, np.moveaxis(facet, 0, -1))
+                skin = isinstance(self._imprint, HeightMap)
+                name = "slope_indirect" if skin else "facet_indirect"
+                images[name] = float_texture(self._context, np.moveaxis(facet, 0, -1))
+                kept |= {"height_map": self._skin} if skin else {}
             uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
             shader_pass = self._pass("picture.frag", bend, 3, facet is not None)
-            picture = shader_pass.draw(size, 3, uniforms, images | self._profiles)
+            picture = shader_pass.draw(size, 3, uniforms, images | kept)
             for image in images.values():
                 image.release()
         return picture[::-1].copy()
@@ -155,9 +163,12 @@ class ShaderPasses:
                 defines["METAL"] = "1"
             if fragment == "picture.frag" and self._scene.camera.fisheye:
                 defines["FISHEYE"] = "1"
-            if indented:
+            parts = ["light_paths.glsl", "shading.glsl", fragment]
+            if indented and isinstance(self._imprint, HeightMap):
+                defines["HEIGHT_MAP"] = "1"
+                parts.insert(0, "height_map.glsl")
+            elif indented and isinstance(self._imprint, Imprint):
                 defines["FACES"] = str(len(self._imprint.normal))
-            parts = ("light_paths.glsl", "shading.glsl", fragment)
             self._compiled[key] = ShaderPass(self._context, source(*parts, defines=defines))
         return self._compiled[key]
 
@@ -187,9 +198,9 @@ class ShaderPasses:
         }
 
     def _view(self, size: tuple[int, int]) -> dict[str, Any]:
-        scene, pressed = self._scene, self._imprint
+        scene = self._scene
         right, down, ahead = camera_axes(scene)
-        return {
+        return self._pressed() | {
             "size": (float(size[0]), float(size[1])),
             "half_view": half_view(scene, *size),
             "camera": tuple(camera_origin(scene)),
@@ -199,6 +210,20 @@ class ShaderPasses:
             "pivot": scene.camera.pivot,
             "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
             "albedo": scene.coating.albedo,
+        }
+
+    def _pressed(self) -> dict[str, Any]:
+        """Return the uniforms of what is pressed in."""
+        pressed = self._imprint
+        if isinstance(pressed, HeightMap):
+            return {
+                "map_half": (pressed.width / 2, pressed.length / 2),
+                "map_step": pressed.step,
+                "map_bounds": pressed.bounds,
+                "deepest": pressed.deepest,
+                "longest_shadow": SHADOW_LENGTH * pressed.size,
+            }
+        return {
             "site_first": tuple(pressed.center[0]),
             "site_step": (pressed.spacing, pressed.spacing),
             "site_count": (float(pressed.columns), float(pressed.rows)),

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
-from render.geometry import Imprint, counted_sites, pyramids
+from render.geometry import HeightMap, Imprint, counted_sites, pyramids
 from render.preview.facet_blur import facet_blur
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
 from render.preview.radiosity import Radiosity, solve_radiosity
 from render.preview.shading_points import shading_points
+from render.preview.sloped_skin import slope_terms, sloped_skin
 from render.scene import Scene
 
 
@@ -46,7 +47,7 @@ class Preview:
         backend: str | None = None,
         cache: Path | None = None,
         lights: PointLights | None = None,
-        imprint: Imprint | None = None,
+        imprint: Imprint | HeightMap | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
         self.scene = scene
@@ -54,7 +55,9 @@ class Preview:
         pressed = imprint or pyramids(scene)
         self._measures = imprint is None
         self._counted = counted_sites(scene)
-        self._points = shading_points(scene, pressed)
+        self._skin = isinstance(pressed, HeightMap)
+        faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
+        self._points = shading_points(scene, faces)
         self._radiosity: dict[float, Radiosity] = {}
         self._blurs: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
@@ -214,6 +217,8 @@ class Preview:
             indirect[:, : points.first_patch], [points.sites * points.facets], 1
         )
         facet = facets.reshape(3, points.sites, points.facets) + radiosity.below(sites[..., None])
+        if self._skin:
+            facet = slope_terms(points, facet - sites[..., None])
         return self._open.picture(
             position, emission, coating, facet if indented else None, bend, size
         )

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.geometry import Imprint, camera_rays, refract_into_pad
+from render.geometry import HeightMap, Imprint, camera_rays, refract_into_pad
 from render.geometry.meshes import imprinted_coating, pad_meshes
 from render.progress import Clock, OnProgress
 from render.reference.budget import TimeBudget
@@ -75,7 +75,7 @@ def render_image(
     samples: int = 64,
     seed: int = 1,
     indented: bool = True,
-    imprint: Imprint | None = None,
+    imprint: Imprint | HeightMap | None = None,
     budget: TimeBudget | None = None,
     progress: OnProgress | None = None,
 ) -> Picture:

@@ -17,6 +17,10 @@ uniform vec2 site_step, site_count;
 uniform float longest_shadow;  // mm from a pyramid's center
 uniform sampler2D facet_indirect;  // (facet, site)
 #endif
+#ifdef HEIGHT_MAP
+// What a slope adds to interreflected irradiance: weights of the normal's x, y, x x, x y, y y.
+uniform sampler2D slope_indirect;
+#endif
 
 out vec4 pixel;
 
@@ -104,6 +108,32 @@ void main() {
         from_pyramid = from_site;
         shadow_radius = longest_shadow;
     }
+#endif
+#ifdef HEIGHT_MAP
+    // From where the ray is as deep as the deepest skin to where it meets the untouched one.
+    float first = max(way - deepest / max(to_local(inside, turn).z, 0.05), 0.0), found = way;
+    vec3 from = entry + vec3(0.0, pivot, 0.0);
+    for (int k = 1; k <= MAX_STEPS; ++k) {
+        float t = mix(first, way, float(k) / float(MAX_STEPS));
+        vec3 place = unbend(from + t * inside, turn);
+        if (pressed_at(place.xy) >= thickness - place.z) { found = t; break; }
+    }
+    float before = found - (way - first) / float(MAX_STEPS);
+    for (int k = 0; k < 8; ++k) {
+        float t = 0.5 * (before + found);
+        vec3 place = unbend(from + t * inside, turn);
+        if (pressed_at(place.xy) >= thickness - place.z) found = t;
+        else before = t;
+    }
+    target.xy = unbend(from + found * inside, turn).xy;
+    float depth = pressed_at(target.xy);
+    target.z = thickness - depth;
+    facing = skin_normal(target.xy, 1.0 + curved * depth);
+    vec2 square = facing.xy * facing.xy;
+    float terms[5] = float[5](facing.x, facing.y, square.x, facing.x * facing.y, square.y);
+    for (int k = 0; k < 5; ++k)
+        ambient += terms[k] * texelFetch(slope_indirect, ivec2(k, 0), 0).rgb;
+    ambient = max(ambient, 0.0);
 #endif
     vec3 light = irradiance(target, facing, 0, 0).here + ambient;
     float scale = albedo / 3.14159265 * passed / (refractive_index * refractive_index);

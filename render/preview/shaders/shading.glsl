@@ -247,6 +247,10 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         if (length(from_pyramid.xy) < shadow_radius)
             here *= vec2(past_pyramid(direct.arrive), past_pyramid(mirrored.arrive));
 #endif
+#ifdef HEIGHT_MAP
+        if (here.x > 0.0) here.x *= past_skin(position, thickness - position.z, direct.arrive);
+        if (here.y > 0.0) here.y *= past_skin(position, thickness - position.z, mirrored.arrive);
+#endif
         vec2 foot = step(0.0, cosine) * spread
             * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0);
 #if CHANNELS == 3

@@ -57,8 +57,13 @@ def test_the_kind_of_file_follows_its_name(tactilux: Run, tmp_path: Path) -> Non
         (("--out", "file/x.png"), "its place is not a writable directory"),
         (("--size", "36*60"), "such as 240x400"),
         (("--size", "5x60"), "16 to 4096 each"),
-        (("--press", "cube"), "allowed: none, pyramids, ball, bolt or a mesh file"),
+        (("--press", "cube"), "allowed: none, pyramids, ball, bolt, edge or a mesh file"),
         (("--press", "file"), "is no body that can be pressed in"),
+        (("--depth", "0.5"), "--depth 0.5 with --press pyramids, allowed: with ball, bolt, edge"),
+        (("--press", "ball", "--depth", "3"), "allowed: less than its radius, 3 mm"),
+        (("--press", "bolt", "--depth", "4"), "pressed 4 mm deep does not fit into the pad"),
+        (("--press", "edge", "--depth", "0"), "0.01"),
+        (("--press", "bolt", "--smooth", "-1"), "greater than or equal to 0"),
         (("--minutes", "1"), "a preview has none"),
         (("--level", "reference", "--minutes", "1", "--samples", "2"), "not both"),
     ],
@@ -77,17 +82,29 @@ def test_what_cannot_be_drawn_or_written_is_said_before_anything_is_drawn(
 def pressed_pixels(folder: Path, tactilux: Run, press: str, *more: object) -> np.ndarray:
     """Return how bright the picture is with a body pressed in, over that without."""
     light = []
-    for name in ("none", press):
-        done = tactilux("render", "--press", name, "--out", "x.npz", *more)
+    for name, options in (("none", more[:2]), (press, more)):
+        done = tactilux("render", "--press", name, "--out", "x.npz", *options)
         assert done.code == 0, done.err
         light.append(read_npz(folder / "x.npz")["radiance"].sum(axis=-1))
     return np.asarray(light[1] / np.where(light[0] > 0, light[0], np.nan))
 
 
-@pytest.mark.parametrize("press", ["ball", "bolt", "pyramids", "box.stl"])
-def test_a_body_shows_where_it_is_pressed_in(tactilux: Run, tmp_path: Path, press: str) -> None:
+@pytest.mark.parametrize(
+    ("press", "more"),
+    [
+        ("ball", ()),
+        ("bolt", ("--depth", 0.6)),
+        ("pyramids", ()),
+        ("edge", ()),
+        ("edge", ("--smooth", 0.2)),
+        ("box.stl", ("--depth", 0.8)),
+    ],
+)
+def test_a_body_shows_where_it_is_pressed_in(
+    tactilux: Run, tmp_path: Path, press: str, more: tuple[object, ...]
+) -> None:
     trimesh.creation.box((6.0, 3.0, 2.0)).export(tmp_path / "box.stl")
-    changed = np.abs(pressed_pixels(tmp_path, tactilux, press, *SIZE) - 1.0)
+    changed = np.abs(pressed_pixels(tmp_path, tactilux, press, *SIZE, *more) - 1.0)
     row, column = np.unravel_index(np.nanargmax(changed), changed.shape)
     assert changed[row, column] > 0.1
     assert abs(column - 17.5) < 9.0

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 import render.preview.lights
 from render.errors import GraphicsError, SceneError
@@ -15,13 +13,13 @@ from render.geometry import (
     BoltHead,
     Imprint,
     ball,
-    body_of_file,
     bolt,
     fiber_edges,
     flat_sites,
     imprint_depth,
     pyramid,
     pyramids,
+    straight_edge,
     unbend_points,
 )
 from render.geometry.meshes import imprinted_coating, pad_meshes
@@ -48,7 +46,7 @@ def outside(body: Imprint, points: np.ndarray) -> np.ndarray:
     return np.asarray(points @ body.normal.T - body.distance)
 
 
-@pytest.mark.parametrize("make", [pyramids, bolt, ball])
+@pytest.mark.parametrize("make", [pyramids, bolt, ball, straight_edge])
 def test_every_face_is_one_of_a_convex_body(scene: Scene, make: object) -> None:
     body: Imprint = make(scene)  # type: ignore[operator]
     np.testing.assert_allclose(np.linalg.norm(body.normal, axis=1), 1.0)
@@ -67,46 +65,16 @@ def test_a_ball_is_a_ball(scene: Scene) -> None:
     np.testing.assert_allclose(imprint_depth(body, x, y - away), cap, atol=0.05)
 
 
-def test_a_box_from_a_file_is_pressed_in_with_skin_draped_over_its_walls(
-    scene: Scene, tmp_path: Path
-) -> None:
-    trimesh.creation.box((6.0, 3.0, 2.0)).apply_translation((50.0, 0.0, 7.0)).export(
-        tmp_path / "box.stl"
-    )
-    body = body_of_file(scene, tmp_path / "box.stl")
+def test_an_edge_is_two_planes_that_meet_in_a_line_across(scene: Scene) -> None:
+    body = straight_edge(scene, depth=0.8)
     x, y, _ = body.center[0]
-    drape = 1.0 / np.tan(np.pi / 3)
-    across = np.array([0.0, 2.99, 3.0 + 0.5 * drape, 3.0 + drape, 4.0])
-    np.testing.assert_allclose(imprint_depth(body, x + across, y), [1, 1, 0.5, 0, 0], atol=0.01)
-    along = np.array([0.0, 1.49, 1.5 + 0.5 * drape, 1.5 + drape])
-    np.testing.assert_allclose(imprint_depth(body, x, y + along), [1, 1, 0.5, 0], atol=0.01)
-    assert (outside(body, body.middle) < 1e-9).all()
-
-
-def test_a_round_body_of_many_triangles_stays_round(scene: Scene, tmp_path: Path) -> None:
-    trimesh.creation.icosphere(subdivisions=4, radius=3.0).export(tmp_path / "ball.ply")
-    body, exact = body_of_file(scene, tmp_path / "ball.ply"), ball(scene)
-    (x, y, _), away = body.center[0], np.linspace(0.0, 2.0, 41)
-    expected = imprint_depth(
-        exact, *(exact.center[0, :2] + [[0, 0]] * 41 + np.c_[away, 0 * away]).T
+    along, away = np.linspace(-4.0, 4.0, 33), np.linspace(-1.5, 1.5, 61)
+    np.testing.assert_allclose(imprint_depth(body, x + along, y), 0.8, atol=1e-12)
+    np.testing.assert_allclose(
+        imprint_depth(body, x, y + away), np.maximum(0.8 - np.abs(away), 0.0), atol=1e-12
     )
-    np.testing.assert_allclose(imprint_depth(body, x + away, y), expected, atol=0.1)
-    assert len(body.normal) < 100
-
-
-@pytest.mark.parametrize(
-    ("size", "said"), [((40.0, 2.0, 2.0), "does not fit into the pad"), (None, "is no body")]
-)
-def test_a_file_that_cannot_be_pressed_in_is_refused(
-    scene: Scene, tmp_path: Path, size: tuple[float, float, float] | None, said: str
-) -> None:
-    path = tmp_path / "body.stl"
-    if size is None:
-        path.write_text("solid nothing")
-    else:
-        trimesh.creation.box(size).export(path)
-    with pytest.raises(SceneError, match=said):
-        body_of_file(scene, path)
+    ends = 4.0 + 0.8 / np.tan(np.pi / 3) * np.array([0.5, 1.0, 1.1])
+    np.testing.assert_allclose(imprint_depth(body, x - ends, y), [0.4, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("bend", [0.0, np.pi / 4])
