@@ -16,7 +16,13 @@ from optimize.design.design_file import (
     save_design,
 )
 from optimize.design.layout_file import load_layout
-from optimize.design.limits import SearchLimits, dimmed_baseline, limits_of, unlimited
+from optimize.design.limits import (
+    SearchLimits,
+    dimmed_baseline,
+    limits_of,
+    turning_limits,
+    unlimited,
+)
 from optimize.design.rating import (
     CLIPPED,
     LEVEL_NAMES,

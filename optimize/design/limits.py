@@ -186,6 +186,13 @@ def unlimited(fibers: int, palette: Palette = RGB, *, off: bool = False) -> Sear
     )
 
 
+def turning_limits(scene: Scene) -> SearchLimits:
+    """Return the limits that allow every color, and every direction of the lamps that turn."""
+    turning, straight = np.array(scene.turning), math.pi / 2
+    low, high = (np.where(turning, end, straight)[:, None] for end in (0.0, math.pi))
+    return replace(unlimited(scene.lamp_count, scene.palette), low=low, high=high)
+
+
 def limits_of(scene: Scene) -> SearchLimits:
     """Return the limits that the scene sets: lamps that do not turn, and its constraints.
 
@@ -193,11 +200,9 @@ def limits_of(scene: Scene) -> SearchLimits:
         DesignError: the constraints contradict each other.
     """
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
-    turning, straight = np.array(scene.turning), math.pi / 2
-    ends = [np.where(turning, end, straight)[:, None] for end in (0.0, math.pi)]
+    straight = math.pi / 2
     if given is None:
-        free = replace(unlimited(fibers, palette), low=ends[0], high=ends[1])
-        return replace(free, holder=FiberHolder.of(scene))
+        return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     some_off = bool(given.off) or any(entry.color == OFF for entry in given.fixed)
     free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()

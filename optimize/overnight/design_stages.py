@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optimize.design import Design, ScoreSettings, dimmed_baseline, limits_of, unlimited
+from optimize.design import Design, ScoreSettings, dimmed_baseline, limits_of, turning_limits
 from optimize.overnight.context import (
     LOOP_UNTIL,
     OVERTIME_SHARE,
@@ -84,7 +84,7 @@ def thesis_design(
         context.stage("Thesis-style design on the table", "thesis")
         exposed = replace(table(), exposure=checker.exposure, lam=checker.lam)
         baseline = dimmed_baseline(context.scene)
-        limits = unlimited(len(baseline.phi), baseline.palette)
+        limits = turning_limits(context.scene)
         scorer = TableScorer(exposed.at_bends(context.bends), limits=limits)
         return thesis_on_table(scorer, baseline, fiber_edges(context.scene), context.seed)
 

@@ -15,6 +15,7 @@ from optimize.design import (
     ScoreSettings,
     dimmed_baseline,
     limits_of,
+    turning_limits,
 )
 from optimize.scoring import JackknifeEstimate, RankAgreement, search_table
 from optimize.search import population
@@ -139,6 +140,7 @@ def optimize(
             baseline,
             render,
             edges=edges,
+            limits=turning_limits(scene),
             settings=settings,
             samples=config.samples,
             seed=config.seed,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoreSettings, unlimited
+from optimize.design import Array, Design, ScoreSettings, SearchLimits
 from optimize.scoring import TableScorer
 from optimize.search import DirectionResult, optimize_directions, population, tied_groups
 from optimize.search.colors import grouped_colors, renamed_like
@@ -46,6 +46,7 @@ def thesis_procedure(
     render: RenderDesigns,
     *,
     edges: Sequence[str],
+    limits: SearchLimits,
     settings: ScoreSettings,
     samples: int,
     seed: int,
@@ -59,6 +60,7 @@ def thesis_procedure(
         baseline: directions that colors are searched at, names of colors.
         render: renders one design.
         edges: the side of each fiber.
+        limits: which fibers turn.
         settings: of the scores.
         samples: per cell and candidate.
         seed: of CMA-ES.
@@ -68,7 +70,6 @@ def thesis_procedure(
     """
     first = render([baseline], samples=samples, seeds=[render_seed], title="single fibers")
     seconds, runs = first.seconds, 1
-    limits = unlimited(len(baseline.phi), baseline.palette)
     scorer = TableScorer(_table(first, settings), settings.conventions, limits=limits)
     colored, groups = colored_groups(scorer, baseline, edges)
     limit = 1 + generations * population(int(groups.max()) + 1)
@@ -96,6 +97,7 @@ def thesis_procedure(
         score,
         baseline.phi,
         groups=groups,
+        limits=limits,
         seed=seed,
         max_evaluations=limit,
         progress=progress,
@@ -125,6 +127,7 @@ def thesis_on_table(
         baseline.phi,
         groups=groups,
         bounds=scorer.phi_bounds,
+        limits=scorer.limits,
         seed=seed,
         max_evaluations=1 + GENERATIONS * population(int(groups.max()) + 1),
     )

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 
-from optimize.design import ScoreSettings, baseline_design
+import numpy as np
+
+from optimize.design import ScoreSettings, baseline_design, turning_limits
+from optimize.scoring import TableScorer
 from optimize.verification import OptimizeConfig, optimize
 from optimize.verification.design_renders import (
     DesignRenders,
 )
-from optimize.verification.thesis import thesis_procedure
+from optimize.verification.thesis import thesis_on_table, thesis_procedure
 from render.geometry import fiber_edges
 from render.scale import scene_scale
-from render.scene import Scene
+from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from tests.optimize.verification.pretended_renders import pretended
 
@@ -29,8 +32,8 @@ def test_the_thesis_procedure_renders_every_candidate(small: Scene, table: Trans
     baseline, edges = baseline_design(small), fiber_edges(small)
     settings = ScoreSettings(table.exposure, table.lam)
     found = thesis_procedure(
-        baseline, counted, edges=edges, settings=settings, samples=7, seed=1, render_seed=3,
-        generations=3,
+        baseline, counted, edges=edges, limits=turning_limits(small), settings=settings, samples=7,
+        seed=1, render_seed=3, generations=3,
     )  # fmt: skip
     assert found.runs == len(calls) == found.directions.evaluated + 1
     assert found.seconds == 7.0 * len(calls)
@@ -47,3 +50,18 @@ def test_without_a_surrogate_the_scale_is_the_previews_however_noisy_the_renders
     config = OptimizeConfig(method="thesis", generations=1, final_seeds=1)
     found = optimize(small, None, pretended(table, 0.5), config)
     assert found.finalists.settings == ScoreSettings(**asdict(scene_scale(small)))
+
+
+def test_the_thesis_procedure_leaves_lamps_alone_that_cannot_turn() -> None:
+    digit = load_scene("digit")
+    lamps, sites, faces = digit.lamp_count, digit.sites.count, digit.indenter.faces
+    transport = np.random.default_rng(0).uniform(0.5, 1.5, (lamps, 1, 1, sites, faces))
+    scorer = TableScorer(
+        TransportTable(
+            T=transport, se=np.zeros_like(transport), phi=np.array([np.pi / 2]), exposure=100.0,
+            lam=300.0,
+        ),
+        limits=turning_limits(digit),
+    )  # fmt: skip
+    found = thesis_on_table(scorer, baseline_design(digit), fiber_edges(digit), seed=0)
+    assert found.phi.tolist() == [np.pi / 2] * lamps
