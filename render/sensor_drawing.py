@@ -15,6 +15,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry import (
+    SkinChart,
     camera_coverage,
     camera_origin,
     declared_sites,
@@ -44,6 +45,8 @@ FAR = 40.0
 """A camera farther than this below the pad is drawn at this distance, and said so, mm."""
 NAME = 5.6
 """Room for the camera's name, mm."""
+SKIN_STEPS = 65
+"""Points of the line that a curved skin is in the section."""
 PIXELS_PER_MM = 12.0
 
 
@@ -139,12 +142,18 @@ def _drawn(
     clear = -half, half + [0.0, 0.0, scene.pad.thickness]
     if scene.diffuser is not None:
         yield _rectangle(view, low, high, "milky")
-    yield _rectangle(view, *clear, "pad")
+    section = view.axes[0] == 2
+    if section and scene.skin is not None:
+        outline = np.concatenate([_skin_line(scene, 0.0), [-half, half * [-1.0, 1.0, 1.0]][::-1]])
+        yield _path(view.flat(outline), "pad")
+        yield _path(view.flat(_skin_line(scene, -half[0])), "rule", closed=False, fill="none")
+    else:
+        yield _rectangle(view, *clear, "pad")
     yield from _faces(scene, view)
     yield from _camera_view(scene, view)
-    if view.axes[0] == 2:
-        ends = view.flat(np.array([[0.0, y, scene.pad.thickness] for y in (-half[1], half[1])]))
-        yield _path(ends, "skin", closed=False)
+    if section:
+        line = view.flat(_skin_line(scene, 0.0))
+        yield _path(line, "skin", closed=False, **({} if scene.skin is None else {"fill": "none"}))
     counted = set(camera_coverage(scene).counted.tolist())
     for number, (x, y) in enumerate(view.flat(declared_sites(scene))):
         if number in counted:
@@ -152,6 +161,12 @@ def _drawn(
         else:
             yield f'<path class="out" d="M{x - 0.3:.3f} {y - 0.3:.3f}l.6 .6m0-.6l-.6 .6"/>'
     yield from _lamps(scene, view, phi, inks)
+
+
+def _skin_line(scene: Scene, x: float) -> Array:
+    """Return the skin of the flat pad along y, ``(n, 3)``; two ends where it is straight."""
+    y = np.linspace(-0.5, 0.5, 2 if scene.skin is None else SKIN_STEPS) * scene.pad.length
+    return SkinChart(scene, 0.0).flat(np.stack([np.full_like(y, x), y], axis=-1))
 
 
 def _faces(scene: Scene, view: View) -> Iterator[str]:
@@ -164,6 +179,8 @@ def _faces(scene: Scene, view: View) -> Iterator[str]:
             continue
         ends = np.stack([low, high])
         ends[:, axis] = (high if outward[axis] > 0 else low)[axis]
+        if scene.skin is not None and axis == 1:
+            ends[1, 2] = SkinChart(scene, 0.0).height(ends[0, :2] * [0.0, 1.0])
         if finish.paint is not None:
             for kind in ("painted", finish.paint.word):
                 yield _path(view.flat(ends), kind, closed=False)

@@ -20,7 +20,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import converged_transport
+from render.preview.converged import can_converge, converged_transport
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
@@ -77,8 +77,8 @@ def preview_checker(
 ) -> Checker:
     """Return a checker of ``scene`` on its preview alone, level 0.
 
-    The converged one, in about a minute; with ``coarse`` the shader's, in seconds. Both are kept
-    in the user's cache, by the scene's hash.
+    The converged one, in about a minute; with ``coarse``, or where there is no converged one, the
+    shader's, in seconds. Both are kept in the user's cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.
@@ -86,7 +86,7 @@ def preview_checker(
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
     errors = COARSE_ERRORS
-    if not coarse:
+    if not coarse and can_converge(scene):
         following = in_stage(progress, "following light")
         grid = corrected(grid, scene, converged_transport(scene, following))
         errors = CONVERGED_ERRORS

@@ -14,6 +14,7 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS
+from render.preview.converged import can_converge
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget
 from render.scale import baseline_power, scene_scale
@@ -221,7 +222,7 @@ def _preview(
             scene, *config.preview_nodes, materials=config.preview_materials, progress=told
         )
         preview = TrainingPreview(grid, interpolation_error(scene, grid), left_out)
-        if grid.free is None and not config.coarse:
+        if grid.free is None and not config.coarse and can_converge(scene):
             following = in_stage(progress, "following light")
             within = None if fit_time is None else fit_time.budget.seconds
             grid = followed_grid(grid, scene, within, following)

@@ -95,6 +95,7 @@ def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[
     if picture:
         found |= {"FACES"}
         found |= {"FISHEYE"} if content["camera"].get("lens") == "fisheye" else set()
+    found |= {"CURVED"} if "skin" in content else set()
     found |= {"METAL"} if any("mirror" in part for part in content.get("faces", ())) else set()
     return found | ({"BENT"} if bent else set())
 

@@ -115,12 +115,15 @@ def search_table(checker: Checker) -> TransportTable:
 
 
 def is_prompt(scene: Scene, given: Path | None = None) -> bool:
-    """Return whether `open_model` answers in seconds: it has a model, or all of its preview."""
+    """Return whether `open_model` answers in seconds: it has a model, or all of its preview.
+
+    A scene whose preview cannot be converged has all of it as it is drawn.
+    """
     if find_model(scene, given) is not None:
         return True
-    from render.preview.converged import is_kept
+    from render.preview.converged import can_converge, is_kept
 
-    return is_kept(scene)
+    return not can_converge(scene) or is_kept(scene)
 
 
 def predict_design(checker: Checker, design: Design, bends: Array) -> dict[str, Array]:

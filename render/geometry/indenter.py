@@ -12,6 +12,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import SceneError
+from render.geometry.chart import SkinChart
 from render.geometry.height_map import HeightMap, map_lines
 from render.geometry.layout import declared_sites, facet_normals, pyramid
 from render.scene import Scene
@@ -20,6 +21,8 @@ SHADOW_LENGTH = 4.0
 """How far from its center a body's shadow is drawn, in units of its radius or its depth."""
 DRAPE = np.pi / 3
 """Slope of the skin around a body with steeper walls, rad; skin does not follow upright ones."""
+UPRIGHT = 1e-3
+"""Least downward part of the normal of a face that skin lies on."""
 BALL_RINGS = 5
 """Rings of a ball's faces."""
 EDGE_SLOPE, EDGE_LENGTH = np.pi / 4, 8.0
@@ -32,7 +35,8 @@ class Imprint:
     """The same body pressed into a grid of places.
 
     Arguments:
-        center: of each body on the flat coating, ``(site, 3)`` mm, row by row.
+        center: of each body on the skin of the flat block, ``(site, 3)`` mm, row by row.
+        turn: ``(site, 3, 3)`` the rotation from each body's frame to that of the block.
         columns, rows, spacing: of the grid; spacing in mm.
         normal: of each face, ``(face, 3)``, unit vectors out of the body and into the pad.
         distance: of the faces' planes from the center, ``(face,)`` mm along their normals.
@@ -41,6 +45,7 @@ class Imprint:
     """
 
     center: Array
+    turn: Array
     columns: int
     rows: int
     spacing: float
@@ -55,6 +60,7 @@ def pyramids(scene: Scene) -> Imprint:
     normal, corners = facet_normals(scene), pyramid(scene)
     return Imprint(
         center=declared_sites(scene),
+        turn=SkinChart(scene, 0.0).frames(scene.sites.places),
         columns=scene.sites.columns,
         rows=scene.sites.rows,
         spacing=scene.sites.spacing,
@@ -104,7 +110,7 @@ def bolt(scene: Scene, head: BoltHead | None = None) -> Imprint:
     normal = np.concatenate([[[0.0, 0.0, -1.0]], sides[0], edges[0]])
     distance = np.concatenate([[head.depth], sides[1], edges[1]])
     middle = np.concatenate([[down], sides[2], edges[2]])
-    return _single(center, normal, distance, middle, max(head.imprint_radius, head.depth))
+    return _single(scene, center, normal, distance, middle, max(head.imprint_radius, head.depth))
 
 
 def ball(scene: Scene, radius: float = 3.0, depth: float = 1.0) -> Imprint:
@@ -131,7 +137,7 @@ def ball(scene: Scene, radius: float = 3.0, depth: float = 1.0) -> Imprint:
     ]
     end = np.array([[0.0, 0.0, -1.0]]), np.array([depth]), np.array([[0.0, 0.0, -depth]])
     normal, distance, middle = (np.concatenate(part) for part in zip(end, *rings, strict=True))
-    return _single(center, normal, distance, middle, max(reach, depth))
+    return _single(scene, center, normal, distance, middle, max(reach, depth))
 
 
 def straight_edge(scene: Scene, depth: float = 1.0) -> Imprint:
@@ -151,25 +157,50 @@ def straight_edge(scene: Scene, depth: float = 1.0) -> Imprint:
         for first, radius, slope in ((0.0, 0.0, EDGE_SLOPE), (np.pi / 2, half, DRAPE))
     ]
     normal, distance, middle = (np.concatenate(part) for part in zip(*faces, strict=True))
-    return _single(center, normal, distance, middle, max(*reach, depth))
+    return _single(scene, center, normal, distance, middle, max(*reach, depth))
 
 
-def imprint_depth(imprint: Imprint | HeightMap, x: Array, y: Array) -> Array:
-    """Return how deep the skin is pressed in at flat places ``x, y`` (mm), in mm; 0 beside it."""
+def imprint_depth(
+    imprint: Imprint | HeightMap, x: Array, y: Array, height: Array | float | None = None
+) -> Array:
+    """Return how deep the skin is pressed in at flat places ``x, y`` (mm), in mm; 0 beside it.
+
+    Straight down from ``height`` (mm) of the skin there; None is that of the bodies' centers.
+    """
     if isinstance(imprint, HeightMap):
         return imprint.at(x, y)
     depth = np.zeros(np.broadcast(x, y).shape)
-    for center in imprint.center:
+    for center, turn in zip(imprint.center, imprint.turn, strict=True):
+        above = 0.0 if height is None else height - center[2]
         offset = np.stack(np.broadcast_arrays(x - center[0], y - center[1]), axis=-1)
         lowest = np.full(depth.shape, np.inf)
-        for normal, distance in zip(imprint.normal, imprint.distance, strict=True):
-            lowest = np.minimum(lowest, (distance - offset @ normal[:2]) / -normal[2])
-        depth = np.maximum(depth, lowest)
+        for normal, distance in zip(imprint.normal @ turn.T, imprint.distance, strict=True):
+            room = distance - offset @ normal[:2]
+            if normal[2] < -UPRIGHT:
+                lowest = np.minimum(lowest, room / -normal[2])
+            else:
+                lowest = np.where(room < normal[2] * above, -np.inf, lowest)
+        depth = np.maximum(depth, lowest + above)
     return depth
 
 
+def check_flat(scene: Scene, what: str) -> None:
+    """Refuse ``what`` on a curved skin: a map of depths is laid over flat ones alone."""
+    if scene.skin is not None:
+        raise SceneError(
+            f"skin.shape = {scene.skin.shape}: {what} is drawn on flat skins alone, allowed: "
+            "pyramids, ball, bolt and edge as they are",
+            field="press",
+        )
+
+
 def smoothed_skin(scene: Scene, imprint: Imprint, smoothing: float) -> HeightMap:
-    """Return the skin over a body, see `HeightMap.smoothed`; ``smoothing`` in mm."""
+    """Return the skin over a body, see `HeightMap.smoothed`; ``smoothing`` in mm.
+
+    Raises:
+        SceneError: the untouched skin is not flat.
+    """
+    check_flat(scene, "smoothed skin")
     x, y = map_lines(scene)
     depth = imprint_depth(imprint, x[None, :], y[:, None])
     return HeightMap(depth, scene.pad.width, scene.pad.length).smoothed(smoothing)
@@ -190,12 +221,15 @@ def place_body(scene: Scene, name: str, half: Array, depth: float, y: float) -> 
             field="pad",
         )
     wanted = np.array([declared_sites(scene)[:, 0].mean(), y])
-    return np.append(np.clip(wanted, -room, room), pad.thickness)
+    return SkinChart(scene, 0.0).flat(np.clip(wanted, -room, room))
 
 
-def _single(center: Array, normal: Array, distance: Array, middle: Array, size: float) -> Imprint:
+def _single(
+    scene: Scene, center: Array, normal: Array, distance: Array, middle: Array, size: float
+) -> Imprint:
     return Imprint(
         center=center[None],
+        turn=SkinChart(scene, 0.0).frames(center[None, :2]),
         columns=1,
         rows=1,
         spacing=1.0,

@@ -17,15 +17,11 @@ from render.scene import Scene
 
 
 def declared_sites(scene: Scene) -> Array:
-    """Return the centers of all sites of the file on the flat coating, ``(site, 3)`` mm.
+    """Return the centers of all sites of the file on the flat pad, ``(site, 3)`` mm.
 
     Those that count are `render.geometry.seen_sites.flat_sites`.
     """
-    sites = scene.sites
-    x = sites.centre_x + (np.arange(sites.columns) - (sites.columns - 1) / 2) * sites.spacing
-    y = sites.centre_y + (np.arange(sites.rows) - (sites.rows - 1) / 2) * sites.spacing
-    grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
-    return SkinChart(scene, 0.0).flat(np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1))
+    return SkinChart(scene, 0.0).flat(scene.sites.places)
 
 
 def facet_normals(scene: Scene) -> Array:

@@ -12,7 +12,7 @@ from render.arrays import Array
 from render.compiled import compiled
 from render.errors import SceneError
 from render.geometry.height_map import HeightMap, map_lines
-from render.geometry.indenter import place_body
+from render.geometry.indenter import check_flat, place_body
 from render.geometry.layout import declared_sites
 from render.scene import Scene
 
@@ -36,8 +36,9 @@ def body_of_file(
         smoothing: see `HeightMap.smoothed`.
 
     Raises:
-        SceneError: the file is no body, or the pad is too small for it.
+        SceneError: the file is no body, the pad is too small for it, or its skin is not flat.
     """
+    check_flat(scene, "a body from a file")
     triangles = _triangles(path)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     height = float(high[2] - low[2])

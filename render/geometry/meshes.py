@@ -34,6 +34,9 @@ Index = NDArray[np.int64]
 MAX_ROW_STEP = 0.5
 """Longest step (mm) between y-lines of a bent pad: chords of an arc of 19 mm sag by 2 um."""
 
+MAX_SAG, MAX_SKIN_STEP = 5e-4, 0.25
+"""Longest sag (mm) of chords of a skin that is not flat, and step between its lines at most."""
+
 IMPRINT_STEP = 0.08
 """Longest step (mm) of the grid of a coating that a body is pressed into."""
 
@@ -113,8 +116,10 @@ def pad_grid(scene: Scene, bend: float, indented: bool) -> PadGrid:
         x += [low[0], high[0]]
         y += [low[1], high[1]]
     x_lines, y_lines = _merged(x), _merged(y)
-    if bend != 0.0:
-        y_lines = _refined(y_lines)
+    if scene.skin is not None:
+        x_lines, y_lines = (_refined(lines, _skin_step(scene)) for lines in (x_lines, y_lines))
+    elif bend != 0.0:
+        y_lines = _refined(y_lines, MAX_ROW_STEP)
     centre_x, centre_y = 0.5 * (x_lines[1:] + x_lines[:-1]), 0.5 * (y_lines[1:] + y_lines[:-1])
     clear = (np.abs(centre_y) < half_length)[:, None] & (np.abs(centre_x) < half_width)[None, :]
     material = np.where(clear, ColumnMaterial.CLEAR, ColumnMaterial.DIFFUSER)
@@ -135,9 +140,21 @@ def _merged(values: Sequence[float]) -> Array:
     return np.asarray(lines[np.concatenate([[True], np.diff(lines) > 1e-9])])
 
 
-def _refined(lines: Array) -> Array:
+def _skin_step(scene: Scene) -> float:
+    """Return the step (mm) between lines at which chords of the skin sag by `MAX_SAG` at most."""
+    assert scene.skin is not None
+    pad, skin = scene.pad, scene.skin
+    x, y = skin.grid(pad.width, pad.length)
+    change = [
+        np.abs(np.diff(part, axis=axis)).max() / (side / (len(x) - 1))
+        for part, axis, side in zip(skin.slope(x, y), (1, 0), (pad.width, pad.length), strict=True)
+    ]
+    return min(MAX_SKIN_STEP, float(np.sqrt(8 * MAX_SAG / max(*change, 1e-9))))
+
+
+def _refined(lines: Array, step: float) -> Array:
     pieces = [
-        np.linspace(a, b, int(np.ceil((b - a) / MAX_ROW_STEP)) + 1)[:-1]
+        np.linspace(a, b, int(np.ceil((b - a) / step)) + 1)[:-1]
         for a, b in itertools.pairwise(lines)
     ]
     return np.concatenate([*pieces, lines[-1:]])
@@ -235,9 +252,9 @@ def imprinted_coating(scene: Scene, bend: float, imprint: Imprint | HeightMap) -
         for side in (scene.pad.width, scene.pad.length)
     )
     grid = PadGrid(x, y, np.array([scene.pad.thickness]), np.zeros((0, 0), dtype=np.int64))
-    points = grid.points.copy()
+    points = _flat_points(scene, grid)
     inner = (np.abs(points[:, 0]) < x[-1]) & (np.abs(points[:, 1]) < y[-1])
-    points[inner, 2] -= imprint_depth(imprint, points[inner, 0], points[inner, 1])
+    points[inner, 2] -= imprint_depth(imprint, *points[inner].T)
     faces = grid.level(np.ones((len(y) - 1, len(x) - 1), dtype=bool), 0)
     return _mesh(bend_points(scene, points, bend), faces)
 

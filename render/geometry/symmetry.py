@@ -41,8 +41,16 @@ def camera_is_symmetric(scene: Scene) -> bool:
     return scene.camera.place[0] == ahead[0] == 0.0 and abs(right[0]) in (0.0, 1.0)
 
 
+def skin_is_symmetric(scene: Scene) -> bool:
+    """Return whether the mirror in x = 0 maps the skin onto itself."""
+    if scene.skin is None:
+        return True
+    heights = scene.skin.rise(*scene.skin.grid(scene.pad.width, scene.pad.length))
+    return bool(np.allclose(heights, heights[:, ::-1], atol=1e-9))
+
+
 def _twins(scene: Scene) -> MirrorTwins | None:
-    if not camera_is_symmetric(scene):
+    if not camera_is_symmetric(scene) or not skin_is_symmetric(scene):
         return None
     counted = counted_sites(scene)
     alike = scene.sites.centre_x == 0.0 and np.isin(_mirrored_sites(scene)[counted], counted).all()

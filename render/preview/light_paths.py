@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import fresnel
+from render.geometry import SkinChart, fresnel
 from render.scene import EDGES, Scene
 
 
@@ -110,6 +110,30 @@ def walls_reflect(scene: Scene, turns: Turns, direction: Array) -> Array:
             else paint.reflectance
         ) ** count
     return left
+
+
+def meets_edges(scene: Scene, source: Array, target: Array, turns: Turns) -> Array:
+    """Return 1 where light from unfolded ``source`` ``(..., 3)`` meets all edges of an image.
+
+    Edges end at the skin, so where it is not flat light may pass above them: 0. ``source`` is the
+    image of a point after ``turns``, and below 0 where light comes by way of the lower face.
+    """
+    met = np.ones(np.broadcast_shapes(source.shape, target.shape)[:-1])
+    if scene.skin is None or turns == (0, 0):
+        return met
+    low, size, way = scene.box.low, scene.box.high - scene.box.low, source - target
+    chart, half = SkinChart(scene, 0.0), np.array([scene.pad.width, scene.pad.length]) / 2
+    for axis, turn in enumerate(turns):
+        for count in range(abs(turn)):
+            plane = low[axis] + (size[axis] * (count + 1) if turn > 0 else -size[axis] * count)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                part = (plane - target[..., axis]) / way[..., axis]
+            place = target + np.where(np.isfinite(part), part, 0.0)[..., None] * way
+            # Back into the pad: the unfolded one repeats every two lengths.
+            turned = (place[..., :2] - low[:2]) % (2 * size[:2])
+            folded = low[:2] + np.minimum(turned, 2 * size[:2] - turned)
+            met *= np.abs(place[..., 2]) < chart.height(np.clip(folded, -half, half))
+    return met
 
 
 def face_reflects(scene: Scene, cosine: Array) -> Array:

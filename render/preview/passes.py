@@ -22,6 +22,7 @@ from render.preview.light_paths import MIN_CURVATURE
 from render.preview.lights import PointLights, with_images
 from render.preview.shader import ShaderPass, float_texture, source
 from render.preview.shading_points import ShadingPoints
+from render.preview.skin_texels import skin_texels
 from render.scene import EDGES, Scene
 
 MAX_TARGET_SIDE = 8192
@@ -50,18 +51,25 @@ class ShaderPasses:
         self._compiled: dict[tuple[str, bool, int, bool], ShaderPass] = {}
         self._context: Any = create_context(backend)
         with self._context:
-            texels = np.stack([points.position, points.normal], axis=1)
+            parts = [points.position, points.normal]
+            if scene.skin is not None:
+                parts.append(points.below)
+            texels = np.stack(parts, axis=1)
             short = -self._count % POINT_COLUMNS
             texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
-            texels = texels.reshape(-1, 2 * POINT_COLUMNS, 3)
+            texels = texels.reshape(-1, len(parts) * POINT_COLUMNS, 3)
             self._points = float_texture(self._context, texels)
             self._fibers = float_texture(self._context, with_images(scene, lights.position))
-            self._profiles = {}
+            self._kept = {}
             if lights.profiles is not None:
                 table = float_texture(self._context, lights.profiles[..., None], smooth=True)
-                self._profiles["profiles"] = table
+                self._kept["profiles"] = table
             if isinstance(imprint, HeightMap):
                 self._skin = float_texture(self._context, imprint.depth[..., None], smooth=True)
+            if scene.skin is not None:
+                for name, values in skin_texels(scene, imprint).items():
+                    smooth = name != "site_frames"
+                    self._kept[name] = float_texture(self._context, values, smooth=smooth)
 
     def release(self) -> None:
         """Free the OpenGL context."""
@@ -123,7 +131,7 @@ class ShaderPasses:
                 "emissions": float_texture(self._context, emission.reshape(3, -1, 4)),
                 "indirect": float_texture(self._context, np.moveaxis(coating, 0, -1), smooth=True),
             }
-            kept = dict(self._profiles)
+            kept = dict(self._kept)
             if facet is not None:
                 skin = isinstance(self._imprint, HeightMap)
                 name = "slope_indirect" if skin else "facet_indirect"
@@ -141,7 +149,7 @@ class ShaderPasses:
     ) -> NDArray[np.float32]:
         """Return ``(row, point, channel)``."""
         images = {"points": self._points, "lights": lights, "emissions": emissions}
-        images |= self._profiles
+        images |= self._kept
         uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
         shader_pass = self._pass("transport.frag", bend, channels, False)
         parts = []
@@ -159,6 +167,8 @@ class ShaderPasses:
             defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
             if bend > 0:
                 defines["BENT"] = "1"
+            if self._scene.skin is not None:
+                defines["CURVED"] = "1"
             if any(finish.metal is not None for finish in self._scene.finishes):
                 defines["METAL"] = "1"
             if fragment == "picture.frag" and self._scene.camera.fisheye:

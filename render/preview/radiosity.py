@@ -1,9 +1,9 @@
 """Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
 
 The coating, the diffuser's inner faces and white walls reflect diffusely; patches see each other
-straight and by way of the lower face, which reflects totally beyond the critical angle. With
-irradiance ``E0`` straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved once
-per bend.
+straight and by way of the lower face, which reflects totally beyond the critical angle. A skin that
+is not flat sees itself straight as well. With irradiance ``E0`` straight from the lights,
+``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import curvature
+from render.geometry import SkinChart, curvature
 from render.preview.light_paths import (
     LightPath,
     Turns,
     direct_path,
     face_reflects,
+    meets_edges,
     mirrored_path,
     near_wall,
     wall_images,
@@ -56,7 +57,9 @@ class Radiosity:
         ``around`` is its irradiance there. It fills the part of a facet's sky that lies below the
         coating's plane.
         """
-        part = 0.5 * (1 + self.points.normal[: self.points.facets, 2])
+        facets = slice(0, self.points.sites * self.points.facets)
+        cosine = -np.sum(self.points.normal[facets] * self.points.below[facets], axis=-1)
+        part = 0.5 * (1 + cosine.reshape(self.points.sites, self.points.facets))
         return np.asarray(part * self.scene.coating.albedo * around)
 
 
@@ -87,15 +90,19 @@ def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> 
     """Return the irradiance at chosen points per radiosity of every patch, ``(point, patch)``."""
     kappa, thickness = curvature(scene, bend), scene.pad.thickness
     target, facing = points.position[chosen, None, None], points.normal[chosen, None, None]
+    ground = points.ground[chosen, None, None]
     on_edge = np.arange(len(points.position))[chosen] >= points.first_edge
     parts = []
     for first, last in (
         (points.first_patch, points.first_edge),
         (points.first_edge, len(points.position)),
     ):
-        # The coating is flat or convex: only edges see it straight.
-        sees = slice(None) if first == points.first_edge else on_edge
-        source, normal, area = _spots(points, slice(first, last))
+        # A coating that is flat or rolled: only edges see it straight.
+        everything = first == points.first_edge or scene.skin is not None
+        sees = slice(None) if everything else on_edge
+        # What facets see of the skin around them is in `Radiosity.below`.
+        seen_from = ground if first == points.first_patch else target
+        source, normal, area = _spots(scene, points, slice(first, last))
         part = np.zeros((len(target), *source.shape[1:3]))
         seen_in: list[tuple[Any, Array, Array, Turns]] = [(slice(None), source, normal, (0, 0))]
         for wall in wall_images(scene):
@@ -105,28 +112,40 @@ def _kernel(scene: Scene, points: ShadingPoints, bend: float, chosen: slice) -> 
                 seen_in.append((near, wall.image(source[:, near]), flipped, wall.turns))
         for seen, place, turned, turns in seen_in:
             mirrored = mirrored_path(place, target, thickness, kappa)
-            part[:, seen] += face_reflects(scene, mirrored.cosine) * _coupling(
-                scene, mirrored, turned, facing, turns
+            below = place * [1.0, 1.0, -1.0]
+            part[:, seen] += (
+                face_reflects(scene, mirrored.cosine)
+                * _coupling(scene, mirrored, turned, facing, turns)
+                * meets_edges(scene, below, target, turns)
             )
-            direct = direct_path(place, target[sees], thickness, kappa)
+            direct = direct_path(place, seen_from[sees], thickness, kappa)
             straight = np.zeros_like(part[:, seen])
             straight[sees] = _coupling(scene, direct, turned, facing[sees], turns)
+            straight[sees] *= meets_edges(scene, place, seen_from[sees], turns)
             part[:, seen] += straight
         parts.append((part * area).mean(axis=2))
     return np.concatenate(parts, axis=1)
 
 
-def _spots(points: ShadingPoints, chosen: slice) -> tuple[Array, Array, Array]:
+def _spots(scene: Scene, points: ShadingPoints, chosen: slice) -> tuple[Array, Array, Array]:
     """Return points ``(1, patch, spot, 3)`` on patches, normals, and areas ``(1, patch, 1)``."""
     position, size = points.position[chosen], points.size[chosen]
     normal = points.normal[chosen]
+    on_skin = scene.skin is not None and chosen.start == points.first_patch
     first = np.where(np.abs(normal[:, :1]) > 0.5, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
     second = np.where(np.abs(normal[:, 2:]) > 0.5, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+    if on_skin:
+        first, second = np.eye(3)[:1], np.eye(3)[1:2]
     u, v = (part.ravel() for part in np.meshgrid(_SPOTS, _SPOTS))
     spots = position[:, None] + (
         u[:, None] * (size[:, :1] * first)[:, None] + v[:, None] * (size[:, 1:] * second)[:, None]
     )
-    return spots[None], normal[None, :, None], size.prod(axis=1)[None, :, None]
+    area = size.prod(axis=1)[None, :, None]
+    if not on_skin:
+        return spots[None], normal[None, :, None], area
+    chart = SkinChart(scene, 0.0)
+    inward = -chart.frames(spots[..., :2])[..., 2]
+    return chart.flat(spots[..., :2])[None], inward[None], area / -inward[None, ..., 2]
 
 
 def _coupling(scene: Scene, path: LightPath, normal: Array, facing: Array, turns: Turns) -> Array:

@@ -1,6 +1,7 @@
 """The points of the pad at which light is evaluated: facets, sites, and patches of its faces.
 
 Positions are flat pad coordinates and normals local ones, so they are the same at every bend.
+A skin that is not flat is one of the flat pad: then all of them are those of the world.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.geometry import Imprint, pyramids
+from render.geometry import Imprint, SkinChart, pyramids
 from render.scene import EDGES, OUTWARD, Scene
 
 MAX_PATCH_SIDE, MIN_PATCH_FRACTION = 0.625, 1 / 16
@@ -27,6 +28,8 @@ class ShadingPoints:
 
     Arguments:
         position, normal: ``(point, 3)`` mm and unit vectors into the pad.
+        ground, below: those of the untouched skin where a facet is pressed; elsewhere a point's
+            own.
         size: ``(point, 2)`` mm, extent of a patch along its edge (or x) and upwards (or y); 0 for
             facets and sites.
         sites, facets: their numbers; ``columns`` and ``rows`` of the coating patches.
@@ -35,6 +38,8 @@ class ShadingPoints:
 
     position: Array
     normal: Array
+    ground: Array
+    below: Array
     size: Array
     sites: int
     facets: int
@@ -65,25 +70,27 @@ def shading_points(scene: Scene, imprint: Imprint | None = None) -> ShadingPoint
     x = pad.width * ((np.arange(columns) + 0.5) / columns - 0.5)
     y = pad.length * ((np.arange(rows) + 0.5) / rows - 0.5)
     grid_y, grid_x = (grid.ravel() for grid in np.meshgrid(y, x, indexing="ij"))
-    facet_position = sites[:, None] + imprint.middle
-    facet_normal = np.broadcast_to(imprint.normal, facet_position.shape)
-    down = np.array([0.0, 0.0, -1.0])
-    coating = np.stack([grid_x, grid_y, np.full(grid_x.shape, pad.thickness)], axis=-1)
+    faces = len(imprint.normal)
+    facet_position, facet_normal = (
+        np.concatenate([part @ turn.T for turn in imprint.turn])
+        for part in (imprint.middle, imprint.normal)
+    )
+    facet_position += np.repeat(sites, faces, axis=0)
+    chart = SkinChart(scene, 0.0)
+    coating = chart.flat(np.stack([grid_x, grid_y], axis=-1))
+    inward, coating_normal = -imprint.turn[..., 2], -chart.frames(coating[:, :2])[..., 2]
     coating_size = np.tile([pad.width / columns, pad.length / rows], (len(coating), 1))
     edge_position, edge_normal, edge_size, edge = _edge_patches(scene, x, y)
-    position = [facet_position.reshape(-1, 3), sites, coating, edge_position]
-    normal = [
-        facet_normal.reshape(-1, 3),
-        *(np.broadcast_to(down, part.shape) for part in (sites, coating)),
-        edge_normal,
-    ]
-    point_size = np.zeros((len(sites) * (len(imprint.normal) + 1), 2))
+    untouched = [sites, coating, edge_position], [inward, coating_normal, edge_normal]
+    point_size = np.zeros((len(sites) * (faces + 1), 2))
     return ShadingPoints(
-        np.concatenate(position),
-        np.concatenate(normal),
+        np.concatenate([facet_position, *untouched[0]]),
+        np.concatenate([facet_normal, *untouched[1]]),
+        np.concatenate([np.repeat(sites, faces, axis=0), *untouched[0]]),
+        np.concatenate([np.repeat(inward, faces, axis=0), *untouched[1]]),
         np.concatenate([point_size, coating_size, edge_size]),
         len(sites),
-        len(imprint.normal),
+        faces,
         columns,
         rows,
         edge,
@@ -95,7 +102,7 @@ def _edge_patches(
 ) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """Return position, normal, size and edge of the patches on white and on milky edges."""
     pad = scene.pad
-    z = pad.thickness * (np.arange(EDGE_PATCH_ROWS) + 0.5) / EDGE_PATCH_ROWS
+    part = (np.arange(EDGE_PATCH_ROWS) + 0.5) / EDGE_PATCH_ROWS
     position, normal, size, edge = (
         [np.zeros((0, 3))],
         [np.zeros((0, 3))],
@@ -107,13 +114,14 @@ def _edge_patches(
             continue
         outward = OUTWARD[number]
         along, length = (x, pad.width) if outward[1] else (y, pad.length)
-        grid_z, grid = (part.ravel() for part in np.meshgrid(z, along, indexing="ij"))
+        up, grid = (axis.ravel() for axis in np.meshgrid(part, along, indexing="ij"))
         fixed = np.full_like(grid, outward[:2] @ [pad.width, pad.length] / 2)
-        across, up = (grid, fixed) if outward[1] else (fixed, grid)
-        position.append(np.stack([across, up, grid_z], axis=-1))
+        place = np.stack((grid, fixed) if outward[1] else (fixed, grid), axis=-1)
+        height = SkinChart(scene, 0.0).height(place)
+        position.append(np.concatenate([place, (height * up)[:, None]], axis=-1))
         normal.append(np.tile(-outward, (len(grid), 1)))
-        patch = [length / len(along), pad.thickness / EDGE_PATCH_ROWS]
-        size.append(np.tile(patch, (len(grid), 1)))
+        wide = np.full(len(grid), length / len(along))
+        size.append(np.stack([wide, height / EDGE_PATCH_ROWS], axis=-1))
         edge.append(np.full(len(grid), number))
     return (
         np.concatenate(position),

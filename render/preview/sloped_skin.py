@@ -30,7 +30,8 @@ def sloped_skin(scene: Scene, skin: HeightMap) -> Imprint:
     middle = np.tile([0.0, 0.0, -0.5 * skin.deepest], (len(normal), 1))
     center = np.array([0.5 * (low_x + high_x), 0.5 * (low_y + high_y), scene.pad.thickness])
     distance = np.einsum("ki,ki->k", normal, middle)
-    return Imprint(center[None], 1, 1, 1.0, normal, distance, middle, skin.size)
+    upright = np.eye(3)[None]
+    return Imprint(center[None], upright, 1, 1, 1.0, normal, distance, middle, skin.size)
 
 
 def slope_terms(points: ShadingPoints, added: Array) -> Array:

@@ -16,5 +16,6 @@ from render.scene.schema import (
     sources,
 )
 from render.scene.serialization import scene_content, scene_of
+from render.scene.skin import SHAPES, Skin
 from render.scene.standalone import standalone
 from render.scene.tolerances import Spread, Tolerances

@@ -16,9 +16,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
+from render.arrays import Array
 from render.errors import SceneError
 from render.scene.camera import Camera, Coordinate, Millimeters
 from render.scene.colors import (
@@ -56,6 +58,8 @@ from render.scene.lamps import (
     row_problems,
 )
 from render.scene.quantities import Count, Part, Quantity, keys_of_schema_2, since_schema_2
+from render.scene.skin import Skin
+from render.scene.skin_problems import skin_problems
 from render.scene.tolerances import Tolerances
 
 
@@ -151,6 +155,14 @@ class Sites(Part):
         """Number of sites."""
         return self.columns * self.rows
 
+    @property
+    def places(self) -> Array:
+        """Flat x and y of the sites, ``(site, 2)`` mm, row by row from the base."""
+        x = self.centre_x + (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing
+        y = self.centre_y + (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing
+        grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
+        return np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1)
+
 
 class Indenter(Part):
     """The pyramid that is pressed into the coating at every site (thesis 4.2)."""
@@ -205,6 +217,7 @@ class Scene(Part):
     pad: Pad
     diffuser: Diffuser | None = None
     coating: Coating
+    skin: Skin | None = since_schema_2()
     fibers: Fibers | None = None
     faces: tuple[NamedFaces, ...] | None = since_schema_2()
     rows: tuple[Row, ...] | None = since_schema_2()
@@ -277,6 +290,8 @@ class Scene(Part):
                 f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
+        if not problems:
+            problems += skin_problems(self)
         palette = self.palette
         problems += palette.problems()
         if self.constraints is not None:

@@ -26,6 +26,8 @@ BASE: dict[str, dict[str, Any]] = {
 RIM = {"thickness": (2.0, MM), "sigma_s": (4.0, "1/mm"), "sigma_a": (0.005, "1/mm"), "g": (0.75,)}
 CLEAR_RIM = RIM | {"sigma_s": (0.0, "1/mm"), "sigma_a": (0.0, "1/mm")}
 
+DOME: Any = {"shape": "dome", "radius": (30.0, MM)}
+
 LAMBERTIAN: Any = "lambertian"
 GAUSSIAN: Any = {"sigma_v": (20.0, DEG)}
 COSINE_8: Any = {"cosine_exponent": (8.0,)}
@@ -199,8 +201,24 @@ CASES: dict[str, dict[str, Any]] = {
         "rows": [row("left", 1), row("tip", 1), row("right", 1)],
         "bending.angles": ([45.0], DEG),
     },
+    "dome": {"skin": DOME, "pad.thickness": (6.0, MM)},
+    "dome rough 0.1": {"skin": DOME, "pad.thickness": (6.0, MM), "pad.roughness": (0.1,)},
+    "dome, white and mirror walls": {
+        "skin": DOME, "pad.thickness": (6.0, MM), "rows": [row("left", 2)],
+        "faces": [
+            painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
+        ],
+    },
+    "dome lit from below": {
+        "skin": DOME, "pad.thickness": (6.0, MM),
+        "lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)],
+    },
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
+
+
+SKINS = {"dome": "dome"}
+"""A case of each shape that a skin may have."""
 
 
 def random_case(number: int) -> dict[str, Any]:
@@ -253,7 +271,7 @@ def content_of_case(case: str) -> dict[str, Any]:
         content["baseline"] = {entry["edge"]: "red" for entry in changes.get("rows", ())}
         if "lamps" in changes:
             content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
-    newer = {"rows", "lamps", "faces"} & set(changes) or "on" in changes.get("diffuser", {})
+    newer = {"rows", "lamps", "faces", "skin"} & set(changes) or "on" in changes.get("diffuser", {})
     schema = {"schema": 2 if newer else 1, "name": "case"}
     return schema | dict(_in_file_form(content))
 

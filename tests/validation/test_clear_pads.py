@@ -29,7 +29,7 @@ REPLICATES = 16
 
 FAST = (
     "smooth", "rough 0.03", "no face", "half below", "rim rough 0.1",
-    "rough left and lower, smooth tip", "rim on left and right rough 0.1",
+    "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
 )  # fmt: skip
 WHOLE = (*CASES, *(f"random {number}" for number in range(24)))
 
@@ -83,6 +83,8 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
     scene = scene_of_case(case)
     if scene.diffuser and scene.diffuser.sigma_s:
         photons //= 4
+    if scene.skin:
+        photons //= 8
     phi = np.array([PHI])
     began = time.perf_counter()
     bend = scene.bending.angles[0]
@@ -96,7 +98,9 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
         ("sites", estimate.background_replicates, estimate.background_se),
     ):
         indented = name == "facets"
-        analog = BentScene(scene, bend, indented) if bend else AnalogScene(scene, indented)
+        planes = not bend and scene.skin is None
+        views = 4000 if scene.skin else 20_000
+        analog = AnalogScene(scene, indented) if planes else BentScene(scene, bend, indented, views)
         oracle = np.concatenate(
             [analog.cells(f, PHI, photons).replicates for f in range(scene.lamp_count)], axis=1
         )

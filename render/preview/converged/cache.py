@@ -30,6 +30,11 @@ EFFORT = Effort()
 """What is kept, and looked for."""
 
 
+def can_converge(scene: Scene) -> bool:
+    """Return whether the compiled paths know the pad: its skin is flat, or rolled from flat."""
+    return scene.skin is None
+
+
 def converged_transport(scene: Scene, progress: OnProgress | None = None) -> ConvergedTransport:
     """Return transport at `NODES` and the scene's own bends, which are one more axis.
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.errors import SceneError
 from render.geometry import counted_sites, flat_fiber_poses
 from render.preview.beams import shines_past_layers
 from render.preview.converged.arrivals import (
@@ -133,7 +134,16 @@ def transport_at(
         phi: ``(node,)`` rad.
         effort: how many paths.
         clock: is ticked, `task_count` times in all.
+
+    Raises:
+        SceneError: the skin is not flat.
     """
+    if scene.skin is not None:
+        raise SceneError(
+            f"skin.shape = {scene.skin.shape}: the converged preview follows light to flat skins "
+            "alone, allowed: no skin; use the preview as drawn (--coarse), or render",
+            field="skin",
+        )
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         light = _light(scene, bend, phi, effort, clock, pool)
         pressed = _Gathering(scene, bend, True, light, effort, clock, pool)

@@ -21,6 +21,39 @@ uniform sampler2D facet_indirect;  // (facet, site)
 // What a slope adds to interreflected irradiance: weights of the normal's x, y, x x, x y, y y.
 uniform sampler2D slope_indirect;
 #endif
+#ifdef CURVED
+uniform sampler2D skin;        // normal into the pad and height over the pad, its border included
+#ifdef FACES
+uniform sampler2D site_frames;  // position, across, towards the tip, out of the pad; a row per site
+#endif
+const int STEPS = 32, HALVINGS = 16;
+
+vec4 skin_at(vec2 place) {
+    vec2 steps = vec2(textureSize(skin, 0));
+    vec2 along = clamp(0.5 * place / half_pad + 0.5, 0.0, 1.0);
+    return texture(skin, (along * (steps - 1.0) + 0.5) / steps);
+}
+
+// Way to the skin's height: the first step in which a ray crosses it; negative where it passes.
+float way_to_skin(vec3 start, vec3 way) {
+    vec2 ends = (sign(way.xy) * half_pad - start.xy) / way.xy;
+    float last = min((thickness - start.z) / way.z, min(ends.x, ends.y));
+    float before = 0.0, after = -1.0;
+    for (int i = 1; i <= STEPS; ++i) {
+        float here = last * float(i) / float(STEPS);
+        vec3 place = start + here * way;
+        if (place.z >= skin_at(place.xy).w - 1e-5) { after = here; break; }
+        before = here;
+    }
+    if (after < 0.0) return -1.0;
+    for (int i = 0; i < HALVINGS; ++i) {
+        float middle = 0.5 * (before + after);
+        vec3 place = start + middle * way;
+        if (place.z >= skin_at(place.xy).w) after = middle; else before = middle;
+    }
+    return after;
+}
+#endif
 
 out vec4 pixel;
 
@@ -77,6 +110,14 @@ void main() {
     float cos_in = -dot(ray, normal);
     vec3 inside = refract(ray, normal, 1.0 / refractive_index);
     float passed = 1.0 - reflectance(-dot(inside, normal));
+#ifdef CURVED
+    entry.y += pivot;
+    if (any(greaterThan(abs(entry.xy), half_pad))) return;
+    way = way_to_skin(entry, inside);
+    if (way < 0.0) return;
+    vec3 target = entry + way * inside;
+    vec3 facing = normalize(skin_at(target.xy).xyz);
+#else
     way = way_to_arc(curved, entry - vec3(0.0, 0.0, thickness), inside);
     if (way < 0.0) return;
     vec2 turn;
@@ -84,11 +125,21 @@ void main() {
     if (any(greaterThan(abs(target.xy), half_pad))) return;
     target.z = thickness;
     vec3 facing = vec3(0.0, 0.0, -1.0);
+#endif
     vec3 ambient = texture(indirect, 0.5 * target.xy / half_pad + 0.5).rgb;
 #ifdef FACES
     vec2 number = clamp(round((target.xy - site_first.xy) / site_step), vec2(0.0), site_count - 1.0);
+#ifdef CURVED
+    int row = int(number.y * site_count.x + number.x);
+    pyramid_frame = mat3(texelFetch(site_frames, ivec2(1, row), 0).xyz,
+                         texelFetch(site_frames, ivec2(2, row), 0).xyz,
+                         texelFetch(site_frames, ivec2(3, row), 0).xyz);
+    vec3 from_site = (target - texelFetch(site_frames, ivec2(0, row), 0).xyz) * pyramid_frame;
+    vec3 d = inside * pyramid_frame;
+#else
     vec3 from_site = target - vec3(site_first.xy + number * site_step, thickness);
     vec3 d = to_local(inside, turn);
+#endif
     // The pyramid is convex: the last plane entered is the facet seen, unless another is left first.
     float enter = -1e9, leave = 0.0;
     int facet = 0;
@@ -100,8 +151,13 @@ void main() {
         } else leave = min(leave, meets);
     }
     if (enter < leave) {
+#ifdef CURVED
+        facing = pyramid_frame * facet_planes[facet].xyz;
+        target += enter * inside;
+#else
         facing = facet_planes[facet].xyz;
         target += enter * d;
+#endif
         int site = int(number.y * site_count.x + number.x);
         ambient = texelFetch(facet_indirect, ivec2(facet, site), 0).rgb;
     } else {

@@ -41,6 +41,40 @@ float edges_reflect(int edge, int count, float cosine) {
     return all;
 }
 
+#ifdef CURVED
+
+uniform sampler2D edge_height;  // of the skin, a row for left, tip, right and base
+vec3 below = vec3(0.0, 0.0, -1.0);  // the skin's normal at the foot of a facet
+
+// Whether an edge is there at a place: it ends where the skin meets it.
+bool on_edge(int edge, vec3 place, vec3 low, vec3 high) {
+    int axis = 1 - (edge & 1);
+    float steps = float(textureSize(edge_height, 0).x);
+    float along = clamp((place[axis] - low[axis]) / (high[axis] - low[axis]), 0.0, 1.0);
+    vec2 texel = vec2((along * (steps - 1.0) + 0.5) / steps, (float(edge) + 0.5) / 4.0);
+    return abs(place.z) < texture(edge_height, texel).r;
+}
+
+// Whether light from `source` to an unfolded `target` after reflections at edges meets them all;
+// the target is below 0 where light comes by way of the lower face.
+float meets_edges(vec3 source, vec3 target, ivec2 turns, vec3 low, vec3 high) {
+    vec3 way = source - target, size = high - low;
+    for (int axis = 0; axis < 2; ++axis) {
+        for (int k = 0; k < abs(turns[axis]); ++k) {
+            float plane = turns[axis] > 0 ? high[axis] + float(k) * size[axis]
+                : low[axis] - float(k) * size[axis];
+            vec3 place = target + way * ((plane - target[axis]) / way[axis]);
+            vec2 turned = mod(place.xy - low.xy, 2.0 * size.xy);
+            place.xy = low.xy + min(turned, 2.0 * size.xy - turned);
+            int edge = (turns[axis] > 0 ? 2 - axis : 3 * axis) + 2 * k;
+            if (!on_edge(edge & 3, place, low, high)) return 0.0;
+        }
+    }
+    return 1.0;
+}
+
+#endif
+
 #ifdef BEAM
 
 uniform float inverse_width;      // 1 / (2 sigma_v), rad^-1
@@ -106,6 +140,9 @@ vec3 seen_through(vec3 image, vec3 target, int face, out float factor) {
     bool enters = inside > 0.0 && all(greaterThanEqual(entry, box_low))
         && all(lessThanEqual(entry, box_high));
     if (face == 4) enters = enters && all(lessThanEqual(abs(entry.xy), clear_half));
+#ifdef CURVED
+    else enters = enters && on_edge(face, entry, box_low, box_high);
+#endif
     factor = enters ? cos_out * (inside + seen) / (cubed * stretch) : 0.0;
     image[axis] = plane - way * seen;
     return image;
@@ -173,6 +210,9 @@ uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distan
 // The coating's point from the nearest pyramid's center; beyond shadow_radius nothing is tested.
 vec3 from_pyramid;
 float shadow_radius = 0.0;
+#ifdef CURVED
+mat3 pyramid_frame;  // across, towards the tip, out of the pad
+#endif
 
 // 1 where the way from a point of the coating towards a light passes the pyramid, 0 behind it. Its
 // frame is taken for the point's own, as shadows are short against the radius of the bend.
@@ -223,6 +263,11 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         Path direct = direct_path(straight, target, half_turn(straight, target));
         Path mirrored = mirrored_path(folded, target, half_turn(folded, target));
         vec2 spread = factor * vec2(direct.spread, mirrored.spread);
+#ifdef CURVED
+        spread *= vec2(
+            meets_edges(straight, target, turns, box_low, box_high),
+            meets_edges(folded, vec3(target.xy, -target.z), turns, box_low, box_high));
+#endif
         for (int axis = 0; axis < 2; ++axis) {
             int count = abs(turns[axis]);
             if (count == 0) continue;
@@ -245,14 +290,23 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec2 here = spread * max(cosine, 0.0);
 #ifdef FACES
         if (length(from_pyramid.xy) < shadow_radius)
+#ifdef CURVED
+            here *= vec2(past_pyramid(direct.arrive * pyramid_frame),
+                         past_pyramid(mirrored.arrive * pyramid_frame));
+#else
             here *= vec2(past_pyramid(direct.arrive), past_pyramid(mirrored.arrive));
+#endif
 #endif
 #ifdef HEIGHT_MAP
         if (here.x > 0.0) here.x *= past_skin(position, thickness - position.z, direct.arrive);
         if (here.y > 0.0) here.y *= past_skin(position, thickness - position.z, mirrored.arrive);
 #endif
-        vec2 foot = step(0.0, cosine) * spread
-            * max(-vec2(direct.arrive.z, mirrored.arrive.z), 0.0);
+#ifdef CURVED
+        vec2 landing = vec2(dot(direct.arrive, below), dot(mirrored.arrive, below));
+#else
+        vec2 landing = -vec2(direct.arrive.z, mirrored.arrive.z);
+#endif
+        vec2 foot = step(0.0, cosine) * spread * max(landing, 0.0);
 #if CHANNELS == 3
         for (int c = 0; c < 3; ++c) {
             vec2 sent = intensities(sender, 3 * list + c, beam, face, d, m);

@@ -1,6 +1,7 @@
 // One cell of the transport array: column = point of the pad, row = fiber * nodes + node.
 
-uniform sampler2D points;  // position and normal, texel by texel, POINT_COLUMNS points per row
+// Position, normal and, where it is not flat, the skin's normal: POINT_COLUMNS points per row.
+uniform sampler2D points;
 uniform int first_point;
 uniform int nodes;
 
@@ -12,7 +13,12 @@ out vec2 cell;  // at the point, at the foot of its facet
 
 void main() {
     int point = int(gl_FragCoord.x) + first_point, list = int(gl_FragCoord.y);
+#ifdef CURVED
+    ivec2 texel = ivec2(3 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
+    below = texelFetchOffset(points, texel, 0, ivec2(2, 0)).xyz;
+#else
     ivec2 texel = ivec2(2 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
+#endif
     vec3 position = texelFetch(points, texel, 0).xyz;
     vec3 normal = texelFetchOffset(points, texel, 0, ivec2(1, 0)).xyz;
     Light light = irradiance(position, normal, list / nodes, list);

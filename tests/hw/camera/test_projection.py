@@ -10,6 +10,7 @@ from hw.camera.projection import pad_positions, pixels_of, rotation
 from hw.check.prediction import RADIUS, SiteSpots
 from render.geometry import facet_masks, flat_sites
 from render.scene import load_scene
+from tests.oracles.pads import scene_of_case
 
 SCENE = load_scene("finger20")
 ROWS, COLUMNS = 120, 72
@@ -79,3 +80,18 @@ def test_a_tilt_leads_the_optical_axis_sideways_by_its_own_angle(axis: int) -> N
 def test_turning_back_is_the_inverse() -> None:
     turn = rotation(TILT)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+
+
+def test_pixels_look_at_a_dome_as_rays_do() -> None:
+    dome = scene_of_case("dome")
+    flat = pad_positions(dome, 0.0, ROWS, COLUMNS)
+    row, column = 60, np.array([20, 36, 50])
+    points = flat[row, column]
+    assert np.isfinite(points).all()
+    found = pixels_of(dome, 0.0, points, ROWS, COLUMNS)
+    np.testing.assert_allclose(
+        found, np.stack([column + 0.5, np.full(3, row + 0.5)], -1), atol=0.02
+    )
+    # The skin falls away from its crown, towards the camera: it is seen farther out.
+    level = pad_positions(dome.model_copy(update={"skin": None}), 0.0, ROWS, COLUMNS)
+    assert np.abs(level[60, 20, 0]) > np.abs(flat[60, 20, 0])

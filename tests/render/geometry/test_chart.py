@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 from render.geometry import SkinChart
-from render.scene import Scene, load_scene
+from render.scene import SHAPES, Scene, load_scene
+from tests.oracles.pads import SKINS, scene_of_case
 
 FINGER = load_scene("finger20")
-CASES = [(FINGER, 0.0), (FINGER, 1e-6), (FINGER, 1.2)]
+CURVED = [scene_of_case(case) for case in SKINS.values()]
+CASES = [(FINGER, 0.0), (FINGER, 1e-6), (FINGER, 1.2), *((scene, 0.0) for scene in CURVED)]
 RNG = np.random.default_rng(3)
+
+
+def test_every_shape_is_tried() -> None:
+    assert set(SKINS) == set(SHAPES)
 
 
 def uv_of(scene: Scene, count: int = 300) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +20,15 @@ from render.geometry import (
     imprint_depth,
     pyramid,
     pyramids,
+    smoothed_skin,
     straight_edge,
     unbend_points,
 )
+from render.geometry.mesh_probe import body_of_file
 from render.geometry.meshes import imprinted_coating, pad_meshes
 from render.preview import Preview
 from render.scene import Scene, load_scene
+from tests.oracles.pads import scene_of_case
 
 
 @pytest.fixture(scope="module")
@@ -144,3 +148,29 @@ def test_a_bolt_lit_from_the_left_is_bright_there_and_dark_behind(
 def test_a_bolt_has_no_transport(pressed: Preview) -> None:
     with pytest.raises(GraphicsError, match="only the pyramids have transport"):
         pressed.transport(np.array([0.5]), np.array([0.0]))
+
+
+def test_what_is_drawn_on_flat_skins_alone_raises_one_clear_error_on_a_dome() -> None:
+    dome = scene_of_case("dome")
+    with pytest.raises(
+        SceneError, match=r"skin\.shape = dome: a body from a file is drawn on"
+    ):
+        body_of_file(dome, Path("ball.stl"))
+    with pytest.raises(SceneError, match=r"allowed: pyramids, ball, bolt and edge as they are"):
+        smoothed_skin(dome, ball(dome), 0.2)
+
+
+def test_a_ball_on_a_dome_is_as_deep_as_said_and_follows_its_slope() -> None:
+    dome = scene_of_case("dome")
+    assert dome.skin is not None
+    body = ball(dome, radius=2.0, depth=0.5)
+    center, out = body.center[0], body.turn[0][:, 2]
+    middle = center + 1.5 * out
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 21), np.linspace(-1.0, 1.0, 21))
+    x, y = center[0] + x, center[1] + y
+    height = dome.pad.thickness + dome.skin.rise(x, y)
+    pressed = height - imprint_depth(body, x, y, height)
+    away = np.linalg.norm(np.stack([x, y, pressed], axis=-1) - middle, axis=-1)
+    deep = imprint_depth(body, x, y, height) > 0.05
+    assert deep.sum() > 100
+    np.testing.assert_allclose(away[deep], 2.0, atol=0.07)

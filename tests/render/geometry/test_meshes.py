@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from render.geometry import bend_frames, facets, flat_sites, unbend_points
-from render.geometry.meshes import PadMeshes, pad_meshes
+from render.geometry import bend_frames, facets, flat_sites, pyramids, unbend_points
+from render.geometry.meshes import MAX_SAG, PadMeshes, imprinted_coating, pad_meshes
 from render.scene import OUTWARD, Scene, load_scene
+from tests.oracles.pads import SKINS, scene_of_case
 
 SCENE = load_scene("finger20")
 BARE = SCENE.model_copy(update={"diffuser": None})
@@ -211,3 +212,44 @@ def test_triangles_know_the_side_of_the_block_that_they_are_on(bend: float) -> N
             turn = bend_frames(scene, flat[:, 1], bend)
             expected = np.einsum("fij,fj->fi", turn, outward)
             assert ((mesh.face_normals * expected).sum(axis=1) > 0.99).all()
+
+
+@pytest.mark.parametrize("case", SKINS.values())
+@pytest.mark.parametrize("indented", [False, True])
+def test_a_curved_skin_closes_its_pad_and_sags_by_less_than_is_said(
+    case: str, indented: bool
+) -> None:
+    scene = scene_of_case(case)
+    meshes, skin = pad_meshes(scene, 0.0, indented), scene.skin
+    assert skin is not None
+    coating, whole = meshes.coating, block(meshes)
+    assert whole.is_watertight
+    assert whole.is_winding_consistent
+    assert whole.volume > 0
+    if indented:
+        return
+    middle = coating.triangles_center
+    sag = scene.pad.thickness + skin.rise(middle[:, 0], middle[:, 1]) - middle[:, 2]
+    assert np.abs(sag).max() < 2 * MAX_SAG
+    x, y = np.meshgrid(*(np.linspace(-0.5, 0.5, 801) * side for side in scene_size(scene)))
+    exact = (scene.pad.thickness + skin.rise(x, y)).mean() * np.prod(scene_size(scene))
+    assert whole.volume == pytest.approx(exact, rel=1e-3)
+
+
+def scene_size(scene: Scene) -> tuple[float, float]:
+    return scene.pad.width, scene.pad.length
+
+
+@pytest.mark.parametrize("case", SKINS.values())
+def test_a_body_pressed_into_a_curved_skin_stands_on_it(case: str) -> None:
+    scene = scene_of_case(case)
+    found = imprinted_coating(scene, 0.0, pyramids(scene)).vertices
+    pressed = scene.pad.thickness + scene.skin.rise(found[:, 0], found[:, 1]) - found[:, 2]
+    shape = facets(scene, 0.0)
+    # Where the fine grid comes near an apex, it is as deep as that.
+    apex = shape.corners[:, 0, 0]
+    near = np.linalg.norm(found[None, :, :2] - apex[:, None, :2], axis=-1).argmin(axis=1)
+    np.testing.assert_allclose(found[near, 2], apex[:, 2], atol=0.06)
+    away = np.linalg.norm(found[None, :, :2] - shape.site_position[:, None, :2], axis=-1)
+    assert (pressed[(away > 1.2 * scene.indenter.radius).all(axis=0)] < 1e-9).all()
+    assert (pressed > -1e-9).all()

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from render.geometry import bend_frames, bend_points, curvature
-from render.preview.light_paths import direct_path, mirrored_path
+from render.preview.light_paths import direct_path, meets_edges, mirrored_path, wall_image
 from render.scene import Scene, load_scene
+from tests.oracles.pads import scene_of_case
 
 SOURCE = np.array([-9.0, 5.0, 2.5])
 TARGETS = np.array([[0.0, 3.0, 4.0], [3.0, 9.0, 3.9], [-3.0, -2.0, 4.0], [9.0, 4.0, 1.0]])
@@ -116,3 +117,28 @@ def test_the_coating_hides_what_lies_behind_its_horizon(scene: Scene) -> None:
         expected = [hidden(scene, s, t, bend) for s, t in zip(source, target, strict=True)]
         np.testing.assert_array_equal(spread == 0, expected)
         assert 10 < sum(expected) < 290
+
+
+@pytest.mark.parametrize("turns", [(1, 0), (-2, 0), (0, 3), (1, -1), (-1, 2)])
+def test_light_meets_edges_where_steps_along_its_folded_way_stay_below_the_skin(
+    turns: tuple[int, int],
+) -> None:
+    scene = scene_of_case("dome")
+    rng, skin = np.random.default_rng(sum(turns) + 7), scene.skin
+    assert skin is not None
+    size = scene.box.high - scene.box.low
+    low, high = scene.box.low, scene.box.high
+    target = rng.uniform(low, high, (200, 3)) * [1, 1, 0.9]
+    inside = scene.pad.thickness + skin.rise(target[:, 0], target[:, 1]) > target[:, 2]
+    target = target[inside]
+    source = wall_image(scene, turns).image(target[::-1])
+    source[::2, 2] *= -1
+    part = np.linspace(0.0, 1.0, 4001)[1:-1, None, None]
+    way = target + part * (source - target)
+    turned = (way[..., :2] - low[:2]) % (2 * size[:2])
+    folded = low[:2] + np.minimum(turned, 2 * size[:2] - turned)
+    room = scene.pad.thickness + skin.rise(folded[..., 0], folded[..., 1]) - np.abs(way[..., 2])
+    met = meets_edges(scene, source, target, turns)
+    clear = np.abs(room.min(axis=0)) > 0.02
+    assert 0 < met[clear].sum() < clear.sum()
+    np.testing.assert_array_equal(met[clear] > 0, room.min(axis=0)[clear] > 0)

@@ -14,6 +14,7 @@ from render.geometry import (
     camera_rays,
     counted_sites,
     distance_to_coating,
+    facet_masks,
     facet_normals,
     fiber_edges,
     flat_sites,
@@ -23,6 +24,7 @@ from render.geometry import (
 )
 from render.preview import Preview
 from render.scene import Camera, Scene, load_scene
+from tests.oracles.pads import scene_of_case
 
 BENDS = np.array([0.0, 1e-6, np.pi / 4, np.pi])
 PHI = np.array([0.0, 0.6, np.pi - 0.6, np.pi])
@@ -300,3 +302,20 @@ def test_a_pixel_of_an_askew_camera_shows_what_its_ray_meets(
     assert 0.2 < on_pad.mean() < 0.95
     # Only pixels on the border may differ, by rounding.
     assert (lit != on_pad).mean() < 0.02
+
+
+def test_a_picture_of_a_dome_shows_what_its_cells_say() -> None:
+    dome = scene_of_case("dome")
+    lamps, camera, masks = dome.lamp_count, dome.camera, facet_masks(dome, 0.0)
+    with Preview(dome) as preview:
+        cells, untouched = preview.transport(np.array([1.2]), np.zeros(1))
+        for indented in (True, False):
+            picture = preview.picture(
+                np.full(lamps, 1.2), np.ones((lamps, 3)), 0.0, camera.columns, camera.rows, indented
+            )[:, ::-1, 0].ravel()  # masks have the camera's left and right
+            for site in range(dome.sites.count):
+                shown = range(dome.indenter.faces) if indented else [dome.indenter.faces]
+                for facet in shown:
+                    seen = picture[masks.of(site, facet)].mean()
+                    of_all = cells[:, 0, 0, site, facet] if indented else untouched[:, 0, 0, site]
+                    assert seen == pytest.approx(of_all.sum(), rel=0.08)

@@ -6,6 +6,7 @@ import pytest
 from render.preview.radiosity import Radiosity, solve_radiosity
 from render.preview.shading_points import ShadingPoints, shading_points
 from render.scene import Scene, load_scene
+from tests.oracles.pads import scene_of_case
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +78,17 @@ def test_radiosity_is_mirror_symmetric(scene: Scene, points: ShadingPoints) -> N
     first = points.sites * points.facets
     sites = added[first : points.first_patch].reshape(scene.sites.rows, scene.sites.columns)
     np.testing.assert_allclose(sites, sites[:, ::-1], rtol=1e-9)
+
+
+def test_a_dome_in_air_sees_itself_as_a_sphere_does() -> None:
+    # Between any two places of a sphere the coupling is area / (4 pi R^2); index 1 has no mirrors.
+    dome = scene_of_case("dome")
+    air = dome.model_copy(update={"pad": dome.pad.model_copy(update={"index": 1.0})})
+    points = shading_points(air)
+    added = solve_radiosity(air, points, 0.0, 0.0).added(np.ones((1, len(points.position))))[0]
+    x, y = (np.linspace(-0.5, 0.5, 401)[1:] - 0.5 / 400 for _ in range(2))
+    x, y = np.meshgrid(x * air.pad.width, y * air.pad.length)
+    area = (30.0 / np.sqrt(900.0 - x**2 - y**2)).mean() * air.pad.width * air.pad.length
+    part = air.coating.albedo * area / (4 * np.pi * 900.0)
+    on_skin = slice(points.sites * points.facets, None)
+    np.testing.assert_allclose(added[on_skin], part / (1 - part), rtol=2e-3)
