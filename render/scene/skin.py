@@ -35,11 +35,13 @@ class Skin(Part):
     """The skin of a pad that is not flat; ``pad.thickness`` is the height of its crown.
 
     ``shape`` is a ``dome``, part of a sphere whose center lies below the middle of the pad.
-    ``radius`` is that of the sphere.
+    An ``arch`` is part of a cylinder about an axis below the middle. ``radius`` is that of sphere
+    or cylinder. ``axis`` of an arch is ``x`` or ``y``, the direction that its skin is straight in.
     """
 
-    shape: Literal["dome"]
+    shape: Literal["dome", "arch"]
     radius: Annotated[float, Quantity("mm", 1.0, 10000.0)] | None = None
+    axis: Literal["x", "y"] | None = None
 
     def rise(self, x: Array, y: Array) -> Array:
         """Return the height (mm) at ``x, y`` (mm) above that of the crown, 0 or less."""
@@ -108,6 +110,29 @@ class Dome(SkinShape):
         yield from round_problems(skin, float(np.hypot(*size[:2])) / 2, size)
 
 
+class Arch(SkinShape):
+    """Part of a cylinder about an axis along x or y: ``rise = sqrt(R^2 - d^2) - R``."""
+
+    keys = frozenset({"radius", "axis"})
+
+    def rise(self, skin: Skin, x: Array, y: Array) -> Array:
+        """Return the cylinder's height."""
+        x, y = np.broadcast_arrays(x, y)
+        return round_rise(skin, (y if skin.axis == "x" else x) ** 2)
+
+    def slope(self, skin: Skin, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return its derivatives: none along its axis."""
+        x, y = np.broadcast_arrays(x, y)
+        across = y if skin.axis == "x" else x
+        steep = round_slope(skin, across**2) * across
+        straight = np.zeros_like(steep)
+        return (straight, steep) if skin.axis == "x" else (steep, straight)
+
+    def problems(self, skin: Skin, size: Array) -> Iterator[str]:
+        """Yield that the cylinder ends within the pad."""
+        yield from round_problems(skin, size[1 if skin.axis == "x" else 0] / 2, size)
+
+
 def round_rise(skin: Skin, squared: Array) -> Array:
     """Return the height of an arc of ``skin.radius`` at a ``squared`` distance from its crown.
 
@@ -140,5 +165,5 @@ def round_problems(skin: Skin, reach: float, size: Array) -> Iterator[str]:
         )
 
 
-SHAPES: dict[str, SkinShape] = {"dome": Dome()}
+SHAPES: dict[str, SkinShape] = {"dome": Dome(), "arch": Arch()}
 """All shapes by their names in files."""

@@ -27,6 +27,7 @@ RIM = {"thickness": (2.0, MM), "sigma_s": (4.0, "1/mm"), "sigma_a": (0.005, "1/m
 CLEAR_RIM = RIM | {"sigma_s": (0.0, "1/mm"), "sigma_a": (0.0, "1/mm")}
 
 DOME: Any = {"shape": "dome", "radius": (30.0, MM)}
+ARCH: Any = {"shape": "arch", "radius": (20.0, MM)}
 
 LAMBERTIAN: Any = "lambertian"
 GAUSSIAN: Any = {"sigma_v": (20.0, DEG)}
@@ -209,6 +210,13 @@ CASES: dict[str, dict[str, Any]] = {
             painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
         ],
     },
+    "arch": {
+        "skin": ARCH | {"axis": "y"}, "pad.thickness": (6.0, MM), "fibers.height": (1.0, MM),
+    },
+    "arch along x rough 0.1": {
+        "skin": ARCH | {"axis": "x"}, "pad.thickness": (6.0, MM), "fibers.height": (1.0, MM),
+        "pad.roughness": (0.1,),
+    },
     "dome lit from below": {
         "skin": DOME, "pad.thickness": (6.0, MM),
         "lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)],
@@ -217,7 +225,7 @@ CASES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-SKINS = {"dome": "dome"}
+SKINS = {"dome": "dome", "arch": "arch"}
 """A case of each shape that a skin may have."""
 
 

@@ -152,9 +152,7 @@ def test_a_bolt_has_no_transport(pressed: Preview) -> None:
 
 def test_what_is_drawn_on_flat_skins_alone_raises_one_clear_error_on_a_dome() -> None:
     dome = scene_of_case("dome")
-    with pytest.raises(
-        SceneError, match=r"skin\.shape = dome: a body from a file is drawn on"
-    ):
+    with pytest.raises(SceneError, match=r"skin\.shape = dome: a body from a file is drawn on"):
         body_of_file(dome, Path("ball.stl"))
     with pytest.raises(SceneError, match=r"allowed: pyramids, ball, bolt and edge as they are"):
         smoothed_skin(dome, ball(dome), 0.2)

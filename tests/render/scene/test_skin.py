@@ -71,6 +71,24 @@ def test_a_dome_is_a_sphere() -> None:
     np.testing.assert_allclose(np.linalg.norm(points - center, axis=-1), radius, atol=1e-12)
 
 
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_an_arch_is_a_cylinder_about_its_axis(axis: str) -> None:
+    scene = changed("arch", skin__axis=axis)
+    assert scene.skin is not None
+    x, y = scene.skin.grid(scene.pad.width, scene.pad.length)
+    across = x if axis == "y" else y
+    away = np.hypot(across, scene.skin.rise(x, y) + 20.0)
+    np.testing.assert_allclose(away, 20.0, atol=1e-12)
+
+
+def test_an_axis_is_that_of_an_arch_alone() -> None:
+    assert "skin.axis: a dome has none, leave it out" in refusal("dome", skin__axis="x")
+    content = content_of_case("arch")
+    del content["skin"]["axis"]
+    with pytest.raises(ValidationError, match=r"missing key skin\.axis"):
+        Scene.model_validate(content)
+
+
 def test_a_skin_needs_schema_2() -> None:
     assert "skin needs schema = 2" in refusal("dome", schema=1)
 
