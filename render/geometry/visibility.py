@@ -21,6 +21,8 @@ Index = NDArray[np.int64]
 
 BACKGROUND_RADIUS = 0.7
 """Radius of a site's background spot in units of the pyramid's radius."""
+MANY_PIXELS, BLOCK = 1_000_000, 16
+"""Pixels of a camera from which on blocks of so many by so many are looked at first."""
 RAYS = 8192
 """Rays that meet a pyramid at a time, which bounds the memory."""
 
@@ -73,16 +75,50 @@ def facet_masks(
     when they all meet the untouched coating within 0.7 pyramid radii of the site's center.
     """
     columns, rows = columns or scene.camera.columns, rows or scene.camera.rows
-    origin, directions = camera_rays(scene, columns, rows)
-    center_rays = refract_into_pad(scene, bend, origin, directions.reshape(-1, 3))
+    if columns * rows > MANY_PIXELS:
+        candidates = _pixels_near_sites(scene, bend, columns, rows)
+        column, row = candidates % columns + 0.5, candidates // columns + 0.5
+        directions = pixel_directions(scene, columns, rows, column, row)
+    else:
+        candidates = np.arange(columns * rows)
+        directions = camera_rays(scene, columns, rows)[1].reshape(-1, 3)
+    center_rays = refract_into_pad(scene, bend, camera_origin(scene), directions)
     # A pixel whose center ray passes no site cannot have all its rays on one target.
     close = (_distance_to_sites(scene, bend, center_rays) < _bounding_radius(scene)).any(axis=0)
-    pixels = np.nonzero(close & center_rays.inside)[0]
+    pixels = candidates[close & center_rays.inside]
     owners, owned = _owned_pixels(scene, bend, pixels, (columns, rows), margin, samples)
     order = np.lexsort((owned, owners))
     targets = scene.sites.count * (scene.indenter.faces + 1)
     offset = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=targets))])
     return FacetMasks(columns, rows, owned[order], offset, scene.sites.count, scene.indenter.faces)
+
+
+def _pixels_near_sites(scene: Scene, bend: float, columns: int, rows: int) -> Index:
+    """Return pixels, ascending, among which are all whose center ray passes a site.
+
+    Blocks of pixels are kept by the ray of their middle. How far rays of one block differ from it
+    is taken from its neighbors, and a ring of blocks is kept around all that come close.
+    """
+    blocks_x, blocks_y = -(-columns // BLOCK), -(-rows // BLOCK)
+    row, column = np.meshgrid(
+        (np.arange(blocks_y) + 0.5) * BLOCK, (np.arange(blocks_x) + 0.5) * BLOCK, indexing="ij"
+    )
+    directions = pixel_directions(scene, columns, rows, column, row).reshape(-1, 3)
+    rays = refract_into_pad(scene, bend, camera_origin(scene), directions)
+    near = np.zeros((blocks_y, blocks_x), dtype=bool)
+    for distance in _distance_to_sites(scene, bend, rays).reshape(-1, blocks_y, blocks_x):
+        padded = np.pad(distance, 1, mode="edge")
+        slack = np.zeros_like(distance)
+        for beside in (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]):
+            np.maximum(slack, np.abs(beside - distance), out=slack)
+        near |= distance < _bounding_radius(scene) + 2 * slack
+    ring = np.pad(near, 1)
+    grown = np.zeros_like(near)
+    for down in range(3):
+        for right in range(3):
+            grown |= ring[down : down + blocks_y, right : right + blocks_x]
+    wanted = np.repeat(np.repeat(grown, BLOCK, axis=0), BLOCK, axis=1)[:rows, :columns]
+    return np.nonzero(wanted.ravel())[0]
 
 
 def shown_targets(

@@ -31,7 +31,7 @@ SUBPIXELS = 2
 """Lines of sight per pixel, in each direction."""
 MICROFACETS = 64
 """Microfacet normals per line of sight, in mirrored pairs."""
-MAX_TARGET_PIXELS = 400
+MAX_TARGET_PIXELS = 256
 """Pixels per target that are followed: a target with more is seen by an even choice of them."""
 
 

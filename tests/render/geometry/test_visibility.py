@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+import render.geometry.visibility
 from render.arrays import Array
 from render.geometry import bend_points, camera_origin, camera_rays, facet_masks, facets
 from render.scene import Scene, load_scene
@@ -158,3 +159,19 @@ def test_sites_beyond_the_horizon_of_a_strong_bend_are_not_seen() -> None:
     bent = facet_masks(scene, np.pi)
     assert not bent.counts[0].any()
     assert bent.seen[1].all()
+
+
+@pytest.mark.parametrize("name", ["finger20", "digit", "gelsight-flat"])
+@pytest.mark.parametrize("size", [(640, 480), (333, 501)])
+def test_blocks_of_pixels_of_a_large_camera_leave_nothing_out(
+    name: str, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = load_scene(name)
+    for bend in scene.bending.angles:
+        every = facet_masks(scene, bend, columns=size[0], rows=size[1])
+        with monkeypatch.context() as patch:
+            patch.setattr(render.geometry.visibility, "MANY_PIXELS", 0)
+            blocks = facet_masks(scene, bend, columns=size[0], rows=size[1])
+        assert every.pixel.size > 0
+        np.testing.assert_array_equal(blocks.pixel, every.pixel)
+        np.testing.assert_array_equal(blocks.offset, every.offset)
