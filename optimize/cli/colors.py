@@ -41,7 +41,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Search the colors of a transport table."""
-    from optimize.design import limits_of
+    from optimize.design import LEVEL_NAMES, limits_of
     from optimize.scoring import TableScorer, score_interval
     from render.scene import load_scene
     from render.transport import load_table
@@ -85,7 +85,7 @@ def run(
         names = " ".join(scorer.palette.name(index) for index in result.colors)
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
-            f"level {table.level}\n{result.evaluated} colorings in {result.seconds:.1f} s by "
+            f"level {LEVEL_NAMES[table.level]}\n{result.evaluated} colorings in {result.seconds:.1f} s by "
             f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors"
             f"{'' if result.ties_complete else ', and perhaps more'}\n"
         )

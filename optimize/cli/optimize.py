@@ -159,7 +159,7 @@ def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
         rows.append((TITLES[name], *measured, *_costs(found, name)))
     print_table(
         stream,
-        f"{scene.name}, {scene.hash}, level reference",
+        f"{scene.name}, {scene.hash}, level 2, reference",
         ("design", "score S", "95% interval", "over baseline", "renders", "render s", "wall s"),
         rows,
     )

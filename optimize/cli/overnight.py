@@ -134,7 +134,7 @@ def _print(stream: IO[str], result: OvernightResult, target: Path) -> None:
     ]
     print_table(
         stream,
-        f"{result.scene.name}, {result.scene.hash}, level reference",
+        f"{result.scene.name}, {result.scene.hash}, level 2, reference",
         ("design", "score S", "over baseline", "surrogate said"),
         rows,
     )

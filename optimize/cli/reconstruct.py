@@ -108,6 +108,8 @@ def _rendered(
 def _print(
     stream: IO[str], path: Path, level: str, noise: CameraNoise, found: dict[str, ErrorComparison]
 ) -> None:
+    from optimize.design import LEVEL_NAMES
+
     rows = [
         (
             name.replace("_", ", "),
@@ -120,7 +122,7 @@ def _print(
     ]
     print_table(
         stream,
-        f"{path}, level {level}: errors in degrees",
+        f"{path}, level {LEVEL_NAMES[level]}: errors in degrees",
         ("reader", "baseline", "design", "difference", "95% interval"),
         rows,
     )

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from optimize.cli.options import Json
-from optimize.ui.console import print_json, print_table, reserved_stdout
+from optimize.ui.console import note, print_json, print_table, reserved_stdout
 
 
 def run(
@@ -31,7 +31,7 @@ def run(
     with reserved_stdout() as stream:
         if out is not None:
             check_file(out, (".html", ".htm"))
-        found = find_runs(folder)
+        found = find_runs(folder, _say_unread)
         if out is not None:
             write_runs_page(out, folder, found)
         if as_json:
@@ -60,3 +60,7 @@ def run(
                 stream.write(f"{record.path}, {record.state}: {record.note}\n")
         if out is not None:
             stream.write(f"Page: {out}, open it in a browser\n")
+
+
+def _say_unread(error: OSError) -> None:
+    note(f"{error.filename} cannot be read ({error.strerror}): runs in it are not listed")

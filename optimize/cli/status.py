@@ -42,6 +42,7 @@ def run(
     if serve:
         _serve(directory, port)
         return
+    from optimize.design import LEVEL_NAMES
     from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows, status_of
 
     with reserved_stdout() as stream:
@@ -59,7 +60,7 @@ def run(
             low, high = found.best["interval"]
             stream.write(
                 f"Best so far: {found.best['score']:.2f} ({low:.2f} to {high:.2f}), level "
-                f"{found.best['level']}, {found.best['design']}\n"
+                f"{LEVEL_NAMES[found.best['level']]}: {found.best['design']}\n"
             )
         stream.write(
             f"Renders: {found.evaluations} in {duration(found.render_seconds)} of rendering\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from optimize.overnight.result import NIGHT
@@ -29,8 +29,10 @@ BEGINNING = 200_000
 """Bytes of an HTML file in which the mark of a page to play with stands, style included."""
 
 
-def find_runs(folder: Path) -> list[RunRecord]:
+def find_runs(folder: Path, on_unread: Callable[[OSError], None] | None = None) -> list[RunRecord]:
     """Return all runs in ``folder`` and below, the latest first.
+
+    ``on_unread`` is told of each folder that may not be read.
 
     Raises:
         RunError: there is no such folder.
@@ -41,12 +43,12 @@ def find_runs(folder: Path) -> list[RunRecord]:
             "one that you are in",
             field="folder",
         )
-    found = list(_runs(folder))
+    found = list(_runs(folder, on_unread))
     return sorted(found, key=lambda record: (-record.time, str(record.path)))
 
 
-def _runs(folder: Path) -> Iterator[RunRecord]:
-    for place, folders, files in os.walk(folder):
+def _runs(folder: Path, on_unread: Callable[[OSError], None] | None) -> Iterator[RunRecord]:
+    for place, folders, files in os.walk(folder, onerror=on_unread):
         here = Path(place)
         own = _own(here, set(files))
         yield from own

@@ -265,7 +265,8 @@ def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> N
     rows = [_row(stage) for stage in stages]
     print_table(
         stream,
-        f"{stages[0].scene.name}, {stages[0].scene.hash}, level {stages[0].rating.level}",
+        f"{stages[0].scene.name}, {stages[0].scene.hash}, level "
+        f"{LEVEL_NAMES[stages[0].rating.level]}",
         list(columns.values()),
         [[row[key] for key in columns] for row in rows],
         below=LEGEND,

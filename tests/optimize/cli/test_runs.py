@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -230,3 +231,21 @@ def test_a_place_that_is_no_folder_or_takes_no_page_raises_one_clear_error(
         assert sentence in done.err
         assert "Traceback" not in done.err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_may_not_be_read_is_named_in_one_line(
+    tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "closed").mkdir()
+    opened = os.scandir
+
+    def refusing(place: Any) -> Any:
+        if os.fspath(place).endswith("closed"):
+            raise PermissionError(errno.EACCES, "Permission denied", os.fspath(place))
+        return opened(place)
+
+    monkeypatch.setattr("os.scandir", refusing)
+    said = tactilux("runs")
+    assert said.code == 0
+    assert said.err.count("cannot be read") == 1
+    assert "closed cannot be read (Permission denied): runs in it are not listed" in said.err
