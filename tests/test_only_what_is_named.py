@@ -1,6 +1,7 @@
-"""Per shipped scene, what is built is what its file names: plugins, shader defines, model inputs.
+"""What is built is what a scene file names: plugins, shader defines, model inputs.
 
-What is expected is read from the TOML text alone.
+Asked of every shipped scene and of scenes that name one more optional key each. What is expected is
+read from the TOML text alone.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import render.preview.lights
 import render.preview.passes
 from render.preview import Preview
 from render.preview.shader import source
-from render.scene import load_scene, scene_text, shipped_scenes
+from render.scene import Scene, load_scene, scene_text, shipped_scenes
 
 NAMES = shipped_scenes()
 MODELS = Path(__file__).parents[1] / "models"
@@ -27,15 +28,81 @@ ALWAYS = {"scene", "ply", "diffuse", "uniform", "disk", "hdrfilm", "box"}
 """Meshes, the coating, and lamps as disks before a camera."""
 
 
+LAMP = """
+[[lamps]]
+position = { value = [12.0, 3.0, 2.0], unit = "mm", source = "assumed" }
+direction = { value = [-1.0, 0.0, 0.0], source = "assumed" }
+diameter = { value = 1.0, unit = "mm", source = "assumed" }
+profile = PROFILE
+"""
+COSINE = '{ cosine_exponent = { value = 3.0, source = "assumed" } }'
+SIGMA = '{ sigma_v = { value = 20.0, unit = "deg", source = "assumed" } }'
+ROUGH = '\n[[faces]]\non = ["left"]\nroughness = { value = 0.3, source = "cut" }\n'
+PAINT = '\n[[faces]]\non = ["base"]\n{}\n'
+LISTED = '\nlamps = ["green"]'
+VARIANTS: dict[str, tuple[str, dict[str, str], str]] = {
+    "one rougher face": ("digit", {}, ROUGH),
+    "one smooth face": ("digit", {}, ROUGH.replace("0.3", "0.0")),
+    "smooth pad": ("digit", {"roughness = { value = 0.1": "roughness = { value = 0.0"}, ""),
+    "black face": ("digit", {}, PAINT.format("black = true")),
+    "white face": ("digit", {}, PAINT.format('white = { value = 0.8, source = "paint" }')),
+    "mirror": ("digit", {}, PAINT.format('mirror = { value = 0.9, source = "foil" }')),
+    "black face beside a diffuser": ("finger20", {"schema = 1": "schema = 2"},
+                                     PAINT.format("black = true")),
+    "Gaussian rows": ("digit", {'"lambertian"': SIGMA}, ""),
+    "a power of the cosine": ("digit", {'"lambertian"': COSINE}, ""),
+    "a lamp from a list": ("digit", {'right = "red"': 'right = "red"' + LISTED},
+                           LAMP.replace("PROFILE", '"lambertian"')),
+    "a lamp beside fibers": (
+        "finger20",
+        {"schema = 1": "schema = 2", 'right = "green"': 'right = "green"' + LISTED},
+        LAMP.replace("PROFILE", SIGMA),
+    ),
+    "fisheye": ("digit", {"columns = 240": 'lens = "fisheye"\ncolumns = 240'}, ""),
+    "bent": ("digit", {"value = [0.0], ": "value = [0.0, 30.0], "}, ""),
+    "pad of air": ("digit", {"index = { value = 1.49": "index = { value = 1.0"}, ""),
+    "diffuser on one edge": ("finger20", {"schema = 1": "schema = 2",
+                                          "[diffuser]": '[diffuser]\non = ["left"]'}, ""),
+    "tolerances": ("finger20", {}, """
+[tolerances]
+led_power = { distribution = "normal", deviation = 0.1, unit = "relative", source = "data" }
+"""),
+    "free values": ("finger20", {}, """
+[free]
+reduced_scattering = { value = [0.7, 1.4], unit = "1/mm", source = "silicones" }
+"""),
+}  # fmt: skip
+"""Base, what is replaced in its text, and what is added to it."""
+
+
+def text_of(name: str) -> str:
+    if name not in VARIANTS:
+        return scene_text(name)
+    base, replaced, added = VARIANTS[name]
+    text = scene_text(base)
+    for old, new in replaced.items():
+        assert old in text
+        text = text.replace(old, new)
+    return text + added
+
+
 def named(name: str) -> dict[str, Any]:
-    return tomllib.loads(scene_text(name))
+    return tomllib.loads(text_of(name))
+
+
+def loaded_scene(name: str, folder: Path) -> Scene:
+    if name not in VARIANTS:
+        return load_scene(name)
+    (folder / "variant.toml").write_text(text_of(name))
+    return load_scene(folder / "variant.toml")
 
 
 def profiles(content: dict[str, Any]) -> list[Any]:
     """Return the profile of every row and listed lamp of a scene file."""
-    if "fibers" in content:
-        return [{"sigma_v": content["fibers"]["sigma_v"]}]
-    return [lamp["profile"] for kind in ("rows", "lamps") for lamp in content.get(kind, ())]
+    fibers = [{"sigma_v": content["fibers"]["sigma_v"]}] if "fibers" in content else []
+    return fibers + [
+        lamp["profile"] for kind in ("rows", "lamps") for lamp in content.get(kind, ())
+    ]
 
 
 def is_gaussian(profile: Any) -> bool:
@@ -67,13 +134,13 @@ def expected_plugins(content: dict[str, Any]) -> set[str]:
     }
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *VARIANTS])
 def test_level_2_loads_the_plugins_that_the_file_names(
-    name: str, mono: ModuleType, monkeypatch: pytest.MonkeyPatch
+    name: str, mono: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from render.optics.lit_scene import lit_scene
 
-    scene, loaded = load_scene(name), []
+    scene, loaded = loaded_scene(name, tmp_path), []
     monkeypatch.setattr(mono, "load_dict", lambda content, **_: loaded.append(content))
     lamps = scene.lamp_count
     for bend in scene.bending.angles:
@@ -84,11 +151,11 @@ def test_level_2_loads_the_plugins_that_the_file_names(
 
 def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[str]:
     found = {"CHANNELS", "POINT_COLUMNS", "EMISSION_TEXELS", "SOFT_RADIUS"}
-    rows = content.get("rows", ())
-    behind = "diffuser" in content
-    if behind:
-        found |= {"GLOW"}
-    if not behind or "lamps" in content or any(row["edge"] == "base" for row in rows):
+    milky = content["diffuser"].get("on", ["left", "tip", "right"]) if "diffuser" in content else ()
+    fibers = [edge for edge in ("left", "tip", "right") if content.get("fibers", {}).get(edge)]
+    edges = {*fibers, *(row["edge"] for row in content.get("rows", ()))}
+    found |= {"GLOW"} if edges & set(milky) else set()
+    if "lamps" in content or edges - set(milky):
         found |= {"BEAM"}
         if not all(map(is_gaussian, profiles(content))):
             found |= {"PROFILES"}
@@ -100,7 +167,7 @@ def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[
     return found | ({"BENT"} if bent else set())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *VARIANTS])
 def test_the_shader_has_the_branches_that_the_file_names(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -112,7 +179,7 @@ def test_the_shader_has_the_branches_that_the_file_names(
 
     monkeypatch.setattr(render.preview.lights, "RAYS", 2000)
     monkeypatch.setattr(render.preview.passes, "source", recorded)
-    scene = load_scene(name)
+    scene = loaded_scene(name, tmp_path)
     phi, power = np.full(scene.lamp_count, np.pi / 2), np.ones((scene.lamp_count, 3))
     with Preview(scene, cache=tmp_path) as preview:
         for bend in scene.bending.angles:

@@ -85,8 +85,9 @@ def run(
         names = " ".join(scorer.palette.name(index) for index in result.colors)
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
-            f"level {LEVEL_NAMES[table.level]}\n{result.evaluated} colorings in {result.seconds:.1f} s by "
-            f"{result.method} search, {len(result.ties)} other(s) tie within the table's errors"
+            f"level {LEVEL_NAMES[table.level]}\n"
+            f"{result.evaluated} colorings in {result.seconds:.1f} s by {result.method} search, "
+            f"{len(result.ties)} other(s) tie within the table's errors"
             f"{'' if result.ties_complete else ', and perhaps more'}\n"
         )
         if result.monochrome and table.lam > 0.0:

@@ -77,8 +77,8 @@ def facet_masks(
     columns, rows = columns or scene.camera.columns, rows or scene.camera.rows
     if columns * rows > MANY_PIXELS:
         candidates = _pixels_near_sites(scene, bend, columns, rows)
-        column, row = candidates % columns + 0.5, candidates // columns + 0.5
-        directions = pixel_directions(scene, columns, rows, column, row)
+        column, row = (part.astype(np.float64) for part in np.divmod(candidates, columns)[::-1])
+        directions = pixel_directions(scene, columns, rows, column + 0.5, row + 0.5)
     else:
         candidates = np.arange(columns * rows)
         directions = camera_rays(scene, columns, rows)[1].reshape(-1, 3)
