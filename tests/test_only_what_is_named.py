@@ -35,6 +35,8 @@ direction = { value = [-1.0, 0.0, 0.0], source = "assumed" }
 diameter = { value = 1.0, unit = "mm", source = "assumed" }
 profile = PROFILE
 """
+BELOW = LAMP.replace("[12.0, 3.0, 2.0]", "[0.0, -8.0, -3.0]").replace("[-1.0, ", "[0.0, ")
+BELOW = BELOW.replace("0.0, 0.0]", "0.0, 1.0]")
 COSINE = '{ cosine_exponent = { value = 3.0, source = "assumed" } }'
 SIGMA = '{ sigma_v = { value = 20.0, unit = "deg", source = "assumed" } }'
 ROUGH = '\n[[faces]]\non = ["left"]\nroughness = { value = 0.3, source = "cut" }\n'
@@ -53,10 +55,10 @@ VARIANTS: dict[str, tuple[str, dict[str, str], str]] = {
     "a power of the cosine": ("digit", {'"lambertian"': COSINE}, ""),
     "a lamp from a list": ("digit", {'right = "red"': 'right = "red"' + LISTED},
                            LAMP.replace("PROFILE", '"lambertian"')),
-    "a lamp beside fibers": (
+    "a lamp below fibers": (
         "finger20",
         {"schema = 1": "schema = 2", 'right = "green"': 'right = "green"' + LISTED},
-        LAMP.replace("PROFILE", SIGMA),
+        BELOW.replace("PROFILE", SIGMA),
     ),
     "fisheye": ("digit", {"columns = 240": 'lens = "fisheye"\ncolumns = 240'}, ""),
     "bent": ("digit", {"value = [0.0], ": "value = [0.0, 30.0], "}, ""),
