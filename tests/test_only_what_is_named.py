@@ -159,7 +159,10 @@ def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[
     found |= {"GLOW"} if edges & set(milky) else set()
     if "lamps" in content or edges - set(milky):
         found |= {"BEAM"}
-        if not all(map(is_gaussian, profiles(content))):
+        # One width of Gaussian beams is a uniform of the shader.
+        shapes = profiles(content)
+        widths = {part["sigma_v"]["value"] for part in shapes if is_gaussian(part)}
+        if len(widths) != 1 or not all(map(is_gaussian, shapes)):
             found |= {"PROFILES"}
     if picture:
         found |= {"FACES"}
