@@ -24,11 +24,18 @@ from render.geometry import (
 )
 from render.scene import OUTWARD, Profile, Scene
 
-LIGHT = "--paper:#fff;--ink:#1c1f24;--soft:#5b616b;--clear:#e8f0f8;--milky:#d9dbe0;--lamp:#c2570c"
-DARK = "--paper:#16181c;--ink:#eceef1;--soft:#a2a8b3;--clear:#24303d;--milky:#3a3e46;--lamp:#f0a35e"
+LIGHT = (
+    "--paper:#fff;--ink:#1c1f24;--soft:#5b616b;--clear:#e8f0f8;--milky:#d9dbe0;--plate:#cfe3dc;"
+    "--lamp:#c2570c"
+)
+DARK = (
+    "--paper:#16181c;--ink:#eceef1;--soft:#a2a8b3;--clear:#24303d;--milky:#3a3e46;--plate:#2b4640;"
+    "--lamp:#f0a35e"
+)
 STYLE = """text{{font:1.15px system-ui,sans-serif;fill:var(--soft)}}
 svg{{background:var(--paper);{light}}}{dark}
 .pad{{fill:var(--clear);stroke:var(--soft);stroke-width:.08}}.milky{{fill:var(--milky)}}
+.window{{fill:var(--plate);stroke:var(--soft);stroke-width:.08}}
 .painted{{stroke:var(--soft);stroke-width:.7;stroke-linecap:round}}.black{{stroke:#000}}
 .white{{stroke:#fff}}.mirror{{stroke:#8fb4cc}}.black,.white,.mirror{{stroke-width:.46;stroke-linecap:round}}
 .rough{{stroke:var(--ink);stroke-width:.3;stroke-dasharray:.15 .35}}
@@ -142,6 +149,8 @@ def _drawn(
     clear = -half, half + [0.0, 0.0, scene.pad.thickness]
     if scene.diffuser is not None:
         yield _rectangle(view, low, high, "milky")
+    if scene.window is not None:
+        yield _rectangle(view, low, high, "window")
     section = view.axes[0] == 2
     if section and scene.skin is not None:
         outline = np.concatenate([_skin_line(scene, 0.0), [-half, half * [-1.0, 1.0, 1.0]][::-1]])
@@ -232,13 +241,17 @@ def _camera_view(scene: Scene, view: View) -> Iterator[str]:
     place = camera_origin(scene)
     border = _border_directions(scene)
     upward = border[border[:, 2] > 0.05]
-    entry = place + upward * (-place[2] / upward[:, 2:])
-    # Snell's law at the lower face, z = 0.
-    inside = upward[:, :2] / scene.pad.index
-    rise = np.sqrt(1.0 - (inside**2).sum(axis=1))
-    skin = entry + scene.pad.thickness * np.column_stack(
-        [inside / rise[:, None], np.ones_like(rise)]
-    )
+    met = [place + upward * ((scene.box.low[2] - place[2]) / upward[:, 2:])]
+    layers = [(scene.pad.index, scene.pad.thickness)]
+    if scene.window is not None:
+        layers.insert(0, (scene.window.index, scene.window.thickness))
+    for index, height in layers:
+        # Snell's law at the lower face of each.
+        inside = upward[:, :2] / index
+        rise = np.sqrt(1.0 - (inside**2).sum(axis=1))
+        way = np.column_stack([inside / rise[:, None], np.ones_like(rise)])
+        met.append(met[-1] + height * way)
+    skin = met[-1]
     shown = view.flat(_drawn_camera(scene))
     if view.axes == (0, 1):
         if len(skin) > 2:
@@ -248,7 +261,7 @@ def _camera_view(scene: Scene, view: View) -> Iterator[str]:
     if len(skin) > 2:
         outline = [_drawn_camera(scene)]
         for pick in (np.argmin, np.argmax):
-            ends = [entry[pick(entry[:, 1])], skin[pick(skin[:, 1])]]
+            ends = [points[pick(points[:, 1])] for points in met]
             outline += ends if pick is np.argmin else ends[::-1]
         yield _path(view.flat(np.array(outline)), "view")
     nose = np.array(scene.camera.axes[2])[list(view.axes)] * [1.0, -1.0]

@@ -13,7 +13,7 @@ from typer import BadParameter, Option
 
 from optimize.cli.options import Bend, DesignOption, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, reserved_stdout
-from render.errors import GraphicsError, TableError
+from render.errors import GraphicsError, RenderError, TableError
 
 if TYPE_CHECKING:
     from optimize.design import Design
@@ -165,7 +165,7 @@ def _exposure(scene: Scene, lit: Array) -> float:
 
     try:
         return scene_scale(scene).exposure
-    except (TableError, GraphicsError):
+    except (TableError, GraphicsError, RenderError):
         note(
             "The preview of the baseline gives no exposure: the brightest parts of this picture "
             f"are set to {THESIS.exposure_counts:g} counts, and compare with no other."

@@ -29,6 +29,7 @@ from render.geometry import (
     straight_edge,
 )
 from render.geometry.holder import LEAST_SINE
+from render.preview.bonded import with_bonded_window
 from render.scene import Scene
 
 LEVELS = 65535
@@ -56,6 +57,7 @@ def packed(tables: Mapping[str, Array]) -> tuple[str, dict[str, dict[str, float]
 
 def sensor_facts(scene: Scene) -> dict[str, Any]:
     """Return where everything is, in mm and rad: what the page draws and what its limits are."""
+    scene = with_bonded_window(scene)
     poses = flat_fiber_poses(scene)
     fibers = [
         {

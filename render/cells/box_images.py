@@ -17,6 +17,7 @@ from render.cells.mirror_images import (
     metal_faces,
     mirror_faces,
 )
+from render.geometry import LOWER
 from render.paths.vertex import Vertex
 from render.scene import FACES, Scene
 
@@ -34,6 +35,9 @@ class BoxImages(MirrorImages):
         self.places = mi.Float(np.array(places, dtype=np.float32))
         self.index = mi.Float(scene.pad.index)
         mirrors = mirror_faces(scene)
+        if scene.window is not None and scene.window.index != scene.pad.index:
+            # What the bond bends has no image on a straight line.
+            mirrors[LOWER] = False
         faces = [FACES.index(face) for face in ("left", "right", "base", "tip", "lower")]
         there = np.ones(9, dtype=np.float32)
         there[[1, 2, 4, 5, 7]] = mirrors[faces]

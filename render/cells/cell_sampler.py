@@ -57,6 +57,8 @@ CAMERA_EVENTS, CLEAR_CAMERA_EVENTS = 16, 19
 
 What the bound costs is measured in tests/validation.
 """
+BONDED_CAMERA_EVENTS, BONDED_CAMERA_STRIDE = 30, 62
+"""The same where a bond between pad and window refracts: light meets it on its way to and fro."""
 MILKY_DEPTH = 6.0
 """Optical depth from which on a diffuser hides its lamps: e^-6 of their light comes through."""
 CLEAR_ROUGHNESS = 0.05
@@ -146,18 +148,23 @@ class PadSampler:
         self.mirror = LowerFaceMirror(scene, bend)
         self.target = CoatingTarget(scene, bend, self.mirror)
         mirrors = mirror_faces(scene)
+        bonded = scene.window is not None and scene.window.index != scene.pad.index
         self.images: MirrorImages | None = None
-        if mirrors.any():
+        if mirrors[:LOWER].any() or (mirrors[LOWER] and not bonded):
             curved = self.mirror.curved
             self.images = BentImages(scene, bend, indented) if curved else BoxImages(scene)
         # Over a lower face without exact images directions are drawn near the mirror image.
-        self.glossy = None if self.images is not None and mirrors[LOWER] else self.mirror
+        # No connection passes a bond that refracts.
+        self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror
         # Over smooth faces no light vertex is connected: camera subpaths find those in volumes.
         self.passable = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
         self.sharp = bool(mirrors[[lamp.face for lamp in scene.placed_lamps()]].any())
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
+        self.stride = CAMERA_STRIDE
+        if bonded:
+            self.events, self.stride = BONDED_CAMERA_EVENTS, BONDED_CAMERA_STRIDE
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
@@ -293,7 +300,7 @@ class CellSampler(PadSampler):
         face: mi.UInt32, camera: Stream, light: Stream,
     ) -> list[mi.Float]:  # fmt: skip
         """Return the radiance per direction node that one camera subpath per target finds."""
-        first = 1 + face * CAMERA_STRIDE
+        first = 1 + face * self.stride
         pick_pixel, _, x, y = camera.event(first)
         begin = dr.gather(mi.UInt32, self._offset, target)
         size = dr.gather(mi.UInt32, self._offset, target + 1) - begin

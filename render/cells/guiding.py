@@ -35,8 +35,8 @@ class FiberGlow:
         height = flat_fiber_poses(scene).foot[:, 2]
         foot = poses.foot + poses.layer[:, None] * poses.face_inward
         # Measured from the camera-side face, so that [-thickness, thickness] is wall and mirror.
-        foot -= height[:, None] * poses.up
-        self.thickness = scene.pad.thickness
+        foot -= (height + scene.box.depth)[:, None] * poses.up
+        self.thickness = scene.pad.thickness + scene.box.depth
         frames = np.stack([foot, poses.face_along, poses.face_inward, poses.face_up], axis=1)
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         dr.make_opaque(self.frames)

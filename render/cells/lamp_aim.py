@@ -30,6 +30,8 @@ MIN_WIDTH = 5e-4
 GRAZING_COSINE = 0.05
 """Least cosine of refraction in widths: they vanish where light leaves along the face."""
 NEWTON_STEPS = 4
+BOND_STEPS = 3
+"""Steps in which an aim takes the refraction between pad and window in."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class LampAim:
             sides = (-1, 1) if from_below.any() else (1,)
             ways += [Way(0.05, wall=w, mirrored=m) for w in (-1, 1) for m in both]
             ways += [Way(0.02, w, s, mirrored=m) for s in sides for w in (-1, 0, 1) for m in both]
-        if lowest < 0.0:
+        if lowest < scene.box.low[2]:
             ways.append(Way(0.2, below=True))
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
@@ -87,8 +89,13 @@ class LampAim:
         self.radius = mi.Float(poses.radius.astype(np.float32))
         # Of the faces that the lamps shine through, and of the lower one.
         self.slope = mi.Float(slope[poses.face].astype(np.float32))
-        self.constants = mi.Float([scene.pad.index, slope[LOWER]])
-        dr.make_opaque(self.frames, self.walls, self.radius, self.slope, self.constants)
+        self.constants = mi.Float([slope[LOWER], scene.box.low[2]])
+        # Where light enters through a window, Snell's law is that of its index.
+        plate = scene.pad.index if scene.window is None else scene.window.index
+        self.bonded = None if plate == scene.pad.index else (scene.pad.index, plate)
+        below_bond = (poses.foot[:, 2] < 0.0) | from_below
+        self.index = mi.Float(np.where(below_bond, plate, scene.pad.index).astype(np.float32))
+        dr.make_opaque(self.frames, self.walls, self.radius, self.slope, self.constants, self.index)
 
     def sample(
         self, fiber: mi.UInt32, a: mi.Point3f, pick: mi.Float, x: mi.Float, y: mi.Float
@@ -143,15 +150,16 @@ class LampAim:
             dr.gather(mi.Vector3f, self.frames, 5 * fiber + i) for i in range(5)
         )
         radius = dr.gather(mi.Float, self.radius, fiber)
-        index, lower = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(2))
+        lower, level = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(2))
+        index = dr.gather(mi.Float, self.index, fiber)
         slope = dr.select(below, lower, dr.gather(mi.Float, self.slope, fiber))
         # What comes in through the lower face has not been reflected by it.
         mirrored &= dr.gather(mi.Float, self.walls, 5 * fiber + 4) == 0.0
         # Through the lower face: what of the lamp is below the pad.
         up = mi.Vector3f(0.0, 0.0, 1.0)
-        foot = dr.select(below, mi.Vector3f(lamp.x, lamp.y, 0.0), foot)
+        foot = dr.select(below, mi.Vector3f(lamp.x, lamp.y, level), foot)
         inward = dr.select(below, up, inward)
-        lamp.z = dr.select(below, dr.minimum(lamp.z, -0.5 * radius), lamp.z)
+        lamp.z = dr.select(below, dr.minimum(lamp.z, level - 0.5 * radius), lamp.z)
         # ------------------------- Image of the point ----------------------------------
         end = dr.gather(mi.Float, self.walls, 5 * fiber + dr.select(wall > 0, mi.UInt32(1), 0))
         by_wall = wall != 0
@@ -165,26 +173,29 @@ class LampAim:
         seen = dr.select(mirrored, image, seen)
         unfold = _Unfold([(along, by_wall), (far_axis, by_far), (normal, mirrored)])
         # ------------------------- Snell's law at the face -----------------------------
-        inside = dr.maximum(dr.dot(mi.Vector3f(seen) - foot, inward), 1e-3)
-        outside = dr.maximum(-dr.dot(lamp - foot, inward), 1e-4)
-        across = lamp - mi.Vector3f(seen)
-        across -= dr.dot(across, inward) * inward
-        reach = dr.norm(across)
-        across = across / dr.maximum(reach, 1e-6)
-        # Newton's method, from the paraxial ray within the critical angle. An aim need not be
-        # exact, only the same every time.
-        critical = inside * dr.rsqrt(dr.maximum(dr.square(index) - 1.0, 1e-6))
-        lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
-        for _ in range(NEWTON_STEPS):
-            rest = reach - lateral
-            near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
-            distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
-            excess = index * lateral * near - rest * distant
-            slope_in = index * dr.square(inside) * near * near * near
-            slope_out = dr.square(outside) * distant * distant * distant
-            lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
-        before, after = dr.hypot(lateral, inside), dr.hypot(reach - lateral, outside)
-        axis = (lateral * across - inside * inward) / before
+        way = _refracted(seen, foot, inward, lamp, index)
+        axis = way.axis
+        if self.bonded is not None:
+            # A layer of the other index bends as one of another thickness would: the aim with the
+            # thickness of the last gives the next.
+            pad_index, plate = self.bonded
+            in_window = foot.z < 0.0
+            other = dr.select(in_window, pad_index, plate)
+            layer = dr.select(in_window, a.z, dr.select(mirrored, -2.0 * level, 0.0))
+            layer = dr.select(mirrored, -layer, layer)
+            for _ in range(BOND_STEPS):
+                along = dr.square(index) * (1.0 - dr.square(axis.z))
+                height = dr.maximum(dr.square(other) - along, 1e-3)
+                thicker = dr.sqrt((dr.square(index) - along) / height) - 1.0
+                shifted = mi.Point3f(seen.x, seen.y, seen.z + thicker * layer)
+                way = _refracted(shifted, foot, inward, lamp, index)
+                axis = way.axis
+            # And at the bond itself, where the lamp is behind it.
+            ratio = dr.select(in_window, plate / pad_index, 1.0)
+            rise = dr.maximum(1.0 - dr.square(ratio) * (1.0 - dr.square(axis.z)), 1e-4)
+            rise = dr.mulsign(dr.sqrt(rise), axis.z)
+            axis = dr.normalize(mi.Vector3f(ratio * axis.x, ratio * axis.y, rise))
+        inside, outside, before, after = way.inside, way.outside, way.before, way.after
         # ------------------------- Widths ----------------------------------------------
         cos_in, cos_out = inside / before, dr.maximum(outside / after, GRAZING_COSINE)
         # What the lamp's plane moves by per angle, in and across the plane of incidence.
@@ -203,6 +214,47 @@ class LampAim:
             dr.maximum(wide, MIN_WIDTH), dr.maximum(narrow, MIN_WIDTH),
         )  # fmt: skip
         return lobe, unfold
+
+
+@dataclass
+class _Refracted:
+    """The way from a point to a lamp by Snell's law at the face before the lamp.
+
+    ``inside`` and ``outside`` are the distances of both from the face, ``before`` and ``after`` the
+    lengths of the way there.
+    """
+
+    axis: mi.Vector3f
+    inside: mi.Float
+    outside: mi.Float
+    before: mi.Float
+    after: mi.Float
+
+
+def _refracted(
+    seen: mi.Point3f, foot: mi.Vector3f, inward: mi.Vector3f, lamp: mi.Vector3f, index: mi.Float
+) -> _Refracted:
+    inside = dr.maximum(dr.dot(mi.Vector3f(seen) - foot, inward), 1e-3)
+    outside = dr.maximum(-dr.dot(lamp - foot, inward), 1e-4)
+    across = lamp - mi.Vector3f(seen)
+    across -= dr.dot(across, inward) * inward
+    reach = dr.norm(across)
+    across = across / dr.maximum(reach, 1e-6)
+    # Newton's method, from the paraxial ray within the critical angle. An aim need not be
+    # exact, only the same every time.
+    critical = inside * dr.rsqrt(dr.maximum(dr.square(index) - 1.0, 1e-6))
+    lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
+    for _ in range(NEWTON_STEPS):
+        rest = reach - lateral
+        near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
+        distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
+        excess = index * lateral * near - rest * distant
+        slope_in = index * dr.square(inside) * near * near * near
+        slope_out = dr.square(outside) * distant * distant * distant
+        lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
+    before, after = dr.hypot(lateral, inside), dr.hypot(reach - lateral, outside)
+    axis = (lateral * across - inside * inward) / before
+    return _Refracted(axis, inside, outside, before, after)
 
 
 def _between(axis: Array, low: Array, high: Array, foot: Array) -> Array:

@@ -30,6 +30,8 @@ class LowerFaceMirror:
         """Prepare the mirror at ``bend`` radians."""
         kappa = bend / scene.pad.length
         self.curved = kappa > CURVATURE_MIN
+        # The lower face of a flat pad on a window is the window's.
+        self.depth = scene.box.depth
         radius = 1.0 / kappa if self.curved else 0.0
         slope = scene.finish("lower").roughness / np.sqrt(2.0)
         self.constants = mi.Float(
@@ -45,8 +47,9 @@ class LowerFaceMirror:
     ) -> tuple[mi.Point3f, mi.Vector3f, mi.Float, mi.Float]:
         """Return mirror image of ``y``, the mirror's normal, and both heights above it."""
         if not self.curved:
-            image = mi.Point3f(y.x, y.y, -y.z)
-            return image, mi.Vector3f(0.0, 0.0, 1.0), dr.abs(a.z), dr.abs(y.z)
+            image = mi.Point3f(y.x, y.y, -2.0 * self.depth - y.z)
+            heights = dr.abs(a.z + self.depth), dr.abs(y.z + self.depth)
+            return image, mi.Vector3f(0.0, 0.0, 1.0), *heights
         center_y, center_z, outer = (self._constant(i) for i in range(3))
         angle_a = dr.atan2(a.y - center_y, center_z - a.z)
         angle_y = dr.atan2(y.y - center_y, center_z - y.z)

@@ -185,6 +185,22 @@ class PadMeshes:
     interface: trimesh.Trimesh | None
     clear_side: Index
     diffuser_side: Index
+    window: WindowMeshes | None = None
+
+
+@dataclass(frozen=True)
+class WindowMeshes:
+    """The faces of the window under a flat pad.
+
+    Arguments:
+        bond: faces between pad and window; normals point into the window.
+        outer: faces between air and window; normals point into the air.
+        side: ``(triangle,)`` of the outer mesh, the number of the face that it is part of.
+    """
+
+    bond: trimesh.Trimesh
+    outer: trimesh.Trimesh
+    side: Index
 
 
 def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
@@ -202,9 +218,9 @@ def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
         coating = _mesh(np.concatenate([points, pressed.reshape(-1, 3)]), faces)
     else:
         coating = _mesh(points, grid.level(clear, 1))
-    outer_clear = np.concatenate(
-        [grid.level(clear, 0), grid.walls(ColumnMaterial.CLEAR, ColumnMaterial.AIR)]
-    )
+    outer_clear = grid.walls(ColumnMaterial.CLEAR, ColumnMaterial.AIR)
+    if scene.window is None:
+        outer_clear = np.concatenate([grid.level(clear, 0), outer_clear])
     outer_diffuser = interface = None
     outer_layer = np.zeros((0, 3), dtype=np.int64)
     if scene.diffuser:
@@ -221,7 +237,19 @@ def pad_meshes(scene: Scene, bend: float, indented: bool) -> PadMeshes:
         interface,
         _sides(scene, grid.points[outer_clear]),
         _sides(scene, grid.points[outer_layer]),
+        _window(scene, grid) if scene.window else None,
     )
+
+
+def _window(scene: Scene, grid: PadGrid) -> WindowMeshes:
+    """Return the window under the flat pad of ``grid``, with which it shares its upper vertices."""
+    below = PadGrid(grid.x, grid.y, np.array([scene.box.low[2], 0.0]), grid.material)
+    clear = grid.material == ColumnMaterial.CLEAR
+    outer = np.concatenate(
+        [below.level(clear, 0), below.walls(ColumnMaterial.CLEAR, ColumnMaterial.AIR)]
+    )
+    bond = _mesh(below.points, below.level(clear, 1))
+    return WindowMeshes(bond, _mesh(below.points, outer), _sides(scene, below.points[outer]))
 
 
 def _sides(scene: Scene, corners: Array) -> Index:

@@ -2,6 +2,7 @@
 
 The lower face is the plane z = 0, or the arc of radius ``1 / curvature + thickness`` about the
 bend axis when the pad is bent. Roughness spreads light about these rays; it does not move them.
+Under a flat pad may lie a window: rays are refracted at its lower face too.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.geometry.bending import curvature, distance_to_arc, unbend_points
 from render.geometry.chart import SkinChart
-from render.scene import Scene
+from render.scene import Scene, Window
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class PadRays:
 
 def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array) -> PadRays:
     """Return the rays ``(..., 3)`` from ``origin`` after Snell refraction at the lower face."""
+    if scene.window is not None:
+        return _through_window(scene, scene.window, origin, directions)
     kappa = curvature(scene, bend)
     kappa_face = kappa / (1.0 + kappa * scene.pad.thickness)
     start = np.broadcast_to(origin - [0.0, scene.camera.pivot, 0.0], directions.shape)
@@ -59,6 +62,25 @@ def refract_into_pad(scene: Scene, bend: float, origin: Array, directions: Array
         np.abs(flat[..., 1]) <= scene.pad.length / 2
     )
     return PadRays(entry, refracted, hit & on_pad)
+
+
+def _through_window(scene: Scene, window: Window, origin: Array, directions: Array) -> PadRays:
+    """Return the rays after refraction at both faces of the window; they enter the pad at z = 0."""
+    rise = directions[..., 2]
+    hit = rise > 0.0
+    up = np.where(hit, rise, 1.0)[..., None]
+    below = origin + directions * ((-window.thickness - origin[2]) / up)
+    # What lies along the faces is the same on both sides, times the index.
+    along = directions[..., :2]
+    squared = (along**2).sum(axis=-1, keepdims=True)
+    plate = np.concatenate([along, np.sqrt(window.index**2 - squared)], axis=-1) / window.index
+    entry = below + plate * (window.thickness / plate[..., 2:])
+    entry[..., 2] = 0.0
+    inside = np.concatenate([along, np.sqrt(scene.pad.index**2 - squared)], axis=-1)
+    half = np.array([scene.pad.width, scene.pad.length]) / 2
+    on_plate = (np.abs(below[..., :2]) <= half).all(axis=-1)
+    on_pad = (np.abs(entry[..., :2]) <= half).all(axis=-1)
+    return PadRays(entry, inside / scene.pad.index, hit & on_plate & on_pad)
 
 
 AIM_STEPS, AIM_TOLERANCE = 60, 1e-6

@@ -14,6 +14,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from render.geometry.meshes import PadMeshes, mesh_part, pad_meshes, turned_inside_out
 from render.scene import Finish, Scene
@@ -80,6 +81,13 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
         path = folder / f"{name}.ply"
         behind = {"exterior": inside["interior"]} if inside and finish.paint else inside
         content[name] = {**_shape(mesh, path, outer_face(finish, scene.pad.index)), **behind}
+    if scene.window is not None and meshes.window is not None:
+        window, plate = meshes.window, scene.window.index
+        for name, finish, mesh in _alike(scene, "window", window.outer, window.side):
+            content[name] = _shape(mesh, folder / f"{name}.ply", outer_face(finish, plate))
+        if plate != scene.pad.index:
+            smooth = {"type": "dielectric", "int_ior": scene.pad.index, "ext_ior": plate}
+            content["bond"] = _shape(window.bond, folder / "bond.ply", smooth)
     if meshes.interface is not None and medium:
         path = folder / "interface.ply"
         content["interface"] = {**_shape(meshes.interface, path, {"type": "null"}), **inside}
@@ -95,13 +103,20 @@ def _outer_parts(
     """
     clear = name == "outer_clear"
     mesh = meshes.outer_clear if clear else meshes.outer_diffuser
-    if mesh is None:
-        return
+    if mesh is not None:
+        side = meshes.clear_side if clear else meshes.diffuser_side
+        yield from _alike(scene, name, mesh, side)
+
+
+def _alike(
+    scene: Scene, name: str, mesh: trimesh.Trimesh, side: NDArray[np.int64]
+) -> Iterator[tuple[str, Finish, trimesh.Trimesh]]:
+    """Yield the parts of a mesh on whose faces ``side`` ``(triangle,)`` the same lies."""
     # The far side of the diffuser is no face that a scene can name.
     of_face = [*scene.finishes, Finish(scene.pad.roughness)]
     kinds = list(dict.fromkeys([of_face[-1], *of_face]))
     kind = np.array([kinds.index(finish) for finish in of_face])
-    of_triangle = kind[meshes.clear_side if clear else meshes.diffuser_side]
+    of_triangle = kind[side]
     for number in np.unique(of_triangle):
         part = mesh if len(kinds) == 1 else mesh_part(mesh, of_triangle == number)
         if kinds[number].paint is not None:

@@ -11,6 +11,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
 from render.geometry import HeightMap, Imprint, counted_sites, pyramids
+from render.preview.bonded import with_bonded_window
 from render.preview.facet_blur import facet_blur
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
@@ -50,7 +51,7 @@ class Preview:
         imprint: Imprint | HeightMap | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
-        self.scene = scene
+        self.scene = scene = with_bonded_window(scene)
         self._lights = lights or point_lights(scene, cache)
         pressed = imprint or pyramids(scene)
         self._measures = imprint is None

@@ -10,6 +10,7 @@ from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLam
 from render.scene.quantities import Count, Quantity
 from render.scene.schema import (
     Scene,
+    Window,
     load_scene,
     scene_text,
     shipped_scenes,

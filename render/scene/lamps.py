@@ -150,12 +150,16 @@ class PlacedLamp:
 
 @dataclass(frozen=True)
 class Box:
-    """The flat silicone: a clear pad with ``rims`` of diffuser, one thickness for each edge; mm."""
+    """The flat silicone: a clear pad with ``rims`` of diffuser, one thickness for each edge; mm.
+
+    A window ``depth`` mm thick may lie under it.
+    """
 
     width: float
     length: float
     thickness: float
     rims: tuple[float, ...]
+    depth: float = 0.0
 
     @property
     def layered(self) -> NDArray[np.bool_]:
@@ -165,7 +169,9 @@ class Box:
     @property
     def low(self) -> Array:
         """Corner ``(3,)`` of least coordinates."""
-        return np.array([-self.width / 2 - self.rims[0], -self.length / 2 - self.rims[3], 0.0])
+        return np.array(
+            [-self.width / 2 - self.rims[0], -self.length / 2 - self.rims[3], 0.0 - self.depth]
+        )
 
     @property
     def high(self) -> Array:
@@ -234,7 +240,7 @@ def _row_lamps(box: Box, row: Row, key: str) -> Iterator[PlacedLamp]:
     for place in places:
         plane = place * way + offset * outward[:2]
         position = np.array([plane[0] + 0.0, plane[1] + 0.0, row.height])
-        face = box.entered(position, turned.beam) if row.height < 0 else number
+        face = box.entered(position, turned.beam) if row.height < box.low[2] else number
         yield _moved(turned, position, face)
 
 

@@ -75,6 +75,10 @@ def _known_color(value: str, info: ValidationInfo) -> str:
 KnownColor = Annotated[str, AfterValidator(_known_color)]
 
 
+MIN_BONDED_INDEX = 1.2
+"""Least index of a pad on a window: what has none is no pad that a plate is bonded to."""
+
+
 class Pad(Part):
     """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z.
 
@@ -127,6 +131,18 @@ class Diffuser(Part):
         if name == "reduced_scattering":
             return self.model_copy(update={"sigma_s": value / (1.0 - self.g)})
         return self.model_copy(update={"thickness": value})
+
+
+class Window(Part):
+    """A clear plate under the pad, bonded to its lower face and of its outline.
+
+    It reaches from z = 0 down to -``thickness``, and the camera looks through it. The face
+    ``lower`` is its lower one; its edges are finished as the pad's above them, and lamps with a
+    height below 0 shine into them.
+    """
+
+    thickness: Millimeters
+    index: Annotated[float, Quantity("", 1.2, 1.9)]
 
 
 class Coating(Part):
@@ -216,6 +232,7 @@ class Scene(Part):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
     pad: Pad
     diffuser: Diffuser | None = None
+    window: Window | None = since_schema_2()
     coating: Coating
     skin: Skin | None = since_schema_2()
     fibers: Fibers | None = None
@@ -267,6 +284,7 @@ class Scene(Part):
         if self.diffuser is not None:
             problems += self.diffuser.problems()
         problems += face_problems(self.faces or (), self.diffuser_edges)
+        problems += self._window_problems()
         problems += self._lamp_problems()
         angles = self.bending.angles
         if any(b <= a for a, b in itertools.pairwise(angles)):
@@ -315,6 +333,30 @@ class Scene(Part):
         if problems:
             raise ValueError("; ".join(problems))
         return self
+
+    def _window_problems(self) -> Iterator[str]:
+        if self.window is None:
+            return
+        if any(self.bending.angles):
+            shown = ", ".join(f"{math.degrees(angle):g}" for angle in self.bending.angles)
+            yield f"window: bending.angles = {shown} deg, allowed with a window: 0 deg alone"
+        if self.diffuser is not None:
+            yield "window: there is a diffuser, allowed: one of the two, leave one out"
+        if self.skin is not None:
+            yield f"window: skin.shape = {self.skin.shape}, allowed with a window: a flat skin"
+        if self.pad.index < MIN_BONDED_INDEX:
+            yield (
+                f"window: pad.index = {self.pad.index:g}, allowed with a window: at least "
+                f"{MIN_BONDED_INDEX:g}"
+            )
+        depth, camera = self.window.thickness, self.camera
+        placed = camera.position is not None and len(camera.position) == 3
+        placed = placed or (camera.distance is not None and camera.y is not None)
+        if placed and -depth <= camera.place[2] < 0.0:
+            yield (
+                f"window.thickness = {depth:g} mm reaches to the camera at z = "
+                f"{camera.place[2]:g} mm, allowed: less than {-camera.place[2]:g} mm"
+            )
 
     def _lamp_problems(self) -> Iterator[str]:
         pad, fibers, listed = self.pad, self.fibers, self.lamps or ()
@@ -391,10 +433,11 @@ class Scene(Part):
 
     @property
     def box(self) -> Box:
-        """The outline of the flat silicone."""
+        """The outline of the flat silicone, and of the window under it."""
         thick = self.diffuser.thickness if self.diffuser else 0.0
         rims = tuple(thick if edge in self.diffuser_edges else 0.0 for edge in EDGES)
-        return Box(self.pad.width, self.pad.length, self.pad.thickness, rims)
+        depth = self.window.thickness if self.window else 0.0
+        return Box(self.pad.width, self.pad.length, self.pad.thickness, rims, depth)
 
     @property
     def diffuser_edges(self) -> tuple[Edge, ...]:

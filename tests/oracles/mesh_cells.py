@@ -18,10 +18,12 @@ from render.scene import Scene
 from tests.oracles.analog_cells import AnalogCells, face_paint, face_roughness, target_rays
 from tests.oracles.analog_tracer import BASE, LEFT, LOWER, RIGHT, TIP, UPPER, Floats, Lamp
 from tests.oracles.mesh_tracer import (
+    BOND,
     COATED,
     INTERFACE,
     OUTER_CLEAR,
     OUTER_RIM,
+    OUTER_WINDOW,
     Integers,
     MeshPad,
     trace_photons_on_mesh,
@@ -44,6 +46,8 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
         OUTER_RIM: meshes.outer_diffuser,
         INTERFACE: meshes.interface,
     }
+    if meshes.window is not None:
+        parts |= {BOND: meshes.window.bond, OUTER_WINDOW: meshes.window.outer}
     corners, kinds = [], []
     for kind, mesh in parts.items():
         if mesh is not None:
@@ -74,6 +78,7 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
         start=start,
         member=member,
         index=scene.pad.index,
+        window=scene.window.index if scene.window else 1.0,
         alpha=face_roughness(scene)[side],
         paint=paint[side],
         reflectance=reflectance[side],

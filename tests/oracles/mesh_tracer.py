@@ -37,9 +37,10 @@ from tests.oracles.analog_tracer import (
 
 Integers = NDArray[np.int64]
 
-COATED, OUTER_CLEAR, OUTER_RIM, INTERFACE = range(4)
-"""Kinds of faces; normals point into the clear silicone, the air, the air, the clear silicone."""
-AIR, CLEAR, RIM = range(3)
+COATED, OUTER_CLEAR, OUTER_RIM, INTERFACE, BOND, OUTER_WINDOW = range(6)
+"""Kinds of faces; normals point into the clear silicone, the air, the air, the clear silicone, the
+window and the air."""
+AIR, CLEAR, RIM, WINDOW = range(4)
 LEAKED = ENDS
 """Where power ends that found a gap between triangles: a part of 1e-6 at most."""
 
@@ -53,7 +54,7 @@ class MeshPad(NamedTuple):
         kind: ``(face,)``.
         low, cell: ``(3,)`` corner of the grid and size of its cells; ``shape`` how many.
         start, member: faces of cell ``c`` are ``member[start[c]:start[c + 1]]``.
-        index: of the silicone.
+        index: of the silicone; ``window`` that of the plate under it.
         alpha: ``(face,)`` Beckmann roughness of faces to the air.
         paint, reflectance: ``(face,)`` what lies on such faces, and what that sends back.
         sigma_s, sigma_a, g: of the rim, Henyey-Greenstein.
@@ -73,6 +74,7 @@ class MeshPad(NamedTuple):
     start: Integers
     member: Integers
     index: float
+    window: float
     alpha: Floats
     paint: Integers
     reflectance: Floats
@@ -220,15 +222,24 @@ def follow(
         if kind == INTERFACE:
             place = CLEAR if along > 0.0 else RIM
             continue
-        inside = CLEAR if kind == OUTER_CLEAR else RIM
+        if kind == BOND:
+            eta = pad.window / pad.index if along > 0.0 else pad.index / pad.window
+            # Smooth: nothing is masked.
+            _, through = meet_tilted_face(state, d, n, 0.0, eta)
+            if through:
+                place = WINDOW if along > 0.0 else CLEAR
+            continue
+        inside, index = CLEAR if kind == OUTER_CLEAR else RIM, pad.index
+        if kind == OUTER_WINDOW:
+            inside, index = WINDOW, pad.window
         if pad.paint[face] != OPEN:
             if along < 0.0 or not meet_paint(state, d, -n, pad.paint[face], pad.reflectance[face]):
                 ends[PAINTED] += weight
                 return 0.0, -1, 0
             continue
         through, left = True, 1.0
-        if pad.index > 1.0:
-            eta = pad.index if along < 0.0 else 1.0 / pad.index
+        if index > 1.0:
+            eta = index if along < 0.0 else 1.0 / index
             left, through = meet_tilted_face(state, d, n, pad.alpha[face], eta)
             ends[MICROFACETS] += weight * (1.0 - left)
             weight *= left

@@ -68,6 +68,14 @@ def listed(x: float, y: float, z: float, *beam: float) -> dict[str, Any]:
     }
 
 
+def window(index: float, thickness: float = 3.0) -> dict[str, Any]:
+    """Return a plate under the pad."""
+    return {"thickness": (thickness, MM), "index": (index,)}
+
+
+BELOW_THE_PAD = {"rows": [row("left", 1, height=-1.5), row("tip", 2, height=-2.0, tilt=30.0)]}
+"""Lamps before the edges of a window 3 mm thick."""
+
 CASES: dict[str, dict[str, Any]] = {
     "smooth": {},
     "rough 0.01": {"pad.roughness": (0.01,)},
@@ -221,6 +229,15 @@ CASES: dict[str, dict[str, Any]] = {
         "skin": DOME, "pad.thickness": (6.0, MM),
         "lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)],
     },
+    "window": {"window": window(1.49)},
+    "window rough 0.1": {"window": window(1.49), "pad.roughness": (0.1,)},
+    "window lit at its edges": {"window": window(1.49), **BELOW_THE_PAD},
+    "window lit at its edges rough 0.05": {
+        "window": window(1.49), "pad.roughness": (0.05,), **BELOW_THE_PAD,
+    },
+    "window like the pad": {"window": window(1.41), **BELOW_THE_PAD},
+    "window lit from below": {"window": window(1.6), "lamps": [listed(-6, -3, -7, 1, 0.5, 2)]},
+    "window of low index": {"window": window(1.3), **BELOW_THE_PAD},
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
 
@@ -279,7 +296,9 @@ def content_of_case(case: str) -> dict[str, Any]:
         content["baseline"] = {entry["edge"]: "red" for entry in changes.get("rows", ())}
         if "lamps" in changes:
             content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
-    newer = {"rows", "lamps", "faces", "skin"} & set(changes) or "on" in changes.get("diffuser", {})
+    newer = {"rows", "lamps", "faces", "skin", "window"} & set(changes) or "on" in changes.get(
+        "diffuser", {}
+    )
     schema = {"schema": 2 if newer else 1, "name": "case"}
     return schema | dict(_in_file_form(content))
 

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from render.geometry import fresnel
+from render.preview.bonded import with_bonded_window
 from render.scene import Scene
 from tests.oracles.analog_cells import AnalogScene, analog_lamp
 from tests.oracles.analog_tracer import BACK, COATING, ENDS, MEDIUM, MICROFACETS
 from tests.oracles.mesh_cells import BentScene, mesh_bin_areas, mesh_pad
-from tests.oracles.mesh_tracer import COATED, LEAKED, trace_photons_on_mesh
+from tests.oracles.mesh_tracer import (
+    COATED,
+    LEAKED,
+    trace_photons_on_mesh,
+    trace_views_on_mesh,
+)
 from tests.oracles.pads import scene_of_case
 from tests.oracles.quadrature import facet_radiance
 
@@ -46,6 +53,34 @@ def test_a_flat_pad_of_triangles_is_as_bright_as_the_box(case: str) -> None:
     z = (bent.T - flat.T)[well] / np.hypot(bent.se, flat.se)[well]
     assert well.sum() > 10
     assert np.sqrt((z**2).mean()) < 1.6
+
+
+def test_a_window_of_the_pads_index_is_as_bright_as_a_thicker_pad() -> None:
+    scene, photons = scene_of_case("window like the pad"), 160_000
+    window, lamp = BentScene(scene, 0.0, views=2000), 0
+    whole = AnalogScene(with_bonded_window(scene), views=2000)
+    found, expected = (
+        pad.cells(lamp, PHI, photons).replicates.sum(axis=1) for pad in (window, whole)
+    )
+    error = np.hypot(stats.sem(found), stats.sem(expected))
+    assert error < 0.05 * expected.mean()
+    assert found.mean() == pytest.approx(expected.mean(), abs=4 * error)
+
+
+def test_a_smooth_plate_passes_what_fresnel_says_and_loses_nothing() -> None:
+    scene = scene_of_case("window")
+    pad = BentScene(scene, 0.0).pad._replace(albedo=0.0)
+    origin, aim = np.array([1.0, 2.0, -20.0]), np.array([0.35, 0.1, 1.0])
+    aim /= np.linalg.norm(aim)
+    weights, _ = trace_views_on_mesh(pad, origin, np.tile(aim, (60_000, 1)), 5)
+    # Two faces that light goes to and fro between: (1 - a)(1 - b) / (1 - a b).
+    cos_air = aim[2]
+    cos_plate, cos_pad = (np.sqrt(1 - (1 - cos_air**2) / n**2) for n in (1.49, 1.41))
+    a = fresnel(np.array([cos_air]), 1.49)[0][0]
+    b = fresnel(np.array([cos_plate]), 1.41 / 1.49)[0][0]
+    assert cos_pad < 1.0
+    passed = (1 - a) * (1 - b) / (1 - a * b)
+    assert weights.mean() == pytest.approx(passed, abs=4 * np.sqrt(passed * (1 - passed) / 60_000))
 
 
 def test_no_power_is_lost_in_a_bent_pad_and_none_leaks_between_its_triangles() -> None:

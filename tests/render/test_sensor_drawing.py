@@ -120,6 +120,22 @@ def test_faces_rougher_than_others_are_dotted_lines_where_they_are() -> None:
     assert 'class="rough"' not in sensor_svg(SCENE)
 
 
+def test_a_window_lies_on_the_cameras_side_of_the_pad() -> None:
+    def boxes(kind: str) -> list[list[float]]:
+        section = panels(sensor_svg(scene_of_case("window")))[1]
+        return [
+            [float(e.attrib[name]) for name in ("x", "y", "width", "height")]
+            for e in section.iter(f"{SVG}rect")
+            if e.attrib.get("class") == kind
+        ]
+
+    ((x, y, thick, high),), ((left, top, whole, height),) = boxes("pad"), boxes("window")
+    # The pad is drawn over it: 4.5 mm on the right of 3 mm.
+    assert (thick, whole, x - left) == pytest.approx((4.5, 7.5, 3.0), abs=2e-3)
+    assert (y, high) == pytest.approx((top, height), abs=2e-3)
+    assert 'class="window"' not in sensor_svg(SCENE)
+
+
 def test_painted_faces_are_lines_of_their_color_where_they_are() -> None:
     outside, section = panels(sensor_svg(scene_of_case("white, mirror and black walls")))
     line = {

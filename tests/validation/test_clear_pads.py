@@ -98,7 +98,7 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
         ("sites", estimate.background_replicates, estimate.background_se),
     ):
         indented = name == "facets"
-        planes = not bend and scene.skin is None
+        planes = not bend and scene.skin is scene.window is None
         views = 4000 if scene.skin else 20_000
         analog = AnalogScene(scene, indented) if planes else BentScene(scene, bend, indented, views)
         oracle = np.concatenate(

@@ -21,6 +21,7 @@ from render.arrays import Array
 from render.errors import SceneError
 from render.geometry import counted_sites, flat_fiber_poses
 from render.preview.beams import shines_past_layers
+from render.preview.bonded import with_bonded_window
 from render.preview.converged.arrivals import (
     PHOTONS_AT_A_TIME,
     Arrivals,
@@ -144,6 +145,7 @@ def transport_at(
             "alone, allowed: no skin; use the preview as drawn (--coarse), or render",
             field="skin",
         )
+    scene = with_bonded_window(scene)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         light = _light(scene, bend, phi, effort, clock, pool)
         pressed = _Gathering(scene, bend, True, light, effort, clock, pool)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from types import ModuleType
 from typing import Any
 
@@ -85,6 +86,51 @@ def test_directions_follow_snells_law_to_the_center_of_the_lamp(mono: ModuleType
     lamp = np.array(light_center(scene))
     arrived = at_wall + out * (lamp[0] - at_wall[0]) / out[0]
     np.testing.assert_allclose(arrived, lamp, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("case", "mirrored"),
+    [
+        ("window", False),
+        *itertools.product(("window lit at its edges", "window of low index"), (False, True)),
+    ],
+)
+def test_directions_are_bent_at_the_bond_of_a_window(
+    mono: ModuleType, case: str, mirrored: bool
+) -> None:
+    scene = scene_of_case(case)
+    aim, a = aim_of(scene), facets(scene, 0.0).site_position[1]
+    way, zero = aim.main_ways[int(mirrored)], mono.Float([0.0])
+    assert way.mirrored == mirrored
+    drawn = aim.sample_way(mono.UInt32([0]), lanes(mono, a, 1), way, zero, zero)
+    d = np.array(drawn, dtype=np.float64)[:, 0]
+    # Along the faces wave vectors stay, k = n d; downwards from the skin, layer by layer.
+    assert scene.window is not None
+    wall, lamp = -scene.pad.width / 2, np.array(light_center(scene))
+    k, place, up = scene.pad.index * d, np.array(a), -1.0
+    index, low, high = scene.pad.index, 0.0, a[2]
+    for _ in range(6):
+        level = low if up < 0 else high
+        to_level = (level - place[2]) / k[2] if k[2] else np.inf
+        to_wall = (wall - place[0]) / k[0]
+        place = place + min(to_level, to_wall) * k
+        if to_wall <= to_level:
+            break
+        if level == 0.0:
+            below = up < 0
+            index = scene.window.index if below else scene.pad.index
+            low, high = (-3.0, 0.0) if below else (0.0, a[2])
+            k[2] = up * np.sqrt(index**2 - k[:2] @ k[:2])
+        else:
+            up, k[2] = -up, -k[2]
+    assert place[0] == pytest.approx(wall)
+    out = np.array([-np.sqrt(1 - k[1:] @ k[1:]), *k[1:]])
+    arrived = place + out * (lamp[0] - wall) / out[0]
+    # What would be mirrored beyond the wall is aimed at the lamp's image below the plate.
+    image = lamp * [1.0, 1.0, -1.0] - [0.0, 0.0, 6.0]
+    ends = [lamp, image] if mirrored else [lamp]
+    # Within a fifth of the lamp's radius, where its lobe is 0.7 of it wide.
+    assert min(np.linalg.norm(arrived - end) for end in ends) < 0.1
 
 
 def light_center(scene: Scene) -> list[float]:
