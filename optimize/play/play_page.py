@@ -63,8 +63,8 @@ class PlayPage:
         """Return the page.
 
         Raises:
-            TableError: it would be larger than `MAX_BYTES`, has light per color channel, or LEDs
-                other than red, green and blue.
+            TableError: it would be larger than `MAX_BYTES`, has light per color channel, LEDs
+                other than red, green and blue, or a skin that is not flat.
             GraphicsError: nothing here can draw the preview that its pictures are made of.
         """
         if self.scene.palette != RGB:
@@ -72,6 +72,12 @@ class PlayPage:
                 f"the page knows the LEDs {', '.join(RGB.names)}, and scene {self.scene.name} has "
                 f"{', '.join(self.scene.palette.names)}: explore the scene instead",
                 field="colors",
+            )
+        if self.scene.skin is not None:
+            raise TableError(
+                f"skin.shape = {self.scene.skin.shape}: the page draws flat skins alone, allowed: "
+                "no skin; explore the scene instead",
+                field="skin",
             )
         table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         if table.by_channel:

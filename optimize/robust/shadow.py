@@ -92,8 +92,14 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     towards a point, so only beside a glow the direction and the losses of a beam count.
 
     Raises:
-        SceneError: the bolt is deeper than the pad, or no point lies on it.
+        SceneError: the bolt is deeper than the pad, no point lies on it, or its skin is not flat.
     """
+    if scene.skin is not None:
+        raise SceneError(
+            f"skin.shape = {scene.skin.shape}: shadows of a bolt are known on flat skins alone, "
+            "allowed: no skin; leave out --shadow",
+            field="skin",
+        )
     scene = with_bonded_window(scene)
     thick = scene.pad.thickness
     if not 0.0 < bolt.depth < thick:

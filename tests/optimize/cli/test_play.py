@@ -33,3 +33,10 @@ def test_a_scene_without_a_model_has_a_page_on_the_preview_which_says_so(
     scene = load_scene(small_scene)
     scorer, base = TableScorer(search_table(open_model(scene, coarse=True))), baseline_design(scene)
     assert record.score == pytest.approx(scorer.score(base.phi, base.power), abs=0.05)
+
+
+def test_a_page_of_a_dome_raises_one_clear_error(tactilux: Run, tmp_path: Path) -> None:
+    done = tactilux("play", "digit-dome", "--coarse")
+    assert done.code == 2
+    assert "skin.shape = dome: the page draws flat skins alone, allowed: no skin" in done.err
+    assert not list(tmp_path.glob("*.html"))

@@ -17,6 +17,7 @@ from render.geometry import flat_sites
 from render.preview import point_lights
 from render.scene import Scene
 from render.transport import TransportTable
+from tests.oracles.pads import scene_of_case
 
 
 def blocked_by_brute_force(
@@ -177,3 +178,10 @@ def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: S
     assert penalty.value(shaded) > penalty.value(free)
     with pytest.raises(TableError, match="bend 0"):
         ShadowPenalty(finger20, replace(table, bends=np.ones(1)))
+
+
+def test_shadows_on_a_dome_raise_one_clear_error() -> None:
+    with pytest.raises(
+        SceneError, match=r"skin\.shape = dome: shadows of a bolt are known on flat"
+    ):
+        hidden_fraction(scene_of_case("dome"), np.array([np.pi / 2]), PressedCylinder())
