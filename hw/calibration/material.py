@@ -53,7 +53,8 @@ class Material:
         if layer is None:
             raise CalibrationError(
                 f"scene {scene.name} has no diffuser, so there is no scattering to calibrate: "
-                "choose a scene with one",
+                "choose a scene with one; `tactilux hw set`, `capture`, `demo --no-calibrate` and "
+                "`tactilux check` do without",
                 field="diffuser",
             )
         if scene.fibers is None or scene.lamps:

@@ -48,16 +48,18 @@ def fiber_images(
     Not cached: calibration asks for very many materials once each, and an emulated rig must not
     share its random numbers with what is fitted to it.
 
-    The slab response takes ``rays`` light paths of their own ``seed``.
+    The slab response takes ``rays`` light paths of their own ``seed``; without a diffuser there is
+    none.
     """
     scene, phi = setup.scene, setup.phi
-    response = compute_response(
-        slab_of(scene), fiber_end_of(scene), rays=rays, seed=seed, phi=few_nodes(phi),
-        quantiles=OFFSET_QUANTILES, heights=WALKED,
-    ).spread_upwards(HEIGHTS)  # fmt: skip
-    fibers = scene.lamp_count
+    fibers, glow = scene.lamp_count, None
     images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)
-    glow = Glow(scene, [response] * fibers, np.arange(fibers))
+    if scene.diffuser is not None:
+        response = compute_response(
+            slab_of(scene), fiber_end_of(scene), rays=rays, seed=seed, phi=few_nodes(phi),
+            quantiles=OFFSET_QUANTILES, heights=WALKED,
+        ).spread_upwards(HEIGHTS)  # fmt: skip
+        glow = Glow(scene, [response] * fibers, np.arange(fibers))
     with Preview(scene, lights=glow) as preview:
         for index, bend in enumerate(setup.bends):
             for first in range(0, fibers, 3):

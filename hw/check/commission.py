@@ -109,12 +109,12 @@ def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: 
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
     """
     expected = prediction.alone
-    gain = channel_gains(expected, colors)
     lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
     weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)
-    seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     wanted = np.einsum("fsc,fc->fs", expected, weight)
-    overall = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
+    # The white balance of a channel is no fault of its fibers.
+    balanced = np.einsum("fsc,fc->fs", colors / channel_gains(expected, colors), weight)
+    overall = balanced.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     bad = lit & ~((overall > HEALTHY_RATIO[0]) & (overall < HEALTHY_RATIO[1]))
     if bad.any():
         fiber = int(np.argmax(bad))
@@ -123,7 +123,11 @@ def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: 
             f"{HEALTHY_RATIO[0]:g} to {HEALTHY_RATIO[1]:g}; mend the rig before its record is made",
             field="colors",
         )
+    # But the record holds it where a fiber is alone in its channel: see `channel_gains`.
+    gain = channel_gains(expected, colors, recorded=True)
+    seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     ratio = np.where(lit[:, None], seen / np.where(lit[:, None], wanted, 1.0), 1.0)
     # A site too dark to be measured says nothing; it keeps its fiber's ratio.
-    floor = 0.2 * np.where(lit, overall, 1.0)[:, None]
+    whole = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
+    floor = 0.2 * np.where(lit, whole, 1.0)[:, None]
     return RigRecord(np.maximum(ratio, floor), prediction.phi, prediction.power, scene_hash, bend)

@@ -87,6 +87,8 @@ FAULT_PRIOR = {
     FiberState.MOVED: 0.28,
 }
 """How faults are shared among their kinds; what is left is `State.UNCLEAR`."""
+ENOUGH_FIBERS = 3
+"""Fibers in a channel from which on one that is faulty does not move their median."""
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
 _STEPS = np.gradient(TURNS)
@@ -115,8 +117,9 @@ def check_sweep(
             "3); capture one image for each fiber of the design",
             field="colors",
         )
+    recorded = ratio is not None
     ratio = np.ones((fibers, sites)) if ratio is None else ratio
-    gain = channel_gains(prediction.alone * ratio[..., None], colors)
+    gain = channel_gains(prediction.alone * ratio[..., None], colors, recorded)
     seen = colors / gain
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
@@ -138,11 +141,12 @@ def check_sweep(
     return Diagnosis(tuple(diagnoses), prediction.score, error, prediction.domain_excess)
 
 
-def channel_gains(expected: Array, colors: Array) -> Array:
+def channel_gains(expected: Array, colors: Array, recorded: bool = False) -> Array:
     """Return captured over expected light per channel ``(3,)``: medians over fibers.
 
     Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
-    others.
+    others. So does, where the healthy rig was ``recorded`` through the same camera, a channel of so
+    few fibers that a dim one would pass for its gain: the median of all fibers.
 
     Both are ``(fiber, site, 3)``.
 
@@ -150,11 +154,16 @@ def channel_gains(expected: Array, colors: Array) -> Array:
         CaptureError: no light in any channel.
     """
     wanted, got = expected.sum(axis=1), colors.sum(axis=1)
-    gains = np.full(3, np.nan)
+    gains, few = np.full(3, np.nan), []
     for channel in range(3):
         used = wanted[:, channel] > 0.05 * wanted.max()
         if used.any():
             gains[channel] = np.median(got[used, channel] / wanted[used, channel])
+            if used.sum() < ENOUGH_FIBERS:
+                few.append(channel)
+    if recorded and few:
+        bright = wanted > 0.05 * wanted.max()
+        gains[few] = np.median(got[bright] / wanted[bright])
     found = gains[np.isfinite(gains) & (gains > 0)]
     if not len(found):
         raise CaptureError(

@@ -47,7 +47,9 @@ def run(
     """Run set, sweep, check and calibrate on an emulated rig."""
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
+    from hw.calibration.material import Material
     from hw.calibration.reference_lines import Setup
+    from hw.camera.photo_set import require_color_photos
     from hw.emulator.demonstration import (
         BENDS,
         check_faults,
@@ -70,6 +72,9 @@ def run(
         check_target(target)
         if keep is not None:
             check_target(keep / "commission")
+        require_color_photos(scene)
+        if calibrate or scene.diffuser is not None:
+            Material.of(scene)
         checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
         if keep is not None:
@@ -115,12 +120,13 @@ def run(
             _write(stream, checks, result)
         if keep is not None:
             of_scene = "" if scene_name == "finger20" else f" --scene {scene_name}"
+            broken = next(name for name in checks if name.endswith("dead")).replace(" ", "-")
             note(
                 f"Kept in {keep}: design and sweeps, as `tactilux hw capture` writes them. Try\n"
                 f"  tactilux hw linearity {keep}/additive{of_scene}\n"
                 f"  tactilux check {scene_name} --capture {keep}/commission "
                 f"--commission {keep}/rig.npz\n"
-                f"  tactilux check {scene_name} --capture {keep}/fiber-4-dead --rig {keep}/rig.npz"
+                f"  tactilux check {scene_name} --capture {keep}/{broken} --rig {keep}/rig.npz"
             )
 
 

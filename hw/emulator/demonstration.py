@@ -139,6 +139,8 @@ def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float
 
 FRAMES = 4
 """Photographs that are averaged for each fiber of the checks."""
+FAULTY = (4, 9, 12)
+"""Fibers that are dead, weak and wrongly colored, the first three where there are fewer."""
 DRIFT = 0.03
 """Relative change of powers between two starts."""
 
@@ -201,18 +203,20 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
             rig.camera(truth=replace(rig.truth, power=power)), seed=rig.truth.seed + start
         )
 
+    dead, weak, wrong = FAULTY if len(rig.design.phi) > max(FAULTY) else (0, 1, 2)
     swapped = rig.design.power.copy()
-    swapped[12] = np.roll(swapped[12], 1)
+    swapped[wrong] = np.roll(swapped[wrong], 1)
     return [
         ("healthy", weaker(0, 1.0), rig.design.power),
-        ("fiber 4 dead", weaker(4, 0.0), rig.design.power),
-        ("fiber 9 at half power", weaker(9, 0.5), rig.design.power),
-        ("fiber 12 with swapped colors", weaker(0, 1.0), swapped),
+        (f"fiber {dead} dead", weaker(dead, 0.0), rig.design.power),
+        (f"fiber {weak} at half power", weaker(weak, 0.5), rig.design.power),
+        (f"fiber {wrong} with swapped colors", weaker(0, 1.0), swapped),
     ]
 
 
 def compare_with_truth(result: dict[str, Any], truth: TrueParameters) -> list[dict[str, Any]]:
     """Return the truth beside what was found."""
+    assert truth.material is not None  # else there is nothing to calibrate
     rows = []
     for name, true in zip(NAMES, (PER_UNIT * truth.material.array()).tolist(), strict=True):
         found, (low, high) = result["material"][name]["value"], result["material"][name]["interval"]

@@ -36,7 +36,8 @@ class TrueParameters:
     """What the rig is truly like.
 
     Arguments:
-        material: of its diffuser, fibers and faces.
+        material: of its diffuser, fibers and faces; None where the scene has no diffuser, whose
+            optics are then those of the scene.
         power: ``(fiber,)`` relative to the design's.
         turn: ``(fiber,)`` rad beside the design's directions.
         gain: counts per unit radiance.
@@ -44,7 +45,7 @@ class TrueParameters:
         seed: of everything random in it.
     """
 
-    material: Material
+    material: Material | None
     power: Array
     turn: Array
     gain: float
@@ -53,18 +54,23 @@ class TrueParameters:
 
     def built(self, setup: Setup) -> Setup:
         """Return what was truly built of ``setup``: its material and directions."""
-        own = setup.of(self.material.array())
+        own = setup if self.material is None else setup.of(self.material.array())
         return replace(own, phi=np.clip(setup.phi + self.turn, 0.0, np.pi))
 
 
 def random_parameters(scene: Scene, seed: int) -> TrueParameters:
-    """Return a rig near ``scene``: material within 35 %, powers 8 %, directions 1 deg."""
+    """Return a rig near ``scene``: material within 35 %, powers 8 %, directions 1 deg.
+
+    Lamps that cannot turn point as the scene says.
+    """
     rng = np.random.default_rng([seed, 77])
-    middle = Material.of(scene).array()
-    # Absorption may be anything small; the scene's own is an assumption.
-    middle[1] = max(middle[1], 0.02)
-    factor = np.exp(0.35 * rng.uniform(-1, 1, 4))
-    material = np.clip(middle * factor, LOW + 0.02 * (HIGH - LOW), HIGH - 0.02 * (HIGH - LOW))
+    factor, material = np.exp(0.35 * rng.uniform(-1, 1, 4)), None
+    if scene.diffuser is not None:
+        middle = Material.of(scene).array()
+        # Absorption may be anything small; the scene's own is an assumption.
+        middle[1] = max(middle[1], 0.02)
+        margin = 0.02 * (HIGH - LOW)
+        material = Material.from_array(np.clip(middle * factor, LOW + margin, HIGH - margin))
     imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
@@ -72,9 +78,9 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     )
     fibers = scene.lamp_count
     return TrueParameters(
-        Material.from_array(material),
+        material,
         np.exp(0.08 * rng.standard_normal(fibers)),
-        np.radians(rng.standard_normal(fibers)),
+        np.radians(rng.standard_normal(fibers)) * [lamp.turns for lamp in scene.placed_lamps()],
         0.0,
         imperfections,
         seed,

@@ -41,3 +41,28 @@ def test_the_demonstration_recovers_the_rigs_true_values(
     assert np.isfinite(said["seconds"])
     assert (tmp_path / "demo" / "report.html").stat().st_size > 50_000
     assert (tmp_path / "demo" / "scene.toml").exists()
+
+
+def test_the_demonstration_without_calibration_runs_on_a_clear_pad_of_three_lamps(
+    tactilux: Run, tmp_path: Path
+) -> None:
+    result = tactilux("hw", "demo", "--scene", "digit", "--no-calibrate", "--json")
+    assert result.code == 0, result.err
+    said = json.loads(result.out)["checks"]
+    found = {name: [fiber["state"] for fiber in check["fibers"]] for name, check in said.items()}
+    assert found == {
+        "healthy": ["ok", "ok", "ok"],
+        "fiber 0 dead": ["dead", "ok", "ok"],
+        "fiber 1 at half power": ["ok", "dim", "ok"],
+        "fiber 2 with swapped colors": ["ok", "ok", "swapped"],
+    }
+
+
+def test_calibration_on_a_clear_pad_raises_one_clear_error_before_anything_is_drawn(
+    tactilux: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("optimize.scoring.open_model", lambda *_, **__: pytest.fail("drawn"))
+    result = tactilux("hw", "demo", "--scene", "digit")
+    assert result.code == 2
+    assert "scene digit has no diffuser" in result.err
+    assert "`demo --no-calibrate`" in result.err
