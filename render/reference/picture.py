@@ -43,7 +43,7 @@ class Picture:
 
     ``normal`` ``(row, column, 3)`` is that of the coating in the middle of the pixel; 0 beside it.
 
-    Drawn with pad x to the right and the tip up, as one looks at the finger from the coating's
+    Drawn with pad x to the right and the tip up, as one looks at the pad from the coating's
     side: the mirror image of what the camera's sensor records.
     """
 
