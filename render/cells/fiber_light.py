@@ -53,9 +53,12 @@ class FiberLight:
             [lamp.profile for lamp in scene.placed_lamps()], areas.tolist()
         )
         self.radius = mi.Float(poses.radius.astype(np.float32))
+        # Lamps that turn stay clear of the silicone all around; others may be nearer than they are
+        # wide, so that a segment inside passes by their center closely and never meets them.
+        self.still = None if poses.turns.all() else mi.Bool(~poses.turns)
         self.center = mi.TensorXf(poses.position.astype(np.float32)).array
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
-        dr.make_opaque(self.center, self.beam, self.radius)
+        dr.make_opaque(self.center, self.beam, self.radius, self.still)
 
     def _center(self, fiber: mi.UInt32) -> mi.Point3f:
         return dr.gather(mi.Point3f, self.center, fiber)
@@ -113,9 +116,20 @@ class FiberLight:
         return mi.Point3f(point), frame
 
     def passed(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f, end: mi.Float) -> mi.Bool:
-        """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face."""
+        """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face.
+
+        Of a fiber that turns: through the sphere of all its end faces.
+        """
         offset = self._center(fiber) - o
         ahead = dr.dot(offset, d)
         radius = dr.gather(mi.Float, self.radius, fiber)
         miss = dr.squared_norm(offset - ahead * d)
-        return (miss <= dr.square(radius * 1.0001)) & (ahead > -radius) & (ahead < end)
+        within = dr.square(radius * 1.0001)
+        near = (miss <= within) & (ahead > -radius) & (ahead < end)
+        if self.still is None:
+            return near
+        beam = self._beam(fiber, mi.UInt32(0))
+        distance = dr.dot(offset, beam) / dr.dot(d, beam)
+        through = (dr.squared_norm(offset - distance * d) <= within) & (distance > 0)
+        still = dr.gather(mi.Bool, self.still, fiber)
+        return dr.select(still, through & (distance < end), near)

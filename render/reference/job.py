@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
     from render.sampling.pssmlt import MarkovChains
 
-VERSION = 8
+VERSION = 9
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5
 """Probability of large steps where chains fill the cells."""

@@ -127,6 +127,7 @@ CASES: dict[str, dict[str, Any]] = {
             row("right", 1, height=3.5, gap=2.0, tilt=-15.0, profile=COSINE_8, turns=False),
         ],
     },
+    "row nearer than wide": {"rows": [row("left", 2, diameter=1.6, gap=0.2, turns=False)]},
     "row touching": {"rows": [row("tip", 2, gap=0.0, tilt=0.0, turns=False)]},
     "below": {"lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)]},
     "below rough 0.1": {

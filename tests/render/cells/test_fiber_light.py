@@ -58,3 +58,25 @@ def test_with_one_node_the_weight_is_the_ratio_of_power_to_sampling_density(
     expected = scale * cosine * np.sinc(theta / np.pi)
     safe = cosine > 0.01
     np.testing.assert_allclose(weights[0][safe], expected[safe], rtol=2e-3)
+
+
+def test_a_line_in_the_pad_passes_no_lamp_that_is_nearer_than_it_is_wide(mono: ModuleType) -> None:
+    mini = load_scene("gelsight-mini")
+    phi = np.full((mini.lamp_count, 1), np.pi / 2)
+    light, poses = FiberLight(mini, phi, 0.0), fiber_poses(mini, 0.0)
+    gap = float(np.linalg.norm(poses.position[0] - poses.foot[0]))
+    assert gap < poses.radius[0]
+    # From the pad aslant to the wall, 0.3 mm beside the lamp's foot; then on through the air.
+    inward, along = poses.inward[0], poses.along[0]
+    wall = poses.foot[0] + 0.3 * along
+    inside, outside = wall + 2.0 * inward + 2.0 * along, poses.position[0] - wall
+    lane = mono.UInt32([0])
+
+    def passed(start: np.ndarray, way: np.ndarray, length: float) -> bool:
+        direction = mono.Vector3f(way / np.linalg.norm(way))
+        return bool(light.passed(lane, mono.Point3f(start), direction, mono.Float(length))[0])
+
+    assert not passed(inside, wall - inside, float(np.linalg.norm(wall - inside)))
+    assert passed(wall, outside, np.inf)
+    # Reflected in the wall beside the lamp, and away from it.
+    assert not passed(wall, inward + along, np.inf)
