@@ -87,6 +87,12 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
     kind = both.kind
     if kind is None:
         kind = "network" if levels[-1].facet_rms < levels[-2].facet_rms else "ridge"
+    error = {row.level: row.facet_rms for row in levels}
+    if kind != NONE and error[kind] > error[PREVIEW]:
+        # Held-out cells flatter a residual, as they share light paths with those it was fitted to:
+        # what makes designs worse even there is none. (Cells that the preview has next to black can
+        # make it gain by cells.)
+        kind = NONE
     model = {"ridge": both.ridge, "network": both.network, NONE: NoResidual(SIZE)}[kind]
     assert model is not None  # networks are kept only where they were trained
     # What the parts from here on are made of.

@@ -99,6 +99,23 @@ def test_what_both_halves_show_is_kept(
     assert np.median(off) < 0.2 * np.median(before)
 
 
+def test_a_residual_that_makes_held_out_designs_worse_is_not_kept(
+    scene: Scene, grid: PreviewGrid, exact: TrainingCells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A few dim cells have a thousand times the light of the preview: a ridge follows them.
+    light, random = preview_of(scene, grid, exact), np.random.default_rng(7)
+    light[(light < np.quantile(light, 0.1)) & (random.random(light.shape) < 0.05)] *= 1000.0
+    task = task_of(scene, grid, light, 0.01 * random.standard_normal((2, *light.shape)))
+    monkeypatch.setattr(
+        "surrogate.training.fit.fit_ensembles",
+        lambda *given: replace(fit_ensembles(*given), kind="ridge"),
+    )
+    fit = fit_residual(task, None)
+    levels = {row.level: row.facet_rms for row in fit.levels}
+    assert levels["ridge"] > levels["preview"]
+    assert fit.kind == NONE
+
+
 def test_the_gain_is_the_squared_error_that_a_residual_takes_away(
     scene: Scene, grid: PreviewGrid, exact: TrainingCells
 ) -> None:
