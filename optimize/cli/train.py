@@ -81,8 +81,7 @@ def run(
         kind = about.residual["kind"]
         if kind == NONE:
             stream.write(
-                f"Note: independent halves of the renders bear out no correction of the "
-                f"{about.preview['kind']}: the model is that preview, and the renders are its "
+                f"Note: the renders bear out no correction of the {about.preview['kind']}: the model is that preview, and the renders are its "
                 "check. Several times the samples may find what it misses.\n"
             )
         advice = RankingTest.of(about).advice()
