@@ -82,7 +82,8 @@ def run(
         if kind == NONE:
             stream.write(
                 f"Note: the renders bear out no correction of the {about.preview['kind']}: the "
-                "model is that preview, and the renders are its check. Several times the samples may find what it misses.\n"
+                "model is that preview, and the renders are its check. Several times the "
+                "samples may find what it misses.\n"
             )
         advice = RankingTest.of(about).advice()
         if advice:
