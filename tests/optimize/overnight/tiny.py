@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 import re
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -76,6 +77,8 @@ def start(*words: object, output: IO[str] | None = None) -> subprocess.Popen[str
     return subprocess.Popen(
         command(*words), cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=to,
         stderr=to, text=True,
+        # Tests that were started in the background would hand on that SIGINT is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
 
 
