@@ -78,7 +78,7 @@ def test_what_is_not_a_number_gives_no_plausible_answer(
 
 
 @pytest.mark.parametrize(
-    ("name", "index"), [("phi", (1, 0)), ("power", (1, 2, 1)), ("bend", (1, 2))]
+    ("name", "index"), [("phi", (1, 0)), ("power", (1, 2, 1)), ("bend", (1, -1))]
 )
 def test_the_excess_rises_outside_the_trained_range_on_both_sides(
     checker: Checker, name: str, index: tuple[int, ...]
@@ -114,14 +114,20 @@ def test_intervals_hold_what_they_promise_on_cells_that_had_no_part_in_them(
 ) -> None:
     conformal = checker.metadata.conformal
     assert conformal["coverage"] == 0.9
+    if checker.metadata.renderer["phi_nodes"] == 1:
+        # Lamps that cannot turn: no directions that could be left out.
+        assert conformal["checked"] is None
+        return
     for kind in ("counts", "score"):
         assert 0.87 <= conformal["checked"][kind] <= 0.93
 
 
 def test_held_out_errors_are_within_their_bounds(checker: Checker) -> None:
-    """Bounds: 3 % median, 12 % at the 95th percentile, rank agreement 0.9."""
+    """Bounds: 3 % median, 12 % at the 95th percentile, rank agreement 0.9 or that of renders."""
     levels = {row["level"]: row for row in checker.metadata.held_out}
-    kept = levels[checker.metadata.residual["kind"]]
+    kept = levels[checker.metadata.own_level]
     assert kept["facet_median"] <= 0.03
     assert kept["facet_p95"] <= 0.12
-    assert kept["kendall_tau"] >= 0.9
+    # Where random designs are so alike that renders made again order them otherwise, no model of
+    # these renders can be asked for more.
+    assert kept["kendall_tau"] >= min(0.9, levels["noise of the reference"]["kendall_tau"])

@@ -38,8 +38,10 @@ ALONG: dict[tuple[str, str], dict[str, Any]] = {
 IMPOSSIBLE = {
     ("pad.width", "low"), ("pad.length", "low"),
     *((f"sites.centre_{axis}", end) for axis in "xy" for end in ("low", "high")),
-    ("camera.field_of_view", "high"),
+    ("camera.field_of_view", "high"), ("window.thickness", "high"),
 }  # fmt: skip
+# Level 0 refuses them, with a reason.
+REFUSED = {("window.index", "low"), ("window.index", "high")}
 # Too little light comes through, or hits so thin an edge, to say anything.
 OPAQUE = {
     ("diffuser.thickness", "high"), ("diffuser.sigma_a", "high"), ("pad.thickness", "low"),
@@ -77,6 +79,15 @@ def content(**changes: float) -> dict[str, Any]:
     found["fibers"] |= {"left": 1, "tip": 1, "right": 1}
     found["sites"] |= {"columns": 1, "rows": 1}
     found["indenter"] |= {"faces": 4}
+    if any(key.startswith("window.") for key in changes):
+        # A clear, flat pad on a window of its own index.
+        del found["diffuser"]
+        found["schema"] = 2
+        found["bending"]["angles"]["value"] = [0.0]
+        found["window"] = {
+            "thickness": {"value": 1.0, "unit": "mm", "source": "assumed"},
+            "index": found["pad"]["index"],
+        }
     for key, value in changes.items():
         part, name = key.split(".")
         if isinstance(RANGES[key], Count):
@@ -111,6 +122,10 @@ def test_at_the_ends_of_its_range_light_is_finite_and_positive(
             Scene.model_validate(changed)
         return
     scene = Scene.model_validate(changed)
+    if (key, end) in REFUSED:
+        with pytest.raises(RenderError, match="the preview knows no refraction"):
+            Preview(scene, cache=cache)
+        return
     if (key, end) in OPAQUE:
         with pytest.raises(RenderError, match="the diffuser lets only"):
             Preview(scene, cache=cache)

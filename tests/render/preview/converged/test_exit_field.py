@@ -14,9 +14,11 @@ from render.scene import load_scene
 
 SCENE = load_scene("finger20")
 GRID = face_grid(SCENE)
-CELL_AREA = np.repeat(2 * GRID.half / GRID.columns, GRID.columns * GRID.rows) * (
-    SCENE.pad.thickness / GRID.rows
-)
+# The base of this scene is bare, without a cell.
+LAYERED = GRID.columns > 0
+CELL_AREA = np.repeat(
+    2 * GRID.half[LAYERED] / GRID.columns[LAYERED], GRID.columns[LAYERED] * GRID.rows
+) * (SCENE.pad.thickness / GRID.rows)
 
 
 def form_factor(point: np.ndarray, normal: np.ndarray, corners: np.ndarray) -> float:
