@@ -1,6 +1,11 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-VALIDATIONS := $(wildcard tests/validation/test_*.py)
+# Whole journeys, of a minute of a core and more each: too long for every commit.
+JOURNEYS := $(addprefix tests/,docs/test_tutorial.py examples/test_ladder.py \
+	examples/test_notebook.py optimize/cli/test_faults.py \
+	optimize/overnight/test_dask_workers.py optimize/overnight/test_disk.py \
+	optimize/test_reports_in_a_browser.py)
+VALIDATIONS := $(wildcard tests/validation/test_*.py) $(JOURNEYS)
 .PHONY: help explore verify train test unit docs validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
 
 SCENE ?= finger20
@@ -30,14 +35,14 @@ test: lint check-format types unit ## Before every commit; CI adds validation an
 unit: export OMP_NUM_THREADS = 1
 unit: $(FULL) ## The tests alone
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
-		--ignore tests/validation
+		--ignore tests/validation $(addprefix --ignore ,$(JOURNEYS))
 
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(FULL) ## The documentation as one site, opens from a folder: build/site/index.html
 	$(BIN)/python -m mkdocs build --quiet --strict
 
 # They leave a core idle each: two at a time.
-validation: $(FULL) ## Against other renderers, closed forms and slow exact code
+validation: $(FULL) ## Whole journeys; other renderers, closed forms and slow exact code
 	$(MAKE) --jobs 2 --output-sync $(VALIDATIONS)
 
 validation-long: export TACTILUX_LONG = 1

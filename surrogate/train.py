@@ -26,6 +26,7 @@ from surrogate.model.checker_module import CheckerModule
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import (
     MATERIALS,
+    PreviewGrid,
     direction_nodes,
     draw_material_grid,
     grid_nodes,
@@ -35,8 +36,9 @@ from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, fit_residual
+from surrogate.training.fit_table import fit_table, is_one_node
 from surrogate.training.fit_task import FitConfig, FitTask
-from surrogate.training.fit_time import FitTime, TrainingCost
+from surrogate.training.fit_time import MIN_STEPS, FitTime, TrainingCost
 from surrogate.training.render_plan import (
     ReferenceData,
     RenderTime,
@@ -141,19 +143,18 @@ def train(
         report(Progress(0, 1, stage="preview", note=fit_time.warning()))
     scale = scene_scale(scene)
     preview = _preview(scene, run / "fit", config, fit_time, progress)
-    grid = preview.grid
     report(Progress(1, 1, stage="preview"))
 
     before = rendered_seconds(run)
     reference = _reference(scene, table, run, seed, config, fit_time, progress)
 
-    def fitted(reference: ReferenceData, networks: bool) -> tuple[Fit, float]:
+    def fitted(reference: ReferenceData, networks: bool) -> tuple[Fit, PreviewGrid, float]:
         reference.scaled(scale.exposure, scale.lam).save(run)
-        fitting = time.monotonic()
+        fitting, cells = time.monotonic(), reference.cells(scene)
         task = FitTask(
             scene=scene,
-            grid=grid,
-            cells=reference.cells(scene),
+            grid=preview.grid,
+            cells=cells,
             exposure=scale.exposure,
             lam=scale.lam,
             bends=scene_bends(reference.tables[0], scene.bending.angles),
@@ -163,16 +164,20 @@ def train(
             folder=run / "fit",
             networks=networks,
         )
-        return fit_residual(task, progress), time.monotonic() - fitting
+        if is_one_node(scene) and cells.half_difference is not None:
+            fit, grid = fit_table(task)
+        else:
+            fit, grid = fit_residual(task, progress), preview.grid
+        return fit, grid, time.monotonic() - fitting
 
-    fit, fit_seconds = fitted(reference, True)
+    fit, grid, fit_seconds = fitted(reference, True)
     if fit_time is not None and fit.kind != "network":
         # Networks that the renders do not bear out leave their time to more renders.
         left = fit_time.without_networks(rendered_seconds(run) - before)
         longer = render_longer(scene, run, reference, left, progress)
         if longer is not None:
             reference = longer
-            fit, again = fitted(reference, False)
+            fit, grid, again = fitted(reference, False)
             fit_seconds += again
     reference = reference.scaled(scale.exposure, scale.lam)
 
@@ -257,7 +262,9 @@ def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost
     drawn = len(phi) * len(bend)
     directions = len(direction_nodes(scene, config.phi_nodes))
     directions *= 1 if free is None else config.materials
-    fibers = scene.lamp_count
+    fibers, network = scene.lamp_count, config.fit.network
+    if is_one_node(scene):
+        network = replace(network, steps=MIN_STEPS)  # there are none
     return TrainingCost(
         draws=fibers * drawn * (1 if free is None else config.preview_materials),
         jobs=2 * bends * (1 if free is None else config.materials),
@@ -266,7 +273,7 @@ def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost
         normals=scene.indenter.faces + 1,
         splits=2 + (bends > 2),
         members=config.fit.members,
-        network=config.fit.network,
+        network=network,
     )
 
 

@@ -19,7 +19,7 @@ from surrogate.model.preview_grid import PreviewGrid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.preview_model import CONVERGED_ERRORS
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS, ModelMetadata
+from surrogate.runtime.metadata import CONVERGED, PREVIEW, TABLE, UNITS, ModelMetadata
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit
@@ -169,9 +169,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "with it. It does not read tactile images.",
             "",
             "Predicts the camera colors of every facet, with a spread, the metric and the score "
-            "of a lighting design, from the preview and a residual that was learned from renders "
-            "of the reference (level 2: bidirectional path tracing with multiple importance "
-            "sampling).",
+            f"of a lighting design, from {_made_of(fit)} of the reference (level 2: bidirectional "
+            "path tracing with multiple importance sampling).",
             "",
             "## Axes",
             "",
@@ -206,27 +205,22 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             "## Errors on held-out designs",
             "",
-            "Every cell of these random designs was predicted by a member that did not see its "
-            "fiber position, direction and bend together. The reference's own noise is part of "
-            "all numbers but one: with noise of this size in both, even the reference rendered "
-            "again would show the first row. Colors: length of the difference over "
-            "length of the reference's color. Scores in counts.",
+            f"{_held_out(fit)} The reference's own noise is part of all numbers but one: with "
+            "noise of this size in both, even the reference rendered again would show the first "
+            "row. Colors: length of the difference over length of the reference's color. Scores "
+            "in counts.",
             "",
             *_table(fit.levels),
             "",
-            "The same with whole fiber positions, directions or bends left out (fitted with half "
-            "the steps and a third of the data missing):",
-            "",
-            *_table(fit.splits),
-            "",
+            *_splits(fit),
             "## Intervals",
             "",
             "For the reference without its noise; compared with a render, the render's own error "
             "bar is added in quadrature.",
             f"At {conformal['coverage']:.0%}: a channel of a facet lies within "
             f"{conformal['counts']:.2f} times `counts_spread`, a score within "
-            f"{conformal['score']:.2f} counts. Tried on designs made of other cells, these held "
-            f"{found}.",
+            f"{conformal['score']:.2f} counts. Tried on designs made of other "
+            f"{'light paths' if fit.by_paths else 'cells'}, these held {found}.",
             "",
             "## Limits",
             "",
@@ -241,6 +235,38 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
         ]
     )
+
+
+def _made_of(fit: Fit) -> str:
+    if fit.kind == TABLE:
+        return "the preview and, cell by cell as far as they are known, renders"
+    return "the preview and a residual that was learned from renders"
+
+
+def _held_out(fit: Fit) -> str:
+    if fit.by_paths:
+        return (
+            "No lamp of this sensor turns, and it does not bend: a design superposes cells that "
+            "were rendered. The table's errors are those of one half of the light paths against "
+            "the other half; the whole is closer. Its tau is that of the whole (Spearman and "
+            "Brown), and all are of normal scores with the correlation of these."
+        )
+    return (
+        "Every cell of these random designs was predicted by a member that did not see its fiber "
+        "position, direction and bend together."
+    )
+
+
+def _splits(fit: Fit) -> list[str]:
+    if not fit.splits:
+        return []
+    return [
+        "The same with whole fiber positions, directions or bends left out (fitted with half the "
+        "steps and a third of the data missing):",
+        "",
+        *_table(fit.splits),
+        "",
+    ]
 
 
 def _family(metadata: ModelMetadata) -> str:

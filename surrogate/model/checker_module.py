@@ -204,7 +204,8 @@ class CheckerModule(nn.Module):
         ``(batch, fiber + channel fiber + quantity + bend)``; power by channel first.
         """
         low, high = self.bends
-        level = (bend - low) / (high - low) if high > low else bend - low
+        # Where one bend is known, any other is outside, on the one side that is below 0.
+        level = (bend - low) / (high - low) if high > low else -torch.abs(bend - low)
         colors = power.transpose(1, 2).flatten(1)
         if material is None or self.free is None:
             return torch.cat([phi / math.pi, colors, level], dim=1)

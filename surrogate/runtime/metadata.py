@@ -22,6 +22,8 @@ CONVERGED = "converged preview"
 """The same, where the preview's light was followed by converged paths."""
 NONE = "none"
 """Kind of the residual of a trained model whose renders bear no correction of the preview out."""
+TABLE = "table"
+"""Kind of a model that is its table of renders, as there is nothing between the table's nodes."""
 LICENCE = "Apache-2.0"
 UNITS = {
     "phi": "rad",

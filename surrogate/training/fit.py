@@ -39,7 +39,8 @@ class Fit:
 
     Arguments:
         residual: the ensemble that goes into the graph.
-        kind: ``ridge``, ``network``, or ``none`` where the renders bear neither out.
+        kind: ``ridge``, ``network``, ``table`` (see `surrogate.training.fit_table`), or ``none``
+            where the renders bear none of them out.
         spread: parameters of the calibrated residual (see `CheckerModule`).
         quantiles: conformal factors from all held-out designs.
         coverage: what factors from one half of the cells cover of designs from the other half.
@@ -48,6 +49,8 @@ class Fit:
         splits: errors of the kept kind when whole fiber positions, directions or bends are out.
         unreliable, cells: number of cells with a relative error of half or more, and of all.
         noise: median relative standard error of the reference's cells.
+        by_paths: errors and coverage are of models of one half of the light paths against the
+            other half, instead of cells that members had not seen.
     """
 
     residual: nn.Module
@@ -60,6 +63,7 @@ class Fit:
     unreliable: int
     cells: int
     noise: float
+    by_paths: bool = False
 
 
 @one_thread()
@@ -76,7 +80,7 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
         )
 
     levels = [
-        errors("noise of the reference", lambda: _noisy(task)),
+        errors("noise of the reference", lambda: rendered_again(task)),
         errors(PREVIEW, lambda: preview),
         errors("preview, one factor", lambda: preview * factor),
         errors("ridge", lambda: task.predicted(both.ridge)),
@@ -156,7 +160,7 @@ def _splits(
     return tuple(errors)
 
 
-def _noisy(task: FitTask) -> Array:
+def rendered_again(task: FitTask) -> Array:
     """Return the reference with its noise once more: what a perfect model's errors look like."""
     cells = task.cells
     random = np.random.default_rng([task.seed, 3]).standard_normal(cells.error.shape)

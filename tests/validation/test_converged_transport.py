@@ -17,7 +17,6 @@ from scipy.stats import kendalltau
 from optimize.scoring import open_model
 from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.preview import Preview
-from render.preview.converged.block import face_grid
 from render.preview.converged.transport import Effort, task_count, transport_at
 from render.progress import Clock
 from render.scene import load_scene
@@ -28,10 +27,6 @@ from tests.long import LONG
 SCENE = load_scene("finger20")
 DESIGNS = 40
 QUICK = Effort(photons=60_000, paths=8_192)
-GRID = face_grid(SCENE)
-CELL_AREA = np.repeat(2 * GRID.half / GRID.columns, GRID.columns * GRID.rows) * (
-    SCENE.pad.thickness / GRID.rows
-)
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,12 @@ def cell_count(grid: FaceGrid) -> int:
     return int(grid.columns.sum()) * grid.rows
 
 
+def cell_areas(grid: FaceGrid) -> Array:
+    """Return the area of every cell, mm^2."""
+    side = np.repeat(2 * grid.half / np.maximum(grid.columns, 1), grid.columns * grid.rows)
+    return np.asarray(side * grid.thickness / grid.rows)
+
+
 def term_count(grid: FaceGrid) -> int:
     """Return how many terms a cell has."""
     return 4 * (grid.degree + 1) ** 2
@@ -165,9 +171,7 @@ def orthonormal_terms(grid: FaceGrid) -> Array:
     place = np.array([1.0, np.sqrt(3.0), np.sqrt(3.0), 3.0])
     one = np.einsum("st,ab->satb", angular, np.diag(place))
     one = one.reshape(2 * (len(place) * len(angular),))
-    side = np.repeat(2 * grid.half / np.maximum(grid.columns, 1), grid.columns * grid.rows)
-    area = side * grid.thickness / grid.rows
-    return np.asarray(one / np.sqrt(area)[:, None, None])
+    return np.asarray(one / np.sqrt(cell_areas(grid))[:, None, None])
 
 
 def _moment(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:

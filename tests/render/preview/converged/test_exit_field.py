@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from render.preview.converged.block import bent_block, face_grid
+from render.preview.converged.block import bent_block, cell_areas, face_grid
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.gathering import gathered, site_points
 from render.preview.diffuser.cache import fiber_end_of, slab_of
@@ -14,11 +14,7 @@ from render.scene import load_scene
 
 SCENE = load_scene("finger20")
 GRID = face_grid(SCENE)
-# The base of this scene is bare, without a cell.
-LAYERED = GRID.columns > 0
-CELL_AREA = np.repeat(
-    2 * GRID.half[LAYERED] / GRID.columns[LAYERED], GRID.columns[LAYERED] * GRID.rows
-) * (SCENE.pad.thickness / GRID.rows)
+CELL_AREA = cell_areas(GRID)
 
 
 def form_factor(point: np.ndarray, normal: np.ndarray, corners: np.ndarray) -> float:
