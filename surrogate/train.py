@@ -31,12 +31,13 @@ from surrogate.model.preview_grid import (
     draw_material_grid,
     grid_nodes,
     interpolation_error,
+    is_one_node,
 )
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, fit_residual
-from surrogate.training.fit_table import fit_table, is_one_node
+from surrogate.training.fit_table import fit_table
 from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.fit_time import MIN_STEPS, FitTime, TrainingCost
 from surrogate.training.render_plan import (

@@ -104,7 +104,7 @@ def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
     return (
         f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "
         f"({low:.0f} to {high:.0f}), baseline {found.stages[0].rating.score:.0f}. "
-        "Light is now followed to every facet for a more exact one"
+        "Now for a more exact one"
     )
 
 

@@ -92,6 +92,11 @@ def direction_nodes(scene: Scene, count: int) -> Array:
     return chebyshev_nodes(count if any(scene.turning) else 1, 0.0, np.pi)
 
 
+def is_one_node(scene: Scene) -> bool:
+    """Return whether all of ``scene`` is known at one direction, bend and material."""
+    return not any(scene.turning) and len(set(scene.bending.angles)) == 1 and scene.free is None
+
+
 def bend_range(scene: Scene) -> tuple[float, float]:
     """Return the bends (rad) that a model of ``scene`` is trained for, from flat if it bends."""
     angles = scene.bending.angles

@@ -20,7 +20,6 @@ from dataclasses import replace
 import numpy as np
 
 from render.arrays import Array
-from render.scene import Scene
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
 from surrogate.model.preview_grid import PreviewGrid
@@ -43,11 +42,6 @@ DARK = 0.1
 """Fraction of a site's mean light below which the errors of a cell are told in units of that."""
 TAUS = tuple(0.0025 * 2.0**step for step in range(14))
 """Errors of the preview that are tried, relative: up to 20, which is the table alone."""
-
-
-def is_one_node(scene: Scene) -> bool:
-    """Return whether a table of ``scene`` has one direction, bend and material."""
-    return not any(scene.turning) and len(set(scene.bending.angles)) == 1 and scene.free is None
 
 
 def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:

@@ -9,11 +9,11 @@ import pytest
 
 from render.scene import load_scene
 from render.transport import TransportTable
-from surrogate.model.preview_grid import PreviewGrid, draw_grid
+from surrogate.model.preview_grid import PreviewGrid, draw_grid, is_one_node
 from surrogate.runtime.metadata import NONE, TABLE
 from surrogate.training.dataset import training_cells
 from surrogate.training.fit import Fit
-from surrogate.training.fit_table import fit_table, is_one_node
+from surrogate.training.fit_table import fit_table
 from surrogate.training.fit_task import FitConfig, FitTask
 
 SCENE = load_scene("gelsight-mini")
