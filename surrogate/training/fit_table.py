@@ -40,6 +40,8 @@ from surrogate.training.halves import borne_out
 
 DARK = 0.1
 """Fraction of a site's mean light below which the errors of a cell are told in units of that."""
+LOUD = 3.0
+"""Noise of a held-out color, in standard deviations of the model, that still tells of the model."""
 TAUS = tuple(0.0025 * 2.0**step for step in range(14))
 """Errors of the preview that are tried, relative: up to 20, which is the table alone."""
 
@@ -143,9 +145,19 @@ def _gains(preview: Array, halves: list[Array], noise: Array, unit: Array, tau: 
 def _compared(
     evaluation: HeldOutEvaluation, transport: Array, cell_spread: Array, seed: int
 ) -> Comparison:
+    """Return the comparison, with those colors alone of which the renders know something.
+
+    A cell whose few bright paths make its error bar far larger than its error would narrow the
+    intervals of all others.
+    """
     none = np.zeros((1, *transport.shape))
     spread = counts_spread(evaluation, transport, none, cell_spread)
-    return compare(evaluation, transport, spread, np.random.default_rng([seed, 4]))
+    found = compare(evaluation, transport, spread, np.random.default_rng([seed, 4]))
+    known = found.noise <= LOUD * found.spread
+    if not known.any():
+        return found
+    colors = {name: getattr(found, name)[known] for name in ("error", "spread", "noise")}
+    return replace(found, **colors)
 
 
 def _joined(first: Comparison, second: Comparison) -> Comparison:

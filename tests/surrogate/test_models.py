@@ -114,11 +114,9 @@ def test_intervals_hold_what_they_promise_on_cells_that_had_no_part_in_them(
 ) -> None:
     conformal = checker.metadata.conformal
     assert conformal["coverage"] == 0.9
-    if checker.metadata.renderer["phi_nodes"] == 1:
-        # Lamps that cannot turn: no directions that could be left out.
-        assert conformal["checked"] is None
-        return
-    for kind in ("counts", "score"):
+    # Of lamps that cannot turn a few colorings differ, some five scores: too few for a coverage.
+    turns = checker.metadata.renderer["phi_nodes"] > 1
+    for kind in ("counts", "score") if turns else ("counts",):
         assert 0.87 <= conformal["checked"][kind] <= 0.93
 
 
