@@ -22,6 +22,10 @@ from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid
 
 
+SAME_BEND = 1e-6
+"""Bends that differ by less are one, rad."""
+
+
 class CheckerOutputs(NamedTuple):
     """Outputs of the checker, named and shaped as in the ONNX contract."""
 
@@ -204,8 +208,11 @@ class CheckerModule(nn.Module):
         ``(batch, fiber + channel fiber + quantity + bend)``; power by channel first.
         """
         low, high = self.bends
-        # Where one bend is known, any other is outside, on the one side that is below 0.
-        level = (bend - low) / (high - low) if high > low else -torch.abs(bend - low)
+        if high > low:
+            level = (bend - low) / (high - low)
+        else:
+            # Any other bend than the one is outside, on the one side that is below 0.
+            level = -torch.relu(torch.abs(bend - low) - SAME_BEND)
         colors = power.transpose(1, 2).flatten(1)
         if material is None or self.free is None:
             return torch.cat([phi / math.pi, colors, level], dim=1)
