@@ -21,7 +21,6 @@ from surrogate.model.features import BRIGHTNESS, CellFeatures
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid
 
-
 SAME_BEND = 1e-6
 """Bends that differ by less are one, rad."""
 
