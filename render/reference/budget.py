@@ -93,9 +93,10 @@ class TimeBudget:
         if whole <= max((1 + TOLERANCE) * self.seconds, CORRECTION * self.announced):
             return ""
         minutes = math.ceil(whole / 0.6) / 100
+        asked = f"{self.seconds / 60:.2g}"
         return (
-            f"{self.seconds / 60:.2g} minutes are too few: with the fewest samples this takes some "
-            f"{minutes:g} minutes here, and is late by the difference."
+            f"{asked} {'minute is' if asked == '1' else 'minutes are'} too few: with the fewest "
+            f"samples this takes some {minutes:g} minutes here, and is late by the difference."
         )
 
     def announcing(self, least: float) -> TimeBudget:
