@@ -94,7 +94,7 @@ class Description:
 def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Description:
     """Return the description of a scene.
 
-    ``origins`` has the source of every value, from `render.scene.schema.sources` of the same file.
+    ``origins`` has the source of every value, from `render.scene.sources` of the same file.
 
     Raises:
         SceneError: the camera sees no site whole.

@@ -47,7 +47,7 @@ def run(
     from render.geometry import counted_sites
     from render.scene import shipped_scenes
     from render.scene.new_scene import Answers, scene_file
-    from render.scene.schema import scene_from_text
+    from render.scene.scene_file import scene_from_text
 
     given = {
         "width": width, "length": length, "thickness": thickness, "diffuser": diffuser,

@@ -145,21 +145,17 @@ def face_problems(named: tuple[NamedFaces, ...], diffuser: tuple[Edge, ...]) -> 
 
 
 def painted_lamp_problems(
-    lamps: tuple[PlacedLamp, ...], finishes: tuple[Finish, ...], fibers: bool
+    lamps: tuple[PlacedLamp, ...], finishes: tuple[Finish, ...]
 ) -> Iterator[str]:
-    """Yield which lamps shine at paint, one sentence for each row, list entry and face.
-
-    ``fibers`` says that rows are the file's fibers.
-    """
+    """Yield which lamps shine at paint, one sentence for each row, list entry and face."""
     told = set()
     for lamp in lamps:
         paint = finishes[lamp.face].paint
-        key = f"fibers.{lamp.edge}" if fibers and lamp.edge else lamp.key
-        if paint is not None and (key, lamp.face) not in told:
-            told.add((key, lamp.face))
+        if paint is not None and (lamp.key, lamp.face) not in told:
+            told.add((lamp.key, lamp.face))
             face = FACES[lamp.face]
             free = [name for name, one in zip(FACES, finishes, strict=True) if one.paint is None]
             yield (
-                f"{key} shines at the {face} face, which is painted ({paint.word}): no light "
+                f"{lamp.key} shines at the {face} face, which is painted ({paint.word}): no light "
                 f"comes in, allowed: lamps before {', '.join(free)}"
             )

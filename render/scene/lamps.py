@@ -200,14 +200,15 @@ class Box:
 
 
 def placed_lamps(
-    box: Box, rows: tuple[Row, ...], listed: tuple[ListedLamp, ...]
+    box: Box, rows: tuple[Row, ...], listed: tuple[ListedLamp, ...], fibers: bool
 ) -> tuple[PlacedLamp, ...]:
-    """Return all lamps in the order of their numbers."""
+    """Return all lamps in the order of their numbers; ``fibers``: the rows are the file's."""
     found: list[PlacedLamp] = []
     for edge in EDGES:
         for number, row in enumerate(rows):
             if row.edge == edge:
-                found += _row_lamps(box, row, f"rows.{number}")
+                key = f"fibers.{row.edge}" if fibers else f"rows.{number}"
+                found += _row_lamps(box, row, key)
     return (*found, *(_listed(box, lamp, f"lamps.{i}") for i, lamp in enumerate(listed)))
 
 

@@ -10,26 +10,19 @@ import hashlib
 import itertools
 import json
 import math
-import tomllib
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, ValidationInfo, model_validator
 
-from render.arrays import Array
-from render.errors import SceneError
-from render.scene.camera import Camera, Coordinate, Millimeters
+from render.scene.camera import Camera
 from render.scene.colors import (
     DEFAULT_CHANNELS,
     OFF,
     RGB,
     LedColor,
     Palette,
-    colors_in,
     palette_of,
 )
 from render.scene.constraints import Constraints
@@ -57,172 +50,21 @@ from render.scene.lamps import (
     placement_problems,
     row_problems,
 )
-from render.scene.quantities import Count, Part, Quantity, keys_of_schema_2, since_schema_2
+from render.scene.parts import (
+    MIN_BONDED_INDEX,
+    Baseline,
+    Bending,
+    Coating,
+    Diffuser,
+    Indenter,
+    Pad,
+    Sites,
+    Window,
+)
+from render.scene.quantities import Part, keys_of_schema_2, since_schema_2
 from render.scene.skin import Skin
 from render.scene.skin_problems import skin_problems
 from render.scene.tolerances import Tolerances
-
-
-def _known_color(value: str, info: ValidationInfo) -> str:
-    """Refuse a color that the file does not have; the context names those that it has."""
-    known = (info.context or {}).get("colors", RGB.names)
-    if value not in known:
-        allowed = ", ".join(known)
-        raise PydanticCustomError("unknown_color", "allowed: {allowed}", {"allowed": allowed})
-    return value
-
-
-KnownColor = Annotated[str, AfterValidator(_known_color)]
-
-
-MIN_BONDED_INDEX = 1.2
-"""Least index of a pad on a window: what has none is no pad that a plate is bonded to."""
-
-
-class Pad(Part):
-    """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z.
-
-    ``roughness`` (Beckmann alpha) is that of all faces to the air but those that ``faces`` name.
-    """
-
-    width: Millimeters
-    length: Millimeters
-    thickness: Millimeters
-    index: Annotated[float, Quantity("", 1.0, 1.7)]
-    roughness: Annotated[float, Quantity("", 0.0, 0.5)]
-
-
-class Diffuser(Part):
-    """The scattering layer on edges of the pad, index-matched to it (Henyey-Greenstein).
-
-    It lies ``on`` the edges that are named, and on left, tip and right where none is. Where two
-    edges that have it meet, it goes round the corner.
-    """
-
-    on: Annotated[tuple[Edge, ...], Field(strict=False, min_length=1)] | None = since_schema_2()
-    thickness: Millimeters
-    sigma_s: Annotated[float, Quantity("1/mm", 0.0, 50.0)]
-    sigma_a: Annotated[float, Quantity("1/mm", 0.0, 10.0)]
-    g: Annotated[float, Quantity("", -0.99, 0.99)]
-
-    @property
-    def edges(self) -> tuple[Edge, ...]:
-        """The edges that it lies on, in the order of `EDGES`."""
-        return RIM_EDGES if self.on is None else tuple(edge for edge in EDGES if edge in self.on)
-
-    def problems(self) -> Iterator[str]:
-        """Yield what is wrong with it, one sentence each."""
-        named = self.on or ()
-        for edge in EDGES:
-            if named.count(edge) > 1:
-                shown = ", ".join(named)
-                yield f"diffuser.on = {shown} names {edge} twice, allowed: each edge once"
-
-    @property
-    def free_values(self) -> dict[str, float]:
-        """What a scene may leave free: reduced scattering in 1/mm and thickness in mm."""
-        return {
-            "reduced_scattering": self.sigma_s * (1.0 - self.g),
-            "diffuser_thickness": self.thickness,
-        }
-
-    def with_free(self, name: str, value: float) -> Diffuser:
-        """Return the layer with another value of a free quantity; g stays."""
-        if name == "reduced_scattering":
-            return self.model_copy(update={"sigma_s": value / (1.0 - self.g)})
-        return self.model_copy(update={"thickness": value})
-
-
-class Window(Part):
-    """A clear plate under the pad, bonded to its lower face and of its outline.
-
-    It reaches from z = 0 down to -``thickness``, and the camera looks through it. The face
-    ``lower`` is its lower one; its edges are finished as the pad's above them, and lamps with a
-    height below 0 shine into them.
-    """
-
-    thickness: Millimeters
-    index: Annotated[float, Quantity("", 1.2, 1.9)]
-
-
-class Coating(Part):
-    """The Lambertian far side of the pad, seen from inside."""
-
-    albedo: Annotated[float, Quantity("", 0.0, 1.0)]
-
-
-class Bending(Part):
-    """The total bending angles that are tested; the pad is a circular arc."""
-
-    angles: Annotated[tuple[float, ...], Quantity("deg", 0.0, 180.0, many=True)]
-
-
-class Sites(Part):
-    """The grid of test contacts on the coating: ``columns`` across x, ``rows`` along y."""
-
-    columns: Annotated[int, Count(1, 32)]
-    rows: Annotated[int, Count(1, 64)]
-    spacing: Millimeters
-    centre_x: Coordinate
-    centre_y: Coordinate
-
-    @property
-    def count(self) -> int:
-        """Number of sites."""
-        return self.columns * self.rows
-
-    @property
-    def places(self) -> Array:
-        """Flat x and y of the sites, ``(site, 2)`` mm, row by row from the base."""
-        x = self.centre_x + (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing
-        y = self.centre_y + (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing
-        grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
-        return np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1)
-
-
-class Indenter(Part):
-    """The pyramid that is pressed into the coating at every site (thesis 4.2)."""
-
-    faces: Annotated[int, Count(3, 64)]
-    slope: Annotated[float, Quantity("deg", 1.0, 80.0)]
-    radius: Annotated[float, Quantity("mm", 0.05, 10.0)]
-
-    @property
-    def clearance(self) -> float:
-        """Half the side (mm) of the square around a pyramid that no other may enter."""
-        return 1.5 * self.radius
-
-    @property
-    def depth(self) -> float:
-        """Height of the pyramid in mm: how deep its apex is pressed below the coating."""
-        return self.radius * math.cos(math.pi / self.faces) * math.tan(self.slope)
-
-
-class Baseline(Part):
-    """The color of every edge in the design that others are compared with (thesis 5.1).
-
-    ``lamps`` are the colors of listed lamps, one by one.
-    """
-
-    left: KnownColor | None = None
-    tip: KnownColor | None = None
-    right: KnownColor | None = None
-    base: KnownColor | None = since_schema_2()
-    lamps: Annotated[tuple[KnownColor, ...], Field(strict=False)] | None = since_schema_2()
-
-    def problems(self, edges: set[str], listed: int, every_edge: bool) -> Iterator[str]:
-        """Yield what is missing or too much for rows on ``edges`` and ``listed`` lamps."""
-        needed = edges | {"left", "tip", "right"} if every_edge else edges
-        for edge in EDGES:
-            if edge in needed and getattr(self, edge) is None:
-                yield f"missing key baseline.{edge}"
-            elif edge not in needed and getattr(self, edge) is not None:
-                yield f"baseline.{edge}: no row of lamps is on that edge, leave it out"
-        if len(self.lamps or ()) != listed:
-            yield (
-                f"baseline.lamps names {len(self.lamps or ())} colors, allowed: {listed}, one for "
-                "each listed lamp"
-            )
 
 
 class Scene(Part):
@@ -308,8 +150,11 @@ class Scene(Part):
                 f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
-        if not problems:
-            problems += skin_problems(self)
+        if not problems and self.skin is not None:
+            lamps = self.placed_lamps()
+            problems += skin_problems(
+                self.skin, self.pad, self.bending, self.diffuser, lamps, self.sites, self.indenter
+            )
         palette = self.palette
         problems += palette.problems()
         if self.constraints is not None:
@@ -379,7 +224,7 @@ class Scene(Part):
         if not alone:
             placed = [lamp for lamp in self.placed_lamps() if fibers is None or lamp.edge is None]
             yield from placement_problems(tuple(placed), self.box)
-            yield from painted_lamp_problems(self.placed_lamps(), self.finishes, fibers is not None)
+            yield from painted_lamp_problems(self.placed_lamps(), self.finishes)
         edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
         yield from self.baseline.problems(edges, len(listed), fibers is not None)
 
@@ -472,7 +317,7 @@ class Scene(Part):
 
     def placed_lamps(self) -> tuple[PlacedLamp, ...]:
         """Return all lamps on the flat pad, in the order of their numbers."""
-        return placed_lamps(self.box, self.lamp_rows, self.lamps or ())
+        return placed_lamps(self.box, self.lamp_rows, self.lamps or (), self.fibers is not None)
 
     @property
     def palette(self) -> Palette:
@@ -510,111 +355,3 @@ class Scene(Part):
             content["camera"].pop("channels", None)
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def load_scene(name_or_path: str | Path) -> Scene:
-    """Return the validated scene of a shipped name (``finger20``) or a TOML file.
-
-    Raises:
-        SceneError: names every problem at once, each with key, value and allowed range.
-    """
-    return scene_from_text(scene_text(name_or_path), str(name_or_path), Path(name_or_path).parent)
-
-
-def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
-    """Return the validated scene of a TOML text; ``origin`` is what errors call it.
-
-    ``folder`` is where the files lie that it names.
-
-    Raises:
-        SceneError: as `load_scene` does.
-    """
-    raw = _parsed(text, origin)
-    try:
-        context = {"colors": colors_in(raw), "folder": folder}
-        return Scene.model_validate(raw, context=context)
-    except ValidationError as error:
-        lines = [_sentence(problem) for problem in error.errors(include_url=False)]
-        first = error.errors(include_url=False)[0]
-        raise SceneError(
-            f"{origin} is not a valid scene: " + "; ".join(lines),
-            field=".".join(str(part) for part in first["loc"]),
-        ) from None
-
-
-def sources(name_or_path: str | Path) -> dict[str, str]:
-    """Return the source of every value of a scene file, keyed like ``pad.width``."""
-    raw = _parsed(scene_text(name_or_path), str(name_or_path))
-    return dict(_sources(raw))
-
-
-def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the keys and sources of all values in a part of a scene file; colors have names."""
-    if isinstance(content, dict) and "source" in content:
-        yield key, str(content["source"])
-        return
-    parts: Any = content.items() if isinstance(content, dict) else ()
-    if isinstance(content, list):
-        parts = enumerate(content)
-    for name, part in parts:
-        if key == "colors":
-            yield f"colors.{part['name']}", str(part["response"]["source"])
-        else:
-            yield from _sources(part, f"{key}.{name}" if key else str(name))
-
-
-def shipped_scenes() -> list[str]:
-    """Return the names of the scenes that come with tactilux."""
-    folder = resources.files("render") / "scenes"
-    return sorted(item.name[:-5] for item in folder.iterdir() if item.name.endswith(".toml"))
-
-
-def scene_text(name_or_path: str | Path) -> str:
-    """Return the TOML text of a shipped scene or a file, as it was written.
-
-    Raises:
-        SceneError: there is no such scene, or its file cannot be read.
-    """
-    text_name = str(name_or_path)
-    if text_name in shipped_scenes():
-        return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")
-    path = Path(name_or_path)
-    try:
-        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
-    except FileNotFoundError:
-        raise SceneError(
-            f"there is no scene {text_name!r}: give the path of a TOML file or one of "
-            f"{', '.join(shipped_scenes())}",
-            field="scene",
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise _unreadable(text_name, error) from None
-
-
-def _parsed(text: str, origin: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _unreadable(origin, error) from None
-
-
-def _unreadable(origin: str, error: Exception) -> SceneError:
-    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
-
-
-def _sentence(problem: Any) -> str:
-    """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
-    key = ".".join(str(part) for part in problem["loc"])
-    kind = problem["type"]
-    if kind == "extra_forbidden":
-        return f"unknown key {key}"
-    if kind == "missing":
-        return f"missing key {key}"
-    message = problem["msg"].removeprefix("Value error, ")
-    if kind == "value_error" and not key:
-        return str(message)
-    value = problem["input"]
-    if isinstance(value, dict) and "value" in value:
-        unit = f" {value['unit']}" if "unit" in value else ""
-        value = f"{value['value']}{unit}"
-    return f"{key} = {value}: {message}"

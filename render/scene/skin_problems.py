@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from render.scene.lamps import EDGES, FACES
+from render.scene.lamps import EDGES, FACES, PlacedLamp
+from render.scene.parts import Bending, Diffuser, Indenter, Pad, Sites
 from render.scene.skin import Skin
-
-if TYPE_CHECKING:
-    from render.scene.schema import Scene
 
 STEEPEST_FACET = math.radians(85.0)
 """Slope of the skin and of a facet on it, together, at most."""
 
 
-def skin_problems(scene: Scene) -> Iterator[str]:
-    """Yield what is wrong with the skin of a scene, one sentence each."""
-    skin, pad = scene.skin, scene.pad
-    if skin is None:
-        return
-    angles = [math.degrees(angle) for angle in scene.bending.angles]
+def skin_problems(
+    skin: Skin,
+    pad: Pad,
+    bending: Bending,
+    diffuser: Diffuser | None,
+    lamps: tuple[PlacedLamp, ...],
+    sites: Sites,
+    probe: Indenter,
+) -> Iterator[str]:
+    """Yield what is wrong with the skin of a sensor, one sentence each."""
+    angles = [math.degrees(angle) for angle in bending.angles]
     if any(angles):
         yield (
             f"bending.angles = {', '.join(f'{angle:g}' for angle in angles)} deg: a skin of "
             f"skin.shape = {skin.shape} does not bend, allowed with one: 0"
         )
-    if scene.diffuser is not None:
+    if diffuser is not None:
         yield (
             f"diffuser: it lies on edges of even height, which skin.shape = {skin.shape} does not "
             "leave, allowed with one: no diffuser"
@@ -37,30 +39,28 @@ def skin_problems(scene: Scene) -> Iterator[str]:
     alone = list(skin.problems(pad.width, pad.length, pad.thickness))
     yield from alone
     if not alone:
-        yield from _lamps_above(scene, skin)
-        yield from _pyramids_outside(scene, skin)
+        yield from _lamps_above(skin, pad, lamps)
+        yield from _pyramids_outside(skin, pad, sites, probe)
 
 
-def _lamps_above(scene: Scene, skin: Skin) -> Iterator[str]:
+def _lamps_above(skin: Skin, pad: Pad, lamps: tuple[PlacedLamp, ...]) -> Iterator[str]:
     """Yield which lamps shine over the edge that they are before, one sentence for each key."""
     told = set()
-    half = np.array([scene.pad.width, scene.pad.length]) / 2
-    for lamp in scene.placed_lamps():
+    half = np.array([pad.width, pad.length]) / 2
+    for lamp in lamps:
         foot = np.clip(lamp.position[:2], -half, half)
-        edge = scene.pad.thickness + float(skin.rise(*foot))
-        key = f"fibers.{lamp.edge}" if scene.fibers is not None and lamp.edge else lamp.key
-        if FACES[lamp.face] in EDGES and lamp.position[2] >= edge and key not in told:
-            told.add(key)
+        edge = pad.thickness + float(skin.rise(*foot))
+        if FACES[lamp.face] in EDGES and lamp.position[2] >= edge and lamp.key not in told:
+            told.add(lamp.key)
             yield (
-                f"{key} at z = {lamp.position[2]:g} mm lies above the skin, which is {edge:.3g} mm "
-                f"high at the {FACES[lamp.face]} edge there, allowed: below that"
+                f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the skin, which is "
+                f"{edge:.3g} mm high at the {FACES[lamp.face]} edge there, allowed: below that"
             )
 
 
-def _pyramids_outside(scene: Scene, skin: Skin) -> Iterator[str]:
+def _pyramids_outside(skin: Skin, pad: Pad, sites: Sites, probe: Indenter) -> Iterator[str]:
     """Yield the first site whose pyramid leaves the pad, or stands on too curved a skin."""
-    pad, probe = scene.pad, scene.indenter
-    x, y = scene.sites.places.T
+    x, y = sites.places.T
     height = pad.thickness + skin.rise(x, y)
     slope_x, slope_y = skin.slope(x, y)
     normal = np.stack([-slope_x, -slope_y, np.ones_like(x)], axis=-1)

@@ -15,7 +15,7 @@ from typing import Any
 
 from render.errors import SceneError
 from render.scene.lamps import lamps_of_file
-from render.scene.schema import load_scene, scene_text
+from render.scene.scene_file import load_scene, scene_text
 
 OUTSIDE = "files"
 """Folder of the copies of what lies elsewhere than beside the scene file or below."""

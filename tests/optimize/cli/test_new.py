@@ -28,7 +28,7 @@ from render.errors import SceneError
 from render.geometry import camera_coverage
 from render.scene import load_scene, sources
 from render.scene.new_scene import LAMPS, QUESTIONS, Answers, scene_file
-from render.scene.schema import scene_from_text
+from render.scene.scene_file import scene_from_text
 
 Run = Callable[..., Any]
 

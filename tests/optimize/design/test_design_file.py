@@ -24,7 +24,7 @@ from optimize.design import (
 )
 from render.errors import DesignError
 from render.scene import Scene, load_scene, scene_text
-from render.scene.schema import scene_from_text
+from render.scene.scene_file import scene_from_text
 
 RATING = Rating("surrogate", 90.0, (88.0, 92.0), 110.0, 15.0, 5.0, ScoreSettings(1e4, 60.0))
 

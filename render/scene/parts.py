@@ -1,0 +1,182 @@
+"""The plain parts of a scene file: pad, diffuser, window, coating, bends, sites, pyramid, baseline.
+
+Lengths are mm, angles radians and coefficients 1/mm, all float64.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field, ValidationInfo
+from pydantic_core import PydanticCustomError
+
+from render.arrays import Array
+from render.scene.camera import Coordinate, Millimeters
+from render.scene.colors import RGB
+from render.scene.lamps import EDGES, RIM_EDGES, Edge
+from render.scene.quantities import Count, Part, Quantity, since_schema_2
+
+
+def _known_color(value: str, info: ValidationInfo) -> str:
+    """Refuse a color that the file does not have; the context names those that it has."""
+    known = (info.context or {}).get("colors", RGB.names)
+    if value not in known:
+        allowed = ", ".join(known)
+        raise PydanticCustomError("unknown_color", "allowed: {allowed}", {"allowed": allowed})
+    return value
+
+
+KnownColor = Annotated[str, AfterValidator(_known_color)]
+
+
+MIN_BONDED_INDEX = 1.2
+"""Least index of a pad on a window: what has none is no pad that a plate is bonded to."""
+
+
+class Pad(Part):
+    """The clear silicone pad: ``width`` along x, ``length`` along y, ``thickness`` along z.
+
+    ``roughness`` (Beckmann alpha) is that of all faces to the air but those that ``faces`` name.
+    """
+
+    width: Millimeters
+    length: Millimeters
+    thickness: Millimeters
+    index: Annotated[float, Quantity("", 1.0, 1.7)]
+    roughness: Annotated[float, Quantity("", 0.0, 0.5)]
+
+
+class Diffuser(Part):
+    """The scattering layer on edges of the pad, index-matched to it (Henyey-Greenstein).
+
+    It lies ``on`` the edges that are named, and on left, tip and right where none is. Where two
+    edges that have it meet, it goes round the corner.
+    """
+
+    on: Annotated[tuple[Edge, ...], Field(strict=False, min_length=1)] | None = since_schema_2()
+    thickness: Millimeters
+    sigma_s: Annotated[float, Quantity("1/mm", 0.0, 50.0)]
+    sigma_a: Annotated[float, Quantity("1/mm", 0.0, 10.0)]
+    g: Annotated[float, Quantity("", -0.99, 0.99)]
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges that it lies on, in the order of `EDGES`."""
+        return RIM_EDGES if self.on is None else tuple(edge for edge in EDGES if edge in self.on)
+
+    def problems(self) -> Iterator[str]:
+        """Yield what is wrong with it, one sentence each."""
+        named = self.on or ()
+        for edge in EDGES:
+            if named.count(edge) > 1:
+                shown = ", ".join(named)
+                yield f"diffuser.on = {shown} names {edge} twice, allowed: each edge once"
+
+    @property
+    def free_values(self) -> dict[str, float]:
+        """What a scene may leave free: reduced scattering in 1/mm and thickness in mm."""
+        return {
+            "reduced_scattering": self.sigma_s * (1.0 - self.g),
+            "diffuser_thickness": self.thickness,
+        }
+
+    def with_free(self, name: str, value: float) -> Diffuser:
+        """Return the layer with another value of a free quantity; g stays."""
+        if name == "reduced_scattering":
+            return self.model_copy(update={"sigma_s": value / (1.0 - self.g)})
+        return self.model_copy(update={"thickness": value})
+
+
+class Window(Part):
+    """A clear plate under the pad, bonded to its lower face and of its outline.
+
+    It reaches from z = 0 down to -``thickness``, and the camera looks through it. The face
+    ``lower`` is its lower one; its edges are finished as the pad's above them, and lamps with a
+    height below 0 shine into them.
+    """
+
+    thickness: Millimeters
+    index: Annotated[float, Quantity("", 1.2, 1.9)]
+
+
+class Coating(Part):
+    """The Lambertian far side of the pad, seen from inside."""
+
+    albedo: Annotated[float, Quantity("", 0.0, 1.0)]
+
+
+class Bending(Part):
+    """The total bending angles that are tested; the pad is a circular arc."""
+
+    angles: Annotated[tuple[float, ...], Quantity("deg", 0.0, 180.0, many=True)]
+
+
+class Sites(Part):
+    """The grid of test contacts on the coating: ``columns`` across x, ``rows`` along y."""
+
+    columns: Annotated[int, Count(1, 32)]
+    rows: Annotated[int, Count(1, 64)]
+    spacing: Millimeters
+    centre_x: Coordinate
+    centre_y: Coordinate
+
+    @property
+    def count(self) -> int:
+        """Number of sites."""
+        return self.columns * self.rows
+
+    @property
+    def places(self) -> Array:
+        """Flat x and y of the sites, ``(site, 2)`` mm, row by row from the base."""
+        x = self.centre_x + (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing
+        y = self.centre_y + (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing
+        grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
+        return np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1)
+
+
+class Indenter(Part):
+    """The pyramid that is pressed into the coating at every site (thesis 4.2)."""
+
+    faces: Annotated[int, Count(3, 64)]
+    slope: Annotated[float, Quantity("deg", 1.0, 80.0)]
+    radius: Annotated[float, Quantity("mm", 0.05, 10.0)]
+
+    @property
+    def clearance(self) -> float:
+        """Half the side (mm) of the square around a pyramid that no other may enter."""
+        return 1.5 * self.radius
+
+    @property
+    def depth(self) -> float:
+        """Height of the pyramid in mm: how deep its apex is pressed below the coating."""
+        return self.radius * math.cos(math.pi / self.faces) * math.tan(self.slope)
+
+
+class Baseline(Part):
+    """The color of every edge in the design that others are compared with (thesis 5.1).
+
+    ``lamps`` are the colors of listed lamps, one by one.
+    """
+
+    left: KnownColor | None = None
+    tip: KnownColor | None = None
+    right: KnownColor | None = None
+    base: KnownColor | None = since_schema_2()
+    lamps: Annotated[tuple[KnownColor, ...], Field(strict=False)] | None = since_schema_2()
+
+    def problems(self, edges: set[str], listed: int, every_edge: bool) -> Iterator[str]:
+        """Yield what is missing or too much for rows on ``edges`` and ``listed`` lamps."""
+        needed = edges | {"left", "tip", "right"} if every_edge else edges
+        for edge in EDGES:
+            if edge in needed and getattr(self, edge) is None:
+                yield f"missing key baseline.{edge}"
+            elif edge not in needed and getattr(self, edge) is not None:
+                yield f"baseline.{edge}: no row of lamps is on that edge, leave it out"
+        if len(self.lamps or ()) != listed:
+            yield (
+                f"baseline.lamps names {len(self.lamps or ())} colors, allowed: {listed}, one for "
+                "each listed lamp"
+            )

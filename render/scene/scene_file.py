@@ -1,0 +1,123 @@
+"""Scene files: read from TOML, with every problem told at once and the source of every value."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from render.errors import SceneError
+from render.scene.colors import colors_in
+from render.scene.schema import Scene
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Return the validated scene of a shipped name (``finger20``) or a TOML file.
+
+    Raises:
+        SceneError: names every problem at once, each with key, value and allowed range.
+    """
+    return scene_from_text(scene_text(name_or_path), str(name_or_path), Path(name_or_path).parent)
+
+
+def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
+    """Return the validated scene of a TOML text; ``origin`` is what errors call it.
+
+    ``folder`` is where the files lie that it names.
+
+    Raises:
+        SceneError: as `load_scene` does.
+    """
+    raw = _parsed(text, origin)
+    try:
+        context = {"colors": colors_in(raw), "folder": folder}
+        return Scene.model_validate(raw, context=context)
+    except ValidationError as error:
+        lines = [_sentence(problem) for problem in error.errors(include_url=False)]
+        first = error.errors(include_url=False)[0]
+        raise SceneError(
+            f"{origin} is not a valid scene: " + "; ".join(lines),
+            field=".".join(str(part) for part in first["loc"]),
+        ) from None
+
+
+def sources(name_or_path: str | Path) -> dict[str, str]:
+    """Return the source of every value of a scene file, keyed like ``pad.width``."""
+    raw = _parsed(scene_text(name_or_path), str(name_or_path))
+    return dict(_sources(raw))
+
+
+def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the keys and sources of all values in a part of a scene file; colors have names."""
+    if isinstance(content, dict) and "source" in content:
+        yield key, str(content["source"])
+        return
+    parts: Any = content.items() if isinstance(content, dict) else ()
+    if isinstance(content, list):
+        parts = enumerate(content)
+    for name, part in parts:
+        if key == "colors":
+            yield f"colors.{part['name']}", str(part["response"]["source"])
+        else:
+            yield from _sources(part, f"{key}.{name}" if key else str(name))
+
+
+def shipped_scenes() -> list[str]:
+    """Return the names of the scenes that come with tactilux."""
+    folder = resources.files("render") / "scenes"
+    return sorted(item.name[:-5] for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def scene_text(name_or_path: str | Path) -> str:
+    """Return the TOML text of a shipped scene or a file, as it was written.
+
+    Raises:
+        SceneError: there is no such scene, or its file cannot be read.
+    """
+    text_name = str(name_or_path)
+    if text_name in shipped_scenes():
+        return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")
+    path = Path(name_or_path)
+    try:
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
+    except FileNotFoundError:
+        raise SceneError(
+            f"there is no scene {text_name!r}: give the path of a TOML file or one of "
+            f"{', '.join(shipped_scenes())}",
+            field="scene",
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise _unreadable(text_name, error) from None
+
+
+def _parsed(text: str, origin: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _unreadable(origin, error) from None
+
+
+def _unreadable(origin: str, error: Exception) -> SceneError:
+    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
+
+
+def _sentence(problem: Any) -> str:
+    """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
+    key = ".".join(str(part) for part in problem["loc"])
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        return f"unknown key {key}"
+    if kind == "missing":
+        return f"missing key {key}"
+    message = problem["msg"].removeprefix("Value error, ")
+    if kind == "value_error" and not key:
+        return str(message)
+    value = problem["input"]
+    if isinstance(value, dict) and "value" in value:
+        unit = f" {value['unit']}" if "unit" in value else ""
+        value = f"{value['value']}{unit}"
+    return f"{key} = {value}: {message}"
