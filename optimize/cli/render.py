@@ -108,6 +108,7 @@ def run(
         check_file(path, PICTURES + DATA)
         imprint = probe(scene, press, depth, smooth)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
+        exposure = _scene_exposure(scene)
         if level == "preview":
             columns, rows = wanted or (scene.camera.columns, scene.camera.rows)
             light = _preview(scene, lighting, math.radians(bend), columns, rows, press, imprint)
@@ -140,7 +141,8 @@ def run(
             )
             light, arrays = shown.radiance, {"radiance": picture.radiance, "se": picture.se}
             coated = picture.coated
-        exposure = _exposure(scene, light[coated])
+        if exposure is None:
+            exposure = _own_exposure(light[coated])
         # Renderers draw the skin from outside; the camera looks from within.
         turned = slice(None) if mirror else slice(None, None, -1)
         if path.suffix.lower() in DATA:
@@ -153,23 +155,29 @@ def run(
         stream.write(f"{path}\n")
 
 
-def _exposure(scene: Scene, lit: Array) -> float:
-    """Return the scene's exposure, so that its pictures compare; else the one of what is ``lit``.
-
-    ``lit`` ``(pixel, channel)`` is the light of the pad, however much of the picture it fills.
-    """
-    import numpy as np
-
-    from render.metric import THESIS
+def _scene_exposure(scene: Scene) -> float | None:
+    """Return the scene's exposure, so that its pictures compare; None where it is not known."""
     from render.scale import scene_scale
 
     try:
         return scene_scale(scene).exposure
     except (TableError, GraphicsError, RenderError):
-        note(
-            "The preview of the baseline gives no exposure: the brightest parts of this picture "
-            f"are set to {THESIS.exposure_counts:g} counts, and compare with no other."
-        )
+        return None
+
+
+def _own_exposure(lit: Array) -> float:
+    """Return the exposure of a picture alone, whose pad's light ``(pixel, channel)`` is ``lit``.
+
+    However much of the picture the pad fills, its brightest parts have the same counts.
+    """
+    import numpy as np
+
+    from render.metric import THESIS
+
+    note(
+        "The preview of the baseline gives no exposure: the brightest parts of this picture "
+        f"are set to {THESIS.exposure_counts:g} counts, and compare with no other."
+    )
     bright = float(np.percentile(lit, THESIS.exposure_percentile)) if lit.size else 0.0
     return THESIS.exposure_counts / bright if bright > 0 else 1.0
 
