@@ -38,7 +38,7 @@ from optimize.report.wiring import wiring_context, wiring_files, write_wiring
 from optimize.ui.console import counted, note, print_table
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
-from render.errors import TableError
+from render.errors import RenderError, TableError
 from render.files import write_bytes, write_text
 from surrogate.runtime import Checker, RankingTest, sha256
 
@@ -104,12 +104,12 @@ def write_exploration(
 
 
 def _write_play(exploration: Exploration, folder: Path) -> str:
-    """Write the page to play with; return its name, empty where the scene is too large for one."""
+    """Write the page to play with; return its name, empty where there is none of the scene."""
     design = exploration.design
     page = PlayPage(exploration.scene, exploration.checker, start=design, optimum=design)
     try:
         write_play(folder / PLAY, page)
-    except TableError as error:
+    except (TableError, RenderError) as error:
         note(f"There is no page to play with: {error}")
         return ""
     return PLAY
@@ -200,7 +200,7 @@ def render_report(
     Arguments:
         stages: baseline first, the result last.
         pictures: PNG or SVG by name: ``scheme-<stage>``, ``metric-<stage>``, ``facets-<stage>``,
-            ``preview-<stage>-<bend index>`` (baseline and result) and ``convergence``.
+            ``preview-<stage>-<bend index>`` (baseline and result, or none) and ``convergence``.
         ranking: whether the model can rank designs.
         texts: what else the template shows: ``confidence`` (coverage of the intervals),
             ``search_note``, ``caveats``, ``facts`` (origin of the numbers), ``errors`` (rows of the
@@ -228,7 +228,7 @@ def render_report(
                     for index, bend in enumerate(bends)
                 ],
             }
-            for stage in (first, result)
+            for stage in ((first, result) if f"preview-{first.key}-0" in pictures else ())
         ],
         "convergence": data_uri(pictures["convergence"]),
     }

@@ -35,7 +35,7 @@ class BoxImages(MirrorImages):
         self.places = mi.Float(np.array(places, dtype=np.float32))
         self.index = mi.Float(scene.pad.index)
         mirrors = mirror_faces(scene)
-        if scene.window is not None and scene.window.index != scene.pad.index:
+        if scene.window_refracts:
             # What the bond bends has no image on a straight line.
             mirrors[LOWER] = False
         faces = [FACES.index(face) for face in ("left", "right", "base", "tip", "lower")]

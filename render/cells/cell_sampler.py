@@ -148,7 +148,7 @@ class PadSampler:
         self.mirror = LowerFaceMirror(scene, bend)
         self.target = CoatingTarget(scene, bend, self.mirror)
         mirrors = mirror_faces(scene)
-        bonded = scene.window is not None and scene.window.index != scene.pad.index
+        bonded = scene.window_refracts
         self.images: MirrorImages | None = None
         if mirrors[:LOWER].any() or (mirrors[LOWER] and not bonded):
             curved = self.mirror.curved

@@ -8,6 +8,18 @@ from render.errors import RenderError
 from render.scene import Scene
 
 
+def drawable(scene: Scene) -> Scene:
+    """Return the scene that level 0 can draw: with a window of the pad's index.
+
+    Where the window's index is another, its light is no more than a first guess, which renders
+    correct: of lamps at the window's edges it can be off by a factor of two.
+    """
+    if scene.window is None or not scene.window_refracts:
+        return scene
+    window = scene.window.model_copy(update={"index": scene.pad.index})
+    return scene.model_copy(update={"window": window})
+
+
 def with_bonded_window(scene: Scene) -> Scene:
     """Return the scene with its window as the lower part of the pad, moved up onto z = 0.
 
@@ -18,11 +30,12 @@ def with_bonded_window(scene: Scene) -> Scene:
     """
     if scene.window is None:
         return scene
-    depth, plate = scene.window.thickness, scene.window.index
-    if plate != scene.pad.index:
+    depth = scene.window.thickness
+    if scene.window_refracts:
         raise RenderError(
-            f"window.index = {plate:g}: the preview knows no refraction between a pad and a window "
-            f"of other index, allowed for it: pad.index = {scene.pad.index:g}; level 2 knows it, "
+            f"window.index = {scene.window.index:g}: the preview knows no refraction between a pad "
+            "and a window of other index, "
+            f"allowed for it: pad.index = {scene.pad.index:g}; level 2 knows it, "
             "render with --level reference",
             field="window.index",
         )

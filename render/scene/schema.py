@@ -285,6 +285,11 @@ class Scene(Part):
         return Box(self.pad.width, self.pad.length, self.pad.thickness, rims, depth)
 
     @property
+    def window_refracts(self) -> bool:
+        """Whether light bends where the pad meets its window."""
+        return self.window is not None and self.window.index != self.pad.index
+
+    @property
     def diffuser_edges(self) -> tuple[Edge, ...]:
         """The edges that a diffuser lies on."""
         return self.diffuser.edges if self.diffuser else ()

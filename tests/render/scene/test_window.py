@@ -11,9 +11,12 @@ from scipy import optimize
 from render.errors import RenderError, SceneError
 from render.geometry import aim_at, camera_origin, flat_fiber_poses, refract_into_pad
 from render.geometry.meshes import pad_meshes
-from render.preview import Preview
+from render.preview import Preview, drawable
 from render.preview.bonded import with_bonded_window
+from render.preview.converged import can_converge
+from render.scale import scene_scale
 from render.scene import FACES, Scene, load_scene, scene_content, scene_of
+from surrogate.train import train
 from tests.oracles.pads import scene_of_case
 from tests.render.geometry.test_meshes import flipped, joined
 
@@ -196,3 +199,32 @@ def test_the_preview_refuses_a_window_of_another_index() -> None:
     assert "window.index = 1.49: the preview knows no refraction" in str(caught.value)
     assert "allowed for it: pad.index = 1.41; level 2 knows it" in str(caught.value)
     assert caught.value.field == "window.index"
+
+
+def test_what_the_preview_draws_instead_has_a_window_of_the_pad(tmp_path: Path) -> None:
+    scene, like = scene_with(tmp_path, index=1.6), scene_with(tmp_path, index=1.49)
+    assert scene.window_refracts
+    assert not can_converge(scene)
+    assert drawable(scene).hash == like.hash
+    assert not like.window_refracts
+    assert drawable(like) is like
+    assert drawable(PLAIN) is PLAIN
+
+
+def test_exposure_and_lambda_are_those_of_what_the_preview_draws(tmp_path: Path) -> None:
+    assert scene_scale(scene_with(tmp_path, index=1.6)) == scene_scale(
+        scene_with(tmp_path, index=1.49)
+    )
+
+
+def test_no_model_between_directions_stands_on_a_preview_that_refracts_wrong(
+    tmp_path: Path,
+) -> None:
+    rows = SCENE.rows
+    assert rows
+    turning = [rows[0].model_copy(update={"turns": True}), *rows[1:]]
+    changed = SCENE.model_copy(update={"rows": tuple(turning)})
+    assert changed.window_refracts
+    with pytest.raises(RenderError, match=r"window.index = .*allowed: lamps that cannot turn"):
+        train(changed, tmp_path / "model")
+    assert not (tmp_path / "model").exists()
