@@ -1,12 +1,7 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-# Whole journeys, of a minute of a core and more each: too long for every commit.
-JOURNEYS := $(addprefix tests/,docs/test_tutorial.py examples/test_ladder.py \
-	examples/test_notebook.py optimize/cli/test_faults.py \
-	optimize/overnight/test_dask_workers.py optimize/overnight/test_disk.py \
-	optimize/test_reports_in_a_browser.py)
-VALIDATIONS := $(wildcard tests/validation/test_*.py) $(JOURNEYS)
-.PHONY: help explore verify train test unit docs validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
+VALIDATIONS := $(wildcard tests/validation/test_*.py)
+.PHONY: help explore verify train test unit slow docs validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
 
 SCENE ?= finger20
 DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20-explore/design.json)
@@ -32,22 +27,29 @@ train: $(FULL) ## Render the training cells of SCENE and fit its surrogate (abou
 test: lint check-format types unit ## Before every commit; CI adds validation and benchmarks
 
 # Two workers on two cores: more threads of BLAS than cores wait for each other, five times as long.
-unit: export OMP_NUM_THREADS = 1
-unit: $(FULL) ## The tests alone
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
-		--ignore tests/validation $(addprefix --ignore ,$(JOURNEYS))
+unit slow: export OMP_NUM_THREADS = 1
+TESTS := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/benchmarks \
+	--ignore tests/validation
+
+unit: $(FULL) ## The tests alone, but for the slow ones
+	$(TESTS) -m "not slow"
+
+slow: $(FULL) ## Tests and whole journeys of many seconds each: part of `make validation`
+	$(TESTS) -m slow
 
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(FULL) ## The documentation as one site, opens from a folder: build/site/index.html
 	$(BIN)/python -m mkdocs build --quiet --strict
 
-# They leave a core idle each: two at a time.
-validation: $(FULL) ## Whole journeys; other renderers, closed forms and slow exact code
+# Validations leave a core idle each: two at a time.
+validation: $(FULL) ## Slow tests; other renderers, closed forms and slow exact code
+	$(MAKE) slow
 	$(MAKE) --jobs 2 --output-sync $(VALIDATIONS)
 
 validation-long: export TACTILUX_LONG = 1
 validation-long: export VALIDATION_FLAGS = --capture no
 validation-long: $(FULL) ## The same with more samples and more cases (hours); see RESULTS.md
+	$(MAKE) slow
 	$(MAKE) $(VALIDATIONS)
 	$(BIN)/python -m pytest tests/optimize/overnight/test_kills.py \
 		tests/optimize/overnight/test_whole_night.py \

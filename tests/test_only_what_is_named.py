@@ -172,6 +172,7 @@ def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[
     return found | ({"BENT"} if bent else set())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*NAMES, *VARIANTS])
 def test_the_shader_has_the_branches_that_the_file_names(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

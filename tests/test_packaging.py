@@ -74,6 +74,7 @@ def test_a_model_runs_on_numpy_and_onnxruntime_alone() -> None:
     assert not loaded & {"pydantic", "typer", "rich", "PIL", *sum(PACKAGES.values(), ())}
 
 
+@pytest.mark.slow
 def test_an_installation_brings_its_models_and_finds_them_in_an_empty_folder(
     tmp_path: Path,
 ) -> None:

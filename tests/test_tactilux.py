@@ -53,6 +53,7 @@ def test_the_three_levels_predict_the_same_array() -> None:
         assert np.median(np.abs(z)) < 1.5
 
 
+@pytest.mark.slow
 def test_a_search_is_proven_by_renders() -> None:
     scene = tactilux.load_scene("finger20")
     checker = tactilux.load_model(scene)

@@ -74,6 +74,7 @@ def test_links_of_pages_lead_to_files_of_the_site(site: Path) -> None:
                 assert (page.parent / target).is_file(), f"{page}: {target}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_pages_open_from_a_folder_and_ask_nobody_for_anything(
     site: Path, chromium: Browser, scheme: str

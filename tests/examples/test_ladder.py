@@ -20,6 +20,8 @@ from render.metric import (
     site_metric,
 )
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).parents[2] / "examples" / "ladder.py"
 
 

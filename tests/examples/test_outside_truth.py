@@ -21,6 +21,8 @@ import outside_truth
 from truth import cmu, gssim
 from truth.comparison import between, by_color, off, previewed, touched
 
+pytestmark = pytest.mark.slow
+
 PAGE = (Path(__file__).parents[2] / "docs" / "outside-truth.md").read_text(encoding="utf-8")
 
 # x, y (mm), red, green, blue of untouched skin in tri0u.exr of

@@ -44,6 +44,7 @@ def test_lamps_and_pyramids_are_where_the_geometry_has_them() -> None:
     np.testing.assert_allclose(pad.normal, place.normal[0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> None:
     scene, fiber, phi = without_faces(1e-4), 2, 1.3
     analog = AnalogScene(scene, views=5000)

@@ -41,6 +41,7 @@ def page(scene: Any, samples: int) -> np.ndarray:
     return np.stack([bidirectional_image(scene, samples, EDGES, seed) for seed in range(RUNS)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [fog_in_rough_glass, smooth_glass])
 def test_the_page_and_bdpt_draw_the_same_picture(
     mono: ModuleType, make: Callable[[ModuleType], Any]
@@ -53,6 +54,7 @@ def test_the_page_and_bdpt_draw_the_same_picture(
     check_same(page(scene, 512), images, make.__name__)
 
 
+@pytest.mark.slow
 def test_the_page_and_mitsubas_path_tracer_draw_the_same_picture(mono: ModuleType) -> None:
     scene = fog_in_rough_glass(mono)
     check_same(page(scene, 512), theirs(mono, scene, "volpath", 2048, max_depth=EDGES), "fog")

@@ -43,6 +43,7 @@ def test_the_previews_baseline_reaches_230_counts_and_both_terms_weigh_equally()
     assert intensity.mean() == pytest.approx(scale.lam * hue.mean())
 
 
+@pytest.mark.slow
 def test_scenes_of_one_hash_have_one_scale() -> None:
     dimmed = scene_with(constraints={"power_red": {"value": 0.5, "source": "test"}})
     renamed = scene_with().model_copy(update={"name": "other"})

@@ -105,6 +105,7 @@ def test_the_scenes_own_bends_are_inside_though_float32_rounds_them_up() -> None
     assert said["domain_excess"] == 0.0
 
 
+@pytest.mark.slow
 def test_what_was_drawn_is_kept_and_a_damaged_file_is_drawn_again(
     sensor: Scene, checker: Checker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,6 +180,7 @@ def test_a_lamp_s_light_is_known_where_its_cells_are_lost_in_noise(sensor: Scene
     assert light.std() < 0.3
 
 
+@pytest.mark.slow
 def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,6 +69,7 @@ def test_the_card_names_command_seed_machine_data_and_errors(trained: Trained) -
         assert text in card
 
 
+@pytest.mark.slow
 def test_training_again_replaces_the_model_by_the_same_file(
     trained: Trained, scene: Scene, reference: TransportTable, quick: TrainConfig, tmp_path: Path
 ) -> None:

@@ -63,6 +63,7 @@ def test_lists_of_a_scene_come_back(scene: Scene, table: MaterialTable, tmp_path
     assert load_scene(path).palette == scene.palette
 
 
+@pytest.mark.slow
 def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(
     table: MaterialTable,
     scene: Scene,

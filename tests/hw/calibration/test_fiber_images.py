@@ -30,6 +30,7 @@ def test_many_directions_are_left_to_interpolation() -> None:
     assert few_nodes(np.linspace(0.3, 2.0, FEW + 1)) is None
 
 
+@pytest.mark.slow
 def test_few_nodes_agree_with_all() -> None:
     scene = load_scene("finger20")
     slab, beam = slab_of(scene), fiber_end_of(scene)
@@ -64,6 +65,7 @@ def test_nodes_that_are_not_symmetric_are_refused() -> None:
         compute_response(slab_of(scene), fiber_end_of(scene), rays=100, phi=np.array([1.0]))
 
 
+@pytest.mark.slow
 def test_more_points_of_light_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, bends = load_scene("finger20"), np.array([0.0, np.pi / 2])
     few = scene.fibers.model_copy(update={"left": 1, "tip": 1, "right": 1})

@@ -44,6 +44,7 @@ def test_material_powers_and_camera_are_found(usual: tuple[Calibration, Array]) 
     assert found.vignetting == pytest.approx(0.15, abs=0.03)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say(
     scene: Scene, table: MaterialTable, usual: tuple[Calibration, Array]
 ) -> None:

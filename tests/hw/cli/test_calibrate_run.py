@@ -33,6 +33,7 @@ def photo_shape(photos: dict[str, np.ndarray]) -> tuple[int, ...]:
     return next(iter(photos.values())).shape
 
 
+@pytest.mark.slow
 def test_photographs_become_a_calibrated_scene(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

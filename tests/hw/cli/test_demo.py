@@ -14,6 +14,7 @@ from tests.conftest import Run
 from tests.hw.calibration.toy import toy_images, toy_model, toy_table
 
 
+@pytest.mark.slow
 def test_the_demonstration_recovers_the_rigs_true_values(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

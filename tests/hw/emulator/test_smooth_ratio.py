@@ -45,6 +45,7 @@ def test_nothing_measured_is_no_ratio() -> None:
         SmoothRatio([empty])
 
 
+@pytest.mark.slow
 def test_too_few_light_paths_for_any_ratio_raise_one_clear_error(mono: ModuleType) -> None:
     scene = load_scene("finger20")
     setup = Setup(scene, baseline_design(scene).phi, np.zeros(1))

@@ -103,6 +103,7 @@ def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explo
     assert names == pictures | texts | {"convergence.png"}
 
 
+@pytest.mark.slow
 def test_again_with_the_same_seed_it_finds_the_same_design_and_prints_a_table(
     tactilux: Run, explored: Explored, small_scene: Path, small_model: Path
 ) -> None:
@@ -155,6 +156,7 @@ def test_the_searched_table_scores_as_the_model_does(small_model: Path) -> None:
     assert np.abs(table - direct).max() < 0.2
 
 
+@pytest.mark.slow
 def test_it_refines_for_tolerances_and_shadows_within_constraints(
     tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:

@@ -23,6 +23,8 @@ from render.scene import load_scene
 from render.transport import TransportTable
 from tests.optimize.cli.faults import SIGNALS, STREAMS, check, run
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="session")
 def one_node(small_reference: TransportTable, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -9,11 +9,14 @@ from html import unescape
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from optimize.design import load_design_file
 
 Run = Callable[..., Any]
 
 
+@pytest.mark.slow
 def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:

@@ -24,6 +24,7 @@ def pixels(path: Path) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(path.read_bytes())).convert("RGB")).astype(float)
 
 
+@pytest.mark.slow
 def test_the_default_is_what_the_camera_sees_and_mirror_is_how_reports_draw_it(
     tactilux: Run, tmp_path: Path
 ) -> None:
@@ -38,6 +39,7 @@ def test_the_default_is_what_the_camera_sees_and_mirror_is_how_reports_draw_it(
     assert red[20:50, :18].mean() > 10.0 + red[20:50, 18:].mean()
 
 
+@pytest.mark.slow
 def test_the_kind_of_file_follows_its_name(tactilux: Run, tmp_path: Path) -> None:
     for ending, start in ((".png", b"\x89PNG"), (".JPG", b"\xff\xd8\xff"), (".npz", b"PK")):
         done = tactilux("render", *SIZE, "--out", f"x{ending}")
@@ -89,6 +91,7 @@ def pressed_pixels(folder: Path, tactilux: Run, press: str, *more: object) -> np
     return np.asarray(light[1] / np.where(light[0] > 0, light[0], np.nan))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("press", "more"),
     [
@@ -112,6 +115,7 @@ def test_a_body_shows_where_it_is_pressed_in(
     assert np.nanmax(changed[50:, :4]) < 0.05
 
 
+@pytest.mark.slow
 def test_minutes_end_a_picture_of_the_reference(tactilux: Run, tmp_path: Path) -> None:
     done = tactilux(
         "render", "--level", "reference", "--minutes", "0.1", "--size", "18x30", "--out", "x.exr"

@@ -26,6 +26,8 @@ from render.scene import load_scene
 from tests.optimize.browser import SCREENS, look, pale_text
 from tests.optimize.overnight.tiny import request_of, tiny_scene
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 

@@ -135,6 +135,7 @@ def test_a_model_is_found_by_the_scenes_hash_whatever_its_name(
         find_model(other, Path("nowhere"))
 
 
+@pytest.mark.slow
 def test_the_scale_is_the_same_at_every_effort_and_a_noisy_model_is_not_offered_silently(
     tactilux: Run,
     small_scene: Path,

@@ -16,6 +16,7 @@ from surrogate.runtime import Checker
 Run = Callable[..., Any]
 
 
+@pytest.mark.slow
 def test_it_renders_once_and_then_answers_from_its_checkpoint(
     tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:

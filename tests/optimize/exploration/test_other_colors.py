@@ -18,6 +18,7 @@ from render.scale import baseline_power, scene_scale
 from tests.colored_scenes import mono
 
 
+@pytest.mark.slow
 def test_a_mono_camera_is_explored_on_the_preview(tmp_path: Path) -> None:
     scene = mono(tmp_path, "[constraints]\noff = true\n", small=True)
     scale = scene_scale(scene)

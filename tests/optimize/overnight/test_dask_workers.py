@@ -23,6 +23,7 @@ from render.scene import Scene
 from tests.optimize.overnight.tiny import tiny_jobs, tiny_scene
 
 pytestmark = [
+    pytest.mark.slow,
     # Distributed's own sockets and loops, closed by its threads a little later.
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),

@@ -19,6 +19,8 @@ from render.scene import Scene, load_scene
 from tests.optimize.overnight.attempt import attempt
 from tests.optimize.overnight.tiny import ROOT, command, tiny_scene
 
+pytestmark = pytest.mark.slow
+
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 ATTEMPT = f"{sys.executable} -m tests.optimize.overnight.attempt"
 

@@ -29,6 +29,8 @@ from tests.optimize.overnight.conftest import TinyNight
 from tests.optimize.overnight.tiny import start, write_tiny
 from tests.optimize.overnight.warm import WarmProgram
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 

@@ -23,6 +23,8 @@ from render.transport import TransportTable, load_table
 from tests.optimize.overnight.conftest import TinyNight
 from tests.optimize.overnight.tiny import rows
 
+pytestmark = pytest.mark.slow
+
 SECONDS, MORE = 60.0, 1.2
 assert EXTEND_FACTOR < MORE < REFINE_FACTOR
 

@@ -20,6 +20,8 @@ from optimize.overnight.result import Finalist, OvernightResult
 from optimize.report import bolt_pictures
 from render.errors import SceneError
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Any]
 
 

@@ -29,6 +29,8 @@ from render.scene import Scene
 from surrogate.runtime import Checker
 from tests.optimize.browser import SCREENS, look
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, LocatorAssertions, Page
 

@@ -87,6 +87,7 @@ def sent_by_beam(scene: Scene, direction: np.ndarray, phi: float, peak: float) -
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phi", [np.pi / 2, 1.1, 2.3])
 def test_a_thin_layer_lets_beams_pass_and_their_shadow_is_what_they_send(
     thin: Scene, phi: float

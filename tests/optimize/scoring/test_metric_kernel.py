@@ -67,6 +67,7 @@ def direct_score(counts: np.ndarray, lam: float) -> float:
     return float(metric.mean() - metric.mean(axis=0).std() - metric.mean(axis=1).std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [1, 6])
 def test_any_number_of_channels_is_the_formula(channels: int) -> None:
     rng = np.random.default_rng(channels)

@@ -87,6 +87,7 @@ def verdict(make_table: MakeTable, noise: float, power: float, seed: int) -> Fin
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_looking_again_keeps_to_the_error_rate_and_to_the_budget(make_table: MakeTable) -> None:
     found = [verdict(make_table, 0.1, 1.0, seed) for seed in range(24)]
     decided = [low > 0.0 or high < 0.0 for low, high in (

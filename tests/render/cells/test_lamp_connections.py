@@ -27,6 +27,7 @@ def radiance_of_sites(scene: Scene) -> np.ndarray:
     return scene.coating.albedo / np.pi * np.array(arriving)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", [None, "met", "joined"])
 def test_a_bare_coating_has_the_light_of_the_closed_form(
     mono: ModuleType, monkeypatch: pytest.MonkeyPatch, left_out: str | None

@@ -161,6 +161,7 @@ def test_sites_beyond_the_horizon_of_a_strong_bend_are_not_seen() -> None:
     assert bent.seen[1].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["finger20", "digit", "gelsight-flat"])
 @pytest.mark.parametrize("size", [(640, 480), (333, 501)])
 def test_blocks_of_pixels_of_a_large_camera_leave_nothing_out(

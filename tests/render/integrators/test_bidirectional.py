@@ -54,6 +54,7 @@ def lambert() -> np.ndarray:
     return radiance.reshape(SIZE, 16, SIZE, 16).mean(axis=(1, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", [{"type": "bdpt"}, {"type": "pssmlt", **CHAINS}])
 def test_a_point_light_over_a_diffuse_plane_follows_lamberts_law(
     mono: ModuleType, parameters: dict[str, Any]

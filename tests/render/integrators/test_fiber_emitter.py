@@ -93,6 +93,7 @@ def test_a_parameter_out_of_range_is_named_with_what_is_allowed(
         mono.load_dict({"type": "scene", "lamp": lamp(mono, **{name: value})})
 
 
+@pytest.mark.slow
 def test_path_bdpt_and_pssmlt_agree_on_what_the_emitter_lights(mono: ModuleType) -> None:
     scene = lit_floor(mono)
     path = mono.load_dict({"type": "path"})
@@ -134,6 +135,7 @@ assert abs(r / g - 2) < 1e-3 and abs(b / g - 0.5) < 1e-3
 """
 
 
+@pytest.mark.slow
 def test_the_emitter_is_gray_in_the_rgb_variant() -> None:
     done = subprocess.run(
         [sys.executable, "-c", RGB], capture_output=True, text=True, timeout=120, check=False

@@ -124,6 +124,7 @@ def lit(mono: ModuleType, medium: dict[str, Any] | None) -> Any:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "medium",
     [None, {"sigma_t": 1.0, "albedo": 0.9, "phase": {"type": "hg", "g": 0.5}}],

@@ -15,6 +15,7 @@ WIDTH, HEIGHT = 6, 10
 COATED = np.s_[2:8, 1:5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bend", [0.0, np.pi / 4])
 def test_the_plugin_and_the_cell_sampler_draw_the_same_coating(
     mono: ModuleType, bend: float

@@ -72,6 +72,7 @@ def mirrored_in_y(cells: np.ndarray) -> np.ndarray:
     return cells[:, ::-1][..., (3 - np.arange(FACES)) % FACES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bend", [0.0, 40.0])
 def test_left_and_right_are_mirror_images(bend: float) -> None:
     for lit in (("left",), ("right",)):
@@ -80,6 +81,7 @@ def test_left_and_right_are_mirror_images(bend: float) -> None:
         np.testing.assert_allclose(mirrored_in_x(other), one, rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_tip_and_base_are_mirror_images_on_a_flat_pad() -> None:
     def skin(scene: Scene) -> np.ndarray:
         with Preview(scene) as preview:
@@ -90,6 +92,7 @@ def test_tip_and_base_are_mirror_images_on_a_flat_pad() -> None:
         np.testing.assert_allclose(other[::-1], one, rtol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lit", ["tip", "base"])
 def test_converged_light_through_the_base_is_that_through_the_tip(lit: str) -> None:
     one = converged(scene_on("tip", lit=(lit,)))

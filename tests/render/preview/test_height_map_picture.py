@@ -33,6 +33,7 @@ def drawn(
         return preview.picture(phi, power, bend, 90, 150, indented=indented).astype(float)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "bend"), [("bolt", 0.0), ("edge", np.pi / 2)])
 def test_a_map_without_smoothing_looks_like_the_planes_it_was_made_of(
     scene: Scene, name: str, bend: float, tmp_path: Path
@@ -51,6 +52,7 @@ def test_a_map_without_smoothing_looks_like_the_planes_it_was_made_of(
     np.testing.assert_array_equal(skin > 0, planes > 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bend", [0.0, np.pi / 2])
 def test_smooth_skin_has_the_light_of_level_2(scene: Scene, bend: float, tmp_path: Path) -> None:
     from render.reference import render_image

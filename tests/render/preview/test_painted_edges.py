@@ -113,6 +113,7 @@ def test_a_white_edge_sends_back_in_proportion_to_its_albedo() -> None:
     assert (twice < 2.2).all()
 
 
+@pytest.mark.slow
 def test_more_comes_back_from_brighter_edges_and_nothing_from_black_ones() -> None:
     black, clear = light(scene_of_case("black walls")), light(scene_of_case("smooth"))
     assert (black <= clear * (1 + 1e-6)).all()
@@ -124,6 +125,7 @@ def test_more_comes_back_from_brighter_edges_and_nothing_from_black_ones() -> No
         assert (dim < bright).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CASES if "walls" in name])
 def test_every_painted_pad_is_drawn_in_finite_numbers(name: str) -> None:
     scene = scene_of_case(name)

@@ -110,6 +110,7 @@ def test_the_matrix_holds_every_value_of_a_scene() -> None:
     assert {key for key, _ in ALONG} | {key for key, _ in IMPOSSIBLE} <= set(RANGES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", RANGES)
 @pytest.mark.parametrize("end", ["low", "high"])
 def test_at_the_ends_of_its_range_light_is_finite_and_positive(

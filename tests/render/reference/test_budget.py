@@ -231,6 +231,7 @@ class Stop(Exception):
     pass
 
 
+@pytest.mark.slow
 def test_real_renders_end_in_time_and_are_those_of_as_many_samples_to_the_bit(
     tmp_path: Path,
 ) -> None:

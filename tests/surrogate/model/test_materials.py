@@ -23,6 +23,8 @@ from surrogate.training.fit import fit_residual
 from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.mlp import NetworkConfig
 
+pytestmark = pytest.mark.slow
+
 RAYS = 20_000
 RANGES = FreeRanges.model_construct(reduced_scattering=(0.7, 1.4), diffuser_thickness=(1.5, 2.5))
 

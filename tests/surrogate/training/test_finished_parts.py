@@ -117,6 +117,7 @@ def test_a_fit_that_is_ended_after_every_part_ends_bit_equal(
     assert {"networks-300", "ridge-0.01", "errors-ridge", "errors-network-300"} <= set(saved)
 
 
+@pytest.mark.slow
 def test_parts_of_another_seed_are_made_anew(task: FitTask, tmp_path: Path) -> None:
     kept = fit_residual(replace(task, folder=tmp_path), None)
     other = fit_residual(replace(task, seed=4, folder=tmp_path), None)

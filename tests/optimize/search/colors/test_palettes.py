@@ -58,6 +58,7 @@ def brute_force(scorer: TableScorer, phi: np.ndarray) -> float:
     return max(formula(scorer, phi, row) for row in every if scorer.limits.fits(row[None])[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [False, True])
 @pytest.mark.parametrize(("palette", "fibers"), CASES)
 def test_the_exact_search_equals_brute_force(

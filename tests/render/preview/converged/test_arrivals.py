@@ -33,6 +33,7 @@ def arrived(scene: Scene, lamp: int, photons: int, bend: float = 0.0) -> Arrival
     return arrivals(scene, bend, lamp, AHEAD, *blocks, receivers_at(scene, bend), photons)
 
 
+@pytest.mark.slow
 def test_without_refraction_a_spot_gets_the_inverse_square_of_its_distance() -> None:
     scene = clear_pad(index=1.0)
     lamp = 1
@@ -85,6 +86,7 @@ def test_without_refraction_the_coating_gets_what_a_lamp_sends_into_its_solid_an
     assert found == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_cells_of_a_clear_rough_pad_are_those_of_analog_photons() -> None:
     scene = clear_pad(roughness=0.15)
     found = transport_at(scene, 0.0, AHEAD, Effort(paths=2048, arrivals=1_200_000), quiet())
@@ -131,6 +133,7 @@ def test_a_slightly_bent_pad_gets_what_the_flat_one_gets() -> None:
     np.testing.assert_allclose(bent.patches, flat.patches, atol=0.02 * flat.patches.max())
 
 
+@pytest.mark.slow
 def test_what_belongs_to_the_exit_field_and_what_flies_is_all_light(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

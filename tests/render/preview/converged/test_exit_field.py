@@ -28,6 +28,7 @@ def form_factor(point: np.ndarray, normal: np.ndarray, corners: np.ndarray) -> f
     return float(abs((angle / length) @ (cross @ normal)) / (2 * np.pi))
 
 
+@pytest.mark.slow
 def test_black_glowing_faces_give_lambert_s_form_factor() -> None:
     # No reflection at the faces to the air and a layer that absorbs all: direct light alone.
     block = bent_block(SCENE, 0.0, pressed=False)._replace(
@@ -48,6 +49,7 @@ def test_black_glowing_faces_give_lambert_s_form_factor() -> None:
     assert uniform == pytest.approx(exact, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_layer_passes_as_much_power_as_the_other_walk_says() -> None:
     phi = np.array([np.pi / 2 - 0.5, np.pi / 2, np.pi / 2 + 0.5])
     block = bent_block(SCENE, 0.0, pressed=False)
