@@ -12,6 +12,8 @@ import pytest
 import tactilux
 from optimize.exploration import Stage
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "score.md").read_text(encoding="utf-8")
 SCRIPT = ROOT / "examples" / "score.py"

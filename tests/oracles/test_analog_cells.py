@@ -15,6 +15,8 @@ from render.scene import Scene, load_scene
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
 from tests.oracles.quadrature import facet_radiance, irradiance
 
+pytestmark = pytest.mark.slow
+
 
 def without_faces(albedo: float) -> Scene:
     """Return ``finger20`` with no rim, index 1 and few sites, so that its light is simple."""
@@ -44,7 +46,6 @@ def test_lamps_and_pyramids_are_where_the_geometry_has_them() -> None:
     np.testing.assert_allclose(pad.normal, place.normal[0], atol=1e-12)
 
 
-@pytest.mark.slow
 def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> None:
     scene, fiber, phi = without_faces(1e-4), 2, 1.3
     analog = AnalogScene(scene, views=5000)

@@ -33,6 +33,8 @@ from tests.oracles.analog_tracer import (
 )
 from tests.oracles.quadrature import irradiance
 
+pytestmark = pytest.mark.slow
+
 N = 1.41
 
 
@@ -311,7 +313,6 @@ def test_a_rough_face_passes_as_much_one_way_as_the_other_per_index_squared() ->
     assert np.abs((out - back) / np.maximum(error, 1e-5)).max() < 4.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("eta", [N, 1 / N])
 @pytest.mark.parametrize(("alpha", "cosine"), [(0.1, 0.9), (0.1, 0.2), (0.4, 0.5)])
 def test_a_rough_face_is_mitsubas_roughdielectric(

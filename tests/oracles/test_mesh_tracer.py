@@ -21,6 +21,8 @@ from tests.oracles.mesh_tracer import (
 from tests.oracles.pads import scene_of_case
 from tests.oracles.quadrature import facet_radiance
 
+pytestmark = pytest.mark.slow
+
 PHI = 1.2
 
 
@@ -40,7 +42,6 @@ def test_lamps_are_those_of_the_flat_pad() -> None:
             np.testing.assert_allclose(one, other, atol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", ["smooth", "rim rough 0.1"])
 def test_a_flat_pad_of_triangles_is_as_bright_as_the_box(case: str) -> None:
     scene, photons = scene_of_case(case), 160_000

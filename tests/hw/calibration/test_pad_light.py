@@ -11,6 +11,8 @@ from render.arrays import Array
 from render.geometry import declared_sites, facet_masks
 from render.scene import Scene, load_scene
 
+pytestmark = pytest.mark.slow
+
 LIT = [0, 4, 9]
 
 

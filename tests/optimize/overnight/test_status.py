@@ -60,6 +60,7 @@ def test_a_place_without_a_run_is_refused(tmp_path: Path) -> None:
         scaling_of(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_real_run_tells_what_more_workers_would_do(tactilux: Run, tiny_night: TinyNight) -> None:
     done = tactilux("status", tiny_night.run, "--scaling", "--json")
     assert done.code == 0, done.err

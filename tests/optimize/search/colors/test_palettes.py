@@ -17,6 +17,8 @@ from render.metric import clip_counts, design_score, site_metric
 from render.scene import RGB, Palette
 from render.transport import TransportTable
 
+pytestmark = pytest.mark.slow
+
 MakeTable = Callable[..., TransportTable]
 MONO = Palette(("white", "infrared"), ((1.0,), (0.4,)), ("gray",), ("#000000",) * 2)
 AMBER = Palette(
@@ -58,7 +60,6 @@ def brute_force(scorer: TableScorer, phi: np.ndarray) -> float:
     return max(formula(scorer, phi, row) for row in every if scorer.limits.fits(row[None])[0])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("off", [False, True])
 @pytest.mark.parametrize(("palette", "fibers"), CASES)
 def test_the_exact_search_equals_brute_force(
