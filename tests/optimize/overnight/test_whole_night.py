@@ -24,6 +24,8 @@ from tests.optimize.overnight.conftest import SAMPLES, TinyNight
 from tests.optimize.overnight.tiny import outcome
 from tests.optimize.overnight.warm import FIT_STEPS, WarmProgram, WarmRun
 
+pytestmark = pytest.mark.slow
+
 ENDED_IN = (("Surrogate", signal.SIGTERM), ("Round 2", signal.SIGKILL))
 if LONG:
     stages = ("Transport table", "Surrogate", "Round 2", "Final verification")
