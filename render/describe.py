@@ -16,6 +16,7 @@ from render.scene import (
     RIM_EDGES,
     Constraints,
     FreeRanges,
+    MeshHeights,
     Profile,
     Quantity,
     Scene,
@@ -147,7 +148,7 @@ def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> It
         if isinstance(content, tuple) and content and isinstance(content[0], BaseModel):
             for number, entry in enumerate(content):
                 yield from _values(entry, origins, f"{key}.{number}.")
-        elif isinstance(content, Profile):
+        elif isinstance(content, Profile | MeshHeights):
             named = (
                 origins[at]
                 for at in (key, f"{key}.sigma_v", f"{key}.cosine_exponent")

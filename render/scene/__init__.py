@@ -13,5 +13,6 @@ from render.scene.scene_file import load_scene, scene_text, shipped_scenes, sour
 from render.scene.schema import Scene
 from render.scene.serialization import scene_content, scene_of
 from render.scene.skin import SHAPES, Skin
+from render.scene.skin_mesh import MeshHeights
 from render.scene.standalone import standalone
 from render.scene.tolerances import Spread, Tolerances

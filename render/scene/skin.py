@@ -1,4 +1,4 @@
-"""The shape of a skin that is not flat: its height over the pad, by a formula for each shape.
+"""The shape of a skin that is not flat: its height over the pad, by a formula or a mesh.
 
 The pad stays a block with a plane lower face and plane edges. Its upper side is the skin, a
 function of x and y (mm): `Skin.rise` above `pad.thickness`, which is the height of its crown. Edges
@@ -22,6 +22,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.scene.quantities import Part, Quantity
+from render.scene.skin_mesh import OUTLINE, MeshHeights
 
 LEAST_EDGE = 0.1
 """Height (mm) that the skin leaves of every edge."""
@@ -37,11 +38,13 @@ class Skin(Part):
     ``shape`` is a ``dome``, part of a sphere whose center lies below the middle of the pad.
     An ``arch`` is part of a cylinder about an axis below the middle. ``radius`` is that of sphere
     or cylinder. ``axis`` of an arch is ``x`` or ``y``, the direction that its skin is straight in.
+    A ``mesh`` is the upper side of a closed body from a file.
     """
 
-    shape: Literal["dome", "arch"]
+    shape: Literal["dome", "arch", "mesh"]
     radius: Annotated[float, Quantity("mm", 1.0, 10000.0)] | None = None
     axis: Literal["x", "y"] | None = None
+    mesh: MeshHeights | None = None
 
     def rise(self, x: Array, y: Array) -> Array:
         """Return the height (mm) at ``x, y`` (mm) above that of the crown, 0 or less."""
@@ -165,5 +168,45 @@ def round_problems(skin: Skin, reach: float, size: Array) -> Iterator[str]:
         )
 
 
-SHAPES: dict[str, SkinShape] = {"dome": Dome(), "arch": Arch()}
+class MeshSkin(SkinShape):
+    """The upper side of a closed body from a file (`render.scene.skin_mesh`)."""
+
+    keys = frozenset({"mesh"})
+
+    def rise(self, skin: Skin, x: Array, y: Array) -> Array:
+        """Return the spline through the samples."""
+        assert skin.mesh is not None
+        return skin.mesh.rise(x, y)
+
+    def slope(self, skin: Skin, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return its derivatives."""
+        assert skin.mesh is not None
+        return skin.mesh.slope(x, y)
+
+    def problems(self, skin: Skin, size: Array) -> Iterator[str]:
+        """Yield that the body is not the pad's size, too steep, or lower than its edges may be."""
+        assert skin.mesh is not None
+        sides = np.array(skin.mesh.sides)
+        if np.abs(sides - size[:2]).max() > OUTLINE:
+            yield (
+                f"skin.mesh is {sides[0]:.4g} x {sides[1]:.4g} mm, allowed: the pad's "
+                f"{size[0]:g} x {size[1]:g} mm, to {OUTLINE:g} mm"
+            )
+            return
+        x, y = skin.grid(*size[:2])
+        steepest = float(np.hypot(*self.slope(skin, x, y)).max())
+        if steepest > math.tan(STEEPEST):
+            yield (
+                f"skin.mesh slopes by {math.degrees(math.atan(steepest)):.3g} deg, allowed: up to "
+                f"{math.degrees(STEEPEST):g} deg"
+            )
+        lowest = float(size[2] + self.rise(skin, x, y).min())
+        if lowest < LEAST_EDGE:
+            yield (
+                f"skin.mesh falls to {lowest:.3g} mm over the lower face under a crown of "
+                f"pad.thickness = {size[2]:g} mm, allowed: at least {LEAST_EDGE:g} mm"
+            )
+
+
+SHAPES: dict[str, SkinShape] = {"dome": Dome(), "arch": Arch(), "mesh": MeshSkin()}
 """All shapes by their names in files."""

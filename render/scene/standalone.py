@@ -1,7 +1,7 @@
 """A scene with every file that it names, so that a copy of them is read again from there alone.
 
-A scene file may name a CSV file of lamps, and it or that file may name measured profiles, each
-relative to the scene file.
+A scene file may name a CSV file of lamps, and it or that file may name measured profiles, and the
+mesh of its skin, each relative to the scene file.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
     raw, folder = tomllib.loads(text), Path(name_or_path).parent
     table = raw.get("lamps_file")
     listed = lamps_of_file(folder / table) if table is not None else []
-    profiles = [*_profiles(raw.get("rows", ())), *_profiles(raw.get("lamps", ()))]
-    names = dict.fromkeys([*profiles, *_profiles(listed)])
+    mesh = raw.get("skin", {}).get("mesh", {}).get("file")
+    named = [*_profiles(raw.get("rows", ())), *_profiles(raw.get("lamps", ()))]
+    named += [] if mesh is None else [mesh]
+    names = dict.fromkeys([*named, *_profiles(listed)])
     kept = {name: _kept_name(name, number) for number, name in enumerate(names)}
     files = {kept[name]: (folder / name).read_bytes() for name in names}
     if table is not None:
@@ -54,7 +56,7 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
             content = re.sub(rf"(?<![^,\s\"]){re.escape(name)}(?![^,\s\"])", kept[name], content)
         kept[table] = _kept_name(table, len(names))
         files[kept[table]] = content.encode()
-    for name in profiles:
+    for name in named:
         text = _renamed(text, "file", name, kept[name])
     if table is not None:
         text = _renamed(text, "lamps_file", table, kept[table])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from render.scene import Scene
+from tests.oracles.skin_bodies import sphere_file
 
 MM, DEG = "mm", "deg"
 BASE: dict[str, dict[str, Any]] = {
@@ -28,6 +29,7 @@ CLEAR_RIM = RIM | {"sigma_s": (0.0, "1/mm"), "sigma_a": (0.0, "1/mm")}
 
 DOME: Any = {"shape": "dome", "radius": (30.0, MM)}
 ARCH: Any = {"shape": "arch", "radius": (20.0, MM)}
+MESH: Any = {"shape": "mesh", "mesh": {"file": str(sphere_file()), "source": "a sphere"}}
 
 LAMBERTIAN: Any = "lambertian"
 GAUSSIAN: Any = {"sigma_v": (20.0, DEG)}
@@ -219,6 +221,7 @@ CASES: dict[str, dict[str, Any]] = {
             painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
         ],
     },
+    "mesh": {"skin": MESH, "pad.thickness": (6.0, MM)},
     "arch": {
         "skin": ARCH | {"axis": "y"}, "pad.thickness": (6.0, MM), "fibers.height": (1.0, MM),
     },
@@ -243,7 +246,7 @@ CASES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-SKINS = {"dome": "dome", "arch": "arch"}
+SKINS = {"dome": "dome", "arch": "arch", "mesh": "mesh"}
 """A case of each shape that a skin may have."""
 
 

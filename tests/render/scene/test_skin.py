@@ -49,7 +49,9 @@ def test_slopes_are_those_of_heights(shape: str, scene: Scene) -> None:
     np.testing.assert_allclose(np.broadcast_to(along_x, x.shape), expected, atol=1e-7)
     expected = (rise(x, y + step) - rise(x, y - step)) / (2 * step)
     np.testing.assert_allclose(np.broadcast_to(along_y, x.shape), expected, atol=1e-7)
-    assert rise(x, y).max() == pytest.approx(0.0, abs=1e-12)
+    # The crown is in the middle, or between places.
+    assert rise(x, y).max() == pytest.approx(0.0, abs=1e-3)
+    assert rise(x, y).max() <= 1e-12
 
 
 @pytest.mark.parametrize(("shape", "scene"), CURVED)
