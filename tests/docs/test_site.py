@@ -14,6 +14,8 @@ import pytest
 import tactilux
 from hw.cli import app
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
@@ -74,7 +76,6 @@ def test_links_of_pages_lead_to_files_of_the_site(site: Path) -> None:
                 assert (page.parent / target).is_file(), f"{page}: {target}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_pages_open_from_a_folder_and_ask_nobody_for_anything(
     site: Path, chromium: Browser, scheme: str

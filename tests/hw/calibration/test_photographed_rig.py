@@ -20,6 +20,8 @@ from render.arrays import Array
 from render.scene import Scene
 from tests.hw.calibration.toy import BENDS, IMPERFECTIONS, PHOTOGRAPHED, taken, toy_model
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def camera_scene(scene: Scene) -> Scene:

@@ -26,6 +26,8 @@ from render.scene import Scene
 from surrogate.runtime import Checker
 from tests.optimize.browser import look
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 

@@ -10,6 +10,8 @@ import pytest
 
 from tests.render.integrators.test_bidirectional import lambert, plane, sensor
 
+pytestmark = pytest.mark.slow
+
 REPLICATES = 8
 
 
@@ -85,7 +87,6 @@ def test_where_plain_samples_do_well_chains_get_no_more_than_their_pilot_and_cou
     assert (score < 2.365).mean() > 0.85
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_where_light_is_hard_to_find_chains_get_more_work_and_the_picture_is_that_of_bdpt(
     mono: ModuleType,
@@ -108,7 +109,6 @@ def test_where_light_is_hard_to_find_chains_get_more_work_and_the_picture_is_tha
     assert bar < 0.1 * truth.mean()
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_a_seed_divides_the_work_in_the_same_way_again(mono: ModuleType) -> None:
     scene = under_glass(mono)

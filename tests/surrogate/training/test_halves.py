@@ -19,6 +19,8 @@ from surrogate.training.halves import borne_out, mean_gains
 from surrogate.training.mlp import NetworkConfig
 from tests.surrogate.conftest import invent_reference
 
+pytestmark = pytest.mark.slow
+
 RUN = 0.3
 """Of the noise that cells of one half share, relative."""
 
