@@ -14,6 +14,7 @@ from render.errors import SceneError
 from render.geometry.height_map import HeightMap, map_lines
 from render.geometry.indenter import check_flat, place_body
 from render.geometry.layout import declared_sites
+from render.mesh_file import read_mesh
 from render.scene import Scene
 
 FILE_DEPTH = 1.0
@@ -64,20 +65,10 @@ def body_of_file(
 
 def _triangles(path: Path) -> Array:
     """Return the triangles ``(n, 3, 3)`` of a mesh file."""
-    import trimesh
-
     try:
-        mesh = trimesh.load_mesh(path)
-        found = np.asarray(mesh.triangles, dtype=np.float64)
-        if not len(found) or not np.isfinite(found).all():
-            raise ValueError("no triangles")
-    except Exception as error:  # readers raise what they like
-        raise SceneError(
-            f"{path} is no body that can be pressed in ({type(error).__name__}), allowed: a mesh "
-            "file in mm, such as STL, PLY or OBJ",
-            field="press",
-        ) from None
-    return found
+        return np.asarray(read_mesh(path).triangles, dtype=np.float64)
+    except ValueError as error:
+        raise SceneError(str(error), field="press") from None
 
 
 def _sunk(triangles: Array) -> Array:

@@ -17,6 +17,7 @@ from pydantic import GetJsonSchemaHandler, ValidationInfo, model_validator
 from pydantic_core import CoreSchema
 
 from render.arrays import Array
+from render.mesh_file import read_mesh
 from render.scene.quantities import Part, quantity_form
 
 GRID = 65
@@ -105,18 +106,7 @@ def _spline(sides: tuple[float, ...], heights: tuple[float, ...]) -> tuple[Any, 
 
 def _closed_body(path: Path) -> tuple[Array, Array]:
     """Return the triangles ``(n, 3, 3)`` and bounds ``(2, 3)`` of a closed mesh, mm."""
-    import trimesh  # only for such scenes
-
-    try:
-        mesh = trimesh.load_mesh(path)
-        triangles = np.asarray(mesh.triangles, dtype=np.float64)
-        if not len(triangles) or not np.isfinite(triangles).all():
-            raise ValueError("no triangles")
-    except Exception as error:  # readers raise what they like
-        raise ValueError(
-            f"{path.name} is no body ({type(error).__name__}), allowed: a mesh file in mm, such as "
-            "STL, PLY or OBJ"
-        ) from None
+    mesh = read_mesh(path)
     if not mesh.is_watertight:
         _, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)
         raise ValueError(
@@ -135,7 +125,7 @@ def _closed_body(path: Path) -> tuple[Array, Array]:
             f"{path.name} has its middle {aside:.3g} mm beside the origin, allowed: x = y = 0 in "
             f"the middle of the pad, to {OUTLINE:g} mm"
         )
-    return triangles, np.asarray(mesh.bounds)
+    return np.asarray(mesh.triangles, dtype=np.float64), np.asarray(mesh.bounds)
 
 
 def _sampled(triangles: Array, bounds: Array) -> tuple[Array, Array]:
