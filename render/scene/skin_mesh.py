@@ -142,16 +142,20 @@ def _sampled(triangles: Array, bounds: Array) -> tuple[Array, Array]:
         for s, m in zip(sides, middle, strict=True)
     )
     top = np.full((GRID, GRID), -np.inf)
-    for a, b, c in triangles:
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
-        if area <= 0.0:  # upright or facing down
-            continue
-        reach = np.array([a, b, c])[:, :2]
-        i = np.s_[slice(*np.searchsorted(x, [reach[:, 0].min() - 1e-9, reach[:, 0].max() + 1e-9]))]
-        j = np.s_[slice(*np.searchsorted(y, [reach[:, 1].min() - 1e-9, reach[:, 1].max() + 1e-9]))]
+    (ax, ay), (bx, by), (cx, cy) = np.moveaxis(triangles[..., :2], 0, -1)
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    least, most = triangles[..., :2].min(axis=1) - 1e-9, triangles[..., :2].max(axis=1) + 1e-9
+    starts, ends = (
+        np.stack([np.searchsorted(x, edge[:, 0]), np.searchsorted(y, edge[:, 1])], axis=-1)
+        for edge in (least, most)
+    )
+    # Those that face up, and have places over them.
+    for k in np.flatnonzero((area > 0.0) & (starts < ends).all(axis=1)):
+        a, b, c = triangles[k]
+        i, j = slice(starts[k, 0], ends[k, 0]), slice(starts[k, 1], ends[k, 1])
         dx, dy = x[None, i] - a[0], y[j, None] - a[1]
-        u = (dx * (c[1] - a[1]) - (c[0] - a[0]) * dy) / area
-        v = ((b[0] - a[0]) * dy - dx * (b[1] - a[1])) / area
+        u = (dx * (c[1] - a[1]) - (c[0] - a[0]) * dy) / area[k]
+        v = ((b[0] - a[0]) * dy - dx * (b[1] - a[1])) / area[k]
         inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
         height = a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2])
         top[j, i] = np.where(inside, np.maximum(top[j, i], height), top[j, i])
