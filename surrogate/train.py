@@ -278,6 +278,12 @@ def _check(scene: Scene, table: TransportTable) -> None:
             f"{angles.min():g} to {angles.max():g} deg",
             field="bends",
         )
+    if scene.window_refracts and table.half_difference is None:
+        raise TableError(
+            "the reference table keeps no halves of its light paths, by which the preview of a "
+            "window of another index is corrected: leave --table out to render one",
+            field="table",
+        )
     if MaterialRange.of(scene) is not None:
         raise TableError(
             f"scene {scene.name} leaves its material free, and a table knows one material: "

@@ -125,6 +125,7 @@ def measure_frontier(
     """
     from optimize.frontier import levels
     from surrogate.model.preview_grid import draw_grid
+    from surrogate.preview_model import preview_checker
     from surrogate.train import TrainConfig
     from surrogate.training.render_plan import check_reference, data_hash, render_reference
 
@@ -132,6 +133,10 @@ def measure_frontier(
     if table is not None:
         check_reference(scene, table)
     designs, renders = HeldOutDesigns.of(scene, count, seed), folder / RENDERS
+    # Light is followed before the renders get the time that is left.
+    began = time.perf_counter()
+    converged = preview_checker(scene, report)
+    following = time.perf_counter() - began
     report(Progress(0, 1, stage="plan"))
     plan = make_frontier_plan(
         designs,
@@ -164,7 +169,7 @@ def measure_frontier(
         same = about.training_data_hash == data_hash(table)
         table_seconds = float(about.renderer.get("seconds", 0.0)) if same else 0.0
     report(Progress(0, 1, stage="preview"))
-    rows = [levels.preview_row(reference), levels.converged_row(reference)]
+    rows = [levels.preview_row(reference), levels.converged_row(reference, converged, following)]
     began = time.perf_counter()
     grid = draw_grid(scene, *config.preview_nodes)
     drawing = time.perf_counter() - began

@@ -24,7 +24,6 @@ from render.reference.path_tracer import PathTracer
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.preview_grid import PreviewGrid
-from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from surrogate.training.dataset import training_cells
 from surrogate.training.ensembles import fit_ensembles
@@ -81,11 +80,8 @@ def preview_row(reference: HeldOutReference) -> FrontierRow:
         return timed_row(reference, "preview", counts, time.perf_counter() - began)
 
 
-def converged_row(reference: HeldOutReference) -> FrontierRow:
+def converged_row(reference: HeldOutReference, checker: Checker, setup: float) -> FrontierRow:
     """Return the converged preview: light followed to every facet once, then superposed."""
-    began = time.perf_counter()
-    checker = preview_checker(reference.designs.scene)
-    setup = time.perf_counter() - began
     return timed_row(reference, checker.level, _counts_of(checker, reference), setup)
 
 

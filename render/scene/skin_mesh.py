@@ -163,7 +163,7 @@ def _sampled(triangles: Array, bounds: Array) -> tuple[Array, Array]:
     if missing.any():
         row, column = np.argwhere(missing)[0]
         raise ValueError(
-            f"its upper side ends within its outline, at x = {x[column]:.3g}, y = {y[row]:.3g} mm, "
+            f"the upper side ends within the outline, at x = {x[column]:.3g}, y = {y[row]:.3g} mm, "
             "allowed: the rectangle of the pad, all of it"
         )
     return np.round(sides, 6), np.round(top - top.max(), 6)

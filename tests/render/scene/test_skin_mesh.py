@@ -89,7 +89,7 @@ def test_bodies_that_are_no_skin_raise_one_clear_error(tmp_path: Path) -> None:
     said = refusal(flat_block(width=20.0), tmp_path)
     assert "skin.mesh is 20 x 25 mm, allowed: the pad's 18.3 x 25 mm" in said
     cylinder = trimesh.creation.cylinder(radius=9.0, height=6.0)
-    assert "its upper side ends within its outline, at x = -9, y = -9 mm" in refusal(
+    assert "the upper side ends within the outline, at x = -9, y = -9 mm" in refusal(
         cylinder, tmp_path
     )
     deep = body_under(lambda x, _: 8.0 - 0.9 * np.abs(x), (18.3, 25.0), 24)
