@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from render.errors import RenderError, SceneError
+from render.errors import RenderError, SceneError, TableError
 from render.geometry import aim_at, camera_origin, flat_fiber_poses, refract_into_pad
 from render.geometry.meshes import pad_meshes
 from render.preview import Preview, drawable
@@ -16,6 +16,7 @@ from render.preview.bonded import with_bonded_window
 from render.preview.converged import can_converge
 from render.scale import scene_scale
 from render.scene import FACES, Scene, load_scene, scene_content, scene_of
+from render.transport import TransportTable
 from surrogate.train import train
 from tests.oracles.pads import scene_of_case
 from tests.render.geometry.test_meshes import flipped, joined
@@ -228,3 +229,15 @@ def test_no_model_between_directions_stands_on_a_preview_that_refracts_wrong(
     with pytest.raises(RenderError, match=r"window.index = .*allowed: lamps that cannot turn"):
         train(changed, tmp_path / "model")
     assert not (tmp_path / "model").exists()
+
+
+def test_a_table_without_halves_corrects_no_preview_of_such_a_window(tmp_path: Path) -> None:
+    scene = scene_with(tmp_path, index=1.6)
+    cells = np.ones((scene.lamp_count, 1, 1, scene.sites.count, scene.indenter.faces))
+    table = TransportTable(
+        T=cells, se=0.1 * cells, phi=np.array([np.pi / 2]), exposure=1.0, lam=0.0,
+        scene_hash=scene.hash, level="reference", bends=np.zeros(1), background=cells[..., 0],
+        background_se=0.1 * cells[..., 0],
+    )  # fmt: skip
+    with pytest.raises(TableError, match="keeps no halves of its light paths"):
+        train(scene, tmp_path / "model", table=table)
