@@ -14,6 +14,7 @@ from render.progress import OnProgress, Progress, in_stage
 from render.reference import (
     RenderCost,
     TimeBudget,
+    growing_cost,
     render_within,
     samples_per_pass,
     stored_plan,
@@ -28,7 +29,7 @@ from surrogate.training.conformal import Coverage
 if TYPE_CHECKING:  # torch comes with it
     from surrogate.train import TrainConfig
 
-PLAN = "plan.json"
+PLAN, TRACER_PLAN = "plan.json", "volpath.json"
 SHORT_DIVISORS = (32, 8)
 """How many times fewer samples the short rendered rows get than the reference."""
 TRACER_SAMPLES = (4, 16)
@@ -36,9 +37,15 @@ TRACER_SAMPLES = (4, 16)
 TABLE_DIVISOR = 2
 """How many times fewer samples a transport table gets, where none is given."""
 PATH_TRACER_FRACTION = 0.15
-"""Part of the time for the path tracer, where the fits leave any."""
-SMALL_STEPS_COST = 2.5
-"""What small steps of Markov chains cost over plain samples."""
+"""Part of the time that is planned for the path tracer; being last, it gets what is left."""
+SMALL_STEPS_COST, SMALL_STEPS_COMPILING = 2.5, 2.0
+"""What small steps of Markov chains cost over plain samples, and their kernels over those."""
+COMPILING_FRACTION = 0.25
+"""Part of the time that the kernels of small steps may take; else their row is left out."""
+NO_SMALL_STEPS = (
+    "{:g} minutes have no row of PSSMLT: its kernels alone would compile for more than a quarter "
+    "of that; more --minutes have one"
+)
 REFERENCE, REFERENCE_SEED, RENDERS = "Reference", 101, "renders"
 """The long render: what it is called, its seed (training counts from 1), and its folder."""
 
@@ -51,8 +58,8 @@ class FrontierPlan:
         scene_hash, seed, designs: whose designs, which, and how many.
         minutes: that the rest was chosen for; 0 when ``samples`` were given.
         samples, short: per fiber and facet, of the reference and of the short rows.
-        per_pass: of ``transport_jobs``, of the reference; None when ``samples`` were given.
-        spp: per pixel, of the path tracer's rows.
+        per_pass: of ``transport_jobs``, of all renders; None when ``samples`` were given.
+        small_steps: whether a short row is also made by PSSMLT.
     """
 
     scene_hash: str
@@ -61,7 +68,18 @@ class FrontierPlan:
     minutes: float
     samples: int
     per_pass: int | None
+    small_steps: bool
     short: list[int]
+
+
+@dataclass(frozen=True)
+class TracerPlan:
+    """What the path tracer has time for at the end: samples per pixel of its rows, kept too."""
+
+    scene_hash: str
+    seed: int
+    designs: int
+    minutes: float
     spp: list[int]
 
 
@@ -148,6 +166,8 @@ def measure_frontier(
         fit_seconds=lambda: _fit_seconds(scene, config),
         report=report,
     )
+    if not plan.small_steps:
+        report(Progress(0, 1, stage="plan", note=NO_SMALL_STEPS.format(plan.minutes)))
     rendered = designs.render(
         REFERENCE, plan.samples, REFERENCE_SEED, renders, report, per_pass=plan.per_pass
     )
@@ -158,7 +178,8 @@ def measure_frontier(
             scene,
             folder / "table",
             seed=seed,
-            samples=max(1, plan.samples // TABLE_DIVISOR),
+            samples=_part(plan.samples, TABLE_DIVISOR, plan.per_pass),
+            per_pass=plan.per_pass,
             phi_count=config.phi_nodes,
             bend_count=len(scene.bending.angles),
             progress=in_stage(report, "transport table"),
@@ -177,12 +198,15 @@ def measure_frontier(
     report(Progress(0, 1, stage="shipped model"))
     rows += levels.model_rows(reference, checker, drawing)
     rows.append(levels.table_row(reference, table, table_seconds))
-    rows += levels.short_rows(reference, plan.short, renders, report)
+    rows += levels.short_rows(
+        reference, plan.short, renders, report, plan.per_pass, small_steps=plan.small_steps
+    )
     short, short_seed = plan.short[-1], levels.SHORT_SEED
     alone = replace(designs, phi=designs.phi[:1], colors=designs.colors[:1]).render(
-        "One design", short, short_seed, renders, report
+        "One design", short, short_seed, renders, report, per_pass=plan.per_pass
     )
-    rows += levels.path_tracer_rows(reference, plan.spp, folder / "volpath", report)
+    spp = _tracer_samples(designs, plan, folder, budget)
+    rows += levels.path_tracer_rows(reference, spp, folder / "volpath", report)
     return Frontier(
         plan=plan,
         rows=tuple(rows),
@@ -216,40 +240,83 @@ def make_frontier_plan(
     wanted: dict[str, Any] = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
 
     def make() -> FrontierPlan:
-        chosen, each, spp, spent = samples, None, list(TRACER_SAMPLES), 0.0
+        chosen, each, spent, small_steps = samples, None, 0.0, True
         if chosen is None:
             spent = budget.seconds / 60.0
-            tracer, fits = _tracer_cost(designs), fit_seconds()
-            # The longer short render is made once more with small steps, and for one design.
-            costs = [1.0 / SHORT_DIVISORS[0], (2.0 + SMALL_STEPS_COST) / SHORT_DIVISORS[1]]
-            costs += [1.0 / TABLE_DIVISOR] if renders_table else []
-            rest = _Rest(fits, sum(costs), len(SHORT_DIVISORS) + 2 + renders_table)
-            chosen, each, seconds = _render_for(designs, folder / RENDERS, budget, rest, report)
-            traced = PATH_TRACER_FRACTION / (1.0 - PATH_TRACER_FRACTION) * seconds
-            first = tracer.samples_within(traced * (1.0 + rest.cost) / len(designs), [1.0, 4.0])
-            spp = [first, 4 * first]
-        short = [max(1, chosen // factor) for factor in SHORT_DIVISORS]
+            rest = _Rest(designs, budget, fit_seconds(), renders_table)
+            chosen, each = _render_for(designs, folder / RENDERS, budget, rest, report)
+            small_steps = rest.has_small_steps
+        short = sorted({_part(chosen, divisor, each) for divisor in SHORT_DIVISORS})
         return FrontierPlan(
-            minutes=spent, samples=chosen, per_pass=each, short=short, spp=spp, **wanted
+            minutes=spent,
+            samples=chosen,
+            per_pass=each,
+            small_steps=small_steps,
+            short=short,
+            **wanted,
         )
 
     given = {"minutes": budget.seconds / 60.0} if samples is None else {"samples": samples}
     return stored_plan(folder / PLAN, FrontierPlan, wanted | given, make)
 
 
-@dataclass(frozen=True)
+def _part(samples: int, divisor: int, per_pass: int | None) -> int:
+    """Return about one ``divisor``th of ``samples``, whole passes where there are any."""
+    each = per_pass or 1
+    return each * max(1, samples // each // divisor)
+
+
+@dataclass
 class _Rest:
-    """What follows the reference.
+    """What everything but the reference takes: known better once its first pass is timed.
 
     Arguments:
+        designs, budget: what is measured, and the time of all of it.
         fits: seconds.
-        cost: of the other renders, over that of the reference.
-        renders: how many they are; each compiles kernels of its own.
+        renders_table: whether a transport table is rendered too.
+        first_pass: seconds of the reference's first pass, kernels included; 0 before it.
     """
 
+    designs: HeldOutDesigns
+    budget: TimeBudget
     fits: float
-    cost: float
-    renders: int
+    renders_table: bool
+    first_pass: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.began = self.budget.spent()
+
+    @property
+    def has_small_steps(self) -> bool:
+        """Whether there is time for the kernels of small steps."""
+        return self._small_steps_compiling() <= COMPILING_FRACTION * self._free()
+
+    def reference_seconds(self) -> float:
+        """Return what the reference may take."""
+        return (1.0 - PATH_TRACER_FRACTION) * self._left() / (1.0 + self._cost())
+
+    def _cost(self) -> float:
+        """Return the cost of the other renders over that of the reference."""
+        # The longer short render is made for one design, and once more with small steps.
+        longer = 2.0 + SMALL_STEPS_COST * self.has_small_steps
+        short = 1.0 / SHORT_DIVISORS[0] + longer / SHORT_DIVISORS[1]
+        return short + self.renders_table / TABLE_DIVISOR
+
+    def _free(self) -> float:
+        """Return the seconds for the renders of all lights and the path tracer."""
+        # One design and the table have nodes of their own, thus kernels.
+        kernels = (1 + self.renders_table) * self._compiling()
+        return max(self.budget.seconds - self.began - self.fits - kernels, 0.0)
+
+    def _left(self) -> float:
+        return self._free() - self.has_small_steps * self._small_steps_compiling()
+
+    def _small_steps_compiling(self) -> float:
+        return SMALL_STEPS_COMPILING * self._compiling()
+
+    def _compiling(self) -> float:
+        pads = 2 * len({bend > 0 for bend in self.designs.bends.tolist()})
+        return pads * self.first_pass
 
 
 def _render_for(
@@ -258,26 +325,16 @@ def _render_for(
     budget: TimeBudget,
     rest: _Rest,
     report: OnProgress | None,
-) -> tuple[int, int, float]:
-    """Render the reference for its part of the time.
-
-    Return its samples, those of a pass, and the seconds of its part.
-    """
-    began, pads = budget.spent(), 2 * len({bend > 0 for bend in designs.bends.tolist()})
-    first_pass: list[float] = []
-
-    def part() -> float:
-        beginnings = rest.renders * pads * first_pass[0] if first_pass else 0.0
-        free = max(budget.seconds - began - rest.fits - beginnings, 0.0)
-        return (1.0 - PATH_TRACER_FRACTION) * free / (1.0 + rest.cost)
+) -> tuple[int, int]:
+    """Render the reference for its part of the time; return its samples, and those of a pass."""
 
     def listen(at: Progress) -> None:
-        if not first_pass:
-            first_pass.append(budget.spent() - began)
+        if not rest.first_pass:
+            rest.first_pass = budget.spent() - rest.began
         if report is not None:
             report(replace(at, stage=REFERENCE))
 
-    each = samples_per_pass(designs.scene, part(), 2 * len(designs.bends))
+    each = samples_per_pass(designs.scene, rest.reference_seconds(), 2 * len(designs.bends))
     jobs = transport_jobs(
         designs.scene,
         designs.nodes[0],
@@ -290,10 +347,10 @@ def _render_for(
         jobs,
         budget,
         folder,
-        reserve=lambda: budget.seconds - began - part(),
+        reserve=lambda: budget.seconds - rest.began - rest.reference_seconds(),
         progress=listen,
     )
-    return units * each, each, part()
+    return units * each, each
 
 
 def _fit_seconds(scene: Scene, config: TrainConfig) -> float:
@@ -304,13 +361,30 @@ def _fit_seconds(scene: Scene, config: TrainConfig) -> float:
     return cost.per_step() * (cost.preview + cost.fit(config.fit.network.steps))
 
 
+def _tracer_samples(
+    designs: HeldOutDesigns, plan: FrontierPlan, folder: Path, budget: TimeBudget
+) -> list[int]:
+    """Return the samples per pixel of the path tracer's two rows, which fill what is left."""
+    if plan.per_pass is None:
+        return list(TRACER_SAMPLES)
+    wanted = {name: getattr(plan, name) for name in ("scene_hash", "seed", "designs", "minutes")}
+
+    def make() -> TracerPlan:
+        cost = _tracer_cost(designs)
+        first = cost.samples_within(budget.left() / len(designs), [1.0, 4.0])
+        return TracerPlan(**wanted, spp=[first, 4 * first])
+
+    return stored_plan(folder / TRACER_PLAN, TracerPlan, wanted, make).spp
+
+
 def _tracer_cost(designs: HeldOutDesigns) -> RenderCost:
-    """Return what a design costs the path tracer, by samples per pixel."""
-    tracer, spent = PathTracer(designs.scene), []
-    for spp in (1, 1, 9):
+    """Return what a design costs the path tracer, by samples per pixel, its kernels compiled."""
+    tracer = PathTracer(designs.scene)
+
+    def seconds(spp: int) -> float:
         began = time.monotonic()
         tracer.radiance(designs.phi[0], designs.power[0], spp, seed=0)
-        spent.append(time.monotonic() - began)
-    # The first one compiles, as the first of the rows does.
-    slope = RenderCost.fitted((1, 9), spent[1:]).per_sample
-    return RenderCost(max(spent[0] - slope, 0.0), slope)
+        return time.monotonic() - began
+
+    seconds(1)  # compiles
+    return growing_cost(seconds)

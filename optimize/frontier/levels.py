@@ -159,14 +159,25 @@ def fitted_rows(
 
 
 def short_rows(
-    reference: HeldOutReference, samples: list[int], checkpoint: Path, report: OnProgress
+    reference: HeldOutReference,
+    samples: list[int],
+    checkpoint: Path,
+    report: OnProgress,
+    per_pass: int | None,
+    *,
+    small_steps: bool,
 ) -> list[FrontierRow]:
-    """Return one row of the reference per number of samples, the last also by PSSMLT."""
+    """Return one row of the reference per number of samples, the last also by ``small_steps``.
+
+    Passes of as many paths as the reference's share its kernels.
+    """
     rows, designs = [], reference.designs
     kinds: list[tuple[int, Sampler]] = [(count, "monte-carlo") for count in samples]
-    for seed, (count, sampler) in enumerate([*kinds, (samples[-1], "pssmlt")], SHORT_SEED):
+    if small_steps:
+        kinds.append((samples[-1], "pssmlt"))
+    for seed, (count, sampler) in enumerate(kinds, SHORT_SEED):
         name = f"{NAMES[sampler]}, {count} samples"
-        renders = designs.render(name, count, seed, checkpoint, report, sampler)
+        renders = designs.render(name, count, seed, checkpoint, report, sampler, per_pass)
         short = HeldOutReference.of(designs, renders, reference.settings)
         seconds = short.seconds / len(designs)
         rows.append(reference.row(name, short.counts, seconds, scores=short.scores))

@@ -2,7 +2,7 @@
 
 from render.reference.budget import TimeBudget, render_within, samples_per_pass, stored_plan
 from render.reference.convergence import converged, doubt, more_samples
-from render.reference.cost import RenderCost, trial_cost
+from render.reference.cost import RenderCost, growing_cost, trial_cost
 from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
 from render.reference.llvm import VARIANT, ensure_llvm, mitsuba
 from render.reference.picture import Picture, render_image, smoothed

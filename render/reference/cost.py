@@ -37,12 +37,10 @@ class RenderCost:
     workers: int = 1
 
     @classmethod
-    def fitted(
-        cls, samples: Sequence[float], seconds: Sequence[float], *, jobs: int = 1
-    ) -> RenderCost:
-        """Return the line through a small and a large trial of ``jobs`` jobs each."""
+    def fitted(cls, samples: Sequence[float], seconds: Sequence[float]) -> RenderCost:
+        """Return the line through a small and a large trial."""
         slope = max(seconds[1] - seconds[0], 1e-6) / (samples[1] - samples[0])
-        return cls(max(seconds[0] - slope * samples[0], 0.0) / jobs, slope)
+        return cls(max(seconds[0] - slope * samples[0], 0.0), slope)
 
     def samples_within(self, seconds: float, renders: Sequence[float], at_least: int = 1) -> int:
         """Return the samples that fill ``seconds``.
@@ -71,12 +69,20 @@ def trial_cost(
     """
     # Other paths: who keeps results would not render these again.
     render([replace(job, seed=job.seed + 1) for job in jobs])
-    units, small = 1, sum(render(list(jobs)))
+
+    def seconds(units: int) -> float:
+        return sum(render([replace(job, iterations=units * job.iterations) for job in jobs]))
+
+    count, unit = len(jobs), sum(job.samples for job in jobs)
+    whole = growing_cost(seconds)
+    return RenderCost(whole.fixed / count, whole.per_sample / unit)
+
+
+def growing_cost(seconds: Callable[[int], float]) -> RenderCost:
+    """Return the line through ``seconds`` of 1 unit and of so many that it can be measured."""
+    units, small = 1, seconds(1)
     while True:
         units *= TRIAL_GROWTH
-        longer = [replace(job, iterations=units * job.iterations) for job in jobs]
-        large = sum(render(longer))
+        large = seconds(units)
         if large - small >= MIN_TRIAL_SECONDS or units >= MAX_TRIAL_UNITS:
-            break
-    samples = [float(sum(job.samples for job in trial)) for trial in (jobs, longer)]
-    return RenderCost.fitted(samples, (small, large), jobs=len(jobs))
+            return RenderCost.fitted((1, units), (small, large))

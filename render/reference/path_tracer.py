@@ -16,6 +16,8 @@ from render.reference.llvm import mitsuba
 from render.scene import Scene
 
 VARIANT = "llvm_ad_rgb"
+MAX_PATHS = 2**21
+"""Paths at once, at about 200 byte each; more samples than that are taken in passes."""
 
 
 class PathTracer:
@@ -50,10 +52,8 @@ class PathTracer:
             zip(self.scene.bending.angles, self.masks, strict=True)
         ):
             scene, crop = self._lit(mi, phi, power, bend, masks)
-            integrator = mi.load_dict({"type": "volpath"})
-            image = np.array(mi.render(scene, integrator=integrator, spp=spp, seed=seed + number))
             film = np.full((masks.rows, masks.columns, 3), np.nan)
-            film[crop] = image[..., :3]
+            film[crop] = _traced(mi, scene, film[crop][..., 0].size, spp, (seed, number))
             pixels = film.reshape(-1, 3)
             sites, facets = counted_sites(self.scene), range(masks.facets)
             radiance.append([[pixels[masks.of(s, f)].mean(axis=0) for f in facets] for s in sites])
@@ -100,6 +100,19 @@ class PathTracer:
             content = {"type": "scene", "sensor": sensor, **disks, **pad}
             crop = (slice(top, top + height), slice(left, left + width))
             return mi.load_dict(content, optimize=False), crop
+
+
+def _traced(mi: Any, scene: Any, pixels: int, spp: int, seed: tuple[int, int]) -> Array:
+    """Return the picture ``(row, column, 3)`` of ``spp`` samples in each of its ``pixels``."""
+    integrator = mi.load_dict({"type": "volpath"})
+    passes = -(-spp * pixels // MAX_PATHS)
+    whole: Array = np.zeros(())
+    for each in range(passes):
+        count = spp * (each + 1) // passes - spp * each // passes
+        own = int(np.random.SeedSequence([*seed, each]).generate_state(1)[0])
+        image = mi.render(scene, integrator=integrator, spp=count, seed=own)
+        whole = whole + count / spp * np.array(image)[..., :3]
+    return whole
 
 
 @cache

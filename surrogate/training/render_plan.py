@@ -93,13 +93,15 @@ def make_plan(
     phi: Array,
     bends: Array,
     samples: int | None,
+    per_pass: int | None = None,
     within: RenderTime | None = None,
     progress: OnProgress | None = None,
 ) -> RenderPlan:
     """Return the plan in the folder ``run``, or a new one.
 
-    A stored plan is taken up only when it asks for the same scenes, nodes, seed, and samples or
-    minutes. Where there are only minutes, all that fits into them is rendered by the way.
+    ``per_pass`` is that of ``transport_jobs`` where ``samples`` are given. A stored plan is taken
+    up only when it asks for the same scenes, nodes, seed, and samples or minutes. Where there are
+    only minutes, all that fits into them is rendered by the way.
     """
     if samples is None and within is None:
         raise ValueError("a plan needs samples or a time")
@@ -110,7 +112,7 @@ def make_plan(
         "bends": bends.tolist(),
     }
     if samples is not None:
-        request |= {"samples": samples, "per_pass": None, "minutes": 0.0}
+        request |= {"samples": samples, "per_pass": per_pass, "minutes": 0.0}
         return stored_plan(run / PLAN, RenderPlan, request, lambda: RenderPlan(**request))
     assert within is not None
     request |= {"minutes": within.budget.seconds / 60.0}
@@ -276,14 +278,15 @@ def render_reference(
     phi_count: int,
     bend_count: int,
     materials: Array | None = None,
+    per_pass: int | None = None,
     within: RenderTime | None = None,
     progress: OnProgress | None = None,
 ) -> ReferenceData:
     """Return the reference of ``scene``, rendered in the folder ``run``, going on where it stands.
 
     Every one of ``materials`` ``(material, quantity)`` has light paths of its own; None renders the
-    scene's own alone. ``samples`` are per cell and material; None renders as many as the time
-    ``within`` allows.
+    scene's own alone. ``samples`` are per cell and material, in passes of ``per_pass``
+    (``transport_jobs``); None renders as many as the time ``within`` allows.
     """
     scenes = _variants(scene, materials)
     plan = make_plan(
@@ -293,6 +296,7 @@ def render_reference(
         phi=direction_nodes(scene, phi_count),
         bends=training_bends(scene, bend_count),
         samples=samples,
+        per_pass=per_pass,
         within=within,
         progress=in_stage(progress, "render"),
     )

@@ -36,17 +36,18 @@ def test_given_samples_fix_all_other_work(
 ) -> None:
     calls = logged_disk(monkeypatch)
     made = plan(finger20, tmp_path)
-    assert (made.samples, made.short, made.spp) == (320, [10, 40], [4, 16])
+    assert (made.samples, made.short) == (320, [10, 40])
     assert made.per_pass is None
+    assert made.small_steps
     assert calls == DURABLE
 
 
 def test_the_same_request_takes_the_stored_plan_up(finger20: Scene, tmp_path: Path) -> None:
     first = plan(finger20, tmp_path)
-    stored = (tmp_path / PLAN).read_text().replace("[4, 16]", "[2, 8]")
+    stored = (tmp_path / PLAN).read_text().replace("[10, 40]", "[20, 80]")
     (tmp_path / PLAN).write_text(stored)
-    assert plan(finger20, tmp_path).spp == [2, 8]
-    assert plan(finger20, tmp_path, count=4).spp == first.spp
+    assert plan(finger20, tmp_path).short == [20, 80]
+    assert plan(finger20, tmp_path, count=4).short == first.short
 
 
 @dataclass
@@ -89,7 +90,6 @@ def test_minutes_hold_the_reference_and_all_that_is_planned_by_it(
 ) -> None:
     machine = Machine(rate=20.0, compiling=compiling)
     monkeypatch.setattr(frontier, "render_within", machine.render_within)
-    monkeypatch.setattr(frontier, "_tracer_cost", lambda _: RenderCost(0.01, 0.005))
     budget = TimeBudget(60.0 * minutes, machine.now, lambda: machine.now)
     machine.now += 10.0
     designs, fits = HeldOutDesigns.of(finger20, 3, 0), 30.0
@@ -100,13 +100,22 @@ def test_minutes_hold_the_reference_and_all_that_is_planned_by_it(
     assert made.per_pass is not None
     assert made.samples % made.per_pass == 0
     assert made.samples == pytest.approx(20.0 * machine.took, rel=0.1)
-    short, longer = made.short
+    assert all(count % made.per_pass == 0 for count in made.short)
+    short, longer = made.short[0], made.short[-1]
     others = short + 2 * longer + (made.samples // 2 if renders_table else 0)
-    others += 2.5 * longer  # small steps
-    kernels = (4 + renders_table) * 4 * compiling  # flat and bent, pressed and untouched
-    traced = 3 * sum(0.01 + 0.005 * spp for spp in made.spp)
-    whole = budget.spent() + others / 20.0 + kernels + traced + fits
-    assert whole == pytest.approx(60.0 * minutes, rel=0.1)
+    others += 2.5 * longer * made.small_steps
+    # Flat and bent, pressed and untouched; those of small steps take twice as long to compile.
+    kernels = (1 + renders_table + 2 * made.small_steps) * 4 * compiling
+    before = budget.spent() + others / 20.0 + kernels + fits
+    # The path tracer gets what is left.
+    assert 0.75 * 60.0 * minutes < before < 1.02 * 60.0 * minutes
+    machine.now = budget.began + before
+    monkeypatch.setattr(frontier, "_tracer_cost", lambda _: RenderCost(0.01, 0.005))
+    spp = frontier._tracer_samples(designs, made, tmp_path, budget)
+    traced = 3 * sum(0.01 + 0.005 * count for count in spp)
+    assert before + traced == pytest.approx(60.0 * minutes, rel=0.02)
+    machine.now += 50.0
+    assert frontier._tracer_samples(designs, made, tmp_path, budget) == spp
 
 
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"scene_hash": "x"}', '{"a": 1}'])

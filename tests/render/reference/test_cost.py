@@ -10,6 +10,7 @@ import pytest
 from render.reference import (
     RenderCost,
     RenderJob,
+    growing_cost,
     transport_jobs,
     trial_cost,
 )
@@ -53,14 +54,22 @@ def seconds_of(jobs: list[RenderJob], fixed: float, each: float) -> list[float]:
     return [fixed + each * job.samples for job in jobs]
 
 
-def test_the_cost_is_found_from_small_and_large_jobs() -> None:
-    trials = jobs_of(8), jobs_of(200)
-    found = RenderCost.fitted(
-        [sum(job.samples for job in jobs) for jobs in trials],
-        [sum(seconds_of(jobs, 0.7, 2e-5)) for jobs in trials],
-        jobs=len(trials[0]),
-    )
+def test_the_cost_is_found_from_a_small_and_a_large_trial() -> None:
+    found = RenderCost.fitted((8, 200), (0.7 + 8 * 2e-5, 0.7 + 200 * 2e-5))
     assert (found.fixed, found.per_sample) == pytest.approx((0.7, 2e-5))
+
+
+def test_a_slower_first_trial_is_no_reason_to_promise_anything() -> None:
+    """The smallest renders may be noise alone: 1 sample in 26 ms, 9 samples in 25 ms."""
+    taken: list[int] = []
+
+    def seconds(units: int) -> float:
+        taken.append(units)
+        return 0.01 + 1e-3 * units + (0.02 if units == 1 else 0.0)
+
+    found = growing_cost(seconds)
+    assert found.per_sample == pytest.approx(1e-3, rel=0.05)
+    assert max(taken) == 1024
 
 
 def test_workers_share_the_jobs_but_no_job_is_split() -> None:
