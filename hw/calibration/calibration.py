@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,7 +14,7 @@ import numpy as np
 
 from hw.calibrated_powers import FILE
 from hw.calibration.line_model import line_model
-from hw.calibration.material import NAMES, PER_UNIT, TITLES, UNITS, Material
+from hw.calibration.material import Place
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import NAMES as LINES
 from hw.calibration.reference_lines import ReferenceLines, Setup
@@ -46,20 +45,21 @@ def calibrate_sets(
     model: Path | None,
     target: Path,
     noise: float,
-    materials: int,
+    materials: int | None,
     samples: int,
 ) -> dict[str, Any]:
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
     There is one sweep for each of ``bends`` ``(bend,)`` rad; one of ``linearity_sets`` shows all
     fibers together. ``design`` None is the baseline, ``model`` None is looked for. ``noise`` is
-    that of one pixel in counts; ``materials`` are rendered to correct the fit for all rigs of the
-    same design, with ``samples`` light paths per fiber and cell (0: neither corrected nor
-    confirmed).
+    that of one pixel in counts; ``materials`` (None: as many as the polynomial needs) are rendered
+    to correct the fit for all rigs of the same design, with ``samples`` light paths per fiber and
+    cell (0: neither corrected nor confirmed).
     """
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     setup = Setup(scene, lighting.phi, bends)
+    materials = materials or setup.space.enough
     additivity = require_linearity(linearity_sets, noise)
     checker = open_model(scene, model)
     with ProgressBar("Drawing materials") as bar:
@@ -114,11 +114,7 @@ def told(
         "gain": _numbers(found.gain),
         "tilt": _numbers(np.degrees(found.tilt)),
         "vignetting": found.vignetting,
-        "not_separable": [
-            "g and sigma_s",
-            "the powers' mean and the gains",
-            "the roughness and errors of the model",
-        ],
+        "caveats": list(found.space.caveats),
         "hardly_separable": [list(pair) for pair in found.errors.inseparable()],
         "residual": found.chi,
         "linearity": asdict(additivity),
@@ -129,15 +125,17 @@ def told(
 def fitted_values(scene: Scene, found: Calibration) -> dict[str, dict[str, Any]]:
     """Return value, 95 % interval, the scene's own before, and standard errors by their source.
 
-    By name, all in `UNITS`.
+    By name, all in their units.
     """
     ends, parts = np.transpose(found.intervals), found.errors.parts
-    columns = [found.material.array(), *ends, Material.of(scene).array(), *parts.values()]
-    rows = zip(NAMES, TITLES, UNITS, (PER_UNIT * np.stack(columns)).T.tolist(), strict=True)
+    columns = [found.material, *ends, found.space.of(scene), *parts.values()]
+    values = (found.space.per_unit * np.stack(columns)).T.tolist()
     return {
-        name: {"title": title, "value": value, "interval": [low, high], "unit": unit,
-               "before": before, "errors": dict(zip(parts, errors, strict=True))}
-        for name, title, unit, (value, low, high, before, *errors) in rows
+        one.name: {"title": one.title, "value": value, "interval": [low, high], "unit": one.unit,
+                   "before": before, "errors": dict(zip(parts, errors, strict=True))}
+        for one, (value, low, high, before, *errors) in zip(
+            found.space.quantities, values, strict=True
+        )
     }  # fmt: skip
 
 
@@ -154,43 +152,59 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
 
     ``scene`` is what the file holds; the ISO ``date`` is written beside each value.
     """
-    raw = tomllib.loads(standalone(source).text)
-    assert scene.diffuser is not None
-    # From fitted values to those of the file.
-    per_event = 1 / (1 - scene.diffuser.g)
-    keys = (
-        ("diffuser", "sigma_s", per_event, "1/mm"),
-        ("diffuser", "sigma_a", 1.0, "1/mm"),
-        ("fibers", "sigma_v", 180 / math.pi, "deg"),
-        ("pad", "roughness", 1.0, ""),
-    )
-    values = zip(keys, found.material.array().tolist(), found.intervals, strict=True)
-    for (part, key, factor, unit), value, (low, high) in values:
-        interval = f"{low * factor:.4g} to {high * factor:.4g} {unit}".rstrip()
-        entry = raw[part][key]
-        entry["value"] = float(f"{value * factor:.6g}")
-        entry["source"] = f"calibrated {date}, 95 % interval {interval}"
-    raw["pad"]["roughness"]["source"] += "; held near the value before"
-    g = raw["diffuser"]["g"]
-    g["source"] = (
-        f"{str(g['source']).split(';')[0]}; photographs cannot separate g and sigma_s, only "
-        "sigma_s (1 - g) is calibrated"
-    )
+    raw, space = tomllib.loads(standalone(source).text), found.space
+    values = zip(space.quantities, space.places, space.factors, strict=True)
+    for number, (one, places, factor) in enumerate(values):
+        # From fitted values to those of the file.
+        fitted = np.array([found.material[number], *found.intervals[number]])
+        value, low, high = (fitted * one.per_unit / factor).tolist()
+        said = f"calibrated {date}, 95 % interval {f'{low:.4g} to {high:.4g} {one.unit}'.rstrip()}"
+        if number in space.knowledge:
+            said += "; weighed with the value before"
+        for place in places:
+            entry = _entry(raw, place)
+            entry["value"], entry["source"] = float(f"{value:.6g}"), said
+    if scene.diffuser is not None:
+        g = raw["diffuser"]["g"]
+        g["source"] = (
+            f"{str(g['source']).split(';')[0]}; photographs cannot separate g and sigma_s, only "
+            "sigma_s (1 - g) is calibrated"
+        )
     if not raw["name"].endswith(SUFFIX):
         raw["name"] += SUFFIX
     head = "# Calibrated to photographs by tactilux; powers and gains are in calibration.json.\n"
     return head + _written(raw)
 
 
+def _entry(raw: Any, place: Place) -> dict[str, Any]:
+    """Return the quantity at ``place`` of a scene's file."""
+    for key in place:
+        raw = raw[key]
+    assert isinstance(raw, dict)
+    return raw
+
+
 def _written(raw: dict[str, Any]) -> str:
     """Return TOML of plain keys first, then one table per part with one key per line."""
-    plain = [f"{key} = {_value(item)}" for key, item in raw.items() if not isinstance(item, dict)]
+    tables = {key: item for key, item in raw.items() if _is_table(item)}
+    plain = [f"{key} = {_value(item)}" for key, item in raw.items() if key not in tables]
     parts = [
-        "\n".join([f"[{part}]", *(f"{key} = {_value(item)}" for key, item in content.items())])
-        for part, content in raw.items()
-        if isinstance(content, dict)
+        "\n".join([head, *(f"{key} = {_value(item)}" for key, item in content.items())])
+        for part, item in tables.items()
+        for head, content in (
+            [(f"[{part}]", item)]
+            if isinstance(item, dict)
+            else [(f"[[{part}]]", entry) for entry in item]
+        )
     ]
     return "\n\n".join(["\n".join(plain), *parts]) + "\n"
+
+
+def _is_table(item: Any) -> bool:
+    """Whether ``item`` is a part of a scene, or a list of parts."""
+    if isinstance(item, list) and item:
+        return all(isinstance(entry, dict) for entry in item)
+    return isinstance(item, dict)
 
 
 def _value(item: Any) -> str:

@@ -77,7 +77,7 @@ class LineModel:
     modes: ErrorModes
 
     def log_light(self, material: Array) -> Array:
-        """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
+        """Return log radiance per unit power, ``(bend, fiber, point)``, for one material."""
         return self.table.log_light(material) + self.log_correction
 
 

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, lapack
 
 from hw.calibration.log_ratio import ErrorModes, LogRatios, kernel, modes_of
-from hw.calibration.material import EXPONENTS, terms
+from hw.calibration.material import MaterialSpace
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.pad_light import MaterialRender
 from hw.calibration.reference_lines import ReferenceLines, frame_positions
 from hw.errors import CalibrationError
 from render.arrays import Array
 
-DEGREES = EXPONENTS.sum(axis=1)
 SHARED_AMPLITUDES = (0.04, 0.08, 0.16)
 FIBER_AMPLITUDES = (0.02, 0.04, 0.08)
 DEGREE_FACTORS = (0.2, 0.4)
@@ -45,12 +44,16 @@ class BendCorrection:
     Amplitudes are those of fields times terms of the material: shared by all fibers, and the own
     ones of each, which are solved for given the shared and taken out (Schur complement).
 
-    ``data`` is what each render says of each fiber; ``materials`` are ``(render, 4)``.
+    ``data`` is what each render says of each fiber; ``materials`` of ``space`` are ``(render,
+    quantity)``.
     """
 
-    def __init__(self, data: Sequence[Sequence[LogRatios]], materials: Array) -> None:
+    def __init__(
+        self, data: Sequence[Sequence[LogRatios]], materials: Array, space: MaterialSpace
+    ) -> None:
         """Choose sizes by marginal likelihood (eq. 2.30) and solve for the amplitudes."""
-        self._basis, self._at_lines = terms(materials), _fields(frame_positions())
+        self._space = space
+        self._basis, self._at_lines = space.terms(materials), _fields(frame_positions())
         self._count = self._at_lines.shape[1]
         self._gather(data)
         sizes = max(
@@ -82,7 +85,7 @@ class BendCorrection:
 
     def _normal(self, data: Sequence[LogRatios]) -> tuple[Array, Array]:
         """Return the normal equations of one fiber: matrix and right side of its amplitudes."""
-        size = len(EXPONENTS) * self._count
+        size = self._basis.shape[1] * self._count
         matrix, right = np.zeros((size, size)), np.zeros(size)
         for ratios, row in zip(data, self._basis, strict=True):
             if len(ratios.log_ratio) < 2:
@@ -98,7 +101,8 @@ class BendCorrection:
 
     def _solve(self, shared: float, own: float, degree_factor: float) -> float:
         """Find the amplitudes for these sizes; return their log likelihood, but a constant."""
-        steps = np.repeat(degree_factor ** DEGREES.astype(np.float64), self._count)
+        degrees = self._space.exponents.sum(axis=1)
+        steps = np.repeat(float(degree_factor) ** degrees, self._count)
         # Inverse variances of the amplitudes.
         prior, own_prior = 1 / (shared * steps) ** 2, 1 / (own * steps) ** 2
         size = len(prior)
@@ -120,13 +124,13 @@ class BendCorrection:
     def coefficients(self) -> Array:
         """Return what the table's coefficients lack, ``(fiber, term, point)``."""
         amplitudes = np.stack([alone + passed @ self._shared for _, alone, passed in self._fibers])
-        by_term = amplitudes.reshape(len(amplitudes), len(EXPONENTS), -1)
+        by_term = amplitudes.reshape(len(amplitudes), self._basis.shape[1], -1)
         return np.asarray(by_term @ self._at_lines.T)
 
     def modes(self, material: Array) -> Array:
-        """Return the modes ``(mode, fiber, point)`` of what is still open at ``(4,)`` material."""
+        """Return the modes ``(mode, fiber, point)`` of what is still open at one material."""
         fibers, count = len(self._fibers), self._count
-        pick = np.kron(terms(material)[None], np.eye(count))
+        pick = np.kron(self._space.terms(material)[None], np.eye(count))
         all_passed = np.concatenate([pick @ passed for _, _, passed in self._fibers])
         own = [pick @ covariance @ pick.T for covariance, _, _ in self._fibers]
         whole = all_passed @ self._covariance @ all_passed.T + block_diag(*own)
@@ -199,13 +203,13 @@ class MaterialCorrection:
                     ]
                     for (_, light), log_light in zip(renders, drawn, strict=True)
                 ]
-                correction = BendCorrection(data, materials)
+                correction = BendCorrection(data, materials, table.space)
                 coefficients[:, bend, lit] += correction.coefficients().swapaxes(0, 1)
             self._bends.append((lit, correction))
         self.table = replace(table, coefficients=coefficients)
 
     def modes(self, material: Array) -> ErrorModes:
-        """Return log errors that the corrected table may still have at ``(4,)`` material."""
+        """Return log errors that the corrected table may still have at one material."""
         shape, modes = self.table.coefficients.shape[2:], []
         for lit, correction in self._bends:
             of_lit = (

@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material import sobol_materials, terms
+from hw.calibration.material import MaterialSpace
 from hw.calibration.reference_lines import Setup, sample_image
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.glow import Glow
 from render.progress import Clock, OnProgress
-from tactilux import Preview
+from tactilux import Preview, Scene
 
-VERSION = 4
-MATERIALS, RAYS = 32, 100_000
-"""Materials that are drawn, and light paths of each one's slab response."""
-COLUMNS, ROWS = 120, 200
-"""Size of the drawn images."""
+VERSION = 5
+RAYS = 100_000
+"""Light paths of each material's slab response."""
+ROWS = 200
+"""Height of the drawn images."""
 FEW = 4
 """Directions up to which the random walk serves these alone, with less noise."""
 OFFSET_QUANTILES = (0.0, 0.18, 0.36, 0.52, 0.66, 0.78, 0.88, 0.94, 0.98)
@@ -40,19 +40,23 @@ three, total reflection by the lower face sets in in steps: a ripple of 4 % on t
 the bent one, 5 to 7 mm from the edge."""
 
 
-def fiber_images(
-    setup: Setup, *, columns: int, rows: int, rays: int, seed: int
-) -> NDArray[np.float32]:
+def drawn_size(scene: Scene) -> tuple[int, int]:
+    """Return rows and columns of drawn images: fewer than the camera's, in its proportion."""
+    return ROWS, round(ROWS * scene.camera.columns / scene.camera.rows)
+
+
+def fiber_images(setup: Setup, *, rays: int, seed: int) -> NDArray[np.float32]:
     """Return radiance per unit power, ``(bend, fiber, row, column)``, as the camera records it.
 
-    Not cached: calibration asks for very many materials once each, and an emulated rig must not
-    share its random numbers with what is fitted to it.
+    Rows and columns are `drawn_size`. Not cached: calibration asks for very many materials once
+    each, and an emulated rig must not share its random numbers with what is fitted to it.
 
     The slab response takes ``rays`` light paths of their own ``seed``; without a diffuser there is
     none.
     """
     scene, phi = setup.scene, setup.phi
     fibers, glow = scene.lamp_count, None
+    rows, columns = drawn_size(scene)
     images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)
     if scene.diffuser is not None:
         response = compute_response(
@@ -87,16 +91,18 @@ class MaterialTable:
     """Log light at the reference lines as a polynomial in the material.
 
     Arguments:
+        space: of the materials.
         coefficients: ``(term, bend, fiber, point)``; NaN where the camera sees nothing.
         left_out: ``(material, bend, fiber, point)`` errors of log light at materials left out.
     """
 
+    space: MaterialSpace
     coefficients: Array
     left_out: Array
 
     def log_light(self, material: Array) -> Array:
-        """Return log radiance per unit power, ``(bend, fiber, point)``, for ``(4,)`` numbers."""
-        return np.asarray(np.tensordot(terms(material), self.coefficients, axes=1))
+        """Return log radiance per unit power, ``(bend, fiber, point)``, for one material."""
+        return np.asarray(np.tensordot(self.space.terms(material), self.coefficients, axes=1))
 
     def scatter(self) -> Array:
         """Return the rms error ``(bend,)`` of the shape of log light at a material left out."""
@@ -111,10 +117,11 @@ def material_table(
 
     The ``setup``'s own material does not matter; the light of each is kept in ``folder``.
     """
-    materials = sobol_materials(MATERIALS)
-    parts = folder / f"materials-{setup.key(VERSION, MATERIALS, RAYS)}"
-    pixels = setup.line_pixels(ROWS, COLUMNS)
-    drawn, clock = [], Clock(MATERIALS, progress)
+    count = setup.space.enough
+    materials = setup.space.sobol(count)
+    parts = folder / f"materials-{setup.key(VERSION, count, RAYS)}"
+    pixels = setup.line_pixels(*drawn_size(setup.scene))
+    drawn, clock = [], Clock(count, progress)
     for number, material in enumerate(materials):
         path = parts / f"{number:03d}.npz"
         kept = read_or_drop(path, "log_light")
@@ -125,7 +132,7 @@ def material_table(
             write_npz(path, kept)
         drawn.append(kept["log_light"])
         clock.tick()
-    return fitted_table(materials, np.stack(drawn))
+    return fitted_table(setup.space, materials, np.stack(drawn))
 
 
 def line_light(setup: Setup, *, pixels: Array, rays: int, seed: int) -> Array:
@@ -133,20 +140,20 @@ def line_light(setup: Setup, *, pixels: Array, rays: int, seed: int) -> Array:
 
     Drawn by the preview for the scene's own material; NaN where the camera sees nothing.
     """
-    images = fiber_images(setup, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
+    images = fiber_images(setup, rays=rays, seed=seed)
     flat = zip(
-        images.reshape(-1, ROWS, COLUMNS), pixels.reshape(-1, *pixels.shape[2:]), strict=True
+        images.reshape(-1, *images.shape[2:]), pixels.reshape(-1, *pixels.shape[2:]), strict=True
     )
     return np.stack([sample_image(*pair) for pair in flat]).reshape(pixels.shape[:-1])
 
 
-def fitted_table(materials: Array, log_light: Array) -> MaterialTable:
+def fitted_table(space: MaterialSpace, materials: Array, log_light: Array) -> MaterialTable:
     """Return the least-squares polynomial and its leave-one-out errors.
 
-    ``materials`` are ``(material, 4)``; ``log_light`` is ``(material, bend, fiber, point)``, NaN
-    where the camera sees nothing.
+    ``materials`` of ``space`` are ``(material, quantity)``; ``log_light`` is ``(material, bend,
+    fiber, point)``, NaN where the camera sees nothing.
     """
-    basis = terms(materials)
+    basis = space.terms(materials)
     seen = np.isfinite(log_light).all(axis=0)
     values = np.where(seen, log_light, 0.0).reshape(len(log_light), -1)
     inverse = np.linalg.pinv(basis)
@@ -156,4 +163,4 @@ def fitted_table(materials: Array, log_light: Array) -> MaterialTable:
     left_out = (values - basis @ coefficients) / (1 - leverage)[:, None]
     hidden: Array = np.where(seen, 0.0, np.nan)
     tables = (whole.reshape(-1, *seen.shape) + hidden for whole in (coefficients, left_out))
-    return MaterialTable(*tables)
+    return MaterialTable(space, *tables)

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.calibration.log_ratio import LogRatios, log_ratios
-from hw.calibration.material import sobol_materials
 from hw.calibration.reference_lines import Setup, frame_positions
 from hw.camera.projection import pad_positions
 from render.arrays import Array
@@ -213,7 +212,7 @@ def _passes(paths: int) -> tuple[int, int]:
 
 
 class MaterialRender(NamedTuple):
-    """One material ``(4,)``, and its light at each bend under the fibers that matter there."""
+    """One material ``(quantity,)``, and its light at each bend under the fibers in use."""
 
     material: Array
     light: PadLight
@@ -237,7 +236,7 @@ def reference_renders(
     key = setup.key(VERSION, [[int(fiber) for fiber in own] for own in lit], samples)
     paths = [folder / f"renders-{key}" / f"{number:03d}.npz" for number in range(materials)]
     renders = []
-    for number, material in enumerate(sobol_materials(materials)):
+    for number, material in enumerate(setup.space.sobol(materials)):
         kept = read_or_drop(paths[number], *(field.name for field in fields(PadLight)))
         if kept is None:
             missing = sum(not path.exists() for path in paths[number + 1 :])

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.material import MaterialSpace, material_space
 from hw.camera.projection import pixels_of
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
@@ -122,13 +122,18 @@ class Setup:
         """The reference lines of all fibers."""
         return reference_lines(self.scene)
 
+    @cached_property
+    def space(self) -> MaterialSpace:
+        """What is fitted of its material."""
+        return material_space(self.scene)
+
     def of(self, material: Array) -> Setup:
-        """Return the same sensor made of ``(4,)`` material."""
-        return replace(self, scene=Material.from_array(material).put_into(self.scene))
+        """Return the same sensor made of ``(quantity,)`` material."""
+        return replace(self, scene=self.space.put_into(self.scene, material))
 
     def key(self, version: int, *details: object) -> str:
         """Return a hash of all this but the material, and of ``details``."""
-        neutral = self.of(np.sqrt(LOW * HIGH) + 0.01).scene
+        neutral = self.of(self.space.neutral).scene
         content = [version, neutral.hash, np.round(self.phi, 9).tolist(),
                    np.round(self.bends, 9).tolist(), *details]  # fmt: skip
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]

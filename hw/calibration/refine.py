@@ -17,7 +17,6 @@ import numpy as np
 
 from hw.calibration.line_model import LineModel
 from hw.calibration.log_ratio import field_modes
-from hw.calibration.material import HIGH, LOW, Material
 from hw.calibration.material_correction import MaterialCorrection
 from hw.calibration.measurement import Measurement
 from hw.calibration.pad_light import MaterialRender, PadLight, reference_renders, render_pad_light
@@ -87,7 +86,7 @@ def refine(
     found = _refit(setup, model, measurements, renders, found)
     moved = np.inf
     for number in range(1, MAX_RENDERS + 1):
-        material = found.material.array()
+        material = found.material
         light = render(
             setup.of(material), lit, samples=samples, seed=10 + number,
             around=setup.lines.on_pad, progress=in_stage(progress, f"what was found, {number}"),
@@ -96,9 +95,10 @@ def refine(
             break
         renders = [*renders, MaterialRender(material, light)]
         found = _refit(setup, model, measurements, renders, found)
-        moved = float(np.abs((found.material.array() - material) / found.errors.material).max())
+        moved = float(np.abs((found.material - material) / found.errors.material).max())
     rms, noise = shape_difference(light, found, measurements, setup.lines)
-    known = np.clip(Material.of(setup.scene).array(), LOW, HIGH)
+    space = setup.space
+    known = np.clip(space.of(setup.scene), space.low, space.high)
     log_light = model.log_light(known)
     before, _ = shape_difference(light, found, measurements, setup.lines, log_light)
     seconds = time.monotonic() - began
@@ -121,7 +121,7 @@ def _refit(
     # The table is corrected as it was drawn, without the surrogate.
     no_surrogate = np.zeros_like(model.log_correction)
     for _ in range(FITS):
-        open_modes = correction.modes(found.material.array())
+        open_modes = correction.modes(found.material)
         modes = tuple(map(np.concatenate, zip(open_modes, uncorrected, strict=True)))
         corrected = LineModel(correction.table, no_surrogate, modes)
         found = fit_rig(setup.scene, corrected, measurements, found.material)

@@ -5,7 +5,7 @@ Counts at a point of fiber f, channel c, are modeled as
     gain_c * power_f * light(material, f, bend, point) * (1 - v r^2),
 
 with ``light`` of the line model, read at image positions that a small tilt of the camera has moved.
-Parameters: material (4), tilt (3, rad), vignetting v, the logs of all powers but the first (then
+Parameters: material, tilt (3, rad), vignetting v, the logs of all powers but the first (then
 scaled to mean 1), the logs of the gains. The data are one row per used point of a photograph and
 one column per channel.
 
@@ -13,7 +13,8 @@ The amplitudes z ~ N(0, 1) of the model's error modes A are fitted too, but need
 best z for residuals r minimizes |r - A z|^2 + |z|^2, so r - A z and z are what is left to minimize
 (variable projection; Golub and Pereyra 2003). Its square is that of r whitened by 1 + A A^T.
 
-The roughness is held near what is known of it by one more residual, the last.
+Values of which something is known, as the roughness, are held near the scene's by one more residual
+each, the last ones.
 """
 
 from __future__ import annotations
@@ -24,22 +25,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.calibration.line_model import LineModel
-from hw.calibration.material import HIGH, LOW, NAMES, Material, terms, terms_slope
 from hw.calibration.measurement import Measurement
 from hw.errors import CalibrationError
 from render.arrays import Array
 
-MATERIAL, ROUGHNESS, TILT, VIGNETTING, FIXED = slice(0, 4), 3, slice(4, 7), 7, 8
-"""Where parameters are; powers begin at `FIXED`."""
-ROUGHNESS_KNOWN, ROUGHNESS_HELD = 0.3, 0.05
-"""How well the scene's roughness is known, and how tightly the fit holds it, relative. The pad's
-faces change the light by less than the model's errors: free, the roughness of five emulated rigs
-came out 32 to 68 % too small, and took sigma_v with it by up to 26 %."""
 MIN_RELATIVE_ERROR = 0.003
 """Relative error of every point that is always reckoned with."""
 MODEL_ERROR_FACTOR = 1.8
 """By how much errors of the model exceed what its modes say. With 1, the values of five emulated
 rigs were off by 1.5 standard errors in the root mean square; with this, by 1."""
+MIN_FIBERS = 4
 INSEPARABLE = 0.9
 """Correlation from which two values are called hard to tell apart."""
 
@@ -47,21 +42,29 @@ INSEPARABLE = 0.9
 class CalibrationResiduals:
     """The data, ready for any parameters.
 
-    ``roughness`` is what is known of it.
+    ``before`` is the material of the scene: what is known of the rig's is that it is near.
     """
 
-    def __init__(self, model: LineModel, measurements: list[Measurement], roughness: float) -> None:
+    def __init__(self, model: LineModel, measurements: list[Measurement], before: Array) -> None:
         """Gather the used points of all photographs."""
+        self.space = model.table.space
+        size, knowledge = len(self.space.quantities), self.space.knowledge
+        self.material, self.tilt, self.vignetting = slice(0, size), slice(size, size + 3), size + 3
         # A scene may be smoother or rougher than what the table knows.
-        self._roughness = float(np.clip(roughness, LOW[ROUGHNESS], HIGH[ROUGHNESS]))
-        self._roughness_error = ROUGHNESS_HELD * self._roughness
+        self._before = np.clip(before, self.space.low, self.space.high)
+        # Standard deviations of what is known, one residual each.
+        self._known_index = list(knowledge)
+        scale = [self._before[i] if one.relative else 1.0 for i, one in knowledge.items()]
+        self._held = np.array([one.held for one in knowledge.values()]) * scale
+        self.known_over_held = np.array([one.known / one.held for one in knowledge.values()])
         self._model, self._measurements = model, measurements
         self.fibers = sorted({photo.fiber for photo in measurements})
         self.channels = sorted({c for photo in measurements for c in photo.channels})
-        if len(self.fibers) < 4:
+        enough = min(MIN_FIBERS, model.table.coefficients.shape[2])
+        if len(self.fibers) < enough:
             raise CalibrationError(
-                f"{len(self.fibers)} fibers were photographed, allowed: at least 4; capture a "
-                "sweep",
+                f"{len(self.fibers)} fibers were photographed, allowed: at least {enough}; capture "
+                "a sweep",
                 field="measurements",
             )
 
@@ -89,18 +92,19 @@ class CalibrationResiduals:
             lambda photo: whole(photo, *np.isin(self.channels, photo.channels))
         )
         self._noise = gathered(lambda photo: whole(photo, photo.noise))
-        self.power_columns = slice(FIXED, FIXED + len(self.fibers) - 1)
+        powers = self.vignetting + 1
+        self.power_columns = slice(powers, powers + len(self.fibers) - 1)
         self.size = self.power_columns.stop + len(self.channels)
         self.gain_columns = slice(self.power_columns.stop, self.size)
         self.rows, self.used = self._counts.size, int(self._carries.sum())
 
-    def start(self, material: Material) -> Array:
+    def start(self, material: Array) -> Array:
         """Return parameters from ``material`` and the overall brightness of each photograph.
 
         Errors are weighed by what they predict from then on.
         """
         x = np.zeros(self.size)
-        x[MATERIAL] = material.array()
+        x[self.material] = material
         ratio = np.log(np.maximum(self._counts, 1e-3)) - self._log_light(x)[:, None]
         ratio = np.where(self._carries, ratio, np.nan)
         gain = np.nanmedian(ratio, axis=0)
@@ -128,16 +132,16 @@ class CalibrationResiduals:
     def bounds(self) -> tuple[Array, Array]:
         """Return lowest and highest parameters."""
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        low[MATERIAL], high[MATERIAL] = LOW, HIGH
-        low[TILT], high[TILT] = -0.1, 0.1
-        low[VIGNETTING], high[VIGNETTING] = -0.5, 0.9
+        low[self.material], high[self.material] = self.space.low, self.space.high
+        low[self.tilt], high[self.tilt] = -0.1, 0.1
+        low[self.vignetting], high[self.vignetting] = -0.5, 0.9
         return low, high
 
     def scale(self) -> Array:
         """Return typical sizes of changes of the parameters."""
         scale = np.full(self.size, 0.1)
-        scale[MATERIAL] = 0.1 * (HIGH - LOW)
-        scale[TILT] = 0.005
+        scale[self.material] = 0.1 * (self.space.high - self.space.low)
+        scale[self.tilt] = 0.005
         return scale
 
     def unpack(self, x: Array) -> tuple[Array, Array]:
@@ -147,24 +151,26 @@ class CalibrationResiduals:
 
     def _log_light(self, x: Array) -> Array:
         """Return the model's log light ``(row,)``."""
-        return np.asarray(terms(x[MATERIAL]) @ self._coefficients + self._log_correction)
+        terms = self.space.terms(x[self.material])
+        return np.asarray(terms @ self._coefficients + self._log_correction)
 
     def _predicted(self, x: Array) -> Array:
         """Return predicted counts ``(row, channel)``."""
         power, gain = self.unpack(x)
         light = np.exp(self._log_light(x))
-        shaded = light * power[self._fiber] * (1 - x[VIGNETTING] * self._radius2)
+        shaded = light * power[self._fiber] * (1 - x[self.vignetting] * self._radius2)
         return np.asarray(shaded[:, None] * gain)
 
     def residuals(self, x: Array) -> Array:
         """Return what the modes leave of the weighted residuals, and the modes' amplitudes.
 
-        The residuals are flat, and 0 where a channel carries no light. The last one is the
-        roughness's distance from what is known of it.
+        The residuals are flat, and 0 where a channel carries no light. The last ones are distances
+        from what is known of the material.
         """
-        seen = self._counts + np.einsum("trc,t->rc", self._slope, x[TILT])
+        seen = self._counts + np.einsum("trc,t->rc", self._slope, x[self.tilt])
         projected = self.projected(((seen - self._predicted(x)) * self._weight).ravel())
-        return np.append(projected, (x[ROUGHNESS] - self._roughness) / self._roughness_error)
+        away = (x - np.pad(self._before, (0, len(x) - len(self._before))))[self._known_index]
+        return np.concatenate([projected, away / self._held])
 
     def projected(self, residuals: Array) -> Array:
         """Return what the modes leave of residuals ``(residual, ...)``, then their amplitudes."""
@@ -175,30 +181,29 @@ class CalibrationResiduals:
         """Return the derivatives ``(residual, parameter)`` of ``residuals``."""
         power, _ = self.unpack(x)
         weighted = self._predicted(x) * self._weight
-        slopes = terms_slope(x[MATERIAL]) @ self._coefficients
+        slopes = self.space.terms_slope(x[self.material]) @ self._coefficients
         columns = [-weighted * slope[:, None] for slope in slopes]
         columns += list(self._slope * self._weight)
-        shade = self._radius2 / (1 - x[VIGNETTING] * self._radius2)
+        shade = self._radius2 / (1 - x[self.vignetting] * self._radius2)
         columns.append(weighted * shade[:, None])
         for fiber in range(1, len(self.fibers)):
             change = (self._fiber == fiber) - power[fiber] / len(self.fibers)
             columns.append(-weighted * change[:, None])
         columns += [-weighted * only for only in np.eye(len(self.channels))]
         projected = self.projected(np.stack([column.ravel() for column in columns], axis=1))
-        known = np.zeros((1, self.size))
-        known[0, ROUGHNESS] = 1 / self._roughness_error
+        known = np.eye(self.size)[self._known_index] / self._held[:, None]
         return np.concatenate([projected, known])
 
     def predictions(self, x: Array) -> list[Array]:
         """Return counts ``(point, 3)`` at all points of every photograph."""
         power, gain = self.unpack(x)
-        log_light = self._model.log_light(x[MATERIAL])
+        log_light = self._model.log_light(x[self.material])
         gains = np.full(3, np.nan)
         gains[self.channels] = gain
         return [
             np.exp(log_light[photo.bend, photo.fiber])[:, None]
             * power[self.fibers.index(photo.fiber)]
-            * (1 - x[VIGNETTING] * photo.radius2)[:, None]
+            * (1 - x[self.vignetting] * photo.radius2)[:, None]
             * gains
             for photo in self._measurements
         ]
@@ -212,15 +217,18 @@ class StandardErrors:
 
     - photographs: noise, enlarged where more is left than noise and model explain (Birge 1932);
     - model: its error modes: smooth fields, or what renders leave open once they have corrected it;
-    - known: the roughness, which is considered rather than fitted (Schmidt 1966).
+    - known: what is known of values, considered where they are held more tightly than known
+      (Schmidt 1966).
 
     Arguments:
-        material: ``(4,)`` in the order of `NAMES`; parts: the same by source of the error.
+        names: of the material's quantities.
+        material: ``(quantity,)``; parts: the same by source of the error.
         power: ``(fiber,)`` relative, in the order of the fibers that were photographed.
         gain: ``(channel,)`` relative, of the channels that were used.
-        correlation: ``(4, 4)`` of the material's values.
+        correlation: ``(quantity, quantity)`` of the material's values.
     """
 
+    names: tuple[str, ...]
     material: Array
     parts: dict[str, Array]
     power: Array
@@ -230,8 +238,8 @@ class StandardErrors:
     def inseparable(self) -> list[tuple[str, str, float]]:
         """Return pairs of values that these photographs hardly tell apart."""
         return [
-            (NAMES[i], NAMES[j], float(self.correlation[i, j]))
-            for i in range(4)
+            (self.names[i], self.names[j], float(self.correlation[i, j]))
+            for i in range(len(self.names))
             for j in range(i)
             if abs(self.correlation[i, j]) >= INSEPARABLE
         ]
@@ -248,8 +256,9 @@ def standard_errors(problem: CalibrationResiduals, x: Array) -> StandardErrors:
     residuals = problem.residuals(x)
     excess = max(1.0, float(residuals @ residuals) / (problem.used - len(x)))
     # Held more tightly than it is known: what is not known of it is carried to everything else.
-    known = ROUGHNESS_KNOWN / ROUGHNESS_HELD * moves[:, -1:]
-    moved = moves[:, :-1] @ problem.projected(problem.modes.T)
+    projected = problem.projected(problem.modes.T)
+    known = problem.known_over_held * moves[:, len(projected) :]
+    moved = moves[:, : len(projected)] @ projected
     parts = {
         "photographs": excess * np.asarray(moves[:, : problem.rows] @ moves[:, : problem.rows].T),
         "model": MODEL_ERROR_FACTOR**2 * moved @ moved.T,
@@ -263,11 +272,13 @@ def standard_errors(problem: CalibrationResiduals, x: Array) -> StandardErrors:
     to_log[1:, problem.power_columns] = np.eye(fibers - 1)
     power, _ = problem.unpack(x)
     to_log -= (power[:, None] * to_log).sum(axis=0) / fibers
-    material = covariance[MATERIAL, MATERIAL]
+    own = problem.material
+    material = covariance[own, own]
     outer = np.sqrt(np.outer(np.diag(material), np.diag(material)))
     return StandardErrors(
-        material=se[MATERIAL],
-        parts={name: np.sqrt(np.diag(part)[MATERIAL]) for name, part in parts.items()},
+        names=problem.space.names,
+        material=se[own],
+        parts={name: np.sqrt(np.diag(part)[own]) for name, part in parts.items()},
         power=np.sqrt(np.einsum("fi,ij,fj->f", to_log, covariance, to_log)),
         gain=se[problem.gain_columns],
         correlation=material / np.where(outer > 0, outer, 1.0),

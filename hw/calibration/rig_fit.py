@@ -12,13 +12,10 @@ from functools import partial
 import numpy as np
 
 from hw.calibration.line_model import LineModel
-from hw.calibration.material import HIGH, LOW, NAMES, PER_UNIT, UNITS, Material
+from hw.calibration.material import MaterialSpace
 from hw.calibration.measurement import LineReader, Measurement
 from hw.calibration.reference_lines import Setup
 from hw.calibration.residuals import (
-    MATERIAL,
-    TILT,
-    VIGNETTING,
     CalibrationResiduals,
     StandardErrors,
     standard_errors,
@@ -39,7 +36,8 @@ class Calibration:
     """What the fit found.
 
     Arguments:
-        material: best values.
+        space: of the material.
+        material: ``(quantity,)`` best values.
         power: ``(fiber,)`` relative, mean 1; NaN for fibers that were not photographed.
         gain: ``(3,)`` counts per unit radiance and power.
         tilt: ``(3,)`` rad; vignetting: part of light lost at the corners.
@@ -48,7 +46,8 @@ class Calibration:
         chi: rms of residuals in units of their expected errors.
     """
 
-    material: Material
+    space: MaterialSpace
+    material: Array
     power: Array
     gain: Array
     tilt: Array
@@ -59,11 +58,13 @@ class Calibration:
 
     @property
     def intervals(self) -> list[tuple[float, float]]:
-        """95 % intervals of the material's values, in the order of `NAMES`; none below 0."""
+        """95 % intervals of the material's values, in their order, none that cannot be."""
         factor = normal_factor()
         return [
-            (max(float(value - factor * se), 0.0), float(value + factor * se))
-            for value, se in zip(self.material.array(), self.errors.material, strict=True)
+            (max(float(value - factor * se), 0.0), min(float(value + factor * se), one.most))
+            for one, value, se in zip(
+                self.space.quantities, self.material, self.errors.material, strict=True
+            )
         ]
 
     def require_known(self) -> None:
@@ -72,20 +73,17 @@ class Calibration:
         Raises:
             CalibrationError: the material lies at the end of its range.
         """
-        material, span = self.material.array(), HIGH - LOW
-        at_end = (material < LOW + 1e-3 * span) | (material > HIGH - 1e-3 * span)
-        # Absorption and roughness may well be as small as can be.
-        at_end[1] &= material[1] > HIGH[1] / 2
-        at_end[3] &= material[3] > HIGH[3] / 2
-        if at_end.any():
-            index = int(np.argmax(at_end))
-            low, high = PER_UNIT[index] * LOW[index], PER_UNIT[index] * HIGH[index]
-            raise CalibrationError(
-                f"the photographs ask for a {NAMES[index].replace('_', ' ')} beyond the range that "
-                f"is known, allowed: {low:.3g} to {high:.3g} {UNITS[index]}; see that the scene's "
-                "lengths are those of the rig",
-                field=NAMES[index],
-            )
+        for one, value in zip(self.space.quantities, self.material, strict=True):
+            margin = 1e-3 * (one.high - one.low)
+            too_small = value < one.low + margin and not one.may_vanish
+            if too_small or value > one.high - margin:
+                low, high = one.per_unit * one.low, one.per_unit * one.high
+                raise CalibrationError(
+                    f"the photographs ask for a {one.name.replace('_', ' ')} beyond the range that "
+                    f"is known, allowed: {f'{low:.3g} to {high:.3g} {one.unit}'.rstrip()}; see "
+                    "that the scene's lengths are those of the rig",
+                    field=one.name,
+                )
 
 
 def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
@@ -120,13 +118,12 @@ def fit_rig(
     scene: Scene,
     model: LineModel,
     measurements: list[Measurement],
-    start: Material | None = None,
+    start: Array | None = None,
 ) -> Calibration:
     """Return the best material, powers and gains, with their errors.
 
-    The roughness of ``scene`` is known, and its own material is where the fit starts unless
-    ``start`` is given. Errors of ``model`` are fitted with the rest; there is a photograph at each
-    of its bends.
+    The material of ``scene`` is what is known, and where the fit starts unless ``start`` is given.
+    Errors of ``model`` are fitted with the rest; there is a photograph at each of its bends.
 
     Raises:
         CalibrationError: too few photographs or too dark ones, or the fit does not converge.
@@ -140,8 +137,9 @@ def fit_rig(
             "fiber, or raise the exposure",
             field="fiber",
         )
-    problem = CalibrationResiduals(model, measurements, scene.pad.roughness)
-    x = problem.start(start or Material.of(scene))
+    before = model.table.space.of(scene)
+    problem = CalibrationResiduals(model, measurements, before)
+    x = problem.start(before if start is None else start)
     low, high = problem.bounds()
     for _ in range(ROUNDS):
         fit = least_squares(
@@ -167,11 +165,12 @@ def fit_rig(
     powers[problem.fibers], gains[problem.channels] = problem.unpack(x)
     residuals = problem.residuals(x)[: problem.rows]
     return Calibration(
-        material=Material.from_array(x[MATERIAL]),
+        space=problem.space,
+        material=x[problem.material],
         power=powers,
         gain=gains,
-        tilt=x[TILT],
-        vignetting=float(x[VIGNETTING]),
+        tilt=x[problem.tilt],
+        vignetting=float(x[problem.vignetting]),
         errors=standard_errors(problem, x),
         predicted=problem.predictions(x),
         chi=float(np.sqrt(np.mean(residuals[residuals != 0] ** 2))),

@@ -15,7 +15,9 @@ from optimize.ui.console import print_json, reserved_stdout
 
 def run(
     flat: Annotated[Path, Option(help="Folder of the sweep with the flat pad.")],
-    bent: Annotated[Path, Option(help="Folder of the sweep with the bent pad.")],
+    bent: Annotated[
+        Path | None, Option(help="Folder of the sweep with the bent pad, where it bends.")
+    ] = None,
     bend: Annotated[
         float, Option(min=1.0, max=180.0, help="Total angle of the bent pad in degrees.")
     ] = 90.0,
@@ -31,7 +33,7 @@ def run(
     ] = None,
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
-    materials: Materials = 32,
+    materials: Materials = None,
     samples: Samples = 1000,
     as_json: Json = False,
 ) -> None:
@@ -39,24 +41,31 @@ def run(
     import numpy as np
 
     from hw.calibration.calibration import calibrate_sets
-    from hw.calibration.material import Material
+    from hw.calibration.material import material_space
     from hw.camera.photo_set import load_photo_set, require_color_photos
+    from hw.errors import CalibrationError
     from optimize.ui.output import check_target
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         require_color_photos(scene)
-        Material.of(scene)
+        material_space(scene)
+        if scene.bending.rigid == (bent is not None):
+            raise CalibrationError(
+                f"scene {scene.name} {'is rigid' if scene.bending.rigid else 'bends'}, allowed: "
+                f"{'--flat alone' if scene.bending.rigid else '--flat and --bent'}",
+                field="bent",
+            )
         target = out or Path("runs") / f"{scene.name}-calibrate"
         check_target(target)
         size = scene.camera.rows, scene.camera.columns
-        sets = [load_photo_set(folder, *size, gamma) for folder in (flat, bent)]
+        sets = [load_photo_set(folder, *size, gamma) for folder in (flat, bent) if folder]
         extra = [load_photo_set(additive, *size, gamma)] if additive else []
         result = calibrate_sets(
             scene_name,
             sets,
-            np.array([0.0, math.radians(bend)]),
+            np.array([0.0, math.radians(bend)][: len(sets)]),
             linearity_sets=[*extra, *sets],
             design=design,
             model=model,
@@ -81,10 +90,8 @@ def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
         stream.write(
             f"{row['title']:<20} {value:>14}   95 % {interval:<20} (before: {row['before']:.4g})\n"
         )
-    stream.write(
-        "g and sigma_s cannot be separated by photographs: sigma_s (1 - g) is calibrated, g kept.\n"
-        "The roughness is held near the scene's: photographs hardly tell it.\n"
-    )
+    for caveat in result["caveats"]:
+        stream.write(f"{caveat}\n")
     confirmation = result["confirmation"]
     if confirmation:
         stream.write(

@@ -31,7 +31,7 @@ def run(
     rig_samples: Annotated[
         int, Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
     ] = 2000,
-    materials: Materials = 32,
+    materials: Materials = None,
     samples: Samples = 1000,
     rays: Annotated[
         int, Option(min=2000, help="Light paths of photographs that are not rendered.")
@@ -45,13 +45,15 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run set, sweep, check and calibrate on an emulated rig."""
+    import numpy as np
+
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
-    from hw.calibration.material import Material
+    from hw.calibration.material import material_space
     from hw.calibration.reference_lines import Setup
     from hw.camera.photo_set import require_color_photos
     from hw.emulator.demonstration import (
-        BENDS,
+        calibration_bends,
         check_faults,
         compare_with_truth,
         render_rig,
@@ -74,7 +76,7 @@ def run(
             check_target(keep / "commission")
         require_color_photos(scene)
         if calibrate or scene.diffuser is not None:
-            Material.of(scene)
+            material_space(scene)
         checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
         if keep is not None:
@@ -85,7 +87,7 @@ def run(
             images = render_rig(scene, truth, design, rig_samples)
         else:
             note("Making a rig with secrets: material, powers, directions, camera")
-            setup = Setup(scene, design.phi, BENDS[:1])
+            setup = Setup(scene, design.phi, np.zeros(1))
             correction = surrogate_correction(setup, checker)
             images = true_images(setup, truth, correction=correction, rays=rays)
         truth = replace(truth, gain=single_exposure(truth, images))
@@ -94,7 +96,7 @@ def run(
             checks = check_faults(rig, checker)
             sets: list[PhotoSet] = []
             if calibrate:
-                note("Photographing every fiber in white, half of them flat and half bent")
+                note("Photographing every fiber in white")
                 sets = rig.calibration_sets()
             additive = [rig.additive_set()] if calibrate or keep else []
         result: dict[str, Any] = {}
@@ -102,7 +104,7 @@ def run(
             result = calibrate_sets(
                 scene_name,
                 sets,
-                BENDS,
+                calibration_bends(scene),
                 linearity_sets=additive,
                 design=None,
                 model=model,
@@ -111,7 +113,7 @@ def run(
                 materials=materials,
                 samples=samples,
             )
-            result["truth"] = compare_with_truth(result, truth)
+            result["truth"] = compare_with_truth(scene, result, truth)
         result["checks"] = {name: diagnosis.to_json() for name, diagnosis in checks.items()}
         result["seconds"] = time.monotonic() - began
         if as_json:

@@ -30,7 +30,13 @@ Samples = Annotated[
     int, Option(min=0, help="Light paths per fiber and cell of all renders (0: no renders).")
 ]
 Materials = Annotated[
-    int, Option(min=1, max=64, help="Materials rendered once for all rigs of a design, and kept.")
+    int | None,
+    Option(
+        min=1,
+        max=64,
+        help="Materials rendered once for all rigs of a design, and kept "
+        "(default: 32 behind a diffuser, 16 on a clear pad).",
+    ),
 ]
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material import NAMES, PER_UNIT
+from hw.calibration.material import material_space
 from hw.calibration.reference_lines import Setup
 from hw.camera.photo_set import PhotoSet, photo_set, save_photos, take_sweep
 from hw.camera.self_test import self_test
@@ -41,14 +41,23 @@ from render.progress import Progress
 from render.scene import Scene
 from surrogate.runtime import Checker
 
-BENDS = np.array([0.0, np.pi / 2])
-CALIBRATION_FIBERS = (slice(0, None, 2), slice(1, None, 2))
-"""Fibers that are photographed for calibration at each of `BENDS`."""
+SWEEPS = ("flat", "bent")
 ADDITIVE_SCALE = 0.15
 """Power of the sweep that tests linearity: all fibers together must not clip."""
 SUPPLY = PowerLimits(total_milliamperes=2000.0)
 SINGLE_FIBER_COUNTS = 210.0
 """Counts of the brightest photograph of one fiber."""
+
+
+def calibration_bends(scene: Scene) -> Array:
+    """Return the bends ``(bend,)`` rad at which a rig is photographed: a rigid one flat alone."""
+    return np.array([0.0] if scene.bending.rigid else [0.0, np.pi / 2])
+
+
+def calibration_fibers(scene: Scene) -> list[range]:
+    """Return the fibers that are photographed at each of `calibration_bends`."""
+    fibers, bends = range(scene.lamp_count), len(calibration_bends(scene))
+    return [fibers[bend::bends] for bend in range(bends)]
 
 
 @dataclass(eq=False)
@@ -91,14 +100,12 @@ class EmulatedRig:
         return photo_set(taken)
 
     def calibration_sets(self) -> list[PhotoSet]:
-        """Return 20 photographs in white, half of the fibers on the flat pad, half on the bent."""
+        """Return photographs in white of every fiber, each at one of `calibration_bends`."""
         sets = []
-        for bend, (name, fibers) in enumerate(
-            zip(("flat", "bent"), CALIBRATION_FIBERS, strict=True)
-        ):
+        for bend, fibers in enumerate(calibration_fibers(self.scene)):
             power = np.zeros((len(self.design.phi), 3))
             power[fibers] = 1.0
-            sets.append(self.photos(name, self.camera(bend), power))
+            sets.append(self.photos(SWEEPS[bend], self.camera(bend), power))
         return sets
 
     def additive_set(self) -> PhotoSet:
@@ -150,11 +157,12 @@ def render_rig(
 ) -> NDArray[np.float32]:
     """Return the rig's light: all fibers on the flat pad, those to be photographed on the bent."""
     note("Rendering what the camera of a rig with secrets sees: material, powers, directions")
-    fibers = range(scene.lamp_count)
+    # Checks look at all fibers on the flat pad.
+    _, *bent = calibration_fibers(scene)
     with ProgressBar("Rendering the rig") as bar:
         return rendered_images(
-            Setup(scene, design.phi, BENDS), truth, [fibers, fibers[CALIBRATION_FIBERS[1]]],
-            samples=rig_samples, progress=bar,
+            Setup(scene, design.phi, calibration_bends(scene)), truth,
+            [range(scene.lamp_count), *bent], samples=rig_samples, progress=bar,
         )  # fmt: skip
 
 
@@ -214,11 +222,13 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
     ]
 
 
-def compare_with_truth(result: dict[str, Any], truth: TrueParameters) -> list[dict[str, Any]]:
+def compare_with_truth(
+    scene: Scene, result: dict[str, Any], truth: TrueParameters
+) -> list[dict[str, Any]]:
     """Return the truth beside what was found."""
     assert truth.material is not None  # else there is nothing to calibrate
-    rows = []
-    for name, true in zip(NAMES, (PER_UNIT * truth.material.array()).tolist(), strict=True):
+    rows, space = [], material_space(scene)
+    for name, true in zip(space.names, (space.per_unit * truth.material).tolist(), strict=True):
         found, (low, high) = result["material"][name]["value"], result["material"][name]["interval"]
         rows.append({"name": name, "true": true, "found": found, "error": found / true - 1,
                      "inside": low <= true <= high})  # fmt: skip

@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 
 from hw.calibration.line_model import SurrogateCorrection
 from hw.calibration.log_ratio import LogRatios, kernel, log_ratios
-from hw.calibration.material import HIGH, LOW, Material
+from hw.calibration.material import material_space
 from hw.calibration.material_table import fiber_images
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import Setup, in_frame, sample_image
@@ -23,7 +23,6 @@ from render.arrays import Array
 from render.progress import OnProgress
 from tactilux import Scene
 
-COLUMNS, ROWS = 120, 200
 RAYS = 360_000
 ENOUGH_SAMPLES = 50
 """With which the figures of the emulated rig are made."""
@@ -36,8 +35,8 @@ class TrueParameters:
     """What the rig is truly like.
 
     Arguments:
-        material: of its diffuser, fibers and faces; None where the scene has no diffuser, whose
-            optics are then those of the scene.
+        material: ``(quantity,)`` of its `MaterialSpace`; None where calibration does not know
+            such scenes: the optics are then the scene's.
         power: ``(fiber,)`` relative to the design's.
         turn: ``(fiber,)`` rad beside the design's directions.
         gain: counts per unit radiance.
@@ -45,7 +44,7 @@ class TrueParameters:
         seed: of everything random in it.
     """
 
-    material: Material | None
+    material: Array | None
     power: Array
     turn: Array
     gain: float
@@ -54,23 +53,18 @@ class TrueParameters:
 
     def built(self, setup: Setup) -> Setup:
         """Return what was truly built of ``setup``: its material and directions."""
-        own = setup if self.material is None else setup.of(self.material.array())
+        own = setup if self.material is None else setup.of(self.material)
         return replace(own, phi=np.clip(setup.phi + self.turn, 0.0, np.pi))
 
 
 def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     """Return a rig near ``scene``: material within 35 %, powers 8 %, directions 1 deg.
 
-    Lamps that cannot turn point as the scene says.
+    Of a clear pad, the roughness of lit faces lies within 0.15, the albedo within 0.3. Lamps that
+    cannot turn point as the scene says.
     """
     rng = np.random.default_rng([seed, 77])
-    factor, material = np.exp(0.35 * rng.uniform(-1, 1, 4)), None
-    if scene.diffuser is not None:
-        middle = Material.of(scene).array()
-        # Absorption may be anything small; the scene's own is an assumption.
-        middle[1] = max(middle[1], 0.02)
-        margin = 0.02 * (HIGH - LOW)
-        material = Material.from_array(np.clip(middle * factor, LOW + margin, HIGH - margin))
+    material = _random_material(scene, rng.uniform(-1, 1, 4))
     imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
@@ -85,6 +79,23 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
         imperfections,
         seed,
     )
+
+
+def _random_material(scene: Scene, unit: Array) -> Array | None:
+    """Return a material near that of ``scene`` by numbers in [-1, 1]; None: it is the scene's."""
+    try:
+        space = material_space(scene)
+    except CalibrationError:
+        return None
+    middle, unit = space.of(scene), unit[: len(space.quantities)]
+    # Absorption may be anything small; the scene's own is an assumption.
+    middle = np.maximum(middle, [0.02 if one == "absorption" else 0.0 for one in space.names])
+    material = middle * np.exp(0.35 * unit)
+    for number, knowledge in space.knowledge.items():
+        if not knowledge.relative:
+            material[number] = middle[number] + 1.5 * knowledge.known * unit[number]
+    margin = 0.02 * (space.high - space.low)
+    return np.asarray(np.clip(material, space.low + margin, space.high - margin))
 
 
 def true_images(
@@ -102,12 +113,12 @@ def true_images(
     surrogate is applied where given.
     """
     own, seed = truth.built(setup), FIRST_SEED + truth.seed
-    images = fiber_images(own, columns=COLUMNS, rows=ROWS, rays=rays, seed=seed)
+    images = fiber_images(own, rays=rays, seed=seed)
     if correction is not None:
         for index, bend in enumerate(setup.bends):
-            position = pad_positions(setup.scene, float(bend), ROWS, COLUMNS).reshape(1, -1, 2)
+            position = pad_positions(setup.scene, float(bend), *images.shape[2:]).reshape(1, -1, 2)
             ratio = np.exp(correction.log_ratio(position)[index])
-            images[index] *= ratio.reshape(-1, ROWS, COLUMNS)
+            images[index] *= ratio.reshape(-1, *images.shape[2:])
     return images
 
 
@@ -165,7 +176,7 @@ def _bring_to_reference(
     """Multiply drawn images ``(fiber, row, column)`` by the smooth ratio of rendered to drawn."""
     blocks = light.positions()
     flat = blocks.reshape(-1, 2)
-    pixels = pixels_of(scene, angle, flat, ROWS, COLUMNS)
+    pixels = pixels_of(scene, angle, flat, *images.shape[1:])
     part = light.square_of(flat, light.blocks // 2)
     places = {fiber: in_frame(scene, fiber, flat) for fiber in fibers}
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -183,7 +194,7 @@ def _bring_to_reference(
         )
     found = smooth.mean([places[fiber] for fiber in fibers])
     found = found.reshape(len(fibers), *blocks.shape[:2])
-    seen = np.nan_to_num(pad_positions(scene, angle, ROWS, COLUMNS))
+    seen = np.nan_to_num(pad_positions(scene, angle, *images.shape[1:]))
     row, column = np.moveaxis((seen - blocks[0, 0])[..., ::-1] / light.block, -1, 0)
     for fiber, ratio in zip(fibers, found, strict=True):
         images[fiber] *= np.exp(map_coordinates(ratio, [row, column], order=3, mode="nearest"))
@@ -210,12 +221,13 @@ class SmoothRatio:
 
     def __init__(self, data: Sequence[LogRatios]) -> None:
         """Choose the fields' sizes by the data's marginal likelihood (eq. 2.30)."""
-        self._seen = [ratios.place for ratios in data]
         self._values = np.concatenate([ratios.log_ratio for ratios in data])
         if not len(self._values):
             raise CalibrationError("no render tells anything about the ratio: render longer")
         noise = np.diag(np.concatenate([ratios.variance for ratios in data]))
-        near, same = _kernels(self._seen, self._seen)
+        place = self._place = np.concatenate([ratios.place for ratios in data])
+        self._fiber = np.repeat(np.arange(len(data)), [len(ratios.place) for ratios in data])
+        near, same = kernel(place, place), self._fiber[:, None] == self._fiber
         best = -np.inf
         for shared in SHARED_AMPLITUDES:
             for own in FIBER_AMPLITUDES:
@@ -228,14 +240,9 @@ class SmoothRatio:
 
     def mean(self, wanted: Sequence[Array]) -> Array:
         """Return the log ratio at places ``(n, 2)`` of every fiber, one after the other."""
-        near, same = _kernels(wanted, self._seen)
-        across = CONSTANT_STD**2 * same + near * (self.shared**2 + self.own**2 * same)
-        return np.asarray(across @ cho_solve((self._root, True), self._values))
-
-
-def _kernels(a: Sequence[Array], b: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the kernel of places in the fiber's frame, and whether they are of the same fiber."""
-    fiber = [np.repeat(np.arange(len(side)), [len(place) for place in side]) for side in (a, b)]
-    place = [np.concatenate(side) for side in (a, b)]
-    same = (fiber[0][:, None] == fiber[1][None]).astype(np.float64)
-    return kernel(place[0], place[1]), same
+        weight, found = cho_solve((self._root, True), self._values), []
+        for fiber, places in enumerate(wanted):
+            same = self._fiber == fiber
+            near = kernel(places, self._place) * (self.shared**2 + self.own**2 * same)
+            found.append((near + CONSTANT_STD**2 * same) @ weight)
+        return np.concatenate(found)

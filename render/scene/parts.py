@@ -113,6 +113,11 @@ class Bending(Part):
 
     angles: Annotated[tuple[float, ...], Quantity("deg", 0.0, 180.0, many=True)]
 
+    @property
+    def rigid(self) -> bool:
+        """Whether the pad is flat at all times."""
+        return not any(self.angles)
+
 
 class Sites(Part):
     """The grid of test contacts on the coating: ``columns`` across x, ``rows`` along y."""

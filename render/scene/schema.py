@@ -182,7 +182,7 @@ class Scene(Part):
     def _window_problems(self) -> Iterator[str]:
         if self.window is None:
             return
-        if any(self.bending.angles):
+        if not self.bending.rigid:
             shown = ", ".join(f"{math.degrees(angle):g}" for angle in self.bending.angles)
             yield f"window: bending.angles = {shown} deg, allowed with a window: 0 deg alone"
         if self.diffuser is not None:

@@ -11,28 +11,33 @@ from functools import cache
 import pytest
 
 from hw.calibration.line_model import LineModel, line_model
-from hw.calibration.material import NAMES, PER_UNIT, Material
 from hw.calibration.reference_lines import Setup
 from hw.calibration.refine import refine
 from hw.calibration.rig_fit import Calibration, fit_rig, measure
-from hw.emulator.demonstration import BENDS, CALIBRATION_FIBERS, single_exposure, switched_on
+from hw.emulator.demonstration import (
+    calibration_bends,
+    calibration_fibers,
+    single_exposure,
+    switched_on,
+)
 from hw.emulator.rig import random_parameters, rendered_images
 from optimize.design import baseline_design
 from optimize.scoring import open_model
+from render.arrays import Array
 from render.preview import cache_folder
 from render.scene import load_scene
 from tests.long import LONG
 
 BOUND = 0.10
 """Relative error that a value may have where its interval does not hold the truth."""
-BOUNDED = NAMES[:3]
+BOUNDED = {"reduced_scattering", "absorption", "sigma_v"}
 RIG_SAMPLES, MATERIALS, SAMPLES = 8000, 32, 1000
 """Light paths per fiber and cell of photographs, materials that correct the fit, paths of each."""
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """One value of one rig; units are those of `hw.calibration.material.UNITS`."""
+    """One value of one rig; in its unit."""
 
     name: str
     true: float
@@ -55,10 +60,10 @@ class Recovered:
         return self.inside or abs(self.error) <= BOUND
 
 
-def compared(found: Calibration, truth: Material) -> list[Recovered]:
+def compared(found: Calibration, truth: Array) -> list[Recovered]:
     """Return what was found beside the truth."""
     rows = zip(
-        NAMES, PER_UNIT.tolist(), truth.array(), found.material.array(), found.intervals,
+        found.space.names, found.space.per_unit.tolist(), truth, found.material, found.intervals,
         strict=True,
     )  # fmt: skip
     return [
@@ -71,7 +76,9 @@ def compared(found: Calibration, truth: Material) -> list[Recovered]:
 def drawn_model() -> LineModel:
     """Return the model of the default sensor's reference lines."""
     scene = load_scene("finger20")
-    return line_model(Setup(scene, baseline_design(scene).phi, BENDS), open_model(scene, None))
+    return line_model(
+        Setup(scene, baseline_design(scene).phi, calibration_bends(scene)), open_model(scene, None)
+    )
 
 
 @pytest.mark.skipif(not LONG, reason="part of make validation-long")
@@ -79,8 +86,8 @@ def drawn_model() -> LineModel:
 def test_every_bounded_value_is_near_the_truth_or_its_interval_holds_it(seed: int) -> None:
     scene, model = load_scene("finger20"), drawn_model()
     design, truth = baseline_design(scene), random_parameters(scene, seed)
-    setup, fibers = Setup(scene, design.phi, BENDS), range(scene.lamp_count)
-    lit = [fibers[own] for own in CALIBRATION_FIBERS]
+    setup = Setup(scene, design.phi, calibration_bends(scene))
+    lit = calibration_fibers(scene)
     images = rendered_images(setup, truth, lit, samples=RIG_SAMPLES)
     truth = replace(truth, gain=single_exposure(truth, images))
     with switched_on(scene, design, truth, images) as rig:

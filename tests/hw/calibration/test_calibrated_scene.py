@@ -38,8 +38,8 @@ def test_fitted_values_say_calibrated_with_date_and_interval(
     assert after.name == "finger20-calibrated"
     assert after.diffuser is not None
     reduced = after.diffuser.sigma_s * (1 - after.diffuser.g)
-    assert reduced == pytest.approx(found.material.reduced_scattering, rel=1e-5)
-    assert after.fibers.sigma_v == pytest.approx(found.material.sigma_v, rel=1e-5)
+    assert reduced == pytest.approx(found.material[0], rel=1e-5)
+    assert after.fibers.sigma_v == pytest.approx(found.material[2], rel=1e-5)
     said = sources(path)
     for key in ("diffuser.sigma_s", "diffuser.sigma_a", "fibers.sigma_v", "pad.roughness"):
         assert said[key].startswith("calibrated 2026-01-31, 95 % interval")

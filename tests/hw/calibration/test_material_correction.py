@@ -6,25 +6,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.calibration.material import sobol_materials, terms
 from hw.calibration.material_correction import MaterialCorrection
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.pad_light import BLOCKS, MaterialRender, PadLight
 from hw.calibration.reference_lines import frame_positions, in_frame, reference_lines
 from render.arrays import Array
 from render.scene import Scene
-from tests.hw.calibration.toy import BENDS, toy
+from tests.hw.calibration.toy import BENDS, SPACE, toy
 
 LIT = [[2, 9], [11]]
 """Few fibers: what one says holds for all."""
 NEW = np.array([1.2, 0.02, 0.25, 0.08])
 """A material that is not rendered."""
-MATERIALS = sobol_materials(12)
+MATERIALS = SPACE.sobol(12)
 
 
 def ratio(material: Array, across: Array, away: Array) -> Array:
     """Return by how much log light is more than the table's: a field that the material changes."""
-    unit = terms(material[None])[0][[1, 3, 5, 10]]
+    unit = SPACE.terms(material[None])[0][[1, 3, 5, 10]]
     field = np.sin(across / 4.0) * np.exp(-away / 6.0)
     return np.asarray(0.2 * field * (1 + 0.5 * unit.sum()))
 

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.calibration.material import HIGH, LOW, Material, sobol_materials
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.reference_lines import Setup, sample_image
 from render.arrays import Array
 from render.scene import Scene
-from tests.hw.calibration.toy import BENDS, toy_log_light
+from tests.hw.calibration.toy import BENDS, SPACE, toy_log_light
 
 PHI = np.full(20, np.pi / 2)
 
@@ -20,7 +19,7 @@ PHI = np.full(20, np.pi / 2)
 def test_light_between_materials_is_that_of_the_physics(scene: Scene, table: MaterialTable) -> None:
     rng = np.random.default_rng(5)
     for _ in range(5):
-        material = LOW + rng.uniform(0.15, 0.85, 4) * (HIGH - LOW)
+        material = SPACE.low + rng.uniform(0.15, 0.85, 4) * (SPACE.high - SPACE.low)
         error = table.log_light(material) - toy_log_light(scene, material)
         assert np.nanstd(error) < 0.02
 
@@ -31,15 +30,15 @@ def test_left_out_errors_are_of_the_size_of_true_ones(scene: Scene, table: Mater
 
 
 def test_materials_fill_their_range() -> None:
-    materials = sobol_materials(32)
-    assert (materials >= LOW).all()
-    assert (materials <= HIGH).all()
-    assert (materials.min(axis=0) < LOW + 0.1 * (HIGH - LOW)).all()
-    assert (materials.max(axis=0) > HIGH - 0.1 * (HIGH - LOW)).all()
+    materials = SPACE.sobol(32)
+    assert (materials >= SPACE.low).all()
+    assert (materials <= SPACE.high).all()
+    assert (materials.min(axis=0) < SPACE.low + 0.1 * (SPACE.high - SPACE.low)).all()
+    assert (materials.max(axis=0) > SPACE.high - 0.1 * (SPACE.high - SPACE.low)).all()
 
 
 def test_the_key_does_not_depend_on_the_scenes_own_material(scene: Scene) -> None:
-    other = Material(0.7, 0.03, 0.2, 0.2).put_into(scene)
+    other = SPACE.put_into(scene, np.array([0.7, 0.03, 0.2, 0.2]))
     key = Setup(scene, PHI, BENDS).key(4)
     assert Setup(other, PHI, BENDS).key(4) == key
     assert Setup(scene, PHI + 0.1, BENDS).key(4) != key
@@ -56,7 +55,7 @@ def test_drawing_goes_on_where_it_stood_and_draws_damaged_parts_again(
         if len(drawn) == 20:
             raise KeyboardInterrupt
         drawn.append(seed)
-        return np.exp(toy_log_light(scene, Material.of(own.scene).array()))
+        return np.exp(toy_log_light(scene, SPACE.of(own.scene)))
 
     monkeypatch.setattr("hw.calibration.material_table.line_light", line_light)
     with pytest.raises(KeyboardInterrupt):
@@ -80,9 +79,9 @@ def test_images_are_read_between_the_middles_of_pixels() -> None:
 
 
 def test_material_goes_into_a_scene_and_out_again(scene: Scene) -> None:
-    material = Material(0.8, 0.03, np.radians(12.0), 0.2)
-    own = material.put_into(scene)
-    np.testing.assert_allclose(Material.of(own).array(), material.array())
+    material = np.array([0.8, 0.03, np.radians(12.0), 0.2])
+    own = SPACE.put_into(scene, material)
+    np.testing.assert_allclose(SPACE.of(own), material)
     assert own.diffuser is not None
     assert scene.diffuser is not None
     assert own.diffuser.g == scene.diffuser.g

@@ -48,7 +48,7 @@ def outcome(camera_scene: Scene, table: MaterialTable) -> Outcome:
 def test_the_true_material_is_found(outcome: Outcome) -> None:
     found, measurements, _ = outcome
     assert len(measurements) == 20
-    values, truth = found.material.array(), PHOTOGRAPHED.array()
+    values, truth = found.material, PHOTOGRAPHED
     inside = np.abs(values - truth) <= 1.96 * found.errors.material
     near = np.abs(values / truth - 1) < 0.1
     assert (inside | near)[:3].all(), (values, truth, found.errors.material)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hw.calibration.material import Material, sobol_materials
 from hw.calibration.pad_light import MaterialRender, PadLight, reference_renders
 from hw.calibration.reference_lines import Setup
 from render.progress import Progress
 from render.scene import Scene
+from tests.hw.calibration.toy import SPACE
 
 PHI = np.full(20, np.pi / 2)
 BENDS = np.array([0.0])
@@ -30,7 +30,7 @@ class Renderer:
     def __call__(self, setup: Setup, *_: object, seed: int, **__: object) -> PadLight:
         if len(self.asked) == self._patience:
             raise KeyboardInterrupt
-        scattering = Material.of(setup.scene).reduced_scattering
+        scattering = float(SPACE.of(setup.scene)[0])
         self.asked.append((scattering, seed))
         light = np.full((1, 20, 4, 4), scattering)
         return PadLight(2.0, 4, light, 0.1 * light)
@@ -46,8 +46,8 @@ def renders(scene: Scene, folder: Path, renderer: Renderer, **other: Any) -> lis
 def test_every_material_is_rendered_with_a_seed_of_its_own(scene: Scene, tmp_path: Path) -> None:
     renderer = Renderer()
     found = renders(scene, tmp_path, renderer)
-    np.testing.assert_array_equal([one.material for one in found], sobol_materials(4))
-    np.testing.assert_allclose([one for one, _ in renderer.asked], sobol_materials(4)[:, 0])
+    np.testing.assert_array_equal([one.material for one in found], SPACE.sobol(4))
+    np.testing.assert_allclose([one for one, _ in renderer.asked], SPACE.sobol(4)[:, 0])
     assert len({seed for _, seed in renderer.asked}) == 4
 
 
@@ -72,7 +72,7 @@ def test_more_materials_keep_those_that_there_are(scene: Scene, tmp_path: Path) 
     more = Renderer()
     found = renders(scene, tmp_path, more, materials=9)
     assert len(more.asked) == 5
-    np.testing.assert_array_equal([one.material for one in found], sobol_materials(9))
+    np.testing.assert_array_equal([one.material for one in found], SPACE.sobol(9))
 
 
 def test_the_time_left_is_that_of_all_renders(scene: Scene, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from hw.calibration.residuals import standard_errors
+from tests.hw.calibration.toy import SPACE
 
 
 def test_errors_of_powers_and_gains_are_read_where_the_fit_keeps_these_parameters() -> None:
@@ -22,6 +23,9 @@ def test_errors_of_powers_and_gains_are_read_where_the_fit_keeps_these_parameter
         unpack=lambda _: (np.ones(3), np.ones(1)),
         power_columns=slice(6, 8),
         gain_columns=slice(8, 9),
+        material=slice(0, 4),
+        space=SPACE,
+        known_over_held=np.array([6.0]),
         used=20,
         rows=9,
         fibers=[0, 1, 2],

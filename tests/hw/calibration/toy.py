@@ -6,7 +6,7 @@ import numpy as np
 
 from hw.calibration.line_model import LineModel
 from hw.calibration.log_ratio import field_modes
-from hw.calibration.material import Material, sobol_materials
+from hw.calibration.material import material_space
 from hw.calibration.material_table import MaterialTable, fitted_table
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import frame_positions, reference_lines
@@ -16,13 +16,14 @@ from hw.emulator.emulated_camera import CameraImperfections, EmulatedCamera
 from hw.leds.board import Levels
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
-from render.scene import Scene
+from render.scene import Scene, load_scene
 
 BENDS = np.array([0.0, np.pi / 2])
-TRUE = Material(1.2, 0.02, np.radians(17.0), 0.1)
+SPACE = material_space(load_scene("finger20"))
+TRUE = np.array([1.2, 0.02, np.radians(17.0), 0.1])
 """The material of measurements without a camera."""
 GAIN = np.array([2.0, 1.7, 1.4]) * 1e5
-PHOTOGRAPHED = Material(1.3, 0.03, np.radians(13.0), 0.1)
+PHOTOGRAPHED = np.array([1.3, 0.03, np.radians(13.0), 0.1])
 """The material of photographs."""
 IMPERFECTIONS = CameraImperfections(
     vignetting=0.15, tilt=(0.006, -0.004, 0.008), gain=(1.0, 0.9, 0.8)
@@ -69,10 +70,10 @@ def toy(material: Array, across: Array, along: Array, bend: int) -> Array:
 
 def toy_table(scene: Scene) -> MaterialTable:
     """Return the toy's table, with a little noise as random walks leave."""
-    materials = sobol_materials(32)
+    materials = SPACE.sobol(32)
     drawn = np.stack([toy_log_light(scene, material) for material in materials])
     drawn = drawn + 0.003 * np.random.default_rng(0).standard_normal(drawn.shape)
-    return fitted_table(materials, drawn)
+    return fitted_table(SPACE, materials, drawn)
 
 
 def toy_model(table: MaterialTable, error: float | Array = 0.005) -> LineModel:
@@ -82,12 +83,12 @@ def toy_model(table: MaterialTable, error: float | Array = 0.005) -> LineModel:
 
 
 def photographs(
-    scene: Scene, seed: int = 0, noise: float = 0.5, fibers: int = 20, true: Material = TRUE
+    scene: Scene, seed: int = 0, noise: float = 0.5, fibers: int = 20, true: Array = TRUE
 ) -> tuple[list[Measurement], Array]:
     """Return measurements of the toy, every other fiber flat and the others bent; true powers."""
     rng = np.random.default_rng(seed)
     power = np.exp(0.08 * rng.standard_normal(20))
-    light = toy_log_light(scene, true.array())
+    light = toy_log_light(scene, true)
     found = []
     for fiber in range(fibers):
         bend = fiber % 2
@@ -114,7 +115,7 @@ def taken(
     scene: Scene, imperfections: CameraImperfections, seed: int = 0
 ) -> tuple[list[PhotoSet], PhotoSet, Array]:
     """Return 20 photographs, half of them flat and half bent, a linearity sweep, true powers."""
-    images = toy_images(scene, PHOTOGRAPHED.array(), 300, 180)
+    images = toy_images(scene, PHOTOGRAPHED, 300, 180)
     power = np.exp(0.08 * np.random.default_rng(seed).standard_normal(20))
     bright = float(np.percentile(images, 99.9, axis=(2, 3)).max() * power.max())
     board = FixedBoard()

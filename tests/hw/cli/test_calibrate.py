@@ -59,6 +59,11 @@ def test_calibration_refuses_a_gamma(tactilux: Run, tmp_path: Path) -> None:
         (("--flat", "none", "--bent", "none"), "not a folder"),
         (("--flat", "plain", "--bent", "plain"), "--linearity"),
         (("--flat", "plain", "--bent", "plain", "--scene", "none"), "there is no scene"),
+        (("--flat", "plain"), "scene finger20 bends, allowed: --flat and --bent"),
+        (
+            ("--flat", "plain", "--bent", "plain", "--scene", "digit"),
+            "scene digit is rigid, allowed: --flat alone",
+        ),
     ],
 )
 def test_what_cannot_be_calibrated_raises_one_clear_error(

@@ -52,10 +52,10 @@ def test_photographs_become_a_calibrated_scene(
     assert said["material"]["reduced_scattering"]["value"] == pytest.approx(1.3, rel=0.1)
     assert said["material"]["absorption"]["value"] == pytest.approx(0.03, rel=0.1)
     assert said["material"]["sigma_v"]["value"] == pytest.approx(
-        math.degrees(PHOTOGRAPHED.sigma_v), rel=0.1
+        math.degrees(PHOTOGRAPHED[2]), rel=0.1
     )
     assert said["confirmation"] is None
-    assert "g and sigma_s" in said["not_separable"]
+    assert "g and sigma_s" in said["caveats"][0]
     calibrated = tmp_path / "out" / "scene.toml"
     assert load_scene(calibrated).hash == said["scene_hash"]["after"]
     assert sources(calibrated)["diffuser.sigma_a"].startswith("calibrated ")

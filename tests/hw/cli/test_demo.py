@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.emulator.rig import COLUMNS, ROWS
 from render.scene import load_scene
 from tests.conftest import Run
 from tests.hw.calibration.toy import toy_images, toy_model, toy_table
@@ -22,9 +21,7 @@ def test_the_demonstration_recovers_the_rigs_true_values(
     monkeypatch.setattr("hw.calibration.calibration.line_model", lambda *_: model)
     monkeypatch.setattr(
         "hw.emulator.demonstration.rendered_images",
-        lambda setup, truth, *_, **__: toy_images(
-            setup.scene, truth.material.array(), ROWS, COLUMNS
-        ),
+        lambda setup, truth, *_, **__: toy_images(setup.scene, truth.material, 200, 120),
     )
     result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")
     assert result.code == 0, result.err
@@ -59,11 +56,27 @@ def test_the_demonstration_without_calibration_runs_on_a_clear_pad_of_three_lamp
     }
 
 
-def test_calibration_on_a_clear_pad_raises_one_clear_error_before_anything_is_drawn(
+@pytest.mark.slow
+def test_the_demonstration_calibrates_a_rigid_clear_pad_of_three_lamps(
+    tactilux: Run, tmp_path: Path
+) -> None:
+    result = tactilux("hw", "demo", "--scene", "digit", "--rig-samples", "300", "--samples", "0",
+                      "--out", tmp_path / "demo", "--json")  # fmt: skip
+    assert result.code == 0, result.err
+    said = json.loads(result.out)
+    assert [row["name"] for row in said["truth"]] == ["albedo", "roughness"]
+    for row in said["truth"]:
+        assert 0.0 <= said["material"][row["name"]]["interval"][0] <= row["found"]
+    assert said["confirmation"] is None
+    after = load_scene(tmp_path / "demo" / "scene.toml")
+    assert after.coating.albedo == pytest.approx(said["material"]["albedo"]["value"], rel=1e-5)
+
+
+def test_calibration_of_a_curved_skin_raises_one_clear_error_before_anything_is_drawn(
     tactilux: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("optimize.scoring.open_model", lambda *_, **__: pytest.fail("drawn"))
-    result = tactilux("hw", "demo", "--scene", "digit")
+    result = tactilux("hw", "demo", "--scene", "digit-dome")
     assert result.code == 2
-    assert "scene digit has no diffuser" in result.err
-    assert "`demo --no-calibrate`" in result.err
+    assert "scene digit-dome has a curved skin" in result.err
+    assert result.err.count("\n") == 1
