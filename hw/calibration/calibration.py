@@ -19,6 +19,7 @@ from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import NAMES as LINES
 from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.refine import Confirmation, refine
+from hw.calibration.response import Response, measured_response
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet
@@ -41,6 +42,7 @@ def calibrate_sets(
     bends: Array,
     *,
     linearity_sets: list[PhotoSet],
+    color_sets: list[PhotoSet],
     design: Path | None,
     model: Path | None,
     target: Path,
@@ -51,10 +53,11 @@ def calibrate_sets(
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
     There is one sweep for each of ``bends`` ``(bend,)`` rad; one of ``linearity_sets`` shows all
-    fibers together. ``design`` None is the baseline, ``model`` None is looked for. ``noise`` is
-    that of one pixel in counts; ``materials`` (None: as many as the polynomial needs) are rendered
-    to correct the fit for all rigs of the same design, with ``samples`` light paths per fiber and
-    cell (0: neither corrected nor confirmed).
+    fibers together; ``color_sets`` are sweeps in red, green and blue alone, or none. ``design``
+    None is the baseline, ``model`` None is looked for. ``noise`` is that of one pixel in counts;
+    ``materials`` (None: as many as the polynomial needs) are rendered to correct the fit for all
+    rigs of the same design, with ``samples`` light paths per fiber and cell (0: neither corrected
+    nor confirmed).
     """
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
@@ -65,6 +68,7 @@ def calibrate_sets(
     with ProgressBar("Drawing materials") as bar:
         lines = line_model(setup, checker, bar)
     measurements = measure(setup, sets, noise)
+    response = measured_response(scene, color_sets) if color_sets else None
     note(f"Fitting {len(measurements)} photographs of {scene.name}")
     found, confirmation = fit_rig(scene, lines, measurements), None
     if samples:
@@ -85,13 +89,13 @@ def calibrate_sets(
     with fresh_directory(target) as work:
         for name, content in standalone(scene_name).files.items():
             write_bytes(work / name, content)
-        write_text(work / "scene.toml", calibrated_toml(scene_name, scene, found, today))
+        write_text(work / "scene.toml", calibrated_toml(scene_name, scene, found, today, response))
         result = {
             "scene": str(target / "scene.toml"),
             "report": str(target / "report.html"),
             "scene_hash": {"before": scene.hash, "after": load_scene(work / "scene.toml").hash},
             "date": today,
-            **told(scene, found, additivity, confirmation),
+            **told(scene, found, additivity, confirmation, response),
         }
         write_text(work / "report.html", render_report(setup, result, found, measurements))
         write_json(work / FILE, result, indent=2)
@@ -100,7 +104,11 @@ def calibrate_sets(
 
 
 def told(
-    scene: Scene, found: Calibration, additivity: Linearity, confirmation: Confirmation | None
+    scene: Scene,
+    found: Calibration,
+    additivity: Linearity,
+    confirmation: Confirmation | None,
+    response: Response | None = None,
 ) -> dict[str, Any]:
     """Return what was found, as ``calibration.json`` holds it and the report shows it."""
     power_error = np.full(len(found.power), np.nan)
@@ -112,6 +120,7 @@ def told(
         "power": _numbers(found.power),
         "power_error": _numbers(found.power * power_error),
         "gain": _numbers(found.gain),
+        "response": None if response is None else told_response(response),
         "tilt": _numbers(np.degrees(found.tilt)),
         "vignetting": found.vignetting,
         "caveats": list(found.space.caveats),
@@ -122,19 +131,32 @@ def told(
     }
 
 
+def told_response(response: Response) -> dict[str, dict[str, Any]]:
+    """Return what each channel sees of each LED color, with 95 % intervals, by color."""
+    half = normal_factor() * response.error
+    ends = np.stack([np.maximum(response.matrix - half, 0.0), response.matrix + half], axis=-1)
+    return {
+        color: {"value": value, "interval": interval}
+        for color, value, interval in zip(
+            RGB.names, response.matrix.tolist(), ends.tolist(), strict=True
+        )
+    }
+
+
 def fitted_values(scene: Scene, found: Calibration) -> dict[str, dict[str, Any]]:
     """Return value, 95 % interval, the scene's own before, and standard errors by their source.
 
     By name, all in their units.
     """
-    ends, parts = np.transpose(found.intervals), found.errors.parts
-    columns = [found.material, *ends, found.space.of(scene), *parts.values()]
-    values = (found.space.per_unit * np.stack(columns)).T.tolist()
+    space, parts = found.space, found.errors.parts
+    best = space.told(found.material)
+    errors = [space.told(found.material + part) - best for part in parts.values()]
+    columns = [best, *np.transpose(found.intervals), space.told(space.of(scene)), *errors]
     return {
         one.name: {"title": one.title, "value": value, "interval": [low, high], "unit": one.unit,
                    "before": before, "errors": dict(zip(parts, errors, strict=True))}
         for one, (value, low, high, before, *errors) in zip(
-            found.space.quantities, values, strict=True
+            space.quantities, np.transpose(columns).tolist(), strict=True
         )
     }  # fmt: skip
 
@@ -147,17 +169,23 @@ def _numbers(values: Array) -> list[float | None]:
 SUFFIX = "-calibrated"
 
 
-def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: str) -> str:
+def calibrated_toml(
+    source: str | Path,
+    scene: Scene,
+    found: Calibration,
+    date: str,
+    response: Response | None = None,
+) -> str:
     """Return the text of the scene file in ``source`` with the fitted values put in.
 
     ``scene`` is what the file holds; the ISO ``date`` is written beside each value.
     """
     raw, space = tomllib.loads(standalone(source).text), found.space
     values = zip(space.quantities, space.places, space.factors, strict=True)
+    best = space.told(found.material)
     for number, (one, places, factor) in enumerate(values):
         # From fitted values to those of the file.
-        fitted = np.array([found.material[number], *found.intervals[number]])
-        value, low, high = (fitted * one.per_unit / factor).tolist()
+        value, low, high = (np.array([best[number], *found.intervals[number]]) / factor).tolist()
         said = f"calibrated {date}, 95 % interval {f'{low:.4g} to {high:.4g} {one.unit}'.rstrip()}"
         if number in space.knowledge:
             said += "; weighed with the value before"
@@ -170,6 +198,20 @@ def calibrated_toml(source: str | Path, scene: Scene, found: Calibration, date: 
             f"{str(g['source']).split(';')[0]}; photographs cannot separate g and sigma_s, only "
             "sigma_s (1 - g) is calibrated"
         )
+    if response is not None:
+        # Colors are of schema 2.
+        raw["schema"] = 2
+        raw["colors"] = [
+            {
+                "name": color,
+                "response": {
+                    "value": [float(f"{value:.4g}") for value in told["value"]],
+                    "source": f"calibrated {date}, 95 % intervals "
+                    + ", ".join(f"{low:.4g} to {high:.4g}" for low, high in told["interval"]),
+                },
+            }
+            for color, told in told_response(response).items()
+        ]
     if not raw["name"].endswith(SUFFIX):
         raw["name"] += SUFFIX
     head = "# Calibrated to photographs by tactilux; powers and gains are in calibration.json.\n"

@@ -35,6 +35,7 @@ class FittedQuantity:
     Arguments:
         name, title, unit: for programs, for people, and that of files.
         low, high: where it is looked for; angles in rad.
+        squared: whether its square is fitted.
         most: what it cannot exceed.
         per_unit: what values are multiplied with to be told in ``unit``.
         may_vanish: whether it may well be as small as the range allows.
@@ -46,6 +47,7 @@ class FittedQuantity:
     low: float
     high: float
     per_unit: float = 1.0
+    squared: bool = False
     most: float = math.inf
     may_vanish: bool = False
 
@@ -53,6 +55,8 @@ class FittedQuantity:
 @dataclass(frozen=True)
 class Knowledge:
     """What is known of a value before any photograph: that it is near the scene's.
+
+    Of one that is squared, they are those of its root.
 
     Arguments:
         known, held: standard deviations of what is known, and with which the fit holds it.
@@ -71,8 +75,12 @@ SIGMA_V = FittedQuantity(
     "sigma_v", "beam width sigma_v", "deg", math.radians(9.0), math.radians(22.0), 180 / math.pi
 )
 ROUGHNESS = FittedQuantity("roughness", "roughness alpha", "", 0.03, 0.25, may_vanish=True)
-ALBEDO = FittedQuantity("albedo", "albedo of the skin", "", 0.2, 0.9, most=1.0)
-LIT_ROUGHNESS = FittedQuantity("roughness", "roughness of lit faces", "", 0.0, 0.3, may_vanish=True)
+ALBEDO = FittedQuantity("albedo", "albedo of the skin", "", 0.1, 0.9, most=1.0)
+LIT_ROUGHNESS = FittedQuantity(
+    "roughness", "roughness of lit faces", "", 0.0, 0.3, squared=True, may_vanish=True
+)
+"""Faces spread light by angles of random slopes, whose variance is what shapes of light grow with:
+a polynomial of the roughness itself would tell 0.05 from 0, which no light does."""
 
 DIFFUSE_CAVEATS = (
     "g and sigma_s cannot be separated by photographs: sigma_s (1 - g) is calibrated, g kept.",
@@ -116,17 +124,45 @@ class MaterialSpace:
     @cached_property
     def low(self) -> Array:
         """Lowest material."""
-        return np.array([quantity.low for quantity in self.quantities])
+        return self.material(np.array([quantity.low for quantity in self.quantities]))
 
     @cached_property
     def high(self) -> Array:
         """Highest material."""
-        return np.array([quantity.high for quantity in self.quantities])
+        return self.material(np.array([quantity.high for quantity in self.quantities]))
 
-    @property
-    def per_unit(self) -> Array:
-        """What materials are multiplied with to be told in their units."""
-        return np.array([quantity.per_unit for quantity in self.quantities])
+    @cached_property
+    def _squared(self) -> Array:
+        return np.array([quantity.squared for quantity in self.quantities])
+
+    def material(self, values: Array) -> Array:
+        """Return the material of ``values`` ``(..., quantity)``."""
+        return np.where(self._squared, values**2, values)
+
+    def values(self, materials: Array) -> Array:
+        """Return what ``materials`` ``(..., quantity)`` are: roots of what is fitted squared.
+
+        Below 0 there are none.
+        """
+        return np.where(self._squared, np.sqrt(np.maximum(materials, 0.0)), materials)
+
+    def told(self, materials: Array) -> Array:
+        """Return values of ``materials`` ``(..., quantity)`` in their units."""
+        return self.values(materials) * [quantity.per_unit for quantity in self.quantities]
+
+    def deviations(self, before: Array) -> tuple[Array, Array]:
+        """Return standard deviations of what is known of a material, and with which it is held.
+
+        For the quantities of ``knowledge``, in its order; ``before`` is the scene's material.
+        """
+        found = []
+        for number, one in self.knowledge.items():
+            value = float(self.values(before)[number])
+            both = np.array([one.known, one.held]) * (value if one.relative else 1.0)
+            squared = self.quantities[number].squared
+            found.append(both * (2 * value + both) if squared else both)
+        known, held = np.array(found).reshape(-1, 2).T
+        return known, held
 
     @property
     def neutral(self) -> Array:
@@ -151,11 +187,12 @@ class MaterialSpace:
     def of(self, scene: Scene) -> Array:
         """Return the material of ``scene``."""
         values = [_value_at(scene, places[0]) for places in self.places]
-        return np.array(values) * self.factors
+        return self.material(np.array(values) * self.factors)
 
     def put_into(self, scene: Scene, material: Array) -> Scene:
         """Return ``scene`` with ``material``; what is not fitted is kept."""
-        for places, factor, value in zip(self.places, self.factors, material, strict=True):
+        values = self.values(material)
+        for places, factor, value in zip(self.places, self.factors, values, strict=True):
             for place in places:
                 scene = _changed(scene, place, float(value) / factor)
         return scene

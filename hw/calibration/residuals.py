@@ -54,9 +54,8 @@ class CalibrationResiduals:
         self._before = np.clip(before, self.space.low, self.space.high)
         # Standard deviations of what is known, one residual each.
         self._known_index = list(knowledge)
-        scale = [self._before[i] if one.relative else 1.0 for i, one in knowledge.items()]
-        self._held = np.array([one.held for one in knowledge.values()]) * scale
-        self.known_over_held = np.array([one.known / one.held for one in knowledge.values()])
+        known, self._held = self.space.deviations(self._before)
+        self.known_over_held = known / self._held
         self._model, self._measurements = model, measurements
         self.fibers = sorted({photo.fiber for photo in measurements})
         self.channels = sorted({c for photo in measurements for c in photo.channels})

@@ -37,7 +37,7 @@ class Calibration:
 
     Arguments:
         space: of the material.
-        material: ``(quantity,)`` best values.
+        material: ``(quantity,)`` of `space`, the best.
         power: ``(fiber,)`` relative, mean 1; NaN for fibers that were not photographed.
         gain: ``(3,)`` counts per unit radiance and power.
         tilt: ``(3,)`` rad; vignetting: part of light lost at the corners.
@@ -58,14 +58,11 @@ class Calibration:
 
     @property
     def intervals(self) -> list[tuple[float, float]]:
-        """95 % intervals of the material's values, in their order, none that cannot be."""
-        factor = normal_factor()
-        return [
-            (max(float(value - factor * se), 0.0), min(float(value + factor * se), one.most))
-            for one, value, se in zip(
-                self.space.quantities, self.material, self.errors.material, strict=True
-            )
-        ]
+        """95 % intervals of the material's values in their units, none that cannot be."""
+        half = normal_factor() * self.errors.material
+        ends = np.stack([np.maximum(self.material - half, 0.0), self.material + half])
+        most = [one.most * one.per_unit for one in self.space.quantities]
+        return [(low, high) for low, high in np.minimum(self.space.told(ends), most).T.tolist()]
 
     def require_known(self) -> None:
         """Refuse a fit that ended where the model is not known.
@@ -73,7 +70,8 @@ class Calibration:
         Raises:
             CalibrationError: the material lies at the end of its range.
         """
-        for one, value in zip(self.space.quantities, self.material, strict=True):
+        values = self.space.values(self.material)
+        for one, value in zip(self.space.quantities, values, strict=True):
             margin = 1e-3 * (one.high - one.low)
             too_small = value < one.low + margin and not one.may_vanish
             if too_small or value > one.high - margin:

@@ -35,16 +35,16 @@ MAX_PIXELS = 64_000_000
 
 
 def require_color_photos(scene: Scene) -> None:
-    """Refuse scenes whose LEDs and channels are not those of a color photograph.
+    """Refuse scenes whose LEDs and channels are not red, green and blue.
 
     Raises:
         CaptureError: names the scene's own.
     """
-    if scene.palette != RGB:
+    if (scene.palette.names, scene.palette.channels) != (RGB.names, RGB.channels):
         raise CaptureError(
             f"scene {scene.name} has the LEDs {', '.join(scene.palette.names)} and the channels "
-            f"{', '.join(scene.palette.channels)}, allowed for photographs: red, green and blue, "
-            "each with a channel of its own; its lights can be set and swept",
+            f"{', '.join(scene.palette.channels)}, allowed for photographs: red, green and blue; "
+            "its lights can be set and swept",
             field="colors",
         )
 

@@ -6,19 +6,19 @@ are small beside that error, a fiber turned by 10 deg above all, show only then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hw.check.prediction import PadPrediction
-from hw.check.sweep_check import channel_gains
+from hw.check.sweep_check import channel_gains, measured_response
 from hw.errors import CaptureError
 from render.arrays import Array
 from render.files import read_npz, write_npz
 
-SCHEMA = 2
+SCHEMA = 3
 HEALTHY_RATIO = (0.2, 5.0)
 """Range of measured over predicted light of a fiber in a rig that can be called healthy."""
 
@@ -33,6 +33,7 @@ class RigRecord:
         scene_hash: the scene of the design.
         bend: rad, of the capture.
         starts: of the rig that are averaged.
+        response: ``(color, channel)``, what each channel sees of each LED color.
     """
 
     ratio: Array
@@ -41,12 +42,14 @@ class RigRecord:
     scene_hash: str
     bend: float
     starts: int = 1
+    response: Array = field(default_factory=lambda: np.eye(3))
 
     def joined(self, other: RigRecord) -> RigRecord:
         """Return the record of the starts of both, which must be of the same rig."""
         starts = self.starts + other.starts
         mean = (self.starts * np.log(self.ratio) + other.starts * np.log(other.ratio)) / starts
-        return replace(self, ratio=np.exp(mean), starts=starts)
+        response = (self.starts * self.response + other.starts * other.response) / starts
+        return replace(self, ratio=np.exp(mean), starts=starts, response=response)
 
     def save(self, path: Path) -> None:
         """Write the record, atomically."""
@@ -85,10 +88,14 @@ def load_record(path: Path) -> RigRecord:
         schema, bend, starts = (arrays.pop(name).item() for name in ("schema", "bend", "starts"))
         scene_hash = str(arrays.pop("scene_hash"))
         record = RigRecord(**arrays, scene_hash=scene_hash, bend=bend, starts=starts)
-        fibers, numbers = len(record.phi), (record.ratio, record.phi, record.power, record.bend)
+        fibers, numbers = (
+            len(record.phi),
+            (record.ratio, record.phi, record.power, record.bend, record.response),
+        )
         good = schema == SCHEMA and starts > 0
         good &= record.ratio.ndim == 2 and record.ratio.shape[0] == fibers
         good &= record.phi.shape == (fibers,) and record.power.shape == (fibers, 3)
+        good &= record.response.shape == (3, 3)
         good &= all(np.isfinite(part).all() for part in numbers) and (record.ratio > 0).all()
     except (KeyError, TypeError, ValueError):
         good = False
@@ -108,6 +115,7 @@ def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: 
     Raises:
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
     """
+    prediction = replace(prediction, response=measured_response(prediction, colors))
     expected = prediction.alone
     lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
     weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)
@@ -130,4 +138,7 @@ def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: 
     # A site too dark to be measured says nothing; it keeps its fiber's ratio.
     whole = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     floor = 0.2 * np.where(lit, whole, 1.0)[:, None]
-    return RigRecord(np.maximum(ratio, floor), prediction.phi, prediction.power, scene_hash, bend)
+    return RigRecord(
+        np.maximum(ratio, floor), prediction.phi, prediction.power, scene_hash, bend,
+        response=prediction.response,
+    )  # fmt: skip

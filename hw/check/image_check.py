@@ -43,7 +43,7 @@ def check_image(
             field="colors",
         )
     ratio = np.ones(prediction.nominal.shape) if ratio is None else ratio
-    power, phi = prediction.power, prediction.phi
+    power, phi = prediction.seen_power, prediction.phi
     turned = prediction.unit(np.clip(phi[:, None] + TURNS, 0.0, np.pi)) * ratio[:, None]
     straight = turned[:, len(TURNS) // 2]
     expected = np.einsum("fs,fc->sc", straight, power)
@@ -57,7 +57,8 @@ def check_image(
     prior = np.log(tolerances.fault)
     weights: dict[tuple[int, FiberState], float] = {}
     for fiber in np.nonzero(lit)[0]:
-        faults = _changes(straight[fiber], turned[fiber], power[fiber], phi[fiber])
+        permuted = swapped_powers(prediction.power[fiber]) @ prediction.response
+        faults = _changes(straight[fiber], turned[fiber], power[fiber], permuted, phi[fiber])
         for state, changes in faults.items():
             distance = residual - changes.reshape(len(changes), -1) @ whiten.T
             fits = -0.5 * np.einsum("ni,ni->n", distance, distance)
@@ -90,7 +91,7 @@ def _whitener(
     tolerances: RigTolerances,
 ) -> Array:
     """Return the matrix ``(3 site, 3 site)`` that makes a healthy rig's residuals unit normal."""
-    power, middle = prediction.power, len(TURNS) // 2
+    power, middle = prediction.seen_power, len(TURNS) // 2
     step = TURNS[middle + 1] - TURNS[middle - 1]
     slope = (turned[:, middle + 1] - turned[:, middle - 1]) / step
     alone = np.einsum("fs,fc->fsc", straight, power)
@@ -108,10 +109,11 @@ def _whitener(
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
-def _changes(straight: Array, turned: Array, power: Array, phi: float) -> dict[FiberState, Array]:
+def _changes(
+    straight: Array, turned: Array, power: Array, permuted: Array, phi: float
+) -> dict[FiberState, Array]:
     """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each."""
     own = straight[:, None] * power
-    permuted = swapped_powers(power)
     reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= MIN_TURN)
     found = {
         FiberState.DEAD: -own[None],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,11 +22,12 @@ class PadPrediction:
 
     Arguments:
         phi: ``(fiber,)`` rad, the design's directions.
-        power: ``(fiber, 3)`` in [0, 1], the design's powers.
+        power: ``(fiber, color)`` in [0, 1], the design's powers of its LEDs.
         nodes: ``(node,)`` rad.
         table: ``(fiber, node, site)`` counts per unit power.
         score: the design's score over the scene's bends, in counts.
         domain_excess: 0 inside the model's trained range.
+        response: ``(color, channel)``, what each channel sees of each LED color.
     """
 
     phi: Array
@@ -35,6 +36,12 @@ class PadPrediction:
     table: Array
     score: float
     domain_excess: float
+    response: Array = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def seen_power(self) -> Array:
+        """What each channel sees of each fiber's power, ``(fiber, channel)``."""
+        return np.asarray(self.power @ self.response)
 
     def unit(self, phi: Array) -> Array:
         """Return counts per unit power ``(fiber, n, site)`` at ``phi`` ``(fiber, n)`` rad."""
@@ -50,25 +57,31 @@ class PadPrediction:
 
     @property
     def alone(self) -> Array:
-        """Counts of each fiber alone with its power, ``(fiber, site, 3)``."""
-        return self.nominal[..., None] * self.power[:, None, :]
+        """Counts of each fiber alone with its power, ``(fiber, site, channel)``."""
+        return self.nominal[..., None] * self.seen_power[:, None, :]
 
     @property
     def together(self) -> Array:
-        """Counts of all fibers together, ``(site, 3)``."""
+        """Counts of all fibers together, ``(site, channel)``."""
         return np.asarray(self.alone.sum(axis=0))
 
 
-def predict(checker: Checker, phi: Array, power: Array, bend: float) -> PadPrediction:
+def predict(
+    checker: Checker, phi: Array, power: Array, bend: float, response: Array | None = None
+) -> PadPrediction:
     """Ask the model for the background of a design at ``bend`` rad, once per design.
+
+    ``response`` None: each channel sees the color of its name alone.
 
     Light is linear, so three fibers are lit per run of the model, one per color channel.
     """
     nodes = chebyshev_nodes(NODES, 0.0, np.pi)
     table = checker.transport_table(nodes, np.array([bend]))
     assert table.background is not None
-    whole = checker.run(phi[None], power[None], np.array(checker.metadata.scene_bends))
-    here = checker.run(phi[None], power[None], np.array([bend]))
+    response = np.eye(3) if response is None else response
+    seen = power @ response
+    whole = checker.run(phi[None], seen[None], np.array(checker.metadata.scene_bends))
+    here = checker.run(phi[None], seen[None], np.array([bend]))
     return PadPrediction(
         phi=np.asarray(phi, dtype=np.float64),
         power=np.asarray(power, dtype=np.float64),
@@ -76,6 +89,7 @@ def predict(checker: Checker, phi: Array, power: Array, bend: float) -> PadPredi
         table=table.background[:, :, 0] * checker.exposure,
         score=float(whole["score"][0]),
         domain_excess=float(here["domain_excess"][0]),
+        response=response,
     )
 
 

@@ -1,10 +1,10 @@
 """Naming faults from a sweep: every fiber alone, so every fiber is judged for itself.
 
 Bayes' rule over explicit hypotheses. With T the predicted light of a fiber's sites, b its relative
-power, d its turn and P a permutation of its colors, a site's color is
-``gain * P(power) * b * T(d)``, with Gaussian errors of noise and model; a record of the healthy rig
-takes the model's error out at d = 0, from where it comes back with d. The evidence of a state is
-the mean likelihood over the b, d and P that it allows.
+power, d its turn, P a permutation of its colors and R the response of channels to LED colors, a
+site's color is ``gain * P(power) R * b * T(d)``, with Gaussian errors of noise and model; a record
+of the healthy rig takes the model's error out at d = 0, from where it comes back with d. The
+evidence of a state is the mean likelihood over the b, d and P that it allows.
 """
 
 from __future__ import annotations
@@ -89,6 +89,8 @@ FAULT_PRIOR = {
 """How faults are shared among their kinds; what is left is `State.UNCLEAR`."""
 ENOUGH_FIBERS = 3
 """Fibers in a channel from which on one that is faulty does not move their median."""
+LEAK_SPREAD = 0.1
+"""Relative spread of what other channels see of LEDs of one color: their spectra differ."""
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
 _STEPS = np.gradient(TURNS)
@@ -127,18 +129,49 @@ def check_sweep(
     diagnoses = []
     turned = prediction.unit(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
     for fiber in range(fibers):
-        power = prediction.power[fiber]
+        power, response = prediction.power[fiber], prediction.response
         if not power.any():
             diagnoses.append(FiberDiagnosis(fiber, FiberState.OFF, 1.0))
             continue
         light = turned[fiber] * ratio[fiber]
         reachable = np.abs(prediction.phi[fiber] + TURNS - np.pi / 2) <= np.pi / 2
         diagnoses.append(
-            _judged(_Fiber(fiber, seen[fiber], light, reachable, power, noise), tolerances)
+            _judged(
+                _Fiber(fiber, seen[fiber], light, reachable, power, response, noise), tolerances
+            )
         )
     lit = prediction.power.any(axis=1)
     error = float(np.sqrt(np.mean((seen[lit] - expected[lit]) ** 2)))
     return Diagnosis(tuple(diagnoses), prediction.score, error, prediction.domain_excess)
+
+
+MAX_LEAK = 0.5
+"""Part of its own channel's light that a color may add to another: beyond, it is another color."""
+
+
+def measured_response(prediction: PadPrediction, colors: Array) -> Array:
+    """Return what each channel sees of each LED color, ``(color, channel)``, 1 on the diagonal.
+
+    The median over fibers of one color, so that a faulty one does not move it; where they are fewer
+    than `ENOUGH_FIBERS`, all must agree that it is a leak and no wrong color. ``colors`` ``(fiber,
+    site, 3)`` are counts of each fiber alone. Colors that no fiber has alone keep the response of
+    ``prediction``.
+    """
+    response = prediction.response.copy()
+    seen = (colors / channel_gains(prediction.alone, colors)).sum(axis=1)
+    strongest = prediction.power.argmax(axis=1)
+    for color in range(3):
+        power = prediction.power
+        alone = (strongest == color) & (power[:, color] > 0.95 * power.sum(axis=1))
+        bright = alone & (seen[:, color] > 0.1 * seen[alone, color].max(initial=0.0))
+        if not bright.any() or bright.sum() < min(ENOUGH_FIBERS, alone.sum()):
+            continue
+        ratio = seen[bright] / seen[bright, color, None]
+        median = np.median(ratio, axis=0)
+        worst = median if bright.sum() >= ENOUGH_FIBERS else ratio.max(axis=0)
+        if np.delete(worst, color).max() < MAX_LEAK:
+            response[color] = np.maximum(median, 0.0)
+    return response
 
 
 def channel_gains(expected: Array, colors: Array, recorded: bool = False) -> Array:
@@ -176,22 +209,31 @@ def channel_gains(expected: Array, colors: Array, recorded: bool = False) -> Arr
 
 @dataclass(frozen=True, eq=False)
 class _Fiber:
-    """One fiber: ``seen`` ``(site, 3)``, ``light`` ``(turn, site)``, ``noise`` ``(site, 3)``."""
+    """One fiber: ``seen`` ``(site, 3)``, ``light`` ``(turn, site)``, ``noise`` ``(site, 3)``.
+
+    ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these.
+    """
 
     index: int
     seen: Array
     light: Array
     reachable: Array
     power: Array
+    response: Array
     noise: Array
 
     def fits(self, light: Array, power: Array, model: Array) -> PowerFits:
-        """Return how well ``light`` ``(n, site)`` of ``power`` ``(n, 3)`` explains what was seen.
+        """Return how well ``light`` ``(n, site)`` of ``power`` ``(n, color)`` explains all that.
 
         The model's relative error, ``(n,)``, goes with the light that is there.
         """
-        expected = light[:, :, None] * power[:, None, :]
-        variance = self.noise**2 + (model[:, None, None] * np.maximum(self.seen, 0.0)) ** 2
+        in_channels = power @ self.response
+        expected = light[:, :, None] * in_channels[:, None, :]
+        # The part of a channel's light that is not of its own color.
+        own = power * np.diag(self.response)
+        leaked = 1 - own / np.where(in_channels > 0, in_channels, np.inf)
+        relative = np.hypot(model[:, None], LEAK_SPREAD * np.where(in_channels > 0, leaked, 0.0))
+        variance = self.noise**2 + (relative[:, None] * np.maximum(self.seen, 0.0)) ** 2
         square = np.einsum("nsc,nsc->n", 1 / variance, expected**2)
         best = np.einsum("nsc,nsc->n", self.seen / variance, expected) / square
         rest = np.einsum("sc,nsc->n", self.seen**2, 1 / variance) - best**2 * square

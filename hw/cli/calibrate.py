@@ -25,6 +25,11 @@ def run(
         Path | None,
         Option("--linearity", help="Folder of a sweep with all fibers together as well."),
     ] = None,
+    red: Annotated[
+        Path | None, Option(help="Folder of the flat sweep in red alone, for the response matrix.")
+    ] = None,
+    green: Annotated[Path | None, Option(help="The same in green.")] = None,
+    blue: Annotated[Path | None, Option(help="The same in blue.")] = None,
     scene_name: SceneOption = "finger20",
     design: DesignOption = None,
     model: ModelFolder = None,
@@ -57,6 +62,12 @@ def run(
                 f"{'--flat alone' if scene.bending.rigid else '--flat and --bent'}",
                 field="bent",
             )
+        colors = [folder for folder in (red, green, blue) if folder]
+        if len(colors) not in (0, 3):
+            raise CalibrationError(
+                f"{len(colors)} of --red, --green and --blue are given, allowed: all or none",
+                field="response",
+            )
         target = out or Path("runs") / f"{scene.name}-calibrate"
         check_target(target)
         size = scene.camera.rows, scene.camera.columns
@@ -67,6 +78,7 @@ def run(
             sets,
             np.array([0.0, math.radians(bend)][: len(sets)]),
             linearity_sets=[*extra, *sets],
+            color_sets=[load_photo_set(folder, *size, gamma) for folder in colors],
             design=design,
             model=model,
             target=target,
@@ -83,6 +95,7 @@ def run(
 def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
     """Write the fitted values and where everything is."""
     from hw.calibrated_powers import FILE
+    from render.scene import RGB
 
     for row in result["material"].values():
         value = f"{row['value']:.4g} {row['unit']}".rstrip()
@@ -90,6 +103,14 @@ def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
         stream.write(
             f"{row['title']:<20} {value:>14}   95 % {interval:<20} (before: {row['before']:.4g})\n"
         )
+    for color, told in (result["response"] or {}).items():
+        seen = ", ".join(
+            f"{channel} {value:.3f} ({low:.3f} to {high:.3f})"
+            for channel, value, (low, high) in zip(
+                RGB.names, told["value"], told["interval"], strict=True
+            )
+        )
+        stream.write(f"{color} LEDs are seen by: {seen}\n")
     for caveat in result["caveats"]:
         stream.write(f"{caveat}\n")
     confirmation = result["confirmation"]

@@ -40,6 +40,9 @@ def run(
         float | None,
         Option(min=0.0, max=1.0, help="Light all three channels with this power."),
     ] = None,
+    color: Annotated[
+        str | None, Option(help="Light red, green or blue alone, at the power of --white or 1.")
+    ] = None,
     *,
     wiring: Wiring,
 ) -> None:
@@ -53,7 +56,8 @@ def run(
         scene = load_scene(scene_name)
         design = load_design(path, scene)
         locked = LockedSettings(exposure, gain, white_balance)
-        photos = sweep_photos(scene, design, camera, wiring, lens, locked, frames, white)
+        only = None if white is None and color is None else only_light(white, color)
+        photos = sweep_photos(scene, design, camera, wiring, lens, locked, frames, only)
         save_photos(photos, out)
         stream.write(f"{len(photos)} photographs: {out}\n")
 
@@ -66,11 +70,11 @@ def sweep_photos(
     lens: Path | None,
     locked: LockedSettings | None,
     frames: int,
-    white: float | None = None,
+    only: Array | None = None,
 ) -> dict[str, Array]:
     """Return the photographs of a sweep, after the self-tests.
 
-    ``white`` lights every fiber in all three channels with this power instead of the design's.
+    ``only`` ``(3,)`` is the light of every fiber instead of the design's.
     """
     import numpy as np
 
@@ -82,8 +86,8 @@ def sweep_photos(
     require_color_photos(scene)
     prepare = Dewarp(load_lens(lens), scene) if lens else np.asarray
     power = design.drive * wiring.scale
-    if white is not None:
-        power = np.any(design.drive, axis=1)[:, None] * np.full(3, white)
+    if only is not None:
+        power = np.any(design.drive, axis=1)[:, None] * only
     with (
         closing(OpenCVCamera(source, locked)) as camera,
         wiring.lights(len(design.phi)) as lights,
@@ -99,10 +103,29 @@ def sweep_photos(
             power,
             frames=frames,
             settle=SETTLE,
-            together=white is None,
+            together=only is None,
             prepare=prepare,
             progress=bar,
         )
+
+
+def only_light(white: float | None, color: str | None) -> Array:
+    """Return the light ``(3,)`` that stands for the design's: white, or one color of it.
+
+    Raises:
+        CaptureError: there is no such color.
+    """
+    import numpy as np
+
+    from hw.errors import CaptureError
+    from render.scene import RGB
+
+    power = 1.0 if white is None else white
+    if color is None:
+        return np.full(3, power)
+    if color not in RGB.names:
+        raise CaptureError(f"--color is {color}, allowed: {', '.join(RGB.names)}", field="color")
+    return np.where(np.array(RGB.names) == color, power, 0.0)
 
 
 def live(

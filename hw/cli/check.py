@@ -55,6 +55,8 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Say whether the rig looks as designed (exit code 1: a fault)."""
+    from dataclasses import replace
+
     import numpy as np
 
     from hw.calibrated_powers import calibrated_powers
@@ -64,7 +66,7 @@ def run(
     from hw.check.image_check import check_image
     from hw.check.prediction import SiteSpots, predict
     from hw.check.rig_tolerances import rig_tolerances
-    from hw.check.sweep_check import check_sweep
+    from hw.check.sweep_check import check_sweep, measured_response
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
     from render.scene import load_scene
@@ -82,7 +84,8 @@ def run(
             )
         checker = open_model(scene, model, threads=2)
         angle = math.radians(bend)
-        prediction = predict(checker, lighting.phi, lighting.power, angle)
+        response = scene.palette.matrix
+        prediction = predict(checker, lighting.phi, lighting.drive, angle, response)
         spots = SiteSpots(scene, angle)
         seen: PhotoSet | Array
         if camera is not None:
@@ -95,6 +98,7 @@ def run(
         record = load_record(rig) if rig else None
         if record is not None:
             record.check_fits(prediction, scene.hash, angle)
+            prediction = replace(prediction, response=record.response)
         pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
         known = rig_tolerances(
             sweep=sweep,
@@ -112,6 +116,8 @@ def run(
         if isinstance(seen, PhotoSet):
             colors = seen.stacked(scene.lamp_count, spots.colors)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1))
+            if record is None:
+                prediction = replace(prediction, response=measured_response(prediction, colors))
             diagnosis = check_sweep(prediction, colors, known, ratio)
             if commissioned is not None and diagnosis.ok:
                 _commission(

@@ -95,9 +95,11 @@ def run(
             set_and_sweep(rig)
             checks = check_faults(rig, checker)
             sets: list[PhotoSet] = []
+            colored: list[PhotoSet] = []
             if calibrate:
-                note("Photographing every fiber in white")
+                note("Photographing every fiber in white, and those of the flat pad in each color")
                 sets = rig.calibration_sets()
+                colored = rig.color_sets()
             additive = [rig.additive_set()] if calibrate or keep else []
         result: dict[str, Any] = {}
         if calibrate:
@@ -106,6 +108,7 @@ def run(
                 sets,
                 calibration_bends(scene),
                 linearity_sets=additive,
+                color_sets=colored,
                 design=None,
                 model=model,
                 target=target,

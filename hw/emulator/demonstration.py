@@ -38,7 +38,7 @@ from optimize.design import Design
 from optimize.ui.console import ProgressBar, note
 from render.arrays import Array
 from render.progress import Progress
-from render.scene import Scene
+from render.scene import RGB, Scene
 from surrogate.runtime import Checker
 
 SWEEPS = ("flat", "bent")
@@ -108,6 +108,13 @@ class EmulatedRig:
             sets.append(self.photos(SWEEPS[bend], self.camera(bend), power))
         return sets
 
+    def color_sets(self) -> list[PhotoSet]:
+        """Return sweeps of the flat pad in red, green and blue alone."""
+        fibers = calibration_fibers(self.scene)[0]
+        lit = np.isin(np.arange(len(self.design.phi)), fibers)[:, None]
+        return [self.photos(name, self.camera(), lit * only)
+                for name, only in zip(RGB.names, np.eye(3), strict=True)]  # fmt: skip
+
     def additive_set(self) -> PhotoSet:
         """Return a dim sweep in white and all fibers together, which tests linearity."""
         white = np.ones((len(self.design.phi), 3))
@@ -140,7 +147,7 @@ def switched_on(
 
 def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float:
     """Return the exposure that puts the brightest single fiber at `SINGLE_FIBER_COUNTS`."""
-    light = images * truth.power[:, None, None] * max(truth.imperfections.gain)
+    light = images * truth.power[:, None, None] * truth.imperfections.response.sum(axis=0).max()
     return SINGLE_FIBER_COUNTS / float(np.percentile(light, 99.9, axis=(2, 3)).max())
 
 
@@ -169,10 +176,10 @@ def render_rig(
 def set_and_sweep(rig: EmulatedRig) -> None:
     """Show the design on the rig's board, then one fiber after the other, and test the camera."""
     note(f"Emulated LED board on {rig.board.port}; setting the design, then sweeping")
-    rig.lights.set(rig.design.power)
-    if not rig.board.wait_for((255 * rig.design.power).astype(np.uint8)):
+    rig.lights.set(rig.design.drive)
+    if not rig.board.wait_for((255 * rig.design.drive).astype(np.uint8)):
         raise AssertionError("the board does not show the design")
-    lit = list(sweep(rig.lights, rig.design.power))
+    lit = list(sweep(rig.lights, rig.design.drive))
     self_test(rig.camera(), rig.lights, ADDITIVE_SCALE, 0.0)
     note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
 
@@ -180,7 +187,7 @@ def set_and_sweep(rig: EmulatedRig) -> None:
 def check_faults(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
     """Commission the rig, check it, then check it with one fault of each kind."""
     spots = SiteSpots(rig.scene, 0.0)
-    prediction = predict(checker, rig.design.phi, rig.design.power, 0.0)
+    prediction = predict(checker, rig.design.phi, rig.design.drive, 0.0, rig.scene.palette.matrix)
     noise = rig.truth.imperfections.noise / np.sqrt(spots.counts * FRAMES)
     known = rig_tolerances(sweep=True, starts=1, noise=noise)
 
@@ -188,8 +195,9 @@ def check_faults(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
         photos = rig.photos(name, camera, power, frames=FRAMES)
         return photos.stacked(len(rig.design.phi), spots.colors)
 
-    healthy = colors("commission", rig.camera(), rig.design.power)
+    healthy = colors("commission", rig.camera(), rig.design.drive)
     record = commission(prediction, healthy, rig.scene.hash, 0.0)
+    prediction = replace(prediction, response=record.response)
     found = {}
     with ProgressBar("Checking") as bar:
         for number, (name, camera, power) in enumerate(_faulty(rig)):
@@ -212,12 +220,12 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
         )
 
     dead, weak, wrong = FAULTY if len(rig.design.phi) > max(FAULTY) else (0, 1, 2)
-    swapped = rig.design.power.copy()
+    swapped = rig.design.drive.copy()
     swapped[wrong] = np.roll(swapped[wrong], 1)
     return [
-        ("healthy", weaker(0, 1.0), rig.design.power),
-        (f"fiber {dead} dead", weaker(dead, 0.0), rig.design.power),
-        (f"fiber {weak} at half power", weaker(weak, 0.5), rig.design.power),
+        ("healthy", weaker(0, 1.0), rig.design.drive),
+        (f"fiber {dead} dead", weaker(dead, 0.0), rig.design.drive),
+        (f"fiber {weak} at half power", weaker(weak, 0.5), rig.design.drive),
         (f"fiber {wrong} with swapped colors", weaker(0, 1.0), swapped),
     ]
 
@@ -227,9 +235,21 @@ def compare_with_truth(
 ) -> list[dict[str, Any]]:
     """Return the truth beside what was found."""
     assert truth.material is not None  # else there is nothing to calibrate
-    rows, space = [], material_space(scene)
-    for name, true in zip(space.names, (space.per_unit * truth.material).tolist(), strict=True):
-        found, (low, high) = result["material"][name]["value"], result["material"][name]["interval"]
-        rows.append({"name": name, "true": true, "found": found, "error": found / true - 1,
-                     "inside": low <= true <= high})  # fmt: skip
-    return rows
+    space, known = material_space(scene), result["material"]
+    values = zip(space.names, space.told(truth.material).tolist(), strict=True)
+    compared = [
+        (name, true, known[name]["value"], known[name]["interval"]) for name, true in values
+    ]
+    if result["response"] is not None:
+        response = truth.imperfections.response
+        for color, of_color in zip(RGB.names, response / response.max(), strict=True):
+            found = result["response"][color]
+            compared += zip(
+                [f"{color} in {channel}" for channel in RGB.names], of_color.tolist(),
+                found["value"], found["interval"], strict=True,
+            )  # fmt: skip
+    return [
+        {"name": name, "true": true, "found": found, "error": found / true - 1,
+         "inside": low <= true <= high}
+        for name, true, found, (low, high) in compared
+    ]  # fmt: skip

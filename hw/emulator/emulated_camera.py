@@ -34,6 +34,7 @@ class CameraImperfections:
             distance from its middle.
         tilt: rad, rotations of the camera about its x, y and viewing axes.
         gain: ``(3,)`` relative sensitivity of the channels.
+        leak: ``(3, 3)`` part of each LED color that each channel sees beside its own.
     """
 
     noise: float = NOISE_40_DB
@@ -41,6 +42,12 @@ class CameraImperfections:
     vignetting: float = 0.0
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    leak: tuple[tuple[float, ...], ...] = ((0.0,) * 3,) * 3
+
+    @property
+    def response(self) -> Array:
+        """What each LED color adds to each channel, ``(color, channel)``, relative."""
+        return np.asarray((np.eye(3) + np.array(self.leak)) * self.gain)
 
 
 @dataclass(eq=False)
@@ -71,7 +78,7 @@ class EmulatedCamera:
         lit = self.board.levels[: len(self.images)] / 255.0 * power
         on = np.nonzero(lit.any(axis=1))[0]
         light = np.einsum("fyx,fc->yxc", self.exposure * self._seen[on], lit[on], optimize=True)
-        light = light * self.imperfections.gain + self.imperfections.black
+        light = light @ self.imperfections.response + self.imperfections.black
         total = np.zeros_like(light)
         for _ in range(frames):
             noisy = light + self.imperfections.noise * self._rng.standard_normal(light.shape)

@@ -69,6 +69,7 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
         gain=tuple(float(x) for x in rng.uniform(0.85, 1.0, 3)),  # type: ignore[arg-type]
+        leak=_random_leak(seed),
     )
     fibers = scene.lamp_count
     return TrueParameters(
@@ -81,21 +82,28 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     )
 
 
+def _random_leak(seed: int) -> tuple[tuple[float, ...], ...]:
+    """Return up to 8 % of each LED color in each channel that is not its own."""
+    leak = np.random.default_rng([seed, 78]).uniform(0.0, 0.08, (3, 3)) * (1 - np.eye(3))
+    return tuple(map(tuple, leak.tolist()))
+
+
 def _random_material(scene: Scene, unit: Array) -> Array | None:
     """Return a material near that of ``scene`` by numbers in [-1, 1]; None: it is the scene's."""
     try:
         space = material_space(scene)
     except CalibrationError:
         return None
-    middle, unit = space.of(scene), unit[: len(space.quantities)]
+    middle, unit = space.values(space.of(scene)), unit[: len(space.quantities)]
     # Absorption may be anything small; the scene's own is an assumption.
     middle = np.maximum(middle, [0.02 if one == "absorption" else 0.0 for one in space.names])
-    material = middle * np.exp(0.35 * unit)
+    value = middle * np.exp(0.35 * unit)
     for number, knowledge in space.knowledge.items():
         if not knowledge.relative:
-            material[number] = middle[number] + 1.5 * knowledge.known * unit[number]
-    margin = 0.02 * (space.high - space.low)
-    return np.asarray(np.clip(material, space.low + margin, space.high - margin))
+            value[number] = middle[number] + 1.5 * knowledge.known * unit[number]
+    low, high = space.values(space.low), space.values(space.high)
+    margin = 0.02 * (high - low)
+    return space.material(np.clip(value, low + margin, high - margin))
 
 
 def true_images(

@@ -63,13 +63,10 @@ class Recovered:
 def compared(found: Calibration, truth: Array) -> list[Recovered]:
     """Return what was found beside the truth."""
     rows = zip(
-        found.space.names, found.space.per_unit.tolist(), truth, found.material, found.intervals,
-        strict=True,
+        found.space.names, found.space.told(truth).tolist(),
+        found.space.told(found.material).tolist(), found.intervals, strict=True,
     )  # fmt: skip
-    return [
-        Recovered(name, factor * float(true), factor * float(value), (factor * low, factor * high))
-        for name, factor, true, value, (low, high) in rows
-    ]
+    return [Recovered(*row) for row in rows]
 
 
 @cache

@@ -7,7 +7,7 @@ import pytest
 
 from hw.calibration.material import material_space
 from hw.errors import CalibrationError
-from render.scene import Scene, load_scene
+from render.scene import Edge, Scene, load_scene
 from render.scene.faces import NamedFaces
 
 
@@ -53,9 +53,10 @@ def test_the_roughness_is_that_of_the_faces_that_lamps_shine_through() -> None:
     # Lamps on three edges; the window is smooth.
     scene = with_rough(load_scene("digit"), left=0.2, tip=0.2, right=0.2, lower=0.0)
     space = material_space(scene)
-    assert space.of(scene).tolist() == [0.45, 0.2]
-    rougher = space.put_into(scene, np.array([0.5, 0.3]))
-    assert [rougher.finish(face).roughness for face in ("left", "tip", "right")] == [0.3] * 3
+    np.testing.assert_allclose(space.values(space.of(scene)), [0.45, 0.2])
+    rougher = space.put_into(scene, space.material(np.array([0.5, 0.3])))
+    lit: tuple[Edge, ...] = ("left", "tip", "right")
+    np.testing.assert_allclose([rougher.finish(edge).roughness for edge in lit], 0.3)
     assert rougher.finish("lower").roughness == 0.0
     assert rougher.pad.roughness == scene.pad.roughness
 

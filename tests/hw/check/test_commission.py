@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,18 @@ def test_records_of_several_starts_average_what_drifts(
     for color in range(3):
         own = np.log(kept.ratio / true)[prediction.power[:, color] > 0]
         assert np.std(own) == pytest.approx(0.01, rel=0.15)
+
+
+def test_a_record_holds_what_channels_see_of_other_colors(
+    prediction: PadPrediction, tmp_path: Path
+) -> None:
+    response = np.array([[1.0, 0.06, 0.01], [0.08, 1.0, 0.05], [0.0, 0.07, 1.0]])
+    colors = replace(prediction, response=response).alone * np.array([2.0, 3.0, 1.5])
+    one = commission(prediction, colors, "0" * 16, 0.0)
+    one.joined(one).save(tmp_path / "rig.npz")
+    kept = load_record(tmp_path / "rig.npz")
+    np.testing.assert_allclose(kept.response, response, atol=0.01)
+    np.testing.assert_allclose(kept.ratio, 1.0, atol=0.02)
 
 
 @pytest.mark.parametrize(

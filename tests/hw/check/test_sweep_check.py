@@ -10,7 +10,7 @@ import pytest
 from hw.check.diagnosis import FiberState
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import STARTS, rig_tolerances
-from hw.check.sweep_check import channel_gains, check_sweep
+from hw.check.sweep_check import channel_gains, check_sweep, measured_response
 from hw.errors import CaptureError
 from render.arrays import Array
 
@@ -136,6 +136,53 @@ def test_values_that_are_not_finite_are_refused(prediction: PadPrediction) -> No
     colors[0, 0, 0] = np.nan
     with pytest.raises(CaptureError, match="finite"):
         check_sweep(prediction, colors, FINE)
+
+
+RESPONSE = np.array([[1.0, 0.06, 0.01], [0.08, 1.0, 0.05], [0.0, 0.07, 1.0]])
+"""Of LED colors (rows) in channels (columns)."""
+
+
+def mixed(prediction: PadPrediction, power: Array | None = None) -> Array:
+    """Return a sweep through a camera whose channels see other colors too, with a little noise."""
+    lit = prediction.power if power is None else power
+    light = prediction.nominal[..., None] * (lit @ RESPONSE)[:, None, :] * GAIN
+    return np.asarray(light + 0.045 * np.random.default_rng(4).standard_normal(light.shape))
+
+
+def test_the_response_is_measured_whatever_one_fiber_does(prediction: PadPrediction) -> None:
+    assert not check_sweep(prediction, mixed(prediction), FINE).ok
+    for factor, shift in ((1.0, 0), (0.0, 0), (1.0, 1)):
+        power = prediction.power.copy()
+        power[9] = factor * np.roll(power[9], shift)
+        found = measured_response(prediction, mixed(prediction, power))
+        np.testing.assert_allclose(found, RESPONSE, atol=0.01)
+
+
+def test_a_color_of_few_fibers_that_is_swapped_is_no_leak(prediction: PadPrediction) -> None:
+    power = np.zeros((20, 3))
+    power[:3] = np.eye(3)
+    few = replace(prediction, power=power)
+    swapped = power.copy()
+    swapped[2] = [1.0, 0.0, 0.0]
+    found = measured_response(few, mixed(few, swapped))
+    np.testing.assert_allclose(found[:2], RESPONSE[:2], atol=0.02)
+    assert found[2].tolist() == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("fiber", [0, 9, 19])
+@pytest.mark.parametrize(
+    ("factor", "shift", "state"),
+    [(0.0, 0, FiberState.DEAD), (0.5, 0, FiberState.DIM), (1.0, 1, FiberState.SWAPPED)],
+)
+def test_faults_are_named_through_channels_that_see_other_colors(
+    prediction: PadPrediction, fiber: int, factor: float, shift: int, state: FiberState
+) -> None:
+    power = prediction.power.copy()
+    power[fiber] = factor * np.roll(power[fiber], shift)
+    known = replace(prediction, response=RESPONSE)
+    assert check_sweep(known, mixed(prediction), FINE).ok
+    diagnosis = check_sweep(known, mixed(prediction, power), FINE)
+    assert [(one.index, one.state) for one in diagnosis.faults] == [(fiber, state)]
 
 
 def test_gains_ignore_dead_fibers(prediction: PadPrediction) -> None:

@@ -59,6 +59,10 @@ def test_calibration_refuses_a_gamma(tactilux: Run, tmp_path: Path) -> None:
         (("--flat", "none", "--bent", "none"), "not a folder"),
         (("--flat", "plain", "--bent", "plain"), "--linearity"),
         (("--flat", "plain", "--bent", "plain", "--scene", "none"), "there is no scene"),
+        (
+            ("--flat", "plain", "--bent", "plain", "--red", "plain"),
+            "1 of --red, --green and --blue are given, allowed: all or none",
+        ),
         (("--flat", "plain"), "scene finger20 bends, allowed: --flat and --bent"),
         (
             ("--flat", "plain", "--bent", "plain", "--scene", "digit"),

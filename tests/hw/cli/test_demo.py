@@ -64,11 +64,19 @@ def test_the_demonstration_calibrates_a_rigid_clear_pad_of_three_lamps(
                       "--out", tmp_path / "demo", "--json")  # fmt: skip
     assert result.code == 0, result.err
     said = json.loads(result.out)
-    assert [row["name"] for row in said["truth"]] == ["albedo", "roughness"]
-    for row in said["truth"]:
+    truth = {row["name"]: row for row in said["truth"]}
+    assert list(truth)[:2] == ["albedo", "roughness"]
+    for row in said["truth"][:2]:
         assert 0.0 <= said["material"][row["name"]]["interval"][0] <= row["found"]
     assert said["confirmation"] is None
+    # The matrix of LED colors and channels, each value but the largest, which is 1.
+    assert len(truth) == 2 + 9
+    for color in ("red", "green", "blue"):
+        for channel in ("red", "green", "blue"):
+            row = truth[f"{color} in {channel}"]
+            assert row["found"] == pytest.approx(row["true"], abs=0.01)
     after = load_scene(tmp_path / "demo" / "scene.toml")
+    assert after.palette.names == ("red", "green", "blue")
     assert after.coating.albedo == pytest.approx(said["material"]["albedo"]["value"], rel=1e-5)
 
 

@@ -1,0 +1,76 @@
+"""The response matrix: how strongly each LED color reaches each channel of the camera.
+
+Sweeps with one LED color each hold, fiber by fiber, the same light; only LED and channel differ.
+So the sums of their counts over the pad are the matrix, but for one factor: what a color adds to a
+channel is power * response[color, channel] * light (`render.scene.colors`). It holds the LEDs'
+relative strengths, the camera's filters and the skin's color in one.
+
+Its error is that of a mean over fibers, by the jackknife (Efron 1982, eq. 3.3): LEDs of one color
+differ from fiber to fiber.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.camera.photo_set import PhotoSet
+from hw.camera.projection import pad_positions
+from hw.errors import CalibrationError
+from render.arrays import Array
+from render.scene import RGB, Scene
+
+MIN_FIBERS = 2
+MIN_COUNTS = 1.0
+"""Mean counts over the pad, of the channel of its own, from which a color is bright enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What was measured: ``matrix`` and its standard ``error``, ``(color, channel)``.
+
+    The largest value is 1, with an error of 0; none is below 0.
+    """
+
+    matrix: Array
+    error: Array
+
+
+def measured_response(scene: Scene, sweeps: Sequence[PhotoSet]) -> Response:
+    """Return the response from one sweep for each LED color, in their order, on the flat pad.
+
+    Raises:
+        CalibrationError: too few fibers were photographed in all colors, or a color is too dark.
+    """
+    rows, columns = scene.camera.rows, scene.camera.columns
+    shown = np.isfinite(pad_positions(scene, 0.0, rows, columns)[..., 0])
+    common = sorted(set.intersection(*(set(sweep.alone) for sweep in sweeps)))
+    if len(common) < MIN_FIBERS:
+        raise CalibrationError(
+            f"{len(common)} fibers were photographed in all of {', '.join(RGB.names)}, allowed: at "
+            f"least {MIN_FIBERS}; capture the same sweep with --color of each",
+            field="response",
+        )
+    # (fiber, color, channel)
+    counts = np.array([[sweep.alone[fiber][shown].mean(axis=0) for sweep in sweeps]
+                       for fiber in common])  # fmt: skip
+    own = np.diag(counts.mean(axis=0))
+    if own.min() < MIN_COUNTS:
+        color = int(np.argmin(own))
+        raise CalibrationError(
+            f"{RGB.names[color]} light alone gives {own[color]:.2f} counts on average over the "
+            f"pad, allowed: at least {MIN_COUNTS:g}; see that the sweep was lit in that color, or "
+            "raise the exposure of all sweeps",
+            field="response",
+        )
+    total, count = counts.sum(axis=0), len(common)
+    brightest = np.unravel_index(np.argmax(total), total.shape)
+
+    def relative(sums: Array) -> Array:
+        return np.asarray(sums / sums[..., *brightest, None, None])
+
+    left_out = relative(total - counts)
+    spread = ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0)
+    return Response(np.maximum(relative(total), 0.0), np.sqrt((count - 1) / count * spread))
