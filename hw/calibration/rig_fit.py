@@ -164,7 +164,12 @@ def fit_rig(
     residuals = problem.residuals(x)[: problem.rows]
     return Calibration(
         space=problem.space,
-        material=x[problem.material],
+        # The fit ends a little inside its bounds.
+        material=np.where(
+            x[problem.material] < low[problem.material] + 2e-6,
+            low[problem.material],
+            x[problem.material],
+        ),
         power=powers,
         gain=gains,
         tilt=x[problem.tilt],

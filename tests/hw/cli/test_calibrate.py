@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hw.cli.capture import only_light
+from optimize.design import baseline_design, save_design
+from render.scene import load_scene
 from tests.conftest import Run
 
 SIZE = (360, 600)
@@ -78,3 +81,21 @@ def test_what_cannot_be_calibrated_raises_one_clear_error(
     assert result.code == 2
     assert said in result.err
     assert result.err.count("\n") == 1
+
+
+def test_a_capture_in_a_color_that_no_led_has_raises_one_clear_error(
+    tactilux: Run, tmp_path: Path
+) -> None:
+    scene = load_scene("digit")
+    save_design(tmp_path / "design.json", baseline_design(scene), scene)
+    result = tactilux("hw", "capture", tmp_path / "design.json", "--scene", "digit",
+                      "--color", "pink", "--out", tmp_path / "pink")  # fmt: skip
+    assert result.code == 2
+    assert "--color is pink, allowed: red, green, blue" in result.err
+    assert not (tmp_path / "pink").exists()
+
+
+def test_the_light_of_a_capture_is_white_or_one_color() -> None:
+    assert only_light(0.5, None).tolist() == [0.5, 0.5, 0.5]
+    assert only_light(None, "green").tolist() == [0.0, 1.0, 0.0]
+    assert only_light(0.15, "blue").tolist() == [0.0, 0.0, 0.15]
