@@ -25,14 +25,14 @@ from hw.calibration.rig_fit import measure
 from hw.camera.photo_set import PhotoSet
 from hw.emulator.demonstration import (
     ADDITIVE_SCALE,
-    BENDS,
-    CALIBRATION_FIBERS,
+    calibration_bends,
+    calibration_fibers,
     render_rig,
     single_exposure,
     switched_on,
 )
 from hw.emulator.emulated_camera import CameraImperfections, seen_by
-from hw.emulator.rig import COLUMNS, RAYS, ROWS, random_parameters
+from hw.emulator.rig import RAYS, random_parameters
 from optimize.report import drawing, encode_srgb, png_bytes
 from render.arrays import Array
 
@@ -69,18 +69,21 @@ def photographed(rig_samples: int, seed: int = 0) -> Photographed:
     scene = tactilux.load_scene("finger20")
     design, truth = tactilux.baseline_design(scene), random_parameters(scene, seed)
     images = render_rig(scene, truth, design, rig_samples)
+    # Its channels see the color of their name alone: the simulation knows of no others.
+    pure = replace(truth.imperfections, leak=CameraImperfections().leak)
+    truth = replace(truth, imperfections=pure)
     truth = replace(truth, gain=single_exposure(truth, images))
     white, some = np.ones((scene.lamp_count, 3)), np.zeros((scene.lamp_count, 3))
-    some[CALIBRATION_FIBERS[1]] = 1.0
-    power = ADDITIVE_SCALE * design.power
+    some[calibration_fibers(scene)[1]] = 1.0
+    power = ADDITIVE_SCALE * design.drive
     with switched_on(scene, design, truth, images) as rig:
         sets = [rig.photos("flat", rig.camera(0), white), rig.photos("bent", rig.camera(1), some)]
         lit = rig.photos("all", rig.camera(0), power, frames=FRAMES, together=True)
     assert lit.together is not None
-    setup = Setup(scene, design.phi, BENDS)
+    setup = Setup(scene, design.phi, calibration_bends(scene))
     measurements = measure(setup, sets, truth.imperfections.noise)
-    known = setup.of(truth.material.array())
-    drawn = fiber_images(known, columns=COLUMNS, rows=ROWS, rays=RAYS, seed=seed)
+    assert truth.material is not None  # calibration knows this scene
+    drawn = fiber_images(setup.of(truth.material), rays=RAYS, seed=seed)
     straight = CameraImperfections()
     simulated = np.stack([seen_by(scene, images, straight) for images in drawn])
     return Photographed(setup, sets, lit.together, measurements, simulated, power)
@@ -105,7 +108,7 @@ def reference_lines(rig_samples: int, path: Path, say: Callable[[str], None]) ->
             simulated *= (seen * simulated)[both].sum() / (simulated[both] ** 2).sum()
             photo = photos.alone[FIBER]
             row[0].imshow(encode_srgb(photo / photo.max()))
-            row[0].set(xticks=[], yticks=[], title=f"bend {np.degrees(BENDS[bend]):.0f}°")
+            row[0].set(xticks=[], yticks=[], title=f"bend {np.degrees(setup.bends[bend]):.0f}°")
             for line, (name, ink) in enumerate(zip(NAMES, INKS, strict=True)):
                 on = (setup.lines.line == line) & both
                 if not on.any():
@@ -116,7 +119,7 @@ def reference_lines(rig_samples: int, path: Path, say: Callable[[str], None]) ->
                 row[1].plot(place, measured, color=ink, label=name)
                 row[1].plot(place, model, "--", color=ink)
                 error = float(np.sqrt(np.mean((model / measured - 1) ** 2)))
-                result.setdefault(f"bend {np.degrees(BENDS[bend]):.0f}", {})[name] = {
+                result.setdefault(f"bend {np.degrees(setup.bends[bend]):.0f}", {})[name] = {
                     "mm": place.tolist(),
                     "photograph": measured.round(2).tolist(),
                     "simulation": model.round(2).tolist(),
