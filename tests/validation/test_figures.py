@@ -11,7 +11,8 @@ from tests.examples.test_figures import made
 
 def test_renderers_compared(tmp_path: Path) -> None:
     rows = made("3.2", tmp_path, "--spp", 2, "--seconds", 2)
-    error = {row["integrator"]: row["error"] for row in rows if row["at"] == "equal time"}
+    # At equal samples: how many samples equal time holds is the machine's affair.
+    error = {row["integrator"]: row["error"] for row in rows if row["at"] == "equal samples"}
     assert error["bdpt"] < 0.5 * error["volpath"]
 
 
