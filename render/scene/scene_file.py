@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from pydantic import ValidationError
 
 from render.errors import SceneError
 from render.scene.colors import colors_in
+from render.scene.quantities import Part
 from render.scene.schema import Scene
+from render.scene.serialization import part_class
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -37,11 +40,15 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
         context = {"colors": colors_in(raw), "folder": folder}
         return Scene.model_validate(raw, context=context)
     except ValidationError as error:
-        lines = [_sentence(problem) for problem in error.errors(include_url=False)]
-        first = error.errors(include_url=False)[0]
+        # A list all of whose entries are refused is not empty besides.
+        problems = [
+            problem
+            for problem in error.errors(include_url=False)
+            if problem["type"] != "too_short" or not problem["input"]
+        ]
         raise SceneError(
-            f"{origin} is not a valid scene: " + "; ".join(lines),
-            field=".".join(str(part) for part in first["loc"]),
+            f"{origin} is not a valid scene: " + "; ".join(map(_sentence, problems)),
+            field=".".join(str(part) for part in problems[0]["loc"]),
         ) from None
 
 
@@ -110,7 +117,7 @@ def _sentence(problem: Any) -> str:
     key = ".".join(str(part) for part in problem["loc"])
     kind = problem["type"]
     if kind == "extra_forbidden":
-        return f"unknown key {key}"
+        return f"unknown key {key}{_instead(problem['loc'])}"
     if kind == "missing":
         return f"missing key {key}"
     message = problem["msg"].removeprefix("Value error, ")
@@ -121,3 +128,17 @@ def _sentence(problem: Any) -> str:
         unit = f" {value['unit']}" if "unit" in value else ""
         value = f"{value['value']}{unit}"
     return f"{key} = {value}: {message}"
+
+
+def _instead(place: tuple[int | str, ...]) -> str:
+    """Return what a file may hold in place of an unknown key: the nearest, or all there are."""
+    part: type[Part] = Scene
+    try:
+        for step in place[:-1]:
+            if isinstance(step, str):
+                part = part_class(part.model_fields[step].annotation)
+    except (KeyError, TypeError):
+        return ""
+    known = [field.alias or name for name, field in part.model_fields.items()]
+    near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.7)
+    return f", did you mean {near[0]}?" if near else f", allowed: {', '.join(known)}"

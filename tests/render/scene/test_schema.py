@@ -53,6 +53,21 @@ def test_an_unknown_key_is_named(tmp_path: Path) -> None:
     assert "unknown key lens" in refusal(tmp_path, ("[pad]", "[lens]\nk = 1\n[pad]"))
 
 
+def test_an_unknown_key_is_told_what_could_stand_there(tmp_path: Path) -> None:
+    text = refusal(tmp_path, ("[coating]", "[coating]\ngloss = 1"), ("[sites]", "[sites]\nrow = 3"))
+    assert "unknown key coating.gloss, allowed: albedo" in text
+    assert "unknown key sites.row, did you mean rows?" in text
+    text = refusal(tmp_path, ("[coating]", "[[colours]]\nname = 1\n[coating]"))
+    assert "unknown key colours, did you mean colors?" in text
+
+
+def test_a_list_of_refused_entries_is_not_called_empty_too(tmp_path: Path) -> None:
+    text = refusal(tmp_path, ("value = [0.0, 45.0, 90.0]", "value = [-15.0]"))
+    assert "bending.angles.0 = -15.0: allowed: 0 to 180 deg" in text
+    assert "at least 1 item" not in text
+    assert "at least 1 item" in refusal(tmp_path, ("value = [0.0, 45.0, 90.0]", "value = []"))
+
+
 def test_a_missing_key_is_named(tmp_path: Path) -> None:
     assert "missing key indenter.faces" in refusal(tmp_path, ("faces = 10\n", ""))
 
