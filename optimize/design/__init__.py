@@ -13,6 +13,7 @@ from optimize.design.design_file import (
     load_design,
     load_design_file,
     open_rated,
+    palette_in_file,
     save_design,
 )
 from optimize.design.layout_file import load_layout

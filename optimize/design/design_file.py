@@ -170,7 +170,7 @@ def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None 
         "angles_deg": np.degrees(design.phi).tolist(),
         "colors": design.color_names,
         "power": design.drive.tolist(),
-        **_palette_to_json(design.palette),
+        **palette_in_file(design.palette),
         **_rating_to_json(rating),
         "versions": package_versions("numpy"),
     }
@@ -266,7 +266,8 @@ def _check_fiber_count(design: Design, scene: Scene, origin: str) -> None:
         )
 
 
-def _palette_to_json(palette: Palette) -> dict[str, Any]:
+def palette_in_file(palette: Palette) -> dict[str, Any]:
+    """Return what a design file says of its LEDs: nothing of red, green and blue alone."""
     if palette == RGB:
         return {}
     fields = ("names", "channels", "response", "inks")

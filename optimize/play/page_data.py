@@ -30,7 +30,7 @@ from render.geometry import (
 )
 from render.geometry.holder import LEAST_SINE
 from render.preview.bonded import with_bonded_window
-from render.scene import Scene
+from render.scene import Palette, Scene
 
 LEVELS = 65535
 """Steps of a 16-bit table: the largest value has this number."""
@@ -106,6 +106,26 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
         "limits": _limits(limits_of(scene)),
         "touches": list(_touches(scene)),
         "shadow": SHADOW_LENGTH,
+    }
+
+
+def palette_facts(palette: Palette) -> dict[str, Any]:
+    """Return the LEDs: names, keys and inks, what channels see of them and screens show of these.
+
+    A letter is the first of the name, or the LED's number where others begin alike ("o" is off).
+    """
+    first = [name[0].upper() for name in palette.names]
+    letters = [
+        letter if first.count(letter) == 1 and letter != "O" else str(number)
+        for number, letter in enumerate(first, start=1)
+    ]
+    return {
+        "names": list(palette.names),
+        "letters": letters,
+        "inks": list(palette.inks),
+        "response": palette.matrix.tolist(),
+        "display": palette.display.tolist(),
+        "oneHue": palette.one_hue,
     }
 
 

@@ -19,8 +19,16 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from optimize.design import CLIPPED, LEVEL_NAMES, Array, Design, dimmed_baseline, limits_of
-from optimize.play.page_data import large_pyramid, packed, sensor_facts
+from optimize.design import (
+    CLIPPED,
+    LEVEL_NAMES,
+    Array,
+    Design,
+    dimmed_baseline,
+    limits_of,
+    palette_in_file,
+)
+from optimize.play.page_data import large_pyramid, packed, palette_facts, sensor_facts
 from optimize.scoring import TableScorer
 from optimize.search import refine_locally
 from optimize.search.colors import quick_colors
@@ -28,7 +36,7 @@ from optimize.ui.output import write_result
 from optimize.ui.provenance import package_versions
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
-from render.scene import RGB, Scene
+from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 
@@ -63,16 +71,10 @@ class PlayPage:
         """Return the page.
 
         Raises:
-            TableError: it would be larger than `MAX_BYTES`, has light per color channel, LEDs
-                other than red, green and blue, or a skin that is not flat.
+            TableError: it would be larger than `MAX_BYTES`, has light per color channel, or a
+                skin that is not flat.
             GraphicsError: nothing here can draw the preview that its pictures are made of.
         """
-        if self.scene.palette != RGB:
-            raise TableError(
-                f"the page knows the LEDs {', '.join(RGB.names)}, and scene {self.scene.name} has "
-                f"{', '.join(self.scene.palette.names)}: explore the scene instead",
-                field="colors",
-            )
         if self.scene.skin is not None:
             raise TableError(
                 f"skin.shape = {self.scene.skin.shape}: the page draws flat skins alone, allowed: "
@@ -106,6 +108,9 @@ class PlayPage:
             "tables": places,
             "skinShape": skin.shape[-2:],
             "metric": self._metric(table),
+            "palette": palette_facts(self.scene.palette),
+            # As a design file has it.
+            "paletteInFile": palette_in_file(self.scene.palette),
             "halfWidth": self.checker.score_half_width,
             "clipped": CLIPPED,
             "designs": {name: _plain(design) for name, design in designs.items()},
@@ -163,6 +168,8 @@ class PlayPage:
             optimum_score=scores[1],
             facets=scorer.facets,
             turns=any(lamp.turns for lamp in self.scene.placed_lamps()),
+            letters=", ".join(facts["palette"]["letters"]),
+            colors=", ".join(facts["palette"]["names"]),
             nodes=PHI_NODES,
             tested=TESTED,
             worst=f"{page_error(self.checker, scorer):.3f}",
@@ -212,8 +219,9 @@ def page_error(checker: Checker, scorer: TableScorer) -> float:
     Random directions, colors and powers, seed 0.
     """
     rng, shape = np.random.default_rng(0), (TESTED, scorer.fibers)
-    phi, colors = rng.uniform(0.0, np.pi, shape), rng.integers(0, 3, shape)
-    power = np.eye(3)[colors] * rng.uniform(0.0, 1.0, (*shape, 1))
+    response = scorer.palette.matrix
+    phi, colors = rng.uniform(0.0, np.pi, shape), rng.integers(0, len(response), shape)
+    power = response[colors] * rng.uniform(0.0, 1.0, (*shape, 1))
     said = checker.run(phi, power, scorer.table.bends)["score"]
     own = [scorer.score(*design) for design in zip(phi, power, strict=True)]
     return float(np.abs(np.array(own) - said).max())

@@ -23,8 +23,16 @@ OFF = "off"
 NAME = r"^[a-z][a-z0-9_-]{0,31}$"
 ColorName = Annotated[str, Field(pattern=NAME)]
 MAX_CHANNELS = 16
-_INKS = ("#b9770e", "#7d3c98", "#117a8b", "#a04000", "#5d6d7e", "#6c7a00")
-"""For LEDs to which a scene gives no ink, in their order."""
+_INKS = {
+    "amber": "#b9770e",
+    "violet": "#7d3c98",
+    "cyan": "#117a8b",
+    "orange": "#a04000",
+    "white": "#5d6d7e",
+    "yellow": "#6c7a00",
+}
+"""Of LEDs to which a scene gives no ink: by name, the others in this order. White letters are read
+on each."""
 _OFF_INK = "#9aa0aa"
 _SEEN_AS = {"red": (1.0, 0.0, 0.0), "green": (0.0, 1.0, 0.0), "blue": (0.0, 0.0, 1.0)}
 
@@ -134,10 +142,11 @@ def palette_of(colors: tuple[LedColor, ...] | None, channels: tuple[str, ...] | 
     seen = channels or DEFAULT_CHANNELS
     if colors is None:
         return Palette(RGB.names, RGB.response, seen, RGB.inks)
-    spare = itertools.cycle(_INKS)
-    known = dict(zip(RGB.names, RGB.inks, strict=True))
-    inks = tuple(color.ink or known.get(color.name) or next(spare) for color in colors)
     names = tuple(color.name for color in colors)
+    known = dict(zip(RGB.names, RGB.inks, strict=True)) | _INKS
+    left = [ink for name, ink in _INKS.items() if name not in names]
+    spare = itertools.cycle(left or _INKS.values())
+    inks = tuple(color.ink or known.get(color.name) or next(spare) for color in colors)
     return Palette(names, tuple(color.response for color in colors), seen, inks)
 
 

@@ -1,6 +1,6 @@
 /* Light is linear: transport at direction nodes, superposed; then the metric M (thesis, eq. 4.6)
    and the score S (eq. 4.7) with exact slopes. Axes as in the tables: fiber, node, bend, site,
-   facet; colors last. Angles in rad. */
+   facet; channels of the camera last. Angles in rad. */
 
 /* The 16-bit tables of the page as numbers. */
 function decodeTables(text, tables) {
@@ -40,14 +40,16 @@ class Nodes {
 
 /* What all lamps send to some cells; the rows of lamps that did not turn are kept. */
 class Superposition {
-  constructor(nodes, table, fibers) {
+  constructor(nodes, table, fibers, response) {
     this.nodes = nodes;
     this.table = table;
     this.fibers = fibers;
+    this.response = response;
+    this.channels = response[0].length;
     this.cells = table.length / fibers / nodes.at.length;
     this.rows = new Float64Array(fibers * this.cells);
     this.turned = new Float64Array(fibers).fill(NaN);
-    this.total = new Float64Array(this.cells * 3);
+    this.total = new Float64Array(this.cells * this.channels);
   }
 
   mix(fiber, weights, out, start) {
@@ -59,18 +61,26 @@ class Superposition {
     }
   }
 
-  /* Unclipped counts, (cell, color), for directions and LED powers. */
+  /* What a lamp's LEDs give to a channel. */
+  gain(power, f, c) {
+    const leds = this.response.length;
+    let sum = 0;
+    for (let l = 0; l < leds; l++) sum += power[leds * f + l] * this.response[l][c];
+    return sum;
+  }
+
+  /* Unclipped counts, (cell, channel), for directions and LED powers. */
   sum({ phi, power }) {
-    const { cells, rows, total } = this;
+    const { cells, rows, total, channels } = this;
     total.fill(0);
     for (let f = 0; f < this.fibers; f++) {
       if (phi[f] !== this.turned[f]) {
         this.mix(f, this.nodes.weights(phi[f]), rows, f * cells);
         this.turned[f] = phi[f];
       }
-      for (let c = 0; c < 3; c++) {
-        const p = power[3 * f + c];
-        if (p) for (let i = 0; i < cells; i++) total[3 * i + c] += p * rows[f * cells + i];
+      for (let c = 0; c < channels; c++) {
+        const p = this.gain(power, f, c);
+        if (p) for (let i = 0; i < cells; i++) total[channels * i + c] += p * rows[f * cells + i];
       }
     }
     return total;
@@ -83,37 +93,39 @@ class Model {
     this.fibers = page.fibers.length;
     [this.bends, this.sites, this.facets] = [page.bends.length, page.sites.length, page.normals.length];
     this.nodes = new Nodes(page.phi);
-    this.light = new Superposition(this.nodes, tables.facets, this.fibers);
-    this.flat = new Superposition(this.nodes, tables.background, this.fibers);
-    this.skin = new Superposition(this.nodes, tables.skin, this.fibers);
+    const { response } = page.palette;
+    this.channels = response[0].length;
+    [this.light, this.flat, this.skin] = [tables.facets, tables.background, tables.skin]
+      .map((table) => new Superposition(this.nodes, table, this.fibers, response));
     this.slope = new Float64Array(this.light.cells);
   }
 
   /* Score, its parts, the map of M (bend, site) and the fraction of clipped facets. */
   rate(counts) {
     const { countMax, ddof, cyclic, lam } = this.page.metric;
-    const { bends, sites, facets } = this, metric = new Float64Array(bends * sites);
-    const length = new Float64Array(facets), hue = new Float64Array(3 * facets);
+    const { bends, sites, facets, channels } = this, metric = new Float64Array(bends * sites);
+    const length = new Float64Array(facets), hue = new Float64Array(channels * facets);
     const pairs = cyclic ? facets : facets - 1, step = new Float64Array(pairs);
     let full = 0;
     for (let m = 0; m < metric.length; m++) {
       for (let k = 0; k < facets; k++) {
-        const at = 3 * (m * facets + k);
+        const at = channels * (m * facets + k);
         let square = 0, clips = false;
-        for (let c = 0; c < 3; c++) {
+        for (let c = 0; c < channels; c++) {
           const raw = counts[at + c], v = raw < 0 ? 0 : raw > countMax ? countMax : raw;
           clips ||= raw >= countMax;
-          hue[3 * k + c] = v;
+          hue[channels * k + c] = v;
           square += v * v;
         }
         full += clips;
         length[k] = Math.sqrt(square);
-        if (square) for (let c = 0; c < 3; c++) hue[3 * k + c] /= length[k];
+        if (square) for (let c = 0; c < channels; c++) hue[channels * k + c] /= length[k];
       }
       for (let k = 0; k < pairs; k++) {
         const next = k + 1 < facets ? k + 1 : 0;
         let square = 0;
-        for (let c = 0; c < 3; c++) square += (hue[3 * next + c] - hue[3 * k + c]) ** 2;
+        for (let c = 0; c < channels; c++)
+          square += (hue[channels * next + c] - hue[channels * k + c]) ** 2;
         step[k] = Math.sqrt(square);
       }
       metric[m] = evenMean(length, ddof) + lam * evenMean(step, ddof);
@@ -137,45 +149,48 @@ class Model {
   /* S and its exact slopes by the directions, counts per rad (optimize.scoring.score_gradient). */
   climbing(design) {
     const counts = this.light.sum(design), rated = this.rate(counts);
-    const { countMax, ddof, cyclic, lam } = this.page.metric, { bends, sites, facets } = this;
+    const { countMax, ddof, cyclic, lam } = this.page.metric;
+    const { bends, sites, facets, channels } = this;
     const [bySite, byBend] = this.means(rated.metric);
     const one = evenMeanSlopes(bySite, ddof), two = evenMeanSlopes(byBend, ddof);
     const slopes = new Float64Array(counts.length), pairs = cyclic ? facets : facets - 1;
-    const length = new Float64Array(facets), hue = new Float64Array(3 * facets);
-    const step = new Float64Array(pairs), flow = new Float64Array(3 * pairs);
-    const byHue = new Float64Array(3 * facets);
+    const length = new Float64Array(facets), hue = new Float64Array(channels * facets);
+    const step = new Float64Array(pairs), flow = new Float64Array(channels * pairs);
+    const byHue = new Float64Array(channels * facets);
     for (let b = 0, m = 0; b < bends; b++) for (let s = 0; s < sites; s++, m++) {
-      const weight = one[s] / bends + two[b] / sites - 1 / (bends * sites), first = 3 * m * facets;
+      const weight = one[s] / bends + two[b] / sites - 1 / (bends * sites), first = channels * m * facets;
       for (let k = 0; k < facets; k++) {
         let square = 0;
-        for (let c = 0; c < 3; c++) {
-          hue[3 * k + c] = Math.min(Math.max(counts[first + 3 * k + c], 0), countMax);
-          square += hue[3 * k + c] ** 2;
+        for (let c = 0; c < channels; c++) {
+          const at = channels * k + c;
+          hue[at] = Math.min(Math.max(counts[first + at], 0), countMax);
+          square += hue[at] ** 2;
         }
         length[k] = Math.sqrt(square);
-        if (square) for (let c = 0; c < 3; c++) hue[3 * k + c] /= length[k];
+        if (square) for (let c = 0; c < channels; c++) hue[channels * k + c] /= length[k];
       }
       for (let k = 0; k < pairs; k++) {
         const next = (k + 1) % facets;
         let square = 0;
-        for (let c = 0; c < 3; c++) {
-          flow[3 * k + c] = hue[3 * next + c] - hue[3 * k + c];
-          square += flow[3 * k + c] ** 2;
+        for (let c = 0; c < channels; c++) {
+          const at = channels * k + c;
+          flow[at] = hue[channels * next + c] - hue[at];
+          square += flow[at] ** 2;
         }
         step[k] = Math.sqrt(square);
       }
       const byLength = evenMeanSlopes(length, ddof), byStep = evenMeanSlopes(step, ddof);
       byHue.fill(0);
-      for (let k = 0; k < pairs; k++) for (let c = 0; c < 3; c++) {
-        const pull = (lam * byStep[k] * flow[3 * k + c]) / (step[k] || 1);
-        byHue[3 * ((k + 1) % facets) + c] += pull;
-        byHue[3 * k + c] -= pull;
+      for (let k = 0; k < pairs; k++) for (let c = 0; c < channels; c++) {
+        const pull = (lam * byStep[k] * flow[channels * k + c]) / (step[k] || 1);
+        byHue[channels * ((k + 1) % facets) + c] += pull;
+        byHue[channels * k + c] -= pull;
       }
       for (let k = 0; k < facets; k++) {
         let along = 0;
-        for (let c = 0; c < 3; c++) along += byHue[3 * k + c] * hue[3 * k + c];
-        for (let c = 0; c < 3; c++) {
-          const at = 3 * k + c, raw = counts[first + at];
+        for (let c = 0; c < channels; c++) along += byHue[channels * k + c] * hue[channels * k + c];
+        for (let c = 0; c < channels; c++) {
+          const at = channels * k + c, raw = counts[first + at];
           if (raw <= 0 || raw >= countMax) continue;
           slopes[first + at] = weight
             * (byLength[k] * hue[at] + (byHue[at] - along * hue[at]) / (length[k] || 1));
@@ -186,10 +201,10 @@ class Model {
     for (let f = 0; f < this.fibers; f++) {
       if (!isLit(design, f)) continue;
       this.light.mix(f, this.nodes.slopeWeights(design.phi[f]), this.slope, 0);
-      for (let c = 0; c < 3; c++) {
-        const p = design.power[3 * f + c];
+      for (let c = 0; c < channels; c++) {
+        const p = this.light.gain(design.power, f, c);
         if (p) for (let i = 0; i < this.slope.length; i++)
-          phi[f] += p * this.slope[i] * slopes[3 * i + c];
+          phi[f] += p * this.slope[i] * slopes[channels * i + c];
       }
     }
     return { ...rated, phi };
@@ -218,14 +233,17 @@ function evenMeanSlopes(values, ddof) {
     1 / values.length - (v - mean) / ((values.length - ddof) * spread));
 }
 
-/* Designs: phi (fiber) rad, power (fiber, color) 0 to 1. A lamp's color is its strongest. */
-const OFF = 3;
-function colorOf({ power }, f) {
-  const [r, g, b] = [power[3 * f], power[3 * f + 1], power[3 * f + 2]];
-  const best = Math.max(r, g, b);
-  return best > 0 ? [r, g, b].indexOf(best) : OFF;
+/* Designs: phi (fiber) rad, power (fiber, LED) 0 to 1. A lamp's color is its strongest LED. */
+const OFF = -1;
+function powersOf({ phi, power }, f) {
+  const leds = power.length / phi.length;
+  return power.subarray(leds * f, leds * (f + 1));
 }
-function isLit({ power }, f) { return power[3 * f] + power[3 * f + 1] + power[3 * f + 2] > 0; }
+function colorOf(design, f) {
+  const powers = powersOf(design, f), best = Math.max(...powers);
+  return best > 0 ? powers.indexOf(best) : OFF;
+}
+function isLit(design, f) { return colorOf(design, f) !== OFF; }
 function copyOf({ phi, power }) {
   return { phi: Float64Array.from(phi), power: Float64Array.from(power) };
 }

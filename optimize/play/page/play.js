@@ -2,7 +2,7 @@
 
 const page = JSON.parse(document.getElementById("page").textContent);
 const model = new Model(page, decodeTables(document.getElementById("tables").textContent.trim(), page.tables));
-const limits = new Limits(page);
+const limits = new Limits(page), leds = page.palette.names.length;
 const find = (id) => document.getElementById(id);
 const one = (value) => value.toFixed(1);
 
@@ -75,16 +75,18 @@ const act = {
   },
   recolor(f, color) {
     edit((design) => {
-      const old = colorOf(design, f), next = color === null ? (old + 1) % 4 : color;
-      const part = old === OFF ? 1 : design.power[3 * f + old] / limits.color[old];
-      for (let c = 0; c < 3; c++) design.power[3 * f + c] = c === next ? part * limits.color[c] : 0;
+      /* After the last LED comes OFF, then the first. */
+      const old = colorOf(design, f), next = color === null ? ((old + 2) % (leds + 1)) - 1 : color;
+      const powers = powersOf(design, f), part = old === OFF ? 1 : powers[old] / limits.color[old];
+      powers.fill(0);
+      if (next !== OFF) powers[next] = part * limits.color[next];
     });
     keep();
   },
   power(f, change, ended = true) {
     const c = colorOf(shownDesign(), f);
     if (c === OFF) return;
-    const part = shownDesign().power[3 * f + c] / limits.color[c];
+    const part = powersOf(shownDesign(), f)[c] / limits.color[c];
     act.dim(f, Math.round(100 * (part + change)) / 100, ended);
   },
   /* A part of the allowed power; a lamp that is not off keeps its color. */
@@ -92,8 +94,9 @@ const act = {
     edit((design) => {
       const c = colorOf(design, f);
       if (c === OFF) return;
-      const old = design.power[3 * f + c], next = Math.min(Math.max(part, 0.01), 1) * limits.color[c];
-      for (let k = 0; k < 3; k++) design.power[3 * f + k] *= next / old;
+      const powers = powersOf(design, f), old = powers[c];
+      const next = Math.min(Math.max(part, 0.01), 1) * limits.color[c];
+      for (let l = 0; l < leds; l++) powers[l] *= next / old;
     });
     if (ended) keep();
   },
@@ -137,10 +140,10 @@ find("uphill").addEventListener("click", () => {
 
 /* ---- links and files ---- */
 
-function linkOf({ phi, power }) {
+function linkOf(design) {
   const numbers = [];
-  for (let f = 0; f < phi.length; f++)
-    numbers.push(phi[f] / Math.PI, ...power.subarray(3 * f, 3 * f + 3));
+  for (let f = 0; f < model.fibers; f++)
+    numbers.push(design.phi[f] / Math.PI, ...powersOf(design, f));
   const bytes = [0, 2, 4, 6].map((i) => parseInt(mark.slice(i, i + 2), 16));
   for (const v of numbers) {
     const whole = Math.round(65535 * v);
@@ -156,13 +159,14 @@ function designOfLink(text) {
   try { raw = atob(text.replaceAll("-", "+").replaceAll("_", "/")); } catch { raw = ""; }
   const bytes = Array.from(raw, (c) => c.charCodeAt(0));
   const hash = bytes.slice(0, 4).map((b) => b.toString(16).padStart(2, "0")).join("");
-  if (bytes.length !== 4 + 8 * model.fibers) throw new Error("is damaged");
+  const each = 1 + leds;
+  if (bytes.length !== 4 + 2 * each * model.fibers) throw new Error("is damaged");
   if (hash !== mark) throw new Error("is for another sensor");
   const value = (i) => (256 * bytes[4 + 2 * i] + bytes[5 + 2 * i]) / 65535;
-  const design = { phi: new Float64Array(model.fibers), power: new Float64Array(3 * model.fibers) };
+  const design = { phi: new Float64Array(model.fibers), power: new Float64Array(leds * model.fibers) };
   for (let f = 0; f < model.fibers; f++) {
-    design.phi[f] = value(4 * f) * Math.PI;
-    for (let c = 0; c < 3; c++) design.power[3 * f + c] = value(4 * f + 1 + c);
+    design.phi[f] = value(each * f) * Math.PI;
+    for (let l = 0; l < leds; l++) design.power[leds * f + l] = value(each * f + 1 + l);
   }
   return design;
 }
@@ -184,8 +188,9 @@ function designFile(design) {
   return {
     schema: 2, scene: page.scene.name, scene_hash: page.scene.hash,
     angles_deg: fibers.map((f) => Math.min(design.phi[f] / DEGREE, 180)),
-    colors: fibers.map((f) => NAMES[colorOf(design, f)]),
-    power: fibers.map((f) => Array.from(design.power.subarray(3 * f, 3 * f + 3))),
+    colors: fibers.map((f) => nameOf(page.palette, colorOf(design, f))),
+    power: fibers.map((f) => Array.from(powersOf(design, f))),
+    ...page.paletteInFile,
     level: page.level,
     score: { value: rated.score, interval: [rated.score - half, rated.score + half], mean: rated.mean,
       spread_sites: rated.spreadSites, spread_bends: rated.spreadBends },
@@ -244,11 +249,13 @@ const checkBend = choices(find("bend"), "bend", page.bends.map((b) => `${Math.ro
   (i) => { state.bend = i; redraw(); });
 const checkTouch = choices(find("touch"), "touch", [...page.touches.map((t) => t.title), "Nothing"],
   (i) => { state.touch = i; act.move(state.center); redraw(); });
-const checkColor = choices(find("color"), "color", ["R", "G", "B", "Off"],
-  (i) => act.recolor(state.selected, i));
+const checkColor = choices(find("color"), "color", [...page.palette.letters, "Off"],
+  (i) => act.recolor(state.selected, i < leds ? i : OFF));
 find("color").querySelectorAll("label").forEach((label, i) => {
-  label.className = NAMES[i];
-  label.querySelector("input").setAttribute("aria-label", NAMES[i]);
+  const color = i < leds ? i : OFF;
+  label.className = nameOf(page.palette, color);
+  tint(label, page.palette, color);
+  label.querySelector("input").setAttribute("aria-label", label.className);
 });
 for (const [id, change] of [
   ["angle", (value, ended) => act.turn(state.selected, value * DEGREE, ended)],
@@ -290,9 +297,16 @@ find("no-camera").hidden = Boolean(camera.gl);
 let waiting = 0;
 function redraw() { waiting ||= requestAnimationFrame(() => { waiting = 0; draw(); }); }
 
-/* What there is to see of a design at one bend, in unclipped counts (the skin: irradiance). */
+/* What there is to see of a design at one bend, in unclipped counts (the skin: irradiance), as red,
+   green and blue of a screen. */
 function seen(design, bend, touch, center) {
-  const at = (values, size) => values.subarray(3 * bend * size, 3 * (bend + 1) * size);
+  const { display } = page.palette, channels = display.length;
+  const at = (values, size) => {
+    const out = new Float64Array(3 * size), first = channels * bend * size;
+    for (let i = 0; i < size; i++) for (let k = 0; k < 3; k++) for (let c = 0; c < channels; c++)
+      out[3 * i + k] += values[first + channels * i + c] * display[c][k];
+    return out;
+  };
   return {
     facets: at(model.light.sum(design), model.sites * model.facets),
     flat: at(model.flat.sum(design), model.sites),
@@ -337,7 +351,8 @@ function drawScore(design, rated) {
   find("band").style.left = `${place(rated.score - half)}%`;
   find("band").style.width = `${place(rated.score + half) - place(rated.score - half)}%`;
   const said = limits.problems(design), colors = new Set(Array.from(design.phi, (_, f) => colorOf(design, f)));
-  if (colors.size === 1) said.push(colors.has(OFF) ? "All lamps are off."
+  if (colors.size === 1 && (colors.has(OFF) || !page.palette.oneHue)) said.push(colors.has(OFF)
+    ? "All lamps are off."
     : "One color lights everything: S may like it, but nobody can read azimuths from it.");
   if (rated.clipped > page.clipped) said.push(`${(100 * rated.clipped).toFixed(0)} % of the facets saturate the camera.`);
   const shown = said.slice(0, 3).join(" ") + (said.length > 3 ? ` And ${said.length - 3} more.` : "");
@@ -346,10 +361,10 @@ function drawScore(design, rated) {
 
 function drawControls(design) {
   const f = state.selected, color = colorOf(design, f), fiber = page.fibers[f];
-  const part = color === OFF ? 0 : design.power[3 * f + color] / limits.color[color];
+  const part = color === OFF ? 0 : powersOf(design, f)[color] / limits.color[color];
   const degrees = design.phi[f] / DEGREE;
   find("lamp-name").textContent = `Fiber ${f}, ${fiber.edge}`;
-  checkColor(color);
+  checkColor(color === OFF ? leds : color);
   checkShow(shows.indexOf(state.show));
   find("angle").value = degrees;
   find("angle").disabled = !fiber.turns;

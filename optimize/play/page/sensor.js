@@ -1,7 +1,5 @@
 /* The sensor from above: SVG over a canvas of light, every lamp a slider that can be turned. */
 
-const NAMES = ["red", "green", "blue", "off"];
-const LETTERS = ["R", "G", "B", "–"];
 const SVG = "http://www.w3.org/2000/svg";
 const DEGREE = Math.PI / 180;
 
@@ -12,6 +10,11 @@ function element(name, attributes = {}, parent = null, text = "") {
   if (parent) parent.append(made);
   return made;
 }
+
+function nameOf({ names }, color) { return color === OFF ? "off" : names[color]; }
+
+/* The color of an LED, for the page's style. */
+function tint(part, { inks }, color) { part.style.setProperty("--led", color === OFF ? "" : inks[color]); }
 
 /* Linear counts to the screen's 8 bits (IEC 61966-2-1). */
 function encode(count, countMax) {
@@ -42,12 +45,12 @@ class SensorView {
       height: `${(100 * pad.length) / (top + bottom)}%`,
     });
     const shades = element("defs", {}, this.svg);
-    for (const name of NAMES) {
+    page.palette.names.forEach((name, color) => {
       const shade = element("radialGradient", { id: `beam-${name}`, gradientUnits: "userSpaceOnUse",
         cx: 0, cy: 0, r: reach * 1.25 }, shades);
-      element("stop", { offset: 0, class: `stop ${name}` }, shade);
-      element("stop", { offset: 1, class: `stop ${name} end` }, shade);
-    }
+      for (const [offset, kind] of [[0, "stop"], [1, "stop end"]])
+        tint(element("stop", { offset, class: kind }, shade), page.palette, color);
+    });
     this.frame();
     this.lamps = fibers.map((fiber, f) => this.lamp(fiber, f));
     this.touch = this.touchMark();
@@ -101,7 +104,9 @@ class SensorView {
     const key = event.key, phi = this.act.shown().phi[f];
     if (key in turns) this.act.turn(f, phi + turns[key] * (event.shiftKey ? 5 : 1) * DEGREE, true);
     else if (key === "Home" || key === "End") this.act.turn(f, key === "Home" ? 0 : Math.PI, true);
-    else if ("rgbo".includes(key.toLowerCase())) this.act.recolor(f, "rgbo".indexOf(key.toLowerCase()));
+    else if (key.toLowerCase() === "o") this.act.recolor(f, OFF);
+    else if (this.page.palette.letters.includes(key.toUpperCase()))
+      this.act.recolor(f, this.page.palette.letters.indexOf(key.toUpperCase()));
     else if (key === " " || key === "Enter") this.act.recolor(f, null);
     else if (key === "+" || key === "-") this.act.power(f, key === "+" ? 0.05 : -0.05);
     else return;
@@ -157,7 +162,8 @@ class SensorView {
       const { fiber, group } = { fiber: this.page.fibers[f], group: lamp.group };
       const color = colorOf(design, f), phi = design.phi[f];
       const [x, y] = [0, 1].map((i) => Math.cos(phi) * fiber.along[i] + Math.sin(phi) * fiber.inward[i]);
-      const part = color === OFF ? 0 : design.power[3 * f + color] / (fullPower[color] || 1);
+      const part = color === OFF ? 0 : powersOf(design, f)[color] / (fullPower[color] || 1);
+      const { palette } = this.page, name = nameOf(palette, color);
       const key = `${color} ${phi} ${part} ${f === selected}`;
       if (lamp.key === key) return;
       lamp.key = key;
@@ -168,7 +174,7 @@ class SensorView {
       };
       const [a, b] = [corner(1), corner(-1)];
       lamp.beam.setAttribute("d", `M0 0L${a[0]} ${a[1]}A${r * 1.25} ${r * 1.25} 0 0 1 ${b[0]} ${b[1]}Z`);
-      lamp.beam.setAttribute("fill", `url(#beam-${NAMES[color]})`);
+      lamp.beam.setAttribute("fill", color === OFF ? "none" : `url(#beam-${name})`);
       lamp.beam.setAttribute("opacity", color === OFF ? 0 : 0.25 + 0.75 * part);
       for (const dot of [lamp.tip, lamp.reachable]) {
         dot.setAttribute("cx", r * x);
@@ -176,13 +182,14 @@ class SensorView {
       }
       lamp.stem.setAttribute("x2", r * x);
       lamp.stem.setAttribute("y2", -r * y);
-      lamp.letter.textContent = LETTERS[color];
-      group.setAttribute("class", `lamp ${NAMES[color]}${f === selected ? " selected" : ""}`
+      lamp.letter.textContent = color === OFF ? "–" : palette.letters[color];
+      tint(lamp.bulb, palette, color);
+      group.setAttribute("class", `lamp ${name}${f === selected ? " selected" : ""}`
         + (fiber.turns ? "" : " fixed"));
       const degrees = Math.round(phi / DEGREE);
       group.setAttribute("aria-label", `Fiber ${f}, ${lamp.edge}`);
       group.setAttribute("aria-valuenow", degrees);
-      group.setAttribute("aria-valuetext", `${NAMES[color]}, ${fiber.turns ? `${degrees} degrees` : "fixed"}`
+      group.setAttribute("aria-valuetext", `${name}, ${fiber.turns ? `${degrees} degrees` : "fixed"}`
         + (part < 0.995 && color !== OFF ? `, ${Math.round(100 * part)} percent power` : ""));
     });
     this.touch.group.style.display = touch ? "" : "none";

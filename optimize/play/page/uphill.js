@@ -69,7 +69,7 @@ class Limits {
 
   /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, and no more than there are. */
   allows(colors) {
-    const used = [0, 0, 0, 0];
+    const used = this.counts.map(() => 0);
     return colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[c] <= this.counts[c]));
   }
 
@@ -100,7 +100,7 @@ class Climb {
     this.design.phi = limits.settle(design.phi);
     this.fractions = Array.from(design.phi, (_, f) => {
       const c = colorOf(design, f);
-      return c === OFF ? 0 : design.power[3 * f + c] / limits.color[c];
+      return c === OFF ? 0 : powersOf(design, f)[c] / limits.color[c];
     });
     this.score = model.rate(model.light.sum(this.design)).score;
     this.evaluated = 1;
@@ -170,18 +170,20 @@ class Climb {
   /* The best change of one lamp's color, or of two lamps', as long as one helps. Dark lamps stay
      dark, dimmed ones keep their part of the allowed power. */
   * recolor() {
-    const { model, limits } = this, { light } = model, { cells } = light;
+    const { model, limits } = this, { light } = model, { cells, channels, response } = light;
+    const leds = response.length, others = Array.from({ length: leds - 1 }, (_, s) => s + 1);
     const lit = this.fractions.map((_, f) => f).filter((f) => isLit(this.design, f));
     for (;;) {
       const counts = Float64Array.from(light.sum(this.design));
       const colors = Array.from(this.design.phi, (_, f) => colorOf(this.design, f));
-      const moves = lit.flatMap((f) => [1, 2].map((s) => ({ f, c: (colors[f] + s) % 3 })));
+      const moves = lit.flatMap((f) => others.map((s) => ({ f, c: (colors[f] + s) % leds })));
       const trial = new Float64Array(counts.length);
       const change = (out, { f, c }) => {
         const rows = light.rows.subarray(f * cells, (f + 1) * cells);
-        for (let k = 0; k < 3; k++) {
-          const p = (k === c ? this.fractions[f] * limits.color[c] : 0) - this.design.power[3 * f + k];
-          if (p) for (let i = 0; i < cells; i++) out[3 * i + k] += p * rows[i];
+        for (let k = 0; k < channels; k++) {
+          const p = this.fractions[f] * limits.color[c] * response[c][k]
+            - light.gain(this.design.power, f, k);
+          if (p) for (let i = 0; i < cells; i++) out[channels * i + k] += p * rows[i];
         }
       };
       let best = null, bestScore = this.score + 1e-6;
@@ -206,7 +208,7 @@ class Climb {
       if (!best) return;
       const next = copyOf(this.design);
       for (const { f, c } of best)
-        for (let k = 0; k < 3; k++) next.power[3 * f + k] = k === c ? this.fractions[f] * limits.color[c] : 0;
+        powersOf(next, f).fill(0)[c] = this.fractions[f] * limits.color[c];
       this.accept(next, model.rate(light.sum(next)).score);
       yield;
     }

@@ -74,3 +74,10 @@ def test_pictures_of_all_channels_full_are_white() -> None:
         assert white.max() == pytest.approx(1.0)
         assert count == 2 or white.min() == pytest.approx(1.0)
     np.testing.assert_array_equal(RGB.display, np.eye(3))
+
+
+def test_an_led_of_a_known_color_has_its_ink_and_no_two_others_share_one(tmp_path: Path) -> None:
+    leds = "".join(COLOR.format(name, "[1.0, 0.5, 0.2]") for name in ("warm", "amber", "cold"))
+    palette = scene_with(tmp_path, leds, ("warm", "amber", "cold")).palette
+    assert palette.ink("amber") == "#b9770e"
+    assert len(set(palette.inks)) == 3
