@@ -46,8 +46,9 @@ class OmittedPart:
 class Description:
     """A scene in plain words.
 
-    ``axes`` is the size of every axis of the transport (fiber, bend, site, facet); ``cells`` and
-    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count.
+    ``axes`` is the size of every axis of the transport (fiber, bend, site, facet, and channel where
+    materials depend on it, as ``color_axis`` says); ``cells`` and ``background_cells`` count its
+    numbers per direction node. ``seen`` says which sites count.
     """
 
     scene: str
@@ -58,6 +59,7 @@ class Description:
     background_cells: int
     seen: str
     left_out: tuple[OmittedPart, ...]
+    color_axis: str = ""
     limits: tuple[str, ...] = ()
     tolerances: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
@@ -82,6 +84,7 @@ class Description:
                 *rows,
                 f"cells per direction node: {axes} = {self.cells}, "
                 f"and {self.background_cells} of the untouched pad",
+                *([f"color axis of the transport: {self.color_axis}"] if self.color_axis else []),
                 f"seen by the camera: {self.seen} ({RULE})",
                 "left out, and why:",
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
@@ -106,6 +109,8 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         "site": len(counted_sites(scene)),
         "facet": scene.indenter.faces,
     }
+    if scene.by_channel:
+        axes["channel"] = len(scene.palette.channels)
     cells = math.prod(axes.values())
     return Description(
         scene=scene.name,
@@ -115,6 +120,7 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         cells=cells,
         background_cells=cells // scene.indenter.faces,
         seen=camera_coverage(scene).sentence,
+        color_axis=_color_axis(scene),
         left_out=tuple(OmittedPart(what, why) for what, why in _left_out(scene)),
         limits=tuple(limit_sentences(scene)),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
@@ -129,6 +135,15 @@ def limit_sentences(scene: Scene) -> Iterator[str]:
         yield holder.sentence
     if scene.constraints is not None:
         yield from scene.constraints.sentences(scene.palette)
+
+
+def _color_axis(scene: Scene) -> str:
+    """Return why transport has an axis of channels, "" where it has none."""
+    if not scene.by_channel:
+        return ""
+    seen = zip(scene.palette.channels, scene.albedo_of_channel, strict=True)
+    told = ", ".join(f"{scene.albedos[albedo]:g} in {channel}" for channel, albedo in seen)
+    return f"coating.albedo is {told}"
 
 
 def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
@@ -226,7 +241,8 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"
     yield "lens distortion", f"images are dewarped, the camera is {kind}"
-    yield "color axis of the transport", "no material depends on the color channel"
+    if not scene.by_channel:
+        yield "color axis of the transport", "no material depends on the color channel"
     if len(scene.bending.angles) == 1:
         yield "bend axis", "one bending angle is declared"
     for edge in RIM_EDGES if scene.fibers is not None else EDGES:

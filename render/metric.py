@@ -67,11 +67,21 @@ def image_counts(transport: Any, power: Any, exposure: Any, config: MetricConfig
     """Return the camera's counts ``(..., B, S, K, C)``: light adds up, is exposed, then clips.
 
     ``counts = min(max(exposure * sum_f power_f T_f, 0), count_max)`` (thesis 4.3.1), with
-    ``transport`` ``(..., F, B, S, K)`` and ``power`` ``(..., F, C)``.
+    ``transport`` ``(..., F, B, S, K[, C])`` and ``power`` ``(..., F, C)`` with the same leading
+    axes.
     """
+    return clip_counts(exposure * superposed(transport, power), config)
+
+
+def superposed(transport: Any, power: Any) -> Any:
+    """Return ``sum_f power_f T_f``, the radiance ``(..., B, S, K, C)`` of all fibers together.
+
+    ``transport`` is ``(..., F, B, S, K)``, or ``(..., F, B, S, K, C)`` where materials depend on
+    the channel, and ``power`` ``(..., F, C)``; both have the same leading axes.
+    """
+    tinted = "c" if transport.ndim - power.ndim == 3 else ""
     xp = _namespace(transport)
-    counts = exposure * xp.einsum("...fbsk,...fc->...bskc", transport, power)
-    return clip_counts(counts, config)
+    return xp.einsum(f"...fbsk{tinted},...fc->...bskc", transport, power)
 
 
 def clip_counts(counts: Any, config: MetricConfig = THESIS) -> Any:

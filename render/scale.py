@@ -17,7 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.metric import THESIS, MetricConfig, choose_exposure, choose_lambda, image_counts
+from render.metric import (
+    THESIS,
+    MetricConfig,
+    choose_exposure,
+    choose_lambda,
+    image_counts,
+    superposed,
+)
 from render.scene import Scene
 
 
@@ -72,9 +79,10 @@ def scale_of(
 ) -> ScoreScale:
     """Return the scale at which the light of ``power`` ``(fiber, channel)`` has 230 counts.
 
-    ``transport`` is ``(fiber, bend, site, facet)`` 1/(mm^2 sr), ``power`` the baseline's; counts at
-    bend ``bend0`` set the exposure. With ``one_hue``, hue says nothing and has no weight.
+    ``transport`` is ``(fiber, bend, site, facet[, channel])`` 1/(mm^2 sr), ``power`` the
+    baseline's; counts at bend ``bend0`` set the exposure. With ``one_hue``, hue says nothing and
+    has no weight.
     """
-    exposure = choose_exposure(np.einsum("fbsk,fc->bskc", transport, power), bend0, config)
+    exposure = choose_exposure(superposed(transport, power), bend0, config)
     counts = np.asarray(image_counts(transport, power, exposure, config))
     return ScoreScale(exposure, 0.0 if one_hue else choose_lambda(counts, config))

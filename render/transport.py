@@ -126,7 +126,7 @@ class TransportTable:
     def at_bends(self, bends: Array) -> TransportTable:
         """Return the table at ``bends`` ``(bend,)`` rad, interpolated, without its background."""
         weights = interpolation_weights(self.bends, bends)
-        T, se = (np.einsum("ab,fjbsk->fjask", weights, part) for part in (self.T, self.se))
+        T, se = (np.einsum("ab,fjbsk...->fjask...", weights, part) for part in (self.T, self.se))
         return replace(
             self,
             T=T,

@@ -26,6 +26,7 @@ from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
+from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.runtime import Checker, ModelMetadata
@@ -90,7 +91,7 @@ def preview_checker(
         following = in_stage(progress, "following light")
         grid = corrected(grid, scene, converged_transport(scene, following))
         errors = CONVERGED_ERRORS
-    session = PreviewSession(grid, scale, errors.color_spread)
+    session = PreviewSession(scene, grid, scale, errors.color_spread)
     bends = np.array(scene.bending.angles)
     phi = np.full((1, scene.lamp_count), np.pi / 2)
     metric = session.outputs(phi, baseline_power(scene)[None], bends)["metric"]
@@ -102,13 +103,17 @@ class PreviewSession:
     """Answers as an onnxruntime session of ``checker.onnx`` does, from the preview, in numpy.
 
     Arguments:
+        scene: the sensor.
         grid: the preview at its nodes.
         scale: exposure and lambda.
         color_spread: one standard deviation of a facet's color, relative.
     """
 
-    def __init__(self, grid: PreviewGrid, scale: ScoreScale, color_spread: float) -> None:
+    def __init__(
+        self, scene: Scene, grid: PreviewGrid, scale: ScoreScale, color_spread: float
+    ) -> None:
         """Keep the grid."""
+        self._scene = scene
         self._grid, self._scale, self._color_spread = grid, scale, color_spread
 
     def run(self, names: Sequence[str], feeds: Mapping[str, Array]) -> list[Array]:
@@ -122,6 +127,7 @@ class PreviewSession:
         Directions and bends outside the grid are moved to its edge; ``domain_excess`` says so.
         """
         grid, bends = self._grid, np.asarray(bends, dtype=np.float64)
+        phi, power = copied(self._scene, phi, axis=1), split_power(self._scene, power)
         low, high = float(grid.bends.min()), float(grid.bends.max())
         inside = np.clip(bends, low, high)
         # Callers hand float32 on: what rounds to the same number there is inside.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from render.chebyshev import interpolation_weights
 from render.errors import RenderError, TableError
 from render.geometry import counted_sites
-from render.metric import THESIS
+from render.metric import THESIS, superposed
 from render.preview import drawable
 from render.preview.converged import can_converge
 from render.progress import OnProgress, Progress, in_stage
@@ -209,8 +209,8 @@ def _baseline_counts(scene: Scene, table: TransportTable) -> float:
     """Return the 99.5th percentile of the baseline's counts in ``table`` at the least bend."""
     light = table.at(np.full(scene.lamp_count, np.pi / 2))
     at_bend = interpolation_weights(table.bends, np.array([min(scene.bending.angles)]))[0]
-    light = np.einsum("b,fbsk->fsk", at_bend, light)
-    counts = table.exposure * np.einsum("fsk,fc->skc", light, baseline_power(scene))
+    light = np.einsum("b,fbsk...->fsk...", at_bend, light)[:, None]
+    counts = table.exposure * superposed(light, baseline_power(scene))
     return float(np.percentile(counts, THESIS.exposure_percentile))
 
 
@@ -299,14 +299,14 @@ def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost
     drawn = len(phi) * len(bend)
     directions = len(direction_nodes(scene, config.phi_nodes))
     directions *= 1 if free is None else config.materials
-    fibers, network = scene.lamp_count, config.fit.network
+    fibers, copies, network = scene.lamp_count, len(scene.albedos), config.fit.network
     if is_one_node(scene):
         network = replace(network, steps=MIN_STEPS)  # there are none
     return TrainingCost(
         draws=fibers * drawn * (1 if free is None else config.preview_materials),
-        jobs=2 * bends * (1 if free is None else config.materials),
+        jobs=2 * bends * copies * (1 if free is None else config.materials),
         directions=directions,
-        rows=directions * bends * fibers * len(counted_sites(scene)),
+        rows=directions * bends * fibers * copies * len(counted_sites(scene)),
         normals=scene.indenter.faces + 1,
         splits=2 + (bends > 2),
         members=config.fit.members,

@@ -227,9 +227,17 @@ def material_space(scene: Scene) -> MaterialSpace:
     """Return what is fitted for ``scene``.
 
     Raises:
-        CalibrationError: its skin is curved, a diffuser is lit by lamps in rows or lists, or lamps
-            shine through faces of several roughnesses.
+        CalibrationError: its skin is curved or has several albedos, a diffuser is lit by lamps in
+            rows or lists, or lamps shine through faces of several roughnesses.
     """
+    if scene.by_channel:
+        shown = ", ".join(f"{albedo:g}" for albedo in scene.albedos)
+        raise CalibrationError(
+            f"coating.albedo of scene {scene.name} differs by channel ({shown}), allowed for "
+            "calibration: one number, as the response matrix that it measures holds the skin's "
+            "color; give the mean of the channels",
+            field="coating.albedo",
+        )
     if scene.skin is not None:
         raise CalibrationError(
             f"scene {scene.name} has a curved skin, calibration reads lines on flat pads and bent "

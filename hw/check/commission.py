@@ -62,7 +62,7 @@ class RigRecord:
         Raises:
             CaptureError: says what differs.
         """
-        if self.ratio.shape != prediction.nominal.shape or self.scene_hash != scene_hash:
+        if self.ratio.shape != prediction.cells or self.scene_hash != scene_hash:
             what = "another scene"
         elif not np.allclose(self.phi, prediction.phi, atol=1e-4) or not np.allclose(
             self.power, prediction.power, atol=1e-4

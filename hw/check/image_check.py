@@ -36,17 +36,18 @@ def check_image(
     Raises:
         CaptureError: wrong shape, not finite, or dark.
     """
-    sites = prediction.table.shape[2]
+    sites = prediction.cells[1]
     if colors.shape != (sites, 3) or not np.isfinite(colors).all():
         raise CaptureError(
             f"the image has colors of shape {colors.shape}, allowed: finite, ({sites}, 3)",
             field="colors",
         )
-    ratio = np.ones(prediction.nominal.shape) if ratio is None else ratio
+    ratio = np.ones(prediction.cells) if ratio is None else ratio
     power, phi = prediction.seen_power, prediction.phi
-    turned = prediction.unit(np.clip(phi[:, None] + TURNS, 0.0, np.pi)) * ratio[:, None]
+    turned = prediction.tinted(np.clip(phi[:, None] + TURNS, 0.0, np.pi))
+    turned = turned * ratio[:, None, :, None]
     straight = turned[:, len(TURNS) // 2]
-    expected = np.einsum("fs,fc->sc", straight, power)
+    expected = (straight * power[:, None]).sum(axis=0)
     scale = _scale(expected, colors)
     seen = colors / scale
     error = float(np.sqrt(np.mean((seen - expected) ** 2)))
@@ -94,10 +95,10 @@ def _whitener(
     power, middle = prediction.seen_power, len(TURNS) // 2
     step = TURNS[middle + 1] - TURNS[middle - 1]
     slope = (turned[:, middle + 1] - turned[:, middle - 1]) / step
-    alone = np.einsum("fs,fc->fsc", straight, power)
+    alone = straight * power[:, None]
     causes = [
         tolerances.power * alone.reshape(len(power), -1),
-        tolerances.turn * np.einsum("fs,fc->fsc", slope, power).reshape(len(power), -1),
+        tolerances.turn * (slope * power[:, None]).reshape(len(power), -1),
     ]
     causes += [(tolerances.gain * expected * only).reshape(1, -1) for only in np.eye(3)]
     # The overall gain was matched with a median; it is free.
@@ -112,14 +113,17 @@ def _whitener(
 def _changes(
     straight: Array, turned: Array, power: Array, permuted: Array, phi: float
 ) -> dict[FiberState, Array]:
-    """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each."""
-    own = straight[:, None] * power
+    """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each.
+
+    ``straight`` is ``(site, channel)``, ``turned`` ``(turn, site, channel)``.
+    """
+    own = straight * power
     reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= MIN_TURN)
     found = {
         FiberState.DEAD: -own[None],
         FiberState.DIM: (FAULTY_POWERS[1:] - 1)[:, None, None] * own,
-        FiberState.MOVED: (turned[reachable] - straight)[:, :, None] * power,
-        FiberState.SWAPPED: straight[None, :, None] * (permuted - power)[:, None, :],
+        FiberState.MOVED: (turned[reachable] - straight) * power,
+        FiberState.SWAPPED: straight[None] * (permuted - power)[:, None, :],
     }
     return {state: changes for state, changes in found.items() if len(changes)}
 

@@ -24,7 +24,8 @@ class PadPrediction:
         phi: ``(fiber,)`` rad, the design's directions.
         power: ``(fiber, color)`` in [0, 1], the design's powers of its LEDs.
         nodes: ``(node,)`` rad.
-        table: ``(fiber, node, site)`` counts per unit power.
+        table: ``(fiber, node, site)`` counts per unit power; with one more axis ``channel`` where
+            the skin's albedo depends on it.
         score: the design's score over the scene's bends, in counts.
         domain_excess: 0 inside the model's trained range.
         response: ``(color, channel)``, what each channel sees of each LED color.
@@ -44,21 +45,29 @@ class PadPrediction:
         return np.asarray(self.power @ self.response)
 
     def unit(self, phi: Array) -> Array:
-        """Return counts per unit power ``(fiber, n, site)`` at ``phi`` ``(fiber, n)`` rad."""
+        """Return counts per unit power ``(fiber, n, site[, channel])``, as the table has them.
+
+        ``phi`` is ``(fiber, n)`` rad.
+        """
         weights = interpolation_weights(self.nodes, phi)
-        found = np.einsum("fnj,fjs->fns", weights, self.table)
+        found = np.einsum("fnj,fjs...->fns...", weights, self.table)
         # A polynomial through nearly dark nodes may dip below 0; light does not.
         return np.asarray(np.maximum(found, 1e-6 * self.table.max()))
 
+    def tinted(self, phi: Array) -> Array:
+        """Return `unit` ``(fiber, n, site, channel)``, of one channel where all are alike."""
+        found = self.unit(phi)
+        return found if self.table.ndim == 4 else found[..., None]
+
     @property
-    def nominal(self) -> Array:
-        """Counts per unit power of every fiber where the design points it, ``(fiber, site)``."""
-        return self.unit(self.phi[:, None])[:, 0]
+    def cells(self) -> tuple[int, int]:
+        """Numbers of fibers and sites."""
+        return self.table.shape[0], self.table.shape[2]
 
     @property
     def alone(self) -> Array:
         """Counts of each fiber alone with its power, ``(fiber, site, channel)``."""
-        return self.nominal[..., None] * self.seen_power[:, None, :]
+        return self.tinted(self.phi[:, None])[:, 0] * self.seen_power[:, None, :]
 
     @property
     def together(self) -> Array:

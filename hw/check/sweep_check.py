@@ -112,7 +112,7 @@ def check_sweep(
     Raises:
         CaptureError: wrong shape, not finite, or all dark.
     """
-    fibers, sites = prediction.table.shape[0], prediction.table.shape[2]
+    fibers, sites = prediction.cells
     if colors.shape != (fibers, sites, 3) or not np.isfinite(colors).all():
         raise CaptureError(
             f"the sweep has colors of shape {colors.shape}, allowed: finite, ({fibers}, {sites}, "
@@ -127,13 +127,13 @@ def check_sweep(
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
     expected = prediction.alone * ratio[..., None]
     diagnoses = []
-    turned = prediction.unit(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
+    turned = prediction.tinted(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
     for fiber in range(fibers):
         power, response = prediction.power[fiber], prediction.response
         if not power.any():
             diagnoses.append(FiberDiagnosis(fiber, FiberState.OFF, 1.0))
             continue
-        light = turned[fiber] * ratio[fiber]
+        light = turned[fiber] * ratio[fiber][:, None]
         reachable = np.abs(prediction.phi[fiber] + TURNS - np.pi / 2) <= np.pi / 2
         diagnoses.append(
             _judged(
@@ -209,7 +209,7 @@ def channel_gains(expected: Array, colors: Array, recorded: bool = False) -> Arr
 
 @dataclass(frozen=True, eq=False)
 class _Fiber:
-    """One fiber: ``seen`` ``(site, 3)``, ``light`` ``(turn, site)``, ``noise`` ``(site, 3)``.
+    """One fiber: ``seen`` and ``noise`` ``(site, 3)``, ``light`` ``(turn, site, channel)``.
 
     ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these.
     """
@@ -223,12 +223,13 @@ class _Fiber:
     noise: Array
 
     def fits(self, light: Array, power: Array, model: Array) -> PowerFits:
-        """Return how well ``light`` ``(n, site)`` of ``power`` ``(n, color)`` explains all that.
+        """Return how well ``light`` of ``power`` ``(n, color)`` explains all that.
 
-        The model's relative error, ``(n,)``, goes with the light that is there.
+        ``light`` is ``(n, site, channel)``, with one channel where all are alike. The model's
+        relative error, ``(n,)``, goes with the light that is there.
         """
         in_channels = power @ self.response
-        expected = light[:, :, None] * in_channels[:, None, :]
+        expected = light * in_channels[:, None, :]
         # The part of a channel's light that is not of its own color.
         own = power * np.diag(self.response)
         leaked = 1 - own / np.where(in_channels > 0, in_channels, np.inf)

@@ -110,7 +110,7 @@ def run(
         powers = calibrated_powers(calibration, beside, scene.hash, scene.lamp_count)
         if record is None and powers is not None:
             # The record of a healthy rig holds its powers already.
-            ratio = np.broadcast_to(powers.power[:, None], prediction.nominal.shape)
+            ratio = np.broadcast_to(powers.power[:, None], prediction.cells)
             known = known.with_powers(powers.error)
             note(f"The fibers' powers are those of {powers.path}.")
         if isinstance(seen, PhotoSet):

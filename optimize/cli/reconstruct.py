@@ -80,6 +80,7 @@ def _rendered(
     import numpy as np
 
     from optimize.verification import reference_renders
+    from render.metric import superposed
     from render.reference import ensure_llvm
 
     ensure_llvm()
@@ -96,8 +97,8 @@ def _rendered(
         halves.append(
             [
                 (
-                    exposure * np.einsum("fbsk,fc->bskc", facets[i], design.power),
-                    exposure * np.einsum("fbs,fc->bsc", pads[i], design.power),
+                    exposure * superposed(facets[i], design.power),
+                    exposure * superposed(np.expand_dims(pads[i], 3), design.power)[:, :, 0],
                 )
                 for i, design in enumerate(designs)
             ]

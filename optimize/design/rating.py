@@ -49,7 +49,7 @@ class ScoreSettings:
     conventions: MetricConfig = THESIS
 
     def counts(self, transport: Array, power: Array) -> Array:
-        """Return counts ``(B, S, K, C)`` of ``transport`` ``(F, B, S, K)``, ``power`` (F, C)."""
+        """Return counts ``(B, S, K, C)``: ``transport`` ``(F, B, S, K[, C])``, ``power`` (F, C)."""
         return np.asarray(image_counts(transport, power, self.exposure, self.conventions))
 
     def metric(self, transport: Array, power: Array) -> Array:

@@ -105,11 +105,11 @@ def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> l
 def table_row(reference: HeldOutReference, table: TransportTable, setup: float) -> FrontierRow:
     """Return a reference table, interpolated to the designs' directions."""
     between = interpolation_weights(table.bends, reference.designs.bends)
-    cells = np.einsum("ab,fjbsk->fjask", between, table.T)
+    cells = np.einsum("ab,fjbsk...->fjask...", between, table.T)
 
     def counts(phi: Array, power: Array) -> Array:
         weights = interpolation_weights(table.phi, phi)
-        light = np.einsum("dfj,fjask->dfask", weights, cells, optimize=True)
+        light = np.einsum("dfj,fjask...->dfask...", weights, cells, optimize=True)
         return np.asarray(image_counts(light, power, reference.settings.exposure))
 
     return timed_row(reference, "transport table", counts, setup)

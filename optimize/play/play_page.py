@@ -71,8 +71,8 @@ class PlayPage:
         """Return the page.
 
         Raises:
-            TableError: it would be larger than `MAX_BYTES`, has light per color channel, or a
-                skin that is not flat.
+            TableError: it would be larger than `MAX_BYTES`, has an albedo per channel, or a skin
+                that is not flat.
             GraphicsError: nothing here can draw the preview that its pictures are made of.
         """
         if self.scene.skin is not None:
@@ -81,13 +81,14 @@ class PlayPage:
                 "no skin; explore the scene instead",
                 field="skin",
             )
-        table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
-        if table.by_channel:
+        if self.scene.by_channel:
             raise TableError(
-                "the page superposes light that is alike in all channels, and this table has an "
-                "axis of channels: explore the scene instead",
-                field="T",
+                "the page superposes light that is alike in all channels, and coating.albedo of "
+                f"scene {self.scene.name} differs by channel, allowed: one number; explore the "
+                "scene instead",
+                field="coating.albedo",
             )
+        table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         assert table.background is not None  # of a Checker
         scorer = TableScorer(table, self.checker.metadata.metric, limits=limits_of(self.scene))
         baseline = dimmed_baseline(self.scene)

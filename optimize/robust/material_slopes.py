@@ -84,7 +84,7 @@ def material_slopes(
     phi: Array,
     progress: OnProgress | None = None,
 ) -> dict[str, Array]:
-    """Return ``d log T / d p`` ``(fiber, phi_node, bend, site, facet)`` by name.
+    """Return ``d log T / d p`` ``(fiber, phi_node, bend, site, facet[, channel])`` by name.
 
     Of ``tolerances``, those of the material are looked at; ``phi`` is ``(phi_node,)`` rad.
     """

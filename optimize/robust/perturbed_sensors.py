@@ -82,7 +82,7 @@ class PerturbedSensors:
         out = np.empty(self.draws)
         for draw in range(self.draws):
             light, _ = self._light_of(draw, design.phi)
-            counts = np.einsum("fx,fc->xc", light, design.power)
+            counts = self._superposed(light, design.power)
             out[draw] = self.scorer.score_block(counts[..., None])[0]
         return out
 
@@ -93,11 +93,22 @@ class PerturbedSensors:
         shape = (scorer.bends, scorer.sites, scorer.facets, scorer.channels)
         for draw in range(self.draws):
             light, by_phi = self._light_of(draw, design.phi)
-            counts = np.einsum("fx,fc->xc", light, design.power).reshape(shape)
+            counts = self._superposed(light, design.power).reshape(shape)
             scores[draw], by_counts = score_by_counts(counts, scorer.table.lam, scorer.config)
-            by_light = by_counts.reshape(-1, scorer.channels) @ design.power.T
-            slopes[draw] = np.einsum("xf,fx->f", by_light, by_phi)
+            by_counts = by_counts.reshape(-1, scorer.channels)
+            if scorer.table.by_channel:
+                grown = by_phi.reshape(scorer.fibers, *by_counts.shape)
+                slopes[draw] = np.einsum("xc,fc,fxc->f", by_counts, design.power, grown)
+            else:
+                slopes[draw] = np.einsum("xf,fx->f", by_counts @ design.power.T, by_phi)
         return scores, slopes
+
+    def _superposed(self, light: Array, power: Array) -> Array:
+        """Return counts ``(B * S * K, C)`` of light ``(F, B * S * K [* C])``."""
+        if self.scorer.table.by_channel:
+            tinted = light.reshape(len(light), -1, self.scorer.channels)
+            return np.asarray(np.einsum("fxc,fc->xc", tinted, power))
+        return np.asarray(np.einsum("fx,fc->xc", light, power))
 
     def _light_of(self, draw: int, phi: Array) -> tuple[Array, Array]:
         """Return counts per unit of LED power and their derivative by phi, ``(F, cell)`` each."""

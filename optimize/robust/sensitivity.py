@@ -104,15 +104,16 @@ def score_slopes(
     Counts per rad for ``fiber_angle``, per mm for ``diffuser_thickness``, else per relative error.
     """
     gradient = Differentiator(scorer).at(design.phi, design.power)
-    by_light = gradient.light.sum(axis=(1, 2, 3))
+    cells = tuple(range(1, gradient.light.ndim))
+    by_light = gradient.light.sum(axis=cells)
     weights = interpolation_weights(scorer.table.phi, design.phi)
     derivatives: dict[str, Array] = {}
     for name in names:
         if name == "fiber_angle":
             derivatives[name] = gradient.phi
         elif name in slopes:
-            at = np.einsum("fj,fjbsk->fbsk", weights, slopes[name])
-            derivatives[name] = (gradient.light * at).sum(axis=(1, 2, 3))
+            at = np.einsum("fj,fjbsk...->fbsk...", weights, slopes[name])
+            derivatives[name] = (gradient.light * at).sum(axis=cells)
         else:
             derivatives[name] = by_light
         if name not in PER_FIBER:

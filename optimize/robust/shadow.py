@@ -62,10 +62,15 @@ class ShadowPenalty:
             )
         hidden = hidden_fraction(scene, table.phi, bolt or PressedCylinder())
         self._phi = table.phi
-        light = table.exposure * table.background[:, :, 0, :, None] * np.nan_to_num(hidden)
+        fraction = np.nan_to_num(hidden)
+        self._tinted = "c" if table.by_channel else ""
+        light = table.exposure * table.background[:, :, 0, :, None]
+        light = light * (fraction[..., None] if self._tinted else fraction)
         self._seen = np.isfinite(hidden[0, 0]).ravel()
-        self._blocked = light.reshape(*light.shape[:2], -1)[..., self._seen]
-        self._slope = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._blocked)
+        points = (*light.shape[:2], len(self._seen), *light.shape[4:])
+        self._blocked = light.reshape(points)[:, :, self._seen]
+        derivative = differentiation_matrix(table.phi)
+        self._slope = np.einsum("ij,fjx...->fix...", derivative, self._blocked)
 
     def value(self, design: Design) -> float:
         """Return minus the penalty."""
@@ -74,12 +79,12 @@ class ShadowPenalty:
     def gradient(self, design: Design) -> tuple[float, Array]:
         """Return minus the penalty, and its derivatives by the directions."""
         weights = interpolation_weights(self._phi, design.phi)
-        blocked = np.einsum("fj,fjx->fx", weights, self._blocked)
-        missing = np.einsum("fx,fc->xc", blocked, design.power)
+        blocked = np.einsum("fj,fjx...->fx...", weights, self._blocked)
+        missing = np.einsum(f"fx{self._tinted},fc->xc", blocked, design.power)
         length = np.linalg.norm(missing, axis=1)
         along = missing / np.where(length > 0.0, length, 1.0)[:, None] / len(length)
-        by_phi = np.einsum("fj,fjx->fx", weights, self._slope)
-        slope = np.einsum("xc,fc,fx->f", along, design.power, by_phi)
+        by_phi = np.einsum("fj,fjx...->fx...", weights, self._slope)
+        slope = np.einsum(f"xc,fc,fx{self._tinted}->f", along, design.power, by_phi)
         return -float(length.mean()), -slope
 
 

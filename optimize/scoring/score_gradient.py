@@ -14,8 +14,7 @@ import numpy as np
 from optimize.design import Array
 from optimize.scoring.table_scorer import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
-from render.errors import TableError
-from render.metric import MetricConfig
+from render.metric import MetricConfig, superposed
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +25,9 @@ class ScoreGradient:
         score: S in counts.
         phi: ``(F,)`` counts per rad.
         power: ``(F, C)`` counts per unit of power in a channel.
-        light: ``(F, B, S, K)`` counts per relative change of the fiber's light in that cell, summed
-            over its colors; what any other parameter's derivative is made of.
+        light: ``(F, B, S, K[, C])``, as the table has it: counts per relative change of the fiber's
+            light in that cell, in all its colors at once without an axis of channels; what any
+            other parameter's derivative is made of.
     """
 
     score: float
@@ -40,18 +40,9 @@ class Differentiator:
     """Derivatives on one transport table."""
 
     def __init__(self, scorer: TableScorer) -> None:
-        """Differentiate the table's polynomials once.
-
-        Raises:
-            TableError: the table has an axis of channels, which searches of directions do not use.
-        """
+        """Differentiate the table's polynomials once."""
         self.scorer = scorer
         table = scorer.table
-        if table.by_channel:
-            raise TableError(
-                "derivatives need a table without an axis of channels: search its colors only",
-                field="T",
-            )
         exposed = table.exposure * table.T
         self._table = exposed.reshape(*exposed.shape[:2], -1)
         self._slope = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._table)
@@ -59,22 +50,23 @@ class Differentiator:
     def at(self, phi: Array, power: Array, factor: Array | None = None) -> ScoreGradient:
         """Return S and derivatives for ``phi`` ``(F,)`` rad and ``power`` ``(F, C)``.
 
-        ``factor`` ``(F, B, S, K)`` multiplies the light of every fiber in every cell.
+        ``factor`` ``(F, B, S, K[, C])`` multiplies the light of every fiber in every cell.
         """
         scorer = self.scorer
         weights = interpolation_weights(scorer.table.phi, phi)
-        shape = (len(phi), scorer.bends, scorer.sites, scorer.facets)
-        light = np.einsum("fj,fjx->fx", weights, self._table).reshape(shape)
-        slope = np.einsum("fj,fjx->fx", weights, self._slope).reshape(shape)
+        cells = scorer.table.T.shape[2:]
+        light = np.einsum("fj,fjx->fx", weights, self._table).reshape(len(phi), *cells)
+        slope = np.einsum("fj,fjx->fx", weights, self._slope).reshape(len(phi), *cells)
+        tinted = "c" if scorer.table.by_channel else ""
         if factor is not None:
             light, slope = light * factor, slope * factor
-        counts = np.einsum("fbsk,fc->bskc", light, power)
+        counts = np.asarray(superposed(light, power))
         score, by_counts = score_by_counts(counts, scorer.table.lam, scorer.config)
-        by_light = np.einsum("bskc,fc->fbsk", by_counts, power)
+        by_light = np.einsum(f"bskc,fc->fbsk{tinted}", by_counts, power)
         return ScoreGradient(
             score,
-            np.einsum("fbsk,fbsk->f", by_light, slope),
-            np.einsum("bskc,fbsk->fc", by_counts, light),
+            np.einsum(f"fbsk{tinted},fbsk{tinted}->f", by_light, slope),
+            np.einsum(f"bskc,fbsk{tinted}->fc", by_counts, light),
             by_light * light,
         )
 

@@ -3,7 +3,8 @@
 The table is redrawn as ``T + se z`` with standard normal ``z`` and a fixed seed, and S is computed
 for every draw (parametric bootstrap). Which cells share a ``z`` follows from the table's level:
 
-- ``reference``: every cell and fiber has its own, as for independent Monte Carlo noise;
+- ``reference``: every cell and fiber has its own, as for independent Monte Carlo noise; channels
+  share it, as they share their light paths;
 - ``preview``, ``surrogate``: all cells of a fiber share one, as model errors are smooth. That is
   the cautious choice: errors that agree do not average out.
 
@@ -84,12 +85,14 @@ def tied(scorer: TableScorer, phi: Array, power: Array) -> np.ndarray:
 def _noise(
     scorer: TableScorer, phi: Array, lightings: int, draws: int, seed: int
 ) -> Iterator[Array]:
-    """Yield errors of the light in counts, ``(some draws, F, B * S * K)``."""
+    """Yield errors of the light in counts, ``(some draws, F, B * S * K [* C])``."""
     table, rng = scorer.table, np.random.default_rng(seed)
     weights = interpolation_weights(table.phi, phi)
     variance = np.einsum("fj,fjx->fx", weights**2, table.se.reshape(*weights.shape, -1) ** 2)
     sigma = table.exposure * np.sqrt(variance)
-    shape = sigma.shape if table.level == "reference" else (len(sigma), 1)
+    alike = scorer.channels if table.by_channel else 1
+    cells = sigma.shape[1] // alike if table.level == "reference" else 1
     size = max(1, _CHUNK // (sigma.size + scorer.channels * lightings * sigma.shape[1]))
     for start in range(0, draws, size):
-        yield sigma * rng.standard_normal((min(size, draws - start), *shape))
+        noise = rng.standard_normal((min(size, draws - start), len(sigma), cells))
+        yield sigma * (noise.repeat(alike, axis=2) if cells > 1 else noise)

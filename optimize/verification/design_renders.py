@@ -31,6 +31,7 @@ from optimize.scoring import (
     rendered_score,
     student_factor,
 )
+from render.metric import superposed
 from render.progress import OnProgress, in_stage
 from render.reference import JobRunner, converged, more_samples, render_transport
 from render.scene import Scene
@@ -49,6 +50,9 @@ class DesignRenders:
         background: of the untouched pad, ``(replicate, design, fiber, bend, site)``.
         error: standard errors of transport ``(design, fiber, bend, site, facet)``, which allow for
             light that replicates have not seen.
+
+    All three have one more axis ``channel`` where the skin's albedo depends on it.
+
         seconds: spent on rendering, all attempts together.
     """
 
@@ -63,13 +67,17 @@ class DesignRenders:
 
         ``samples`` are those per cell; without them it asks for multiples.
         """
-        power = self.designs[index].power.sum(axis=1)
-        light, error = (
-            self.replicates[:, index].mean(axis=0)[power > 0],
-            self.error[index][power > 0],
-        )
+        light, error = self.replicates[:, index].mean(axis=0), self.error[index]
+        power = self.designs[index].power
+        # (fiber, [channel, ...])
+        if light.ndim == 5:
+            light, error = (np.moveaxis(part, -1, 1) for part in (light, error))
+        else:
+            power = power.sum(axis=1)
+        lit = power > 0
+        light, error = light[lit], error[lit]
         lost = ~converged(light, error)
-        most = power[power > 0][:, None, None, None] * (light + np.where(lost, error, 0.0))
+        most = power[lit][:, None, None, None] * (light + np.where(lost, error, 0.0))
         share = most[lost].sum() / most.sum()
         if share <= UNCONVERGED_LIGHT:
             return ""
@@ -87,7 +95,7 @@ class DesignRenders:
         The error is the one before clipping: a clipped channel would seem to be known exactly.
         """
         replicates, power = self.replicates[:, index], self.designs[index].power
-        light = settings.exposure * np.einsum("rfbsk,fc->rbskc", replicates, power)
+        light = settings.exposure * np.stack([superposed(one, power) for one in replicates])
         counts = settings.counts(replicates.mean(axis=0), power)
         return counts, light.std(axis=0, ddof=1) / np.sqrt(len(light))
 

@@ -349,15 +349,17 @@ class VerificationLoop:
         return NewRenders(
             phi=phi,
             bends=self.original.bends,
-            replicates=np.concatenate([renders.replicates, renders.background[..., None]], axis=-1),
+            replicates=np.concatenate(
+                [renders.replicates, np.expand_dims(renders.background, 5)], axis=5
+            ),
             predicted=np.stack([_predicted(self.original, row) for row in phi]),
         )
 
 
 def _predicted(table: TransportTable, phi: Array) -> Array:
-    """Return the table's transport ``(F, B, S, facet + 1)``, the untouched pad last."""
+    """Return the table's transport ``(F, B, S, facet + 1[, C])``, the untouched pad last."""
     if table.background is None:
         raise TableError("the surrogate's table has no background", field="background")
     weights = interpolation_weights(table.phi, phi)
-    pad = np.einsum("fj,fjbs->fbs", weights, table.background)
-    return np.concatenate([table.at(phi), pad[..., None]], axis=-1)
+    pad = np.einsum("fj,fjbs...->fbs...", weights, table.background)
+    return np.concatenate([table.at(phi), np.expand_dims(pad, 3)], axis=3)

@@ -72,7 +72,7 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
     if medium:
         content["diffuser"] = {**medium, "id": "diffuser"}
     inside = {"interior": {"type": "ref", "id": "diffuser"}} if medium else {}
-    coating = {"type": "diffuse", "reflectance": gray(scene.coating.albedo)}
+    coating = {"type": "diffuse", "reflectance": gray(scene.coating.single_albedo)}
     content["coating"] = _shape(meshes.coating, folder / "coating.ply", coating)
     for name, finish, mesh in _outer_parts(scene, "outer_clear", meshes):
         path = folder / f"{name}.ply"

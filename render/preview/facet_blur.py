@@ -36,7 +36,15 @@ MAX_TARGET_PIXELS = 256
 
 
 def facet_blur(scene: Scene, bend: float) -> Array:
+    """Return `facet_blurs` of a coating of one albedo, ``(site, facet + 1, facet + 1)``."""
+    (blur,) = facet_blurs(scene, bend)
+    return blur
+
+
+def facet_blurs(scene: Scene, bend: float) -> list[Array]:
     """Return camera radiance per irradiance on the coating, ``(site, facet + 1, facet + 1)``.
+
+    One for each of the scene's `albedos`.
 
     Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
     the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
@@ -66,7 +74,7 @@ def facet_blur(scene: Scene, bend: float) -> Array:
             weights[index, target] = (
                 np.bincount(seen.ravel(), lines.ravel(), minlength=faces + 1) / lines.size
             )
-    return weights * scene.coating.albedo / (np.pi * scene.pad.index**2)
+    return [weights * albedo / (np.pi * scene.pad.index**2) for albedo in scene.albedos]
 
 
 def _thinned(masks: FacetMasks) -> FacetMasks:

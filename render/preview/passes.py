@@ -112,6 +112,7 @@ class ShaderPasses:
         facet: Array | None,
         bend: float,
         size: tuple[int, int],
+        albedo: float,
     ) -> NDArray[np.float32]:
         """Draw radiance at the camera ``(height, width, 3)``, row 0 at the tip.
 
@@ -123,6 +124,7 @@ class ShaderPasses:
                 ``(3, 1, 5)`` (`slope_terms`), or None for the untouched pad.
             bend: rad.
             size: width and height in pixels.
+            albedo: of the coating.
         """
         lights = with_images(self._scene, position)
         with self._context:
@@ -138,6 +140,7 @@ class ShaderPasses:
                 images[name] = float_texture(self._context, np.moveaxis(facet, 0, -1))
                 kept |= {"height_map": self._skin} if skin else {}
             uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
+            uniforms["albedo"] = albedo
             shader_pass = self._pass("picture.frag", bend, 3, facet is not None)
             picture = shader_pass.draw(size, 3, uniforms, images | kept)
             for image in images.values():
@@ -219,7 +222,6 @@ class ShaderPasses:
             "ahead": tuple(ahead),
             "pivot": scene.camera.pivot,
             "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
-            "albedo": scene.coating.albedo,
         }
 
     def _pressed(self) -> dict[str, Any]:

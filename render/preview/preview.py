@@ -12,10 +12,10 @@ from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
 from render.geometry import HeightMap, Imprint, counted_sites, pyramids
 from render.preview.bonded import with_bonded_window
-from render.preview.facet_blur import facet_blur
+from render.preview.facet_blur import facet_blurs
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
-from render.preview.radiosity import Radiosity, solve_radiosity
+from render.preview.radiosity import Radiosity, form_factors, solve_radiosity
 from render.preview.shading_points import shading_points
 from render.preview.sloped_skin import slope_terms, sloped_skin
 from render.scene import Scene
@@ -59,8 +59,9 @@ class Preview:
         self._skin = isinstance(pressed, HeightMap)
         faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
         self._points = shading_points(scene, faces)
-        self._radiosity: dict[float, Radiosity] = {}
-        self._blurs: dict[float, Array] = {}
+        self._of_channel = list(scene.albedo_of_channel)
+        self._radiosity: dict[float, list[Radiosity]] = {}
+        self._blurs: dict[float, list[Array]] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
             scene, self._lights, self._points, pressed, backend
@@ -88,7 +89,8 @@ class Preview:
             bends: ``(bend,)`` rad in [0, pi].
 
         Returns:
-            T ``(fiber, node, bend, site, facet)`` and background ``(fiber, node, bend, site)``.
+            T ``(fiber, node, bend, site, facet)`` and background ``(fiber, node, bend, site)``;
+            both with one more axis ``channel`` where the skin's albedo depends on it.
         """
         fibers = self.scene.lamp_count
         phi = np.asarray(phi, dtype=np.float64)
@@ -98,10 +100,10 @@ class Preview:
         if not self._measures:
             raise GraphicsError("only the pyramids have transport: make a preview without imprint")
         seen = np.stack([self._seen(phi, float(bend)) for bend in bends], axis=2)
-        return seen[..., :-1], seen[..., -1]
+        return seen[:, :, :, :, :-1], seen[:, :, :, :, -1]
 
     def _seen(self, phi: Array, bend: float) -> Array:
-        """Return T and, as last facet, the background: ``(fiber, node, site, facet + 1)``."""
+        """Return T and, as last facet, the background, as `draw` does."""
         nodes = self._lights.nodes
         if nodes is None:
             size = max(1, MAX_TARGET_SIDE // len(phi))
@@ -111,11 +113,12 @@ class Preview:
             self._tables[bend] = self.draw(np.tile(nodes, (len(phi), 1)), bend)
         # Emission is a polynomial in phi through its nodes, and radiance is linear in emission.
         weights = interpolation_weights(nodes, phi)
-        return np.asarray(np.einsum("fjn,fnsk->fjsk", weights, self._tables[bend]))
+        return np.asarray(np.einsum("fjn,fnsk...->fjsk...", weights, self._tables[bend]))
 
     def skin(self, phi: Array, bends: Array) -> Array:
         """Return irradiance on the untouched coating, ``(fiber, node, bend, row, column)``.
 
+        With one more axis ``channel`` where the skin's albedo depends on it.
         The middles of even cells of the pad, rows from the base and columns from -x. Unit: 1/mm^2
         per unit power of a fiber.
 
@@ -129,21 +132,32 @@ class Preview:
         seen = []
         for bend in bends:
             direct = self.direct_irradiance(every, float(bend)).reshape(every.size, -1, 2)[..., 0]
-            added = self._radiosity_at(float(bend)).added(direct)
-            total = (direct[:, : points.first_edge] + added)[:, points.first_patch :]
-            seen.append(total.reshape(*every.shape, points.rows, points.columns))
+            parts = []
+            for radiosity in self._radiosity_at(float(bend)):
+                added = radiosity.added(direct)
+                total = (direct[:, : points.first_edge] + added)[:, points.first_patch :]
+                parts.append(total.reshape(*every.shape, points.rows, points.columns))
+            seen.append(self._by_channel(parts))
         return np.stack(seen, axis=2)
 
     def draw(self, phi: Array, bend: float) -> Array:
         """Draw all cells at one bend: ``(fiber, node, site, facet + 1)``, the last the background.
 
         ``phi`` is ``(fiber, node)`` rad. `transport` gives the same and draws only when it must.
+        With one more axis ``channel`` where the skin's albedo depends on it.
         """
-        points, radiosity, weights = self._points, self._radiosity_at(bend), self._blur_at(bend)
         drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
+        lit = zip(self._radiosity_at(bend), self._blurs_at(bend), strict=True)
+        cells = [self._cells(drawn, radiosity, blur) for radiosity, blur in lit]
+        shape = (*phi.shape, len(self._counted), -1)
+        return self._by_channel([part.reshape(shape) for part in cells])
+
+    def _cells(self, drawn: Array, radiosity: Radiosity, weights: Array) -> Array:
+        """Return the cells ``(row, site, facet + 1)`` of direct irradiance ``(row, point, 2)``."""
+        points = self._points
         direct, foot = drawn[..., 0], drawn[..., 1]
         total = direct[:, : points.first_edge] + radiosity.added(direct)
-        shape = (phi.size, points.sites, points.facets)
+        shape = (len(drawn), points.sites, points.facets)
         facets = slice(0, points.sites * points.facets)
         site = total[:, facets.stop : points.first_patch, None]
         # At the foot of a facet the pyramid's shadow leaves what the site gets indirectly.
@@ -154,8 +168,13 @@ class Preview:
         blur = weights[:, :-1]
         seen = np.einsum("sij,rsj->rsi", blur[..., :-1], facet) + blur[..., -1] * around
         background = weights[:, -1, -1:] * site
-        cells = np.concatenate([seen, background], axis=-1)
-        return cells.reshape(*phi.shape, len(self._counted), -1)
+        return np.concatenate([seen, background], axis=-1)
+
+    def _by_channel(self, parts: list[Array]) -> Array:
+        """Return what each albedo gives ``(...)`` by channel ``(..., channel)``, if they differ."""
+        if len(parts) == 1:
+            return parts[0]
+        return np.stack([parts[albedo] for albedo in self._of_channel], axis=-1)
 
     def direct_irradiance(self, phi: Array, bend: float) -> Array:
         """Draw the light that has met nothing but clear faces, ``(fiber, node, point, 2)``.
@@ -196,22 +215,31 @@ class Preview:
                 f"power has shape {power.shape}, allowed: finite numbers, ({len(phi)}, {channels})",
                 field="power",
             )
-        # Pictures of three channels each, the last ones dark where there are fewer.
-        power = np.pad(power, [(0, 0), (0, -channels % 3)])
-        parts = [
-            self._picture(phi, power[:, first : first + 3], bend, (width, height), indented)
-            for first in range(0, channels, 3)
-        ]
-        return np.concatenate(parts, axis=-1)[..., :channels]
+        picture = np.empty((height, width, channels), dtype=np.float32)
+        for albedo in range(len(self.scene.albedos)):
+            alike = [c for c, seen in enumerate(self._of_channel) if seen == albedo]
+            # Pictures of three channels each, the last ones dark where there are fewer.
+            for first in range(0, len(alike), 3):
+                chosen = alike[first : first + 3]
+                three = np.pad(power[:, chosen], [(0, 0), (0, 3 - len(chosen))])
+                drawn = self._picture(phi, three, bend, (width, height), indented, albedo)
+                picture[..., chosen] = drawn[..., : len(chosen)]
+        return picture
 
     def _picture(
-        self, phi: Array, power: Array, bend: float, size: tuple[int, int], indented: bool
+        self,
+        phi: Array,
+        power: Array,
+        bend: float,
+        size: tuple[int, int],
+        indented: bool,
+        albedo: int,
     ) -> NDArray[np.float32]:
-        """Return three channels of a picture, ``power`` ``(fiber, 3)``."""
+        """Return three channels of a picture, ``power`` ``(fiber, 3)``, by one of the albedos."""
         position, emission = self._lights.merged(phi, power)
         direct = self._open.merged(position, emission, bend)
         points = self._points
-        radiosity = self._radiosity_at(bend)
+        radiosity = self._radiosity_at(bend)[albedo]
         indirect = radiosity.added(direct.astype(np.float64))
         coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
         facets, sites = np.split(
@@ -220,9 +248,9 @@ class Preview:
         facet = facets.reshape(3, points.sites, points.facets) + radiosity.below(sites[..., None])
         if self._skin:
             facet = slope_terms(points, facet - sites[..., None])
-        return self._open.picture(
-            position, emission, coating, facet if indented else None, bend, size
-        )
+        pressed = facet if indented else None
+        reflected = self.scene.albedos[albedo]
+        return self._open.picture(position, emission, coating, pressed, bend, size, reflected)
 
     @property
     def _open(self) -> ShaderPasses:
@@ -245,15 +273,19 @@ class Preview:
                     field=name,
                 )
 
-    def _radiosity_at(self, bend: float) -> Radiosity:
-        """Return the radiosity at a bend, made when it is first asked for."""
+    def _radiosity_at(self, bend: float) -> list[Radiosity]:
+        """Return the radiosity at a bend for each albedo, made when it is first asked for."""
         if bend not in self._radiosity:
-            albedo = self._lights.edge_albedo
-            self._radiosity[bend] = solve_radiosity(self.scene, self._points, bend, albedo)
+            points, edges = self._points, self._lights.edge_albedo
+            factors = form_factors(self.scene, points, bend)
+            self._radiosity[bend] = [
+                solve_radiosity(scene, points, bend, edges, factors)
+                for scene in self.scene.one_albedo_scenes
+            ]
         return self._radiosity[bend]
 
-    def _blur_at(self, bend: float) -> Array:
-        """Return `facet_blur` at a bend, made when it is first asked for; pictures need none."""
+    def _blurs_at(self, bend: float) -> list[Array]:
+        """Return `facet_blurs` at a bend, made when first asked for; pictures need none."""
         if bend not in self._blurs:
-            self._blurs[bend] = facet_blur(self.scene, bend)
+            self._blurs[bend] = facet_blurs(self.scene, bend)
         return self._blurs[bend]

@@ -60,24 +60,37 @@ class Radiosity:
         facets = slice(0, self.points.sites * self.points.facets)
         cosine = -np.sum(self.points.normal[facets] * self.points.below[facets], axis=-1)
         part = 0.5 * (1 + cosine.reshape(self.points.sites, self.points.facets))
-        return np.asarray(part * self.scene.coating.albedo * around)
+        return np.asarray(part * self.scene.coating.single_albedo * around)
 
 
-def solve_radiosity(
-    scene: Scene, points: ShadingPoints, bend: float, edge_albedo: float
-) -> Radiosity:
-    """Solve the patches' radiosity at ``bend`` radians.
+def form_factors(scene: Scene, points: ShadingPoints, bend: float) -> Array:
+    """Return the irradiance at all points per radiosity of every patch, ``(point, patch)``.
 
-    ``edge_albedo`` is that of the diffuser for light from inside the pad.
+    It is the same for every albedo.
     """
-    kernel = np.concatenate(
+    return np.concatenate(
         [
             _kernel(scene, points, bend, slice(first, first + TARGETS))
             for first in range(0, len(points.position), TARGETS)
         ]
     )
+
+
+def solve_radiosity(
+    scene: Scene,
+    points: ShadingPoints,
+    bend: float,
+    edge_albedo: float,
+    factors: Array | None = None,
+) -> Radiosity:
+    """Solve the patches' radiosity at ``bend`` radians, in the light of one albedo.
+
+    ``edge_albedo`` is that of the diffuser for light from inside the pad; ``factors`` are the
+    `form_factors`, where they are known.
+    """
+    kernel = form_factors(scene, points, bend) if factors is None else factors
     white = [finish.paint.reflectance if finish.paint else edge_albedo for finish in scene.finishes]
-    on_coating = np.full(points.columns * points.rows, scene.coating.albedo)
+    on_coating = np.full(points.columns * points.rows, scene.coating.single_albedo)
     albedo = np.concatenate([on_coating, np.array(white)[points.edge]])
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo

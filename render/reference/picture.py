@@ -2,8 +2,9 @@
 
 Fiber and film position are primary dimensions; the estimator is that of the transport cells, so
 guiding and mirror connections work here too, and independent samples are the cheapest. Colors are
-superposed inside one render, since materials do not depend on the channel. Made for the coating:
-the glow of the diffuser's own faces beside it converges slowly.
+superposed inside one render; channels in which the skin has other albedos are rendered one albedo
+after the other. Made for the coating: the glow of the diffuser's own faces beside it converges
+slowly.
 
 A pixel alone stays noisy for long, since every sample lights one fiber. What is seen in a pixel is
 known without noise, though: where the coating is, and how it is inclined. ``smoothed`` takes the
@@ -13,6 +14,7 @@ Eisemann and Durand 2004), so that edges of what is pressed in stay sharp.
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +27,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.geometry import HeightMap, Imprint, camera_rays, refract_into_pad
 from render.geometry.meshes import imprinted_coating, pad_meshes
-from render.progress import Clock, OnProgress
+from render.progress import Clock, OnProgress, in_stage
 from render.reference.budget import TimeBudget
 from render.reference.llvm import VARIANT, mitsuba
 from render.scene import Scene
@@ -98,9 +100,13 @@ def render_image(
     Raises:
         RenderError: a design without light.
     """
-    lit = np.nonzero(power.max(axis=1) > 0)[0]
-    if not len(lit):
+    if not (power > 0).any():
         raise RenderError("power is 0 for all fibers: switch at least one on", field="power")
+    if scene.by_channel:
+        return _albedo_by_albedo(
+            scene, phi, power, bend, width=width, height=height, samples=samples, seed=seed,
+            indented=indented, imprint=imprint, budget=budget, progress=progress,
+        )  # fmt: skip
     mitsuba(VARIANT)
     from render.cells.cell_sampler import PictureSampler
     from render.sampling.monte_carlo import MonteCarlo
@@ -127,6 +133,41 @@ def render_image(
         images.std(axis=0, ddof=1) / np.sqrt(REPLICATES),
         _seen_normals(scene, bend, coating, width, height)[:, ::-1],
     )
+
+
+def _albedo_by_albedo(
+    scene: Scene,
+    phi: Array,
+    power: Array,
+    bend: float,
+    *,
+    budget: TimeBudget | None,
+    progress: OnProgress | None,
+    **rest: Any,
+) -> Picture:
+    """Return the picture of a skin whose albedo depends on the channel.
+
+    Each albedo has an equal part of the samples' work, or of the time that is left; channels that
+    no lamp feeds stay dark. ``rest`` is as of `render_image`.
+    """
+    of_channel = np.array(scene.albedo_of_channel)
+    lit = [a for a in range(len(scene.albedos)) if (power[:, of_channel == a] > 0).any()]
+    found: Picture | None = None
+    for number, albedo in enumerate(lit):
+        seen = of_channel == albedo
+        part = budget
+        if budget is not None:
+            seconds = budget.spent() + budget.left() / (len(lit) - number)
+            part = dataclasses.replace(budget, seconds=seconds)
+        told = in_stage(progress, f"albedo {number + 1} of {len(lit)}")
+        one = scene.one_albedo_scenes[albedo]
+        picture = render_image(one, phi, power[:, seen], bend, budget=part, progress=told, **rest)
+        if found is None:
+            dark = np.zeros((*picture.radiance.shape[:2], len(seen)))
+            found = Picture(dark, dark.copy(), picture.normal)
+        found.radiance[..., seen], found.se[..., seen] = picture.radiance, picture.se
+    assert found is not None  # some lamp shines
+    return found
 
 
 def smoothed(picture: Picture) -> Picture:

@@ -9,11 +9,12 @@ cheapest, and the default.
 from __future__ import annotations
 
 import gc
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from render.reference.convergence import doubt
 from render.reference.error_bars import CellErrors, standard_error, with_lone_contributions
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
-from render.scene import Scene
+from render.scene import Scene, scene_content
 
 MIN_CHAINS, MAX_CHAINS = 64, 16384
 MIN_ITERATIONS = 24
@@ -36,7 +37,10 @@ UNTOUCHED_SAMPLES = 2
 
 @dataclass(frozen=True)
 class TransportEstimate:
-    """Rendered transport; axes ``(fiber, phi_node, bend, site, facet)``, float64.
+    """Rendered transport; axes ``(fiber, phi_node, bend, site, facet[, channel])``, float64.
+
+    The axis ``channel`` is there where the skin's albedo depends on it; channels of one albedo have
+    the same numbers, and the light paths of all channels begin with the same random numbers.
 
     ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
     standard error of that mean, an upper bound by the rule of three where it is 0 or rests on one
@@ -58,6 +62,10 @@ class TransportEstimate:
     def doubt(self) -> str:
         """Say how many facets' cells have not converged, and what they need; "" if all have."""
         return doubt(self.T, self.se, int(str(self.settings["samples_per_cell"])))
+
+
+ARRAYS = ("T", "se", "background", "background_se", "replicates", "background_replicates")
+"""Of an estimate, all of which have the axis of channels where there is one."""
 
 
 class JobRunner(Protocol):
@@ -151,6 +159,9 @@ def transport_jobs(
 ) -> list[RenderJob]:
     """Return the jobs of ``render_transport`` (its arguments): seed by seed, bend by bend.
 
+    Where the skin's albedo depends on the channel there are those of each albedo, one after the
+    other: light of one channel is that of the scene whose whole skin has its albedo.
+
     ``per_pass`` samples per cell are one pass of independent paths. All its multiples are then
     passes of the same paths, so that a render with more of them goes on from one with fewer, and
     ends bit-equal (``render.reference.budget``); None makes as few passes as can be.
@@ -162,26 +173,25 @@ def transport_jobs(
     phi, bends = _validated(scene, phi, bends, samples, seeds)
     check_seen(scene, bends)
     jobs = []
-    for seed in seeds:
-        for bend in bends:
-            for indented in (True, False):
-                # One sample serves all facets of a site.
-                pairs = len(counted_sites(scene)) * phi.shape[0]
-                count = samples * (1 if indented else UNTOUCHED_SAMPLES)
-                chains, iterations = _shape(count, pairs, sampler, per_pass)
-                jobs.append(
-                    RenderJob.of(
-                        scene,
-                        phi,
-                        bend=float(bend),
-                        indented=indented,
-                        seed=seed,
-                        chains=chains,
-                        iterations=iterations,
-                        replicates=replicates,
-                        sampler=sampler,
-                    )
-                )
+    pads = itertools.product(scene.one_albedo_scenes, seeds, bends, (True, False))
+    for of_albedo, seed, bend, indented in pads:
+        # One sample serves all facets of a site.
+        pairs = len(counted_sites(scene)) * phi.shape[0]
+        count = samples * (1 if indented else UNTOUCHED_SAMPLES)
+        chains, iterations = _shape(count, pairs, sampler, per_pass)
+        jobs.append(
+            RenderJob.of(
+                of_albedo,
+                phi,
+                bend=float(bend),
+                indented=indented,
+                seed=seed,
+                chains=chains,
+                iterations=iterations,
+                replicates=replicates,
+                sampler=sampler,
+            )
+        )
     return jobs
 
 
@@ -193,10 +203,29 @@ def transport_estimate(
     Arguments:
         scene: the sensor.
         jobs: every seed at every bend, pressed and untouched, all with the same nodes; seeds and
-            bends in the estimate are in the order of their first job.
+            bends in the estimate are in the order of their first job. Where the skin's albedo
+            depends on the channel, those of each albedo.
         results: of the jobs.
         samples: per (fiber, facet) pair and seed, as ``transport_jobs`` was asked for.
     """
+    if not scene.by_channel:
+        return _one_albedo_estimate(scene, jobs, results, samples)
+    found = []
+    for of_albedo in scene.one_albedo_scenes:
+        content = scene_content(of_albedo)
+        own = [number for number, job in enumerate(jobs) if job.scene == content]
+        of_own = [jobs[number] for number in own], [results[number] for number in own]
+        found.append(_one_albedo_estimate(of_albedo, *of_own, samples))
+    stacked: dict[str, Any] = {
+        name: np.stack([getattr(found[i], name) for i in scene.albedo_of_channel], axis=-1)
+        for name in ARRAYS
+    }
+    return replace(found[0], **stacked, seconds=sum(one.seconds for one in found))
+
+
+def _one_albedo_estimate(
+    scene: Scene, jobs: Sequence[RenderJob], results: Sequence[RenderResult], samples: int
+) -> TransportEstimate:
     bends = list(dict.fromkeys(job.bend for job in jobs))
     seeds = list(dict.fromkeys(job.seed for job in jobs))
     found = {

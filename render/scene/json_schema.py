@@ -82,6 +82,7 @@ class _FileSchema(GenerateJsonSchema):
             inner.clear()
             inner |= {"description": said} | form if said else form
             inner.pop("since_schema", None)
+            inner.pop("lists_since_schema", None)
         return content
 
 
@@ -100,6 +101,8 @@ def _without_schema_2(part: type[Part]) -> dict[str, Any]:
         if isinstance(extra, dict) and extra.get("since_schema") == 2:
             newer.append({"required": [name]})
             continue
+        if isinstance(extra, dict) and extra.get("lists_since_schema") == 2:
+            inside[name] = {"properties": {"value": {"not": {"type": "array"}}}}
         with contextlib.suppress(TypeError):  # it holds no part
             found = _without_schema_2(part_class(info.annotation))
             inside |= {name: found} if found else {}

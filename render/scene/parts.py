@@ -14,10 +14,11 @@ from pydantic import AfterValidator, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
 
 from render.arrays import Array
+from render.errors import SceneError
 from render.scene.camera import Coordinate, Millimeters
 from render.scene.colors import RGB
 from render.scene.lamps import EDGES, RIM_EDGES, Edge
-from render.scene.quantities import Count, Part, Quantity, since_schema_2
+from render.scene.quantities import Count, Part, PerChannel, Quantity, since_schema_2
 
 
 def _known_color(value: str, info: ValidationInfo) -> str:
@@ -103,9 +104,49 @@ class Window(Part):
 
 
 class Coating(Part):
-    """The Lambertian far side of the pad, seen from inside."""
+    """The Lambertian far side of the pad, seen from inside.
 
-    albedo: Annotated[float, Quantity("", 0.0, 1.0)]
+    ``albedo`` is one number, or one per camera channel: skins of pigment have a color.
+    """
+
+    albedo: Annotated[
+        float | tuple[float, ...],
+        PerChannel("", 0.0, 1.0),
+        Field(json_schema_extra={"lists_since_schema": 2}),
+    ]
+
+    @property
+    def single_albedo(self) -> float:
+        """The albedo of all channels.
+
+        Raises:
+            SceneError: it differs by channel, and who asks follows light of one albedo at a time.
+        """
+        if isinstance(self.albedo, float):
+            return self.albedo
+        shown = ", ".join(f"{value:g}" for value in self.albedo)
+        raise SceneError(
+            f"coating.albedo = {shown} differs by channel, allowed here: one number for all "
+            "channels; give their mean, or use a command that docs/limits.md does not exclude",
+            field="coating.albedo",
+        )
+
+    def problems(self, channels: tuple[str, ...]) -> Iterator[str]:
+        """Yield what does not fit a camera with ``channels``, one sentence each."""
+        if isinstance(self.albedo, float):
+            return
+        if len(self.albedo) != len(channels):
+            given = len(self.albedo)
+            yield (
+                f"coating.albedo has {given} value{'s' * (given != 1)}, allowed: one number, or "
+                f"{len(channels)}, one per channel ({', '.join(channels)})"
+            )
+        for channel, value in zip(channels, self.albedo, strict=False):
+            if value == 0.0 and any(self.albedo):
+                yield (
+                    f"coating.albedo = 0 in channel {channel}, allowed in a list: above 0; leave a "
+                    "channel that sees nothing out of camera.channels"
+                )
 
 
 class Bending(Part):

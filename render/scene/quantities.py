@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,6 +98,45 @@ class Quantity:
         if not isinstance(raw["source"], str) or not raw["source"].strip():
             raise ValueError('source must say where the value comes from, or be "assumed"')
         return raw["value"]
+
+
+class PerChannel(Quantity):
+    """Annotation of a pure number that may differ by camera channel: one number, or a list.
+
+    In memory a float, or a tuple ``(channel,)`` of them; only files of schema 2 hold lists.
+    """
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the validation schema of lists, which single numbers pass by."""
+        number = core_schema.no_info_after_validator_function(
+            self._within, core_schema.float_schema(strict=True)
+        )
+        return core_schema.no_info_wrap_validator_function(
+            self._one_or_many,
+            core_schema.tuple_variable_schema(number, strict=False),
+            serialization=core_schema.simple_ser_schema("any"),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema of both forms that the file may have."""
+        one: dict[str, Any] = {"type": "number", "minimum": self.low, "maximum": self.high}
+        value = {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
+        return quantity_form({"value": value}, self.unit) | {
+            "description": f"Allowed: {allowed_range(self.low, self.high, self.unit)}, one number "
+            "or one per camera channel."
+        }
+
+    def _one_or_many(self, raw: object, many: Callable[[object], Any]) -> Any:
+        value = self._unwrap(raw)
+        if isinstance(value, list):
+            return many(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise PydanticCustomError("float_type", "Input should be a valid number")
+        return self._within(float(value))
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,10 @@ class Scene(Part):
             problems += [f"{key} needs schema = 2" for key in keys_of_schema_2(self)]
             if self.constraints and any(one.color == OFF for one in self.constraints.fixed):
                 problems.append(f"constraints.fixed: color = {OFF} needs schema = 2")
+            if not isinstance(self.coating.albedo, float):
+                problems.append("coating.albedo with a list of values needs schema = 2")
         problems += self.camera.problems()
+        problems += self.coating.problems(self.palette.channels)
         if self.diffuser is not None:
             problems += self.diffuser.problems()
         problems += face_problems(self.faces or (), self.diffuser_edges)
@@ -177,7 +180,8 @@ class Scene(Part):
             problems += self.free.problems(self.diffuser.free_values if self.diffuser else {})
         if problems:
             raise ValueError("; ".join(problems))
-        return self
+        # What is the same in all channels has one number, however the file says it.
+        return self if self.by_channel else self.with_albedo(self.albedos[0])
 
     def _window_problems(self) -> Iterator[str]:
         if self.window is None:
@@ -328,6 +332,38 @@ class Scene(Part):
     def palette(self) -> Palette:
         """The LED colors, and what the camera's channels see of them."""
         return palette_of(self.colors, self.camera.channels)
+
+    @property
+    def albedos(self) -> tuple[float, ...]:
+        """The different albedos of the skin, in the order of the channels that have them."""
+        albedo = self.coating.albedo
+        return (albedo,) if isinstance(albedo, float) else tuple(dict.fromkeys(albedo))
+
+    @property
+    def albedo_of_channel(self) -> tuple[int, ...]:
+        """Which of `albedos` each channel of the camera sees, ``(channel,)``."""
+        albedo = self.coating.albedo
+        if isinstance(albedo, float):
+            return (0,) * len(self.palette.channels)
+        return tuple(self.albedos.index(value) for value in albedo)
+
+    @property
+    def one_albedo_scenes(self) -> tuple[Scene, ...]:
+        """The scene with each of `albedos` in all channels: what light of a channel meets."""
+        return tuple(self.with_albedo(albedo) for albedo in self.albedos)
+
+    @property
+    def by_channel(self) -> bool:
+        """Whether materials depend on the camera's channel, and transport has an axis for it."""
+        return len(self.albedos) > 1
+
+    def with_albedo(self, albedo: float) -> Scene:
+        """Return the scene whose skin has one ``albedo`` in all channels."""
+        if albedo == self.coating.albedo:
+            return self
+        return self.model_copy(
+            update={"coating": self.coating.model_copy(update={"albedo": albedo})}
+        )
 
     @property
     def hash(self) -> str:

@@ -18,6 +18,7 @@ from render.metric import clip_counts, design_score, site_metric
 from render.scene import Scene
 from surrogate.model.facet_basis import Expansion, store_constants
 from surrogate.model.features import BRIGHTNESS, CellFeatures
+from surrogate.model.lamp_copies import channel_mask
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid
 
@@ -140,6 +141,7 @@ class CheckerModule(nn.Module):
     """
 
     logarithmic: Tensor
+    seen: Tensor
 
     def __init__(
         self,
@@ -157,7 +159,9 @@ class CheckerModule(nn.Module):
         self.exposure, self.lam, self.spread = exposure, lam, spread
         self.channels = len(scene.palette.channels)
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
-        self.free = grid.free
+        self.copies, self.free = len(scene.albedos), grid.free
+        if scene.by_channel:
+            store_constants(self, {"seen": channel_mask(scene).T[..., None]})
         if grid.free is not None:
             store_constants(self, {"logarithmic": grid.free.logarithmic.astype(float)})
 
@@ -182,11 +186,14 @@ class CheckerModule(nn.Module):
         lights = fibers + self.channels * fibers
         free = lights + (0 if material is None else material.shape[1])
         log_preview, residual, spread = self.transport(
-            inside[:, :fibers] * math.pi,
+            torch.cat([inside[:, :fibers]] * self.copies, dim=1) * math.pi,
             inside[:, free:] * width + self.bends[0],
             None if material is None else 2.0 * inside[:, lights:free] - 1.0,
         )
         weight = inside[:, fibers:lights].reshape(-1, self.channels, fibers)
+        if self.copies > 1:
+            # (batch, channel, albedo, fiber): a copy shines into the channels of its albedo.
+            weight = (weight[:, :, None] * self.seen).flatten(2)
         shared = residual.sum(dim=0) / residual.shape[0]
         transport = torch.exp(log_preview + shared)
         counts = clip_counts(self.exposure * _superposed(weight, transport))

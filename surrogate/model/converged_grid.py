@@ -10,6 +10,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.preview.converged import NODES, ConvergedTransport
 from render.scene import Scene
+from surrogate.model.lamp_copies import split_channels
 from surrogate.model.preview_grid import FLOOR, PreviewGrid
 
 BEND_DEGREE = 3
@@ -31,13 +32,14 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
     """
     own = np.array(scene.bending.angles)
     drawn = np.exp(grid.evaluate(NODES, own))
-    grain = found.grain[..., None, None]
+    grain = split_channels(scene, found.grain)[..., None, None]
+    light = split_channels(scene, found.cells)
     # Facets of a site share photons: a lamp's light is known as well as that of its sites.
     normals = drawn.shape[-1]
     whole = drawn.sum(axis=(3, 4), keepdims=True)
-    lamps = found.cells.sum(axis=(3, 4), keepdims=True) / whole
+    lamps = light.sum(axis=(3, 4), keepdims=True) / whole
     share = 1.0 + _trust(normals * grain / whole, LAMP_ERROR) * (lamps - 1.0)
-    cells = share + _trust(grain / drawn, SHADER_ERROR) * (found.cells / drawn - share)
+    cells = share + _trust(grain / drawn, SHADER_ERROR) * (light / drawn - share)
     ratio = np.log(np.maximum(cells, FLOOR))
     in_phi = interpolation_weights(NODES, grid.phi)
     degree = min(len(set(own)) - 1, BEND_DEGREE)

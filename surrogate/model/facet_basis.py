@@ -24,8 +24,9 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry import camera_is_symmetric, facet_normals, flat_fiber_poses, flat_sites
+from render.geometry import camera_is_symmetric, facet_normals, flat_sites
 from render.scene import Scene
+from surrogate.model.lamp_copies import copied_poses
 
 ORDERS = np.array([0, 1, 1, 2, 2, 3, 3, 0])
 """How many times faster than the frame each harmonic turns; pairs are (Re, Im)."""
@@ -55,7 +56,7 @@ def mirror_signs(scene: Scene) -> Array:
 
     All are 1 where the camera stands or looks askew: the light that it sees has no mirror image.
     """
-    mirrored = flat_fiber_poses(scene).position[:, 0] > 1e-9
+    mirrored = copied_poses(scene).position[:, 0] > 1e-9
     return np.where(mirrored & camera_is_symmetric(scene), -1.0, 1.0)
 
 
@@ -65,7 +66,7 @@ def turning(scene: Scene) -> tuple[Array, Array]:
     ``site = same * local + other * local[PARTNER]``. With the angle psi of the direction from
     fiber to site, ``a' - i b' = (a -+ i b) exp(-i k psi)``, plus for mirrored fibers.
     """
-    offset = flat_sites(scene)[None, :, :2] - flat_fiber_poses(scene).position[:, None, :2]
+    offset = flat_sites(scene)[None, :, :2] - copied_poses(scene).position[:, None, :2]
     psi = np.arctan2(offset[..., 1], offset[..., 0])[..., None] * ORDERS
     # A mirrored fiber's odd coefficients change sign before they are turned.
     sign = np.where(ODD, mirror_signs(scene)[:, None], 1.0)[:, None, :]

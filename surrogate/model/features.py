@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry import flat_fiber_poses, flat_sites
+from render.geometry import flat_sites
 from render.scene import Scene
 from surrogate.model.facet_basis import (
     PARTNER,
@@ -22,6 +22,7 @@ from surrogate.model.facet_basis import (
     store_constants,
     turning,
 )
+from surrogate.model.lamp_copies import copied_poses
 from surrogate.model.preview_grid import PreviewGrid
 
 FEATURE_NAMES = (
@@ -70,7 +71,7 @@ class CellFeatures(nn.Module):
         """Precompute everything that depends on fiber and site alone, in float64."""
         super().__init__()
         sign = mirror_signs(scene)
-        poses, sites = flat_fiber_poses(scene), flat_sites(scene)[:, :2]
+        poses, sites = copied_poses(scene), flat_sites(scene)[:, :2]
         fiber = _mirrored(poses.position, sign)
         inward, along = _mirrored(poses.inward, sign), _mirrored(poses.along, sign)
         tip = np.abs(poses.along[:, 0]) > 0.5

@@ -19,6 +19,7 @@ from render.chebyshev import chebyshev_nodes, interpolation_weights
 from render.errors import TableError
 from render.progress import Clock, OnProgress
 from render.scene import Scene
+from surrogate.model.lamp_copies import split_channels
 from surrogate.model.materials import MaterialRange
 
 FLOOR = 1e-9
@@ -33,7 +34,8 @@ class PreviewGrid:
 
     Arguments:
         log_transport: ``(fiber, phi_node, bend_node, site, normal)`` float64; the normals are the
-            facets, then the untouched pad; logarithm of 1/(mm^2 sr).
+            facets, then the untouched pad; logarithm of 1/(mm^2 sr). Where the skin's albedo
+            depends on the channel, fibers are the copies of `surrogate.model.lamp_copies`.
         phi, bends: Chebyshev nodes, rad, ascending.
         floored: number of cells that were darker than ``FLOOR`` and hold it instead.
         slopes: how the logarithm follows a free material, ``(term, fiber, ...)``, times the terms
@@ -77,7 +79,8 @@ def draw_grid(
             drawn.append(preview.transport(phi, bend[None]))
             clock.tick()
     transport, background = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
-    return grid_from_transport(transport, background, phi, bends)
+    facets, pad = split_channels(scene, transport), split_channels(scene, background)
+    return grid_from_transport(facets, pad, phi, bends)
 
 
 def grid_nodes(scene: Scene, phi_count: int, bend_count: int) -> tuple[Array, Array]:
@@ -146,7 +149,8 @@ def interpolation_error(scene: Scene, grid: PreviewGrid) -> InterpolationError:
 
     phi, bends = _between(grid.phi), _between(grid.bends)
     with Preview(scene) as preview:
-        transport, background = preview.transport(phi, bends)
+        drawn = preview.transport(phi, bends)
+    transport, background = (split_channels(scene, part) for part in drawn)
     exact = np.concatenate([transport, background[..., None]], axis=-1)
     floor = np.exp(grid.log_transport.min())
     error = np.abs(np.exp(grid.evaluate(phi, bends)) / np.maximum(exact, floor) - 1.0)

@@ -26,6 +26,7 @@ def scene_facts(scene: Scene, grid: PreviewGrid) -> dict[str, Any]:
         "facets": scene.indenter.faces,
         "scene_bends": list(scene.bending.angles),
         "axes": axes_of(scene.palette.channels),
+        "by_channel": scene.by_channel,
         "bounds": {
             "phi": [0.0, math.pi],
             "power": [0.0, 1.0],

@@ -169,7 +169,8 @@ class Checker:
         """Return the transport at direction nodes ``phi`` ``(phi_node,)`` rad.
 
         Light is linear: as many fibers are lit per run as there are channels, each in one of its
-        own, at a power that clips nothing. ``se`` is one standard deviation of the model's error of
+        own, at a power that clips nothing; where transport has an axis of channels, each run
+        lights one fiber in all of them. ``se`` is one standard deviation of the model's error of
         single cells; the background's is that of its site's facets, relatively.
 
         Arguments:
@@ -179,10 +180,11 @@ class Checker:
         phi = np.asarray(phi, dtype=np.float64)
         bends = np.array(self.metadata.scene_bends) if bends is None else np.asarray(bends)
         fibers, limit = self.metadata.fibers, self.metadata.metric.count_max
-        channels = len(self.metadata.channels)
-        runs, number = math.ceil(fibers / channels), np.arange(fibers)
+        channels, by_channel = len(self.metadata.channels), self.metadata.by_channel
+        at_once = 1 if by_channel else channels
+        runs, number = math.ceil(fibers / at_once), np.arange(fibers)
         lit = np.zeros((runs, fibers, channels))
-        lit[number // channels, number, number % channels] = 1.0
+        lit[number // at_once, number, slice(None) if by_channel else number % channels] = 1.0
         directions = np.repeat(phi, runs)[:, None].repeat(fibers, axis=1)
         power = 1.0
         while True:
@@ -192,9 +194,13 @@ class Checker:
             power /= 4.0
 
         def cells(name: str) -> Array:
-            """Return ``(fiber, phi_node, bend, site[, facet])`` of an output."""
-            value = np.moveaxis(outputs[name].astype(np.float64), -1, 1)
-            value = value.reshape(len(phi), runs * channels, *value.shape[2:])[:, :fibers]
+            """Return ``(fiber, phi_node, bend, site[, facet][, channel])`` of an output."""
+            value = outputs[name].astype(np.float64)
+            if by_channel:
+                value = value.reshape(len(phi), fibers, *value.shape[1:])
+            else:
+                value = np.moveaxis(value, -1, 1)
+                value = value.reshape(len(phi), runs * channels, *value.shape[2:])[:, :fibers]
             return value.swapaxes(0, 1) / (self.exposure * power)
 
         transport, spread, background = map(cells, ("counts", "counts_spread", "background"))
@@ -208,7 +214,7 @@ class Checker:
             level=self.level,
             bends=bends,
             background=background,
-            background_se=background * (spread / transport).mean(axis=-1),
+            background_se=background * (spread / transport).mean(axis=4),
         )
 
 

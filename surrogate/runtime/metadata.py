@@ -61,7 +61,7 @@ def axes_of(channels: Sequence[str]) -> dict[str, str]:
     return AXES | {"channel": ", ".join(channels)}
 
 
-_LATER = {"material", "axes"}
+_LATER = {"material", "axes", "by_channel"}
 """Properties that models of an earlier version lack, and that have a default."""
 
 
@@ -90,6 +90,8 @@ class ModelMetadata:
         material: the free material: ``names``, ``low``, ``high`` and ``nominal`` of the quantities,
             the ``rendered`` materials, and the ``family`` hash of the scenes that it holds for;
             empty where nothing is free.
+        by_channel: whether a fiber's light differs from channel to channel by more than its power,
+            as the skin's albedo depends on the channel.
         axes, units, licence, schema: constants of this format.
     """
 
@@ -113,6 +115,7 @@ class ModelMetadata:
     residual: dict[str, Any]
     units: dict[str, str]
     material: dict[str, Any] = field(default_factory=dict)
+    by_channel: bool = False
     axes: dict[str, str] = field(default_factory=AXES.copy)
     licence: str = LICENCE
     schema: str = SCHEMA
@@ -120,6 +123,8 @@ class ModelMetadata:
     def to_props(self) -> dict[str, str]:
         """Return the properties to be stored in the file."""
         content = asdict(self)
+        if not self.by_channel:
+            del content["by_channel"]
         return {
             key: value if isinstance(value, str) else json.dumps(value, allow_nan=False)
             for key, value in content.items()

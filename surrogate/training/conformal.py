@@ -119,7 +119,7 @@ def compare(
     score = evaluation.scores(guess)
     drawn = []
     for _ in range(NOISE_DRAWS):
-        noisy = transport + evaluation.error * rng.standard_normal(transport.shape)
+        noisy = transport + evaluation.error * evaluation.noise(rng)
         drawn.append(evaluation.scores(evaluation.counts(noisy)) - score)
     bias, deviation = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
     return Comparison(

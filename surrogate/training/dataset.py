@@ -2,9 +2,10 @@
 
 Training cells say what the residual must be, how well it is known, and which cells belong together.
 
-Axes of every array here: ``(direction, fiber, bend, site, normal)``. The rows of one direction
-index form one lighting pattern with its own phi per fiber, so that the arrays line up with a batch
-of the checker; the normals are the facets, then the untouched pad.
+Axes of every array here: ``(direction, fiber, bend, site, normal)``; fibers are the copies of
+`surrogate.model.lamp_copies` where the skin's albedo depends on the channel. The rows of one
+direction index form one lighting pattern with its own phi per fiber, so that the arrays line up
+with a batch of the checker; the normals are the facets, then the untouched pad.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from torch import Tensor
 
 from render.arrays import Array
 from render.errors import TableError
-from render.geometry import counted_sites, flat_fiber_poses
+from render.geometry import counted_sites
 from render.reference import converged
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE, mirror_signs
 from surrogate.model.features import BRIGHTNESS
+from surrogate.model.lamp_copies import copied_poses, split_channels
 from surrogate.model.networks import NoResidual
 from surrogate.model.preview_grid import PreviewGrid
 
@@ -94,7 +96,7 @@ def training_cells(
     transport, error = (np.concatenate(values) for values in zip(*parts, strict=True))
     block = np.repeat(np.arange(len(tables)), [len(table.phi) for table in tables])
     phi = np.concatenate([table.phi for table in tables])
-    phi = np.repeat(phi[:, None], scene.lamp_count, axis=1)
+    phi = np.repeat(phi[:, None], transport.shape[1], axis=1)
     keys = _group_keys(scene, phi, bends)
     return TrainingCells(
         phi=phi,
@@ -107,23 +109,29 @@ def training_cells(
         bend_group=_numbered(keys[..., 3:]),
         block=block,
         material=None if materials is None else materials[block],
-        half_difference=_half_difference(tables),
+        half_difference=_half_difference(scene, tables),
     )
 
 
-def _half_difference(tables: Sequence[TransportTable]) -> Array | None:
+def _half_difference(scene: Scene, tables: Sequence[TransportTable]) -> Array | None:
     """Return that of all tables, ``(direction, fiber, bend, site, normal)``, if all have it."""
-    known = [t.half_difference.swapaxes(0, 1) for t in tables if t.half_difference is not None]
+    known = [
+        split_channels(scene, table.half_difference).swapaxes(0, 1)
+        for table in tables
+        if table.half_difference is not None
+    ]
     return np.concatenate(known) if len(known) == len(tables) else None
 
 
 def _cells_of(scene: Scene, table: TransportTable) -> tuple[Array, Array]:
     """Return transport and error ``(direction, fiber, bend, site, normal)`` of a table."""
-    expected = (scene.lamp_count, len(counted_sites(scene)), scene.indenter.faces)
+    channels = (len(scene.palette.channels),) if scene.by_channel else ()
+    expected = (scene.lamp_count, len(counted_sites(scene)), scene.indenter.faces, *channels)
     shape = (table.T.shape[0], *table.T.shape[3:])
     if shape != expected:
+        named = "fiber, site, facet" + ", channel" * bool(channels)
         raise TableError(
-            f"the reference table has (fiber, site, facet) = {shape}, allowed: {expected} as in "
+            f"the reference table has ({named}) = {shape}, allowed: {expected} as in "
             f"the scene {scene.name}: render it for this scene",
             field="T",
         )
@@ -138,14 +146,19 @@ def _cells_of(scene: Scene, table: TransportTable) -> tuple[Array, Array]:
             "store its bends",
             field="bends",
         )
-    transport = np.concatenate([table.T, table.background[..., None]], axis=-1)
-    error = np.concatenate([table.se, table.background_se[..., None]], axis=-1)
-    return transport.swapaxes(0, 1), error.swapaxes(0, 1)
+    facets, pads = (table.T, table.se), (table.background, table.background_se)
+    transport, error = (
+        np.concatenate(
+            [split_channels(scene, facet), split_channels(scene, pad)[..., None]], axis=-1
+        ).swapaxes(0, 1)
+        for facet, pad in zip(facets, pads, strict=True)
+    )
+    return transport, error
 
 
 def _group_keys(scene: Scene, phi: Array, bends: Array) -> Array:
     """Return |x|, y, mirrored phi and bend of every group, ``(direction, fiber, bend, 4)``."""
-    poses = flat_fiber_poses(scene)
+    poses = copied_poses(scene)
     turns = (mirror_signs(scene) < 0) & (np.abs(poses.along[:, 0]) > 0.5)
     folded = np.where(turns, np.pi - phi, phi)
     shape = (*phi.shape, len(bends))

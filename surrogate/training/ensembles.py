@@ -85,7 +85,9 @@ def _by_halves(task: FitTask, progress: OnProgress | None) -> Ensembles:
         clock.tick()
     penalty = max(found, key=lambda each: float(found[each].mean()))
     ridge = train_ridge(task, f"ridge-{penalty:g}", task.fold, config.members, penalty)
-    kind, gain = ("ridge", found[penalty].mean()) if borne_out(found[penalty]) else (NONE, 0.0)
+    copies, kind, gain = len(task.scene.albedos), NONE, 0.0
+    if borne_out(found[penalty], copies):
+        kind, gain = "ridge", found[penalty].mean()
     if not task.networks:
         return Ensembles(penalty, ridge, None, 0, kind)
     # Those on halves take about as long as a split.
@@ -98,7 +100,7 @@ def _by_halves(task: FitTask, progress: OnProgress | None) -> Ensembles:
             half, everywhere, 1, short, task.seed, told, task.parts, f"half-{number}-{steps}"
         ),
     )
-    if not (borne_out(by_networks) and by_networks.mean() > gain):
+    if not (borne_out(by_networks, copies) and by_networks.mean() > gain):
         return Ensembles(penalty, ridge, None, steps, kind)
     network, _ = train_networks(
         task, task.fold, config.members, "networks", config.network, progress, len(task.splits)

@@ -139,6 +139,7 @@ class HeldOutEvaluation:
         exposure, lam: of the scene.
         held_out: ``(direction, fiber, bend)`` cells that were held out.
         bends: indices of the bends that colors and scores are compared at.
+        copies: of every lamp (`surrogate.model.lamp_copies`), rendered by the same light paths.
     """
 
     reference: Array
@@ -149,6 +150,13 @@ class HeldOutEvaluation:
     lam: float
     held_out: np.ndarray
     bends: np.ndarray
+    copies: int = 1
+
+    def noise(self, rng: np.random.Generator) -> Array:
+        """Return standard normal numbers for all cells; copies of a lamp share theirs."""
+        directions, lamps, *rest = self.error.shape
+        drawn = rng.standard_normal((directions, lamps // self.copies, *rest))
+        return np.concatenate([drawn] * self.copies, axis=1) if self.copies > 1 else drawn
 
     def counts(self, transport: Array) -> Array:
         """Return the facets' counts ``(design, bend, site, facet, channel)``, clipped."""

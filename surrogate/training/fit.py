@@ -163,7 +163,7 @@ def _splits(
 def rendered_again(task: FitTask) -> Array:
     """Return the reference with its noise once more: what a perfect model's errors look like."""
     cells = task.cells
-    random = np.random.default_rng([task.seed, 3]).standard_normal(cells.error.shape)
+    random = task.overall.noise(np.random.default_rng([task.seed, 3]))
     return np.asarray(cells.transport + cells.error * random)
 
 

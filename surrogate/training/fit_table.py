@@ -62,7 +62,7 @@ def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
     halves = [cells.transport + cells.half_difference, cells.transport - cells.half_difference]
     gains = [_gains(preview, halves, noise, unit, tau) for tau in TAUS]
     best = int(np.argmax([gain.mean() for gain in gains]))
-    kept = borne_out(gains[best]) or task.scene.window_refracts
+    kept = borne_out(gains[best], len(task.scene.albedos)) or task.scene.window_refracts
     tau = TAUS[best] if kept else 0.0
     guesses = [_shrunk(preview, half, noise, unit, tau) for half in halves]
     whole = _shrunk(preview, cells.transport, noise / math.sqrt(2.0), unit, tau)

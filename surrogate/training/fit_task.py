@@ -13,6 +13,7 @@ from torch import nn
 
 from render.arrays import Array
 from render.scene import Scene
+from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.dataset import (
     RegressionData,
@@ -148,13 +149,17 @@ class FitTask:
             lam=self.lam,
             held_out=held_out,
             bends=bends,
+            copies=len(self.scene.albedos),
         )
 
     def designs(self, allowed: np.ndarray, stream: int) -> RandomDesigns:
         """Return random designs over the directions ``allowed`` ``(direction, fiber)``."""
-        rng = np.random.default_rng([self.seed, stream])
+        rng, scene = np.random.default_rng([self.seed, stream]), self.scene
         count, block = self.config.designs, self.cells.block
-        return random_designs(count, allowed, block, rng, self.scene.palette)
+        drawn = random_designs(count, allowed[:, : scene.lamp_count], block, rng, scene.palette)
+        return RandomDesigns(
+            copied(scene, drawn.direction, axis=1), split_power(scene, drawn.power)
+        )
 
     def residuals(self, model: nn.Module) -> Array:
         """Return what every member adds to the log preview, ``(member, ...)``."""

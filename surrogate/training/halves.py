@@ -42,8 +42,12 @@ def mean_gains(rows: RegressionData, fitted: Callable[[RegressionData, int], Arr
     return np.asarray(np.mean(gains, axis=0))
 
 
-def borne_out(gains: Array) -> bool:
-    """Return whether the mean of ``gains`` is above 0 by more than their scatter explains."""
+def borne_out(gains: Array, copies: int = 1) -> bool:
+    """Return whether the mean of ``gains`` is above 0 by more than their scatter explains.
+
+    ``copies`` of a lamp (`surrogate.model.lamp_copies`) share their paths and are one observation.
+    """
+    gains = gains.reshape(copies, -1).mean(axis=0)
     if len(gains) < 2:
         return bool(gains.mean() > 0.0)
     error = gains.std(ddof=1) / np.sqrt(len(gains))

@@ -28,6 +28,7 @@ from render.arrays import Array
 from render.errors import TableError
 from render.scene import Scene
 from render.transport import TransportTable
+from surrogate.model.lamp_copies import copied, joined_channels, split_channels
 from surrogate.model.preview_grid import PreviewGrid
 
 CELLS = 40_000
@@ -47,12 +48,28 @@ class NewRenders:
         replicates: ``(replicate, design, fiber, bend, site, normal)``; the normals are the facets,
             then the untouched pad.
         predicted: the surrogate's transport, without the axis ``replicate``.
+        copies: of every lamp among the fibers, see `surrogate.model.lamp_copies`.
+
+    Where the skin's albedo depends on the channel, ``replicates`` and ``predicted`` have one more
+    axis ``channel``, until ``split`` makes copies of the lamps.
     """
 
     phi: Array
     bends: Array
     replicates: Array
     predicted: Array
+    copies: int = 1
+
+    def split(self, scene: Scene) -> NewRenders:
+        """Return the renders without an axis of channels."""
+        if not scene.by_channel:
+            return self
+        replicates, predicted = (
+            np.moveaxis(split_channels(scene, np.moveaxis(values, axis, 0)), 0, axis)
+            for values, axis in ((self.replicates, 2), (self.predicted, 1))
+        )
+        phi = copied(scene, self.phi, axis=1)
+        return NewRenders(phi, self.bends, replicates, predicted, len(scene.albedos))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +94,7 @@ class Refitter:
         # Torch takes seconds to import, and `NewRenders` are made without a refit too.
         from surrogate.training.dataset import preview_checker
 
-        self._checker = preview_checker(scene, grid)
+        self._scene, self._checker = scene, preview_checker(scene, grid)
 
     def features(self, phi: Array, bends: Array) -> tuple[Array, Array]:
         """Return inputs with a leading 1 ``(row, 21)`` and basis ``(row, 10, normal)``, float64.
@@ -100,6 +117,7 @@ class Refitter:
         Raises:
             TableError: a cell of the renders or of the prediction is not a number.
         """
+        runs = [run.split(self._scene) for run in runs]
         rows = [self.features(run.phi, run.bends) for run in runs]
         gains: list[Array] = []  # (tau, replicate) by run and half
         for first in (0, 1):
@@ -132,10 +150,11 @@ class Refitter:
             return table
         if table.background is None:
             raise TableError("the table to be corrected has no background", field="background")
-        fibers, _, bends, sites, _ = table.T.shape
+        _, _, bends, sites, facets = table.T.shape[:5]
+        fibers = self._scene.lamp_count * len(self._scene.albedos)
         per_node = fibers * bends * sites
         logs, shrinks = [], []
-        batch = max(1, CELLS // (per_node * (table.T.shape[4] + 1)))
+        batch = max(1, CELLS // (per_node * (facets + 1)))
         for start in range(0, len(table.phi), batch):
             nodes = table.phi[start : start + batch]
             x, basis = self.features(np.repeat(nodes[:, None], fibers, axis=1), table.bends)
@@ -146,13 +165,14 @@ class Refitter:
             logs.append((columns @ correction.mean).reshape(shape))
             shrinks.append(np.sqrt(np.clip(posterior / prior, 0.0, 1.0)).reshape(shape))
         # (node, fiber, ...) -> (fiber, node, ...)
-        factor = np.exp(np.concatenate(logs)).swapaxes(0, 1)
-        shrink = np.concatenate(shrinks).swapaxes(0, 1)
+        factor = joined_channels(self._scene, np.exp(np.concatenate(logs)).swapaxes(0, 1))
+        shrink = joined_channels(self._scene, np.concatenate(shrinks).swapaxes(0, 1))
+        facet, pad = np.s_[:, :, :, :, :-1], np.s_[:, :, :, :, -1]
         return replace(
             table,
-            T=table.T * factor[..., :-1],
-            se=table.se * factor[..., :-1] * shrink[..., :-1],
-            background=table.background * factor[..., -1],
+            T=table.T * factor[facet],
+            se=table.se * factor[facet] * shrink[facet],
+            background=table.background * factor[pad],
         )
 
 
@@ -177,12 +197,15 @@ def _ratio(run: NewRenders, rows: int) -> Array:
 
 
 def _weights(run: NewRenders, x: Array) -> Array:
-    """Return the weight ``w`` of every cell, ``(row, normal)``; designs of a run count as one."""
+    """Return the weight ``w`` of every cell, ``(row, normal)``.
+
+    Designs of a run, and copies of a lamp, share light paths: they count as one.
+    """
     from surrogate.training.dataset import NOISE_FLOOR, smooth_noise
 
     error = run.replicates.std(axis=0, ddof=1) / np.sqrt(len(run.replicates))
     noise = smooth_noise(run.replicates.mean(axis=0), error, x[:, 1:])
-    return np.asarray(1.0 / (len(run.phi) * (noise**2 + NOISE_FLOOR**2)))
+    return np.asarray(1.0 / (len(run.phi) * run.copies * (noise**2 + NOISE_FLOOR**2)))
 
 
 def _posteriors(

@@ -118,7 +118,7 @@ def make_plan(
     request |= {"minutes": within.budget.seconds / 60.0}
 
     def make() -> RenderPlan:
-        count = 2 * len(bends) * len(scenes)
+        count = 2 * len(bends) * sum(len(scene.albedos) for scene in scenes)
         each = samples_per_pass(scenes[0], within.budget.left() - within.reserve(), count)
         plan = RenderPlan(samples=each, per_pass=each, **request)
         return _filled(scenes, run, plan, within, progress)
@@ -209,8 +209,8 @@ def estimate_table(
     Bends ascend in the table; exposure and lambda are still to be fixed.
     """
     order = np.argsort(bends)
-    pad = estimate.background_replicates[..., None]
-    replicates = np.concatenate([estimate.replicates, pad], axis=-1)
+    pad = np.expand_dims(estimate.background_replicates, 5)
+    replicates = np.concatenate([estimate.replicates, pad], axis=5)
     halves = [replicates[start::2].mean(axis=0)[:, :, order] for start in (0, 1)]
     return TransportTable(
         T=estimate.T[:, :, order],

@@ -98,7 +98,7 @@ def test_beyond_the_bends_of_the_scene_it_is_an_extrapolation(checker: Checker) 
 def test_the_scenes_own_bends_are_inside_though_float32_rounds_them_up() -> None:
     last = np.radians(45.0)
     grid = PreviewGrid(np.zeros((1, 1, 2, 1, 4)), np.array([1.0]), np.array([0.0, last]), 0)
-    session = PreviewSession(grid, ScoreScale(1.0, 1.0), 0.1)
+    session = PreviewSession(small_scene(), grid, ScoreScale(1.0, 1.0), 0.1)
     rounded = np.float64(np.float32(last))
     assert rounded > last
     said = session.outputs(np.ones((1, 1)), np.ones((1, 1, 3)), np.array([0.0, rounded]))

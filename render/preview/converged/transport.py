@@ -47,7 +47,7 @@ from render.preview.converged.gathering import (
     site_points,
 )
 from render.preview.converged.walks import Block, FaceGrid
-from render.preview.facet_blur import facet_blur
+from render.preview.facet_blur import facet_blurs
 from render.progress import Clock
 from render.scene import Scene
 
@@ -118,6 +118,8 @@ class ConvergedTransport(NamedTuple):
         cells: ``(lamp, node, site, facet + 1)``, the last of the untouched pad.
         grain: ``(lamp, node)``: the variance of a cell is about the grain times it; 0 for lamps
             all of whose light has an exit field, whose noise is about 1 % everywhere.
+
+    Both have one more axis ``channel`` where the skin's albedo depends on it.
     """
 
     cells: Array
@@ -150,13 +152,30 @@ def transport_at(
         light = _light(scene, bend, phi, effort, clock, pool)
         pressed = _Gathering(scene, bend, True, light, effort, clock, pool)
         untouched = _Gathering(scene, bend, False, light, effort, clock, pool)
-        facet, foot, site = pressed.facets(), pressed.feet(), untouched.sites()
-    blur = facet_blur(scene, bend)
+        irradiance = pressed.facets(), pressed.feet(), untouched.sites()
+    parts = [
+        _seen(light, len(phi), blur, *lit)
+        for blur, *lit in zip(facet_blurs(scene, bend), *irradiance, strict=True)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return ConvergedTransport(
+        *(
+            np.stack([each[albedo] for albedo in scene.albedo_of_channel], axis=-1)
+            for each in zip(*parts, strict=True)
+        )
+    )
+
+
+def _seen(
+    light: _Light, nodes: int, blur: Array, facet: Array, foot: Array, site: Array
+) -> ConvergedTransport:
+    """Return what the camera sees of the irradiance on facets, their feet and sites."""
     mixed, around = blur[:, :-1, :-1], blur[:, :-1, -1, None]
     cells = np.einsum("sij,sjr->sir", mixed, facet) + around * foot
     background = blur[:, -1, -1:, None] * site[:, None]
     cells = np.concatenate([cells, background], axis=1)
-    out = np.empty((scene.lamp_count, len(phi), *cells.shape[:2]))
+    out = np.empty((len(light.columns), nodes, *cells.shape[:2]))
     grain = np.zeros(out.shape[:2])
     passed = np.pi * float(np.median(blur[:, :-1].sum(axis=-1)))
     for lamp, columns in enumerate(light.columns):
@@ -215,7 +234,8 @@ def _light(
 class _Gathering:
     """What points of one pad, pressed or untouched, get of ``light``.
 
-    Irradiance in 1/mm^2 per unit power, ``(..., column)``.
+    Irradiance in 1/mm^2 per unit power, ``(..., column)``, for each albedo of the coating: what
+    comes straight and how much points get of each other is followed once.
     """
 
     def __init__(
@@ -232,11 +252,14 @@ class _Gathering:
         direct, ends = self._products(
             range(self._patches), lambda i: patch_points(scene, self._block, i, few)
         )
-        albedo = scene.coating.albedo
-        sent = albedo * (direct + light.arrived.patches)
-        self._sent = np.linalg.solve(np.eye(self._patches) - albedo * ends, sent)
+        self._sent = [
+            np.linalg.solve(
+                np.eye(self._patches) - albedo * ends, albedo * (direct + light.arrived.patches)
+            )
+            for albedo in scene.albedos
+        ]
 
-    def facets(self) -> Array:
+    def facets(self) -> list[Array]:
         """Return ``(site, facet, column)``."""
         faces, paths = self._scene.indenter.faces, self._effort.paths
         sites = counted_sites(self._scene)
@@ -246,7 +269,7 @@ class _Gathering:
             ticks=True,
         )
 
-    def feet(self) -> Array:
+    def feet(self) -> list[Array]:
         """Return ``(site, facet, column)`` on the coating before the facets."""
         faces, few = self._scene.indenter.faces, max(self._effort.paths // MINOR, 1)
         sites = counted_sites(self._scene)
@@ -255,7 +278,7 @@ class _Gathering:
             self._light.arrived.feet,
         )
 
-    def sites(self) -> Array:
+    def sites(self) -> list[Array]:
         """Return ``(site, column)`` on the spots."""
         sites, paths = counted_sites(self._scene), self._effort.paths
         return self._irradiance(
@@ -266,12 +289,14 @@ class _Gathering:
 
     def _irradiance(
         self, starts: Callable[[int], Starts], arrived: Array, ticks: bool = False
-    ) -> Array:
-        """Return that of items in the shape of ``arrived``, ``(..., column)``."""
+    ) -> list[Array]:
+        """Return that of items in the shape of ``arrived``, ``(..., column)``, by albedo."""
         items = range(int(np.prod(arrived.shape[:-1])))
         direct, ends = self._products(items, starts, ticks)
         direct += arrived.reshape(direct.shape)
-        return np.asarray(np.pi * (direct + ends @ self._sent)).reshape(arrived.shape)
+        return [
+            np.asarray(np.pi * (direct + ends @ sent)).reshape(arrived.shape) for sent in self._sent
+        ]
 
     def _products(
         self, items: range, starts: Callable[[int], Starts], ticks: bool = False

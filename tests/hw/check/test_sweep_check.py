@@ -145,7 +145,7 @@ RESPONSE = np.array([[1.0, 0.06, 0.01], [0.08, 1.0, 0.05], [0.0, 0.07, 1.0]])
 def mixed(prediction: PadPrediction, power: Array | None = None) -> Array:
     """Return a sweep through a camera whose channels see other colors too, with a little noise."""
     lit = prediction.power if power is None else power
-    light = prediction.nominal[..., None] * (lit @ RESPONSE)[:, None, :] * GAIN
+    light = prediction.tinted(prediction.phi[:, None])[:, 0] * (lit @ RESPONSE)[:, None] * GAIN
     return np.asarray(light + 0.045 * np.random.default_rng(4).standard_normal(light.shape))
 
 

@@ -1,0 +1,73 @@
+"""The check of a rig whose skin has an albedo per channel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.calibration.material import material_space
+from hw.check.commission import commission
+from hw.check.image_check import check_image
+from hw.check.prediction import PadPrediction, predict
+from hw.check.rig_tolerances import rig_tolerances
+from hw.check.sweep_check import check_sweep
+from hw.errors import CalibrationError
+from surrogate.preview_model import preview_checker
+from surrogate.runtime import Checker
+from tests.colored_skins import skin_of
+
+TINTS = np.array([1.0, 0.6, 0.8])
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Checker:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        return preview_checker(skin_of(), coarse=True)
+
+
+def test_what_is_expected_is_the_models_background(model: Checker) -> None:
+    phi, power = np.array([1.1, 1.7]), np.array([[0.3, 0.0, 0.2], [0.0, 0.25, 0.1]])
+    found = predict(model, phi, power, 0.0)
+    assert found.table.shape[-1] == 3
+    whole = model.run(phi[None], power[None], np.zeros(1))["background"][0, 0]
+    assert 0.0 < whole.max() < 250.0
+    np.testing.assert_allclose(found.together, whole, rtol=0.01)
+
+
+def colored(prediction: PadPrediction) -> PadPrediction:
+    """Return the prediction with a table by channel."""
+    return replace(prediction, table=prediction.table[..., None] * TINTS)
+
+
+def test_channels_of_the_same_light_are_expected_as_one(prediction: PadPrediction) -> None:
+    alike = replace(prediction, table=np.repeat(prediction.table[..., None], 3, axis=-1))
+    np.testing.assert_allclose(alike.alone, prediction.alone)
+    photo = prediction.together - 0.5 * prediction.alone[4]
+    fine = rig_tolerances(sweep=False, starts=0, noise=0.1)
+    one, other = (check_image(each, photo, fine) for each in (prediction, alike))
+    assert [fiber.state for fiber in one.fibers] == [fiber.state for fiber in other.fibers]
+    assert one.counts_error == pytest.approx(other.counts_error)
+
+
+def test_a_healthy_rig_is_well_and_a_dead_fiber_is_found(prediction: PadPrediction) -> None:
+    expected = colored(prediction)
+    sweep = rig_tolerances(sweep=True, starts=0, noise=0.1)
+    lights = expected.alone.copy()
+    assert check_sweep(expected, lights, sweep).ok
+    commission(expected, lights, "0" * 16, 0.0).check_fits(expected, "0" * 16, 0.0)
+    lights[7] = 0.0
+    found = check_sweep(expected, lights, sweep)
+    assert [fiber.index for fiber in found.fibers if fiber.state != "ok"] == [7]
+    photo = check_image(
+        expected, lights.sum(axis=0), rig_tolerances(sweep=False, starts=0, noise=0.1)
+    )
+    assert [fiber.index for fiber in photo.fibers if fiber.state != "ok"] == [7]
+
+
+def test_calibration_asks_for_one_albedo(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match=r"differs by channel \(0.7, 0.3, 0.5\), allowed"):
+        material_space(skin_of())
