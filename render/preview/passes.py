@@ -48,17 +48,13 @@ class ShaderPasses:
         """Open the context and upload what does not depend on the design."""
         self._scene, self._lights, self._imprint = scene, lights, imprint
         self._count = len(points.position)
-        self._compiled: dict[tuple[str, bool, int, bool], ShaderPass] = {}
+        self._compiled: dict[tuple[str, bool, int, bool, bool], ShaderPass] = {}
         self._context: Any = create_context(backend)
         with self._context:
-            parts = [points.position, points.normal]
+            self._parts = [points.position, points.normal]
             if scene.skin is not None:
-                parts.append(points.below)
-            texels = np.stack(parts, axis=1)
-            short = -self._count % POINT_COLUMNS
-            texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
-            texels = texels.reshape(-1, len(parts) * POINT_COLUMNS, 3)
-            self._points = float_texture(self._context, texels)
+                self._parts.append(points.below)
+            self._points = self._point_texture(self._parts)
             self._fibers = float_texture(self._context, with_images(scene, lights.position))
             self._kept = {}
             if lights.profiles is not None:
@@ -75,19 +71,22 @@ class ShaderPasses:
         """Free the OpenGL context."""
         self._context.release()
 
-    def direct(self, emission: Array, bend: float) -> NDArray[np.float32]:
+    def direct(
+        self, emission: Array, bend: float, sights: Array | None = None
+    ) -> NDArray[np.float32]:
         """Draw direct irradiance of every fiber's lights, ``(fiber, node, point, 2)``.
 
         The second is that of the coating at the foot of the point's facet, without what comes
         from behind the facet: that is in the pyramid's shadow.
 
-        ``emission`` is ``(fiber, node, light, n)``.
+        ``emission`` is ``(fiber, node, light, n)``. With ``sights`` ``(point, 3)``, local
+        directions to the camera, it is what looks as bright from there without a lobe.
         """
         fibers, nodes = emission.shape[:2]
         rows = emission.reshape(fibers * nodes, -1, 4)
         with self._context:
             texture = float_texture(self._context, rows)
-            drawn = self._at_points(bend, self._fibers, texture, fibers * nodes, 1, nodes)
+            drawn = self._at_points(bend, self._fibers, texture, fibers * nodes, 1, nodes, sights)
             texture.release()
         return drawn.reshape(fibers, nodes, -1, 2)
 
@@ -138,30 +137,44 @@ class ShaderPasses:
                 images[name] = float_texture(self._context, np.moveaxis(facet, 0, -1))
                 kept |= {"height_map": self._skin} if skin else {}
             uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
-            shader_pass = self._pass("picture.frag", bend, 3, facet is not None)
+            lobe = self._scene.coating.lobe is not None
+            shader_pass = self._pass("picture.frag", bend, 3, facet is not None, lobe)
             picture = shader_pass.draw(size, 3, uniforms, images | kept)
             for image in images.values():
                 image.release()
         return picture[::-1].copy()
 
+    def _point_texture(self, parts: list[Array]) -> Any:
+        """Return the texture of ``parts`` ``(point, 3)`` of the points, side by side."""
+        texels = np.stack(parts, axis=1)
+        short = -self._count % POINT_COLUMNS
+        texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
+        return float_texture(self._context, texels.reshape(-1, len(parts) * POINT_COLUMNS, 3))
+
     def _at_points(
-        self, bend: float, lights: Any, emissions: Any, rows: int, channels: int, nodes: int
-    ) -> NDArray[np.float32]:
+        self, bend: float, lights: Any, emissions: Any, rows: int, channels: int, nodes: int,
+        sights: Array | None = None,
+    ) -> NDArray[np.float32]:  # fmt: skip
         """Return ``(row, point, channel)``."""
-        images = {"points": self._points, "lights": lights, "emissions": emissions}
+        points = self._points if sights is None else self._point_texture([*self._parts, sights])
+        images = {"points": points, "lights": lights, "emissions": emissions}
         images |= self._kept
         uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
-        shader_pass = self._pass("transport.frag", bend, channels, False)
+        shader_pass = self._pass("transport.frag", bend, channels, False, sights is not None)
         parts = []
         for first in range(0, self._count, MAX_TARGET_SIDE):
             size = (min(MAX_TARGET_SIDE, self._count - first), rows)
             wanted = uniforms | {"first_point": first}
             parts.append(shader_pass.draw(size, 3 if channels == 3 else 2, wanted, images))
+        if sights is not None:
+            points.release()
         return np.concatenate(parts, axis=1)
 
-    def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> ShaderPass:
+    def _pass(
+        self, fragment: str, bend: float, channels: int, indented: bool, lobe: bool
+    ) -> ShaderPass:
         """Return the program specialized to what it has to draw."""
-        key = (fragment, bend > 0, channels, indented)
+        key = (fragment, bend > 0, channels, indented, lobe)
         if key not in self._compiled:
             defines = dict(self._lights.defines)
             defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
@@ -169,6 +182,8 @@ class ShaderPasses:
                 defines["BENT"] = "1"
             if self._scene.skin is not None:
                 defines["CURVED"] = "1"
+            if lobe:
+                defines["LOBE"] = "1"
             if any(finish.metal is not None for finish in self._scene.finishes):
                 defines["METAL"] = "1"
             if fragment == "picture.frag" and self._scene.camera.fisheye:
@@ -183,7 +198,8 @@ class ShaderPasses:
         return self._compiled[key]
 
     def _uniforms(self, bend: float, lights: int) -> dict[str, Any]:
-        pad, layer = self._scene.pad, self._scene.diffuser
+        pad, layer, coating = self._scene.pad, self._scene.diffuser, self._scene.coating
+        specular, roughness = coating.lobe or (0.0, 1.0)
         profile = self._scene.placed_lamps()[0].profile
         kappa = max(curvature(self._scene, bend), MIN_CURVATURE)
         return {
@@ -204,6 +220,8 @@ class ShaderPasses:
                 -1.0 if metal is None else metal
                 for metal in (self._scene.finish(edge).metal for edge in EDGES)
             ],
+            "lobe_share": specular / coating.reflectance if specular else 0.0,
+            "lobe_roughness": roughness,
             "profile_rows": 1.0 if self._lights.profiles is None else len(self._lights.profiles),
         }
 
@@ -219,7 +237,7 @@ class ShaderPasses:
             "ahead": tuple(ahead),
             "pivot": scene.camera.pivot,
             "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
-            "albedo": scene.coating.albedo,
+            "albedo": scene.coating.reflectance,
         }
 
     def _pressed(self) -> dict[str, Any]:

@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
-from render.geometry import HeightMap, Imprint, counted_sites, pyramids
+from render.geometry import (
+    HeightMap,
+    Imprint,
+    SkinChart,
+    counted_sites,
+    declared_sites,
+    pyramids,
+)
 from render.preview.bonded import with_bonded_window
-from render.preview.facet_blur import facet_blur
+from render.preview.facet_blur import facet_blur, lines_of_sight
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
 from render.preview.radiosity import Radiosity, solve_radiosity
@@ -61,6 +68,7 @@ class Preview:
         self._points = shading_points(scene, faces)
         self._radiosity: dict[float, Radiosity] = {}
         self._blurs: dict[float, Array] = {}
+        self._sights: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
             scene, self._lights, self._points, pressed, backend
@@ -142,6 +150,11 @@ class Preview:
         points, radiosity, weights = self._points, self._radiosity_at(bend), self._blur_at(bend)
         drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
         direct, foot = drawn[..., 0], drawn[..., 1]
+        # What the lobe makes of direct light; between faces it counts as diffuse.
+        lobe = np.zeros_like(drawn[:, : points.first_patch])
+        if self.scene.coating.lobe is not None:
+            lobe = self._seen_directly(phi, bend).reshape(drawn.shape) - drawn
+            lobe = lobe[:, : points.first_patch]
         total = direct[:, : points.first_edge] + radiosity.added(direct)
         shape = (phi.size, points.sites, points.facets)
         facets = slice(0, points.sites * points.facets)
@@ -150,6 +163,9 @@ class Preview:
         shadow = site - direct[:, facets.stop : points.first_patch, None]
         around = foot[:, facets].reshape(shape) + shadow
         facet = total[:, facets].reshape(shape) + radiosity.below(around)
+        facet = facet + lobe[:, facets, 0].reshape(shape)
+        around = around + lobe[:, facets, 1].reshape(shape)
+        site = site + lobe[:, facets.stop :, :1]
         facet, around, site = (part[:, self._counted] for part in (facet, around, site))
         blur = weights[:, :-1]
         seen = np.einsum("sij,rsj->rsi", blur[..., :-1], facet) + blur[..., -1] * around
@@ -166,6 +182,12 @@ class Preview:
         """
         emission = self._lights.emission(phi.T).swapaxes(0, 1)
         return self._open.direct(emission, bend).astype(np.float64)
+
+    def _seen_directly(self, phi: Array, bend: float) -> Array:
+        """Draw `direct_irradiance` that would look as bright to the camera without a lobe."""
+        emission = self._lights.emission(phi.T).swapaxes(0, 1)
+        sights = self._sights_at(bend)
+        return self._open.direct(emission, bend, sights).astype(np.float64)
 
     def picture(
         self,
@@ -251,6 +273,25 @@ class Preview:
             albedo = self._lights.edge_albedo
             self._radiosity[bend] = solve_radiosity(self.scene, self._points, bend, albedo)
         return self._radiosity[bend]
+
+    def _sights_at(self, bend: float) -> Array:
+        """Return unit directions ``(point, 3)`` to the camera in local frames, inside the pad.
+
+        Sites that do not count, and patches, are looked at head-on.
+        """
+        if bend not in self._sights:
+            points, faces = self._points, self._points.facets
+            mean = -lines_of_sight(self.scene, bend).mean(axis=2)
+            mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
+            if self.scene.skin is None:
+                places = declared_sites(self.scene)[self._counted, :2]
+                mean = mean @ SkinChart(self.scene, bend).frames(places)
+            sights = points.below * 1.0
+            facet = sights[: points.sites * faces].reshape(points.sites, faces, 3)
+            facet[self._counted] = mean[:, :faces]
+            sights[points.sites * faces : points.first_patch][self._counted] = mean[:, -1]
+            self._sights[bend] = sights
+        return self._sights[bend]
 
     def _blur_at(self, bend: float) -> Array:
         """Return `facet_blur` at a bend, made when it is first asked for; pictures need none."""

@@ -123,6 +123,7 @@ class Scene(Part):
             if self.constraints and any(one.color == OFF for one in self.constraints.fixed):
                 problems.append(f"constraints.fixed: color = {OFF} needs schema = 2")
         problems += self.camera.problems()
+        problems += self.coating.problems()
         if self.diffuser is not None:
             problems += self.diffuser.problems()
         problems += face_problems(self.faces or (), self.diffuser_edges)
@@ -343,6 +344,9 @@ class Scene(Part):
             content["diffuser"].pop("on", None)
             if self.diffuser_edges != RIM_EDGES:
                 content["diffuser"]["on"] = self.diffuser_edges
+        if self.coating.lobe is None:
+            for key in ("specular", "roughness"):
+                content["coating"].pop(key, None)
         for color in content.get("colors", ()):
             color.pop("ink", None)
         # However the file groups them, and only those that are not like the rest of the pad.
