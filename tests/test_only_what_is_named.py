@@ -41,6 +41,10 @@ COSINE = '{ cosine_exponent = { value = 3.0, source = "assumed" } }'
 SIGMA = '{ sigma_v = { value = 20.0, unit = "deg", source = "assumed" } }'
 ROUGH = '\n[[faces]]\non = ["left"]\nroughness = { value = 0.3, source = "cut" }\n'
 PAINT = '\n[[faces]]\non = ["base"]\n{}\n'
+LOBE = """
+specular = { value = 0.2, source = "gloss" }
+roughness = { value = 0.3, source = "gloss" }
+"""
 LISTED = '\nlamps = ["green"]'
 VARIANTS: dict[str, tuple[str, dict[str, str], str]] = {
     "one rougher face": ("digit", {}, ROUGH),
@@ -62,6 +66,8 @@ VARIANTS: dict[str, tuple[str, dict[str, str], str]] = {
     ),
     "fisheye": ("digit", {"columns = 240": 'lens = "fisheye"\ncolumns = 240'}, ""),
     "bent": ("digit", {"value = [0.0], ": "value = [0.0, 30.0], "}, ""),
+    "a lobe of the skin": ("digit", {"[coating]": "[coating]" + LOBE}, ""),
+    "no light in the lobe": ("digit", {"[coating]": "[coating]" + LOBE.replace("0.2", "0.0")}, ""),
     "pad of air": ("digit", {"index = { value = 1.49": "index = { value = 1.0"}, ""),
     "diffuser on one edge": ("finger20", {"schema = 1": "schema = 2",
                                           "[diffuser]": '[diffuser]\non = ["left"]'}, ""),
@@ -131,6 +137,8 @@ def expected_plugins(content: dict[str, Any]) -> set[str]:
         found |= {"roughdielectric" if alpha > 0 else "dielectric" for alpha in rough}
     if "diffuser" in content:
         found |= {"homogeneous", "hg", "null"}
+    if content["coating"].get("specular", {"value": 0.0})["value"] > 0:
+        found |= {"blendbsdf", "roughconductor"}
     return found | {
         "fiber" if is_gaussian(part) else "measured_light" for part in profiles(content)
     }
@@ -191,10 +199,15 @@ def test_the_shader_has_the_branches_that_the_file_names(
         for bend in scene.bending.angles:
             preview.transport(phi[:1], np.array([bend]))
             preview.picture(phi, power, bend, 4, 4)
+    lobe = named(name)["coating"].get("specular", {"value": 0.0})["value"] > 0
+    # Patches get irradiance of a skin with a lobe as well, which needs none.
+    with_lobe: list[set[str]] = [{"LOBE"}] if lobe else [set()]
+    ways = {True: with_lobe, False: [set(), *with_lobe]}
     assert {("picture.frag" in parts, *sorted(defines)) for parts, defines in compiled} == {
-        (picture, *sorted(expected_defines(named(name), bend > 0, picture)))
+        (picture, *sorted(expected_defines(named(name), bend > 0, picture) | way))
         for bend in scene.bending.angles
         for picture in (True, False)
+        for way in ways[picture]
     }
 
 

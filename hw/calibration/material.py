@@ -269,6 +269,13 @@ def material_space(scene: Scene) -> MaterialSpace:
             {3: Knowledge(known=0.3, held=0.05, relative=True)},
             DIFFUSE_CAVEATS,
         )
+    if scene.coating.lobe is not None:
+        raise CalibrationError(
+            f"scene {scene.name}: coating.specular = {scene.coating.lobe[0]:g}, allowed for the "
+            "calibration of clear pads: a Lambertian skin, whose albedo it fits; leave specular "
+            "and roughness out of a copy of the scene to calibrate with",
+            field="coating.specular",
+        )
     quantities, caveats = [ALBEDO], [CLEAR_CAVEAT]
     places: list[tuple[Place, ...]] = [(("coating", "albedo"),)]
     # Where light does not come back from the faces, the shape of the light says nothing of it.

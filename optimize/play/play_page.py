@@ -155,6 +155,11 @@ class PlayPage:
             f"There is no trained model of {self.scene.name}, so this page is made on the {level} "
             "(level 0): good for trying and comparing, to be confirmed by tactilux verify."
         ]  # fmt: skip
+        if self.scene.coating.lobe is not None:
+            notes.append(
+                "Scores and facets have the skin's lobe; the pictures and the light on the skin "
+                "are drawn as if it scattered all of its light by Lambert's law."
+            )
         scores = [f"{scorer.score(design.phi, design.power):.1f}" for design in known]
         environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
         return environment.from_string(_part("play.html.j2")).render(

@@ -159,6 +159,7 @@ class PadSampler:
         # Over smooth faces no light vertex is connected: camera subpaths find those in volumes.
         self.passable = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
         self.sharp = bool(mirrors[[lamp.face for lamp in scene.placed_lamps()]].any())
+        self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
@@ -217,6 +218,7 @@ class PadSampler:
             paths,
             self.guiding(fiber) if self.seen else None,
             self.passable,
+            self.lobed,
         )
 
 
@@ -326,6 +328,7 @@ class CellSampler(PadSampler):
             self.images,
             lamp,
             self.aimed(guiding, lamp),
+            self.lobed,
         )
 
 
@@ -385,6 +388,7 @@ class PictureSampler(PadSampler):
             self.images,
             lamp,
             self.aimed(guiding, lamp),
+            self.lobed,
         )[0]
         scale = self.lit * self.bins
         colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]

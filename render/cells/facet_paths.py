@@ -185,12 +185,15 @@ def trace_facet_subpath(
 def radiance_per_node(
     scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
     offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror | None,
-    images: MirrorImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None,
+    images: MirrorImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None, lobed: bool,
 ) -> list[mi.Float]:  # fmt: skip
     """Return, per direction node, what the lamp and its light vertices of ``lane`` send.
 
-    ``offset`` keeps the random numbers of several camera subpaths of one lane apart.
+    ``offset`` keeps the random numbers of several camera subpaths of one lane apart; ``lobed`` says
+    that the skin has a lobe beside Lambert's.
     """
+    # Light vertices that camera subpaths pass as they are guided.
+    returning = guiding if lobed and lamp is not None else None
     last = mi.UInt32(light.paths)
     dr.make_opaque(last)
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in light.weight]  # radiance per node
@@ -199,8 +202,9 @@ def radiance_per_node(
         drawn = light.read(path, lane)
         numbers = stream.event((path + 1) * LIGHT_EVENTS - 1 - offset)
         radiance = _connect(
-            scene, drawn, camera, numbers, drawn.contribution > 0, guiding, mirror, images
-        )
+            scene, drawn, camera, numbers, drawn.contribution > 0, guiding, mirror, images,
+            returning,
+        )  # fmt: skip
         for j in range(len(sums)):
             weight = dr.gather(mi.Float, light.weight[j], light.index(path, lane))
             sums[j] += radiance * weight
@@ -225,6 +229,7 @@ def radiance_per_node(
 def _connect(
     scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
     guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: MirrorImages | None,
+    returning: GuidingDistribution | None,
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
@@ -241,7 +246,9 @@ def _connect(
     if mirror is not None:  # noqa: SIM102 (the other one is traced)
         if active & ~wide & drawn.before_wide:
             mirrored = y.d_vcm * mirror.area_density(a.p, y.p, y.n, drawn.before)
-    light = dr.mean(connect_vertices(scene, y, a, active, guiding, extra=mirrored))
+    light = dr.mean(
+        connect_vertices(scene, y, a, active, guiding, extra=mirrored, returning=returning)
+    )
     # ------------------------------ With what follows it --------------------------
     # These carry little light: each vertex tries one of them.
     mirrored = mi.Float(0.0)
@@ -251,14 +258,18 @@ def _connect(
                 a.p, camera.glossy.p, camera.glossy.n, y.p
             )
     other = dr.select(to_end, camera.end, camera.glossy)
-    light += 2.0 * dr.mean(connect_vertices(scene, later, other, active, guiding, extra=mirrored))
+    light += 2.0 * dr.mean(
+        connect_vertices(scene, later, other, active, guiding, extra=mirrored, returning=returning)
+    )
     # ------------------------------ Over mirrors ----------------------------------
     if images is not None:
         number = numbers[0] if mirror is None else numbers[3]
-        light += dr.mean(images.connect(scene, over_delta, a, number, wide, guiding))
+        light += dr.mean(images.connect(scene, over_delta, a, number, wide, guiding, returning))
     if mirror is not None:
         direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
         density = mirror.density(a.p, y.p, direction)
-        reflected = mirror_connection(scene, y, a, direction, density, wide, guiding=guiding)
+        reflected = mirror_connection(
+            scene, y, a, direction, density, wide, guiding=guiding, returning=returning
+        )
         light += dr.mean(reflected)
     return light

@@ -186,14 +186,17 @@ class CoatingTarget:
 def trace_light_subpaths(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
-    guiding: GuidingDistribution | None, passable: bool,
+    guiding: GuidingDistribution | None, passable: bool, lobed: bool,
 ) -> DrawnVertices:  # fmt: skip
     """Return drawn vertices for the ``point`` of the coating that each lane looks at.
 
     ``guiding`` is that of camera subpaths where they meet lamps and are joined to them, None where
-    they do not; ``passable`` says that they pass volumes behind delta faces.
+    they do not; ``passable`` says that they pass volumes behind delta faces, ``lobed`` that the
+    skin has a lobe beside Lambert's.
     """
-    records = _trace(scene, target, point, normal, light, fiber, stream, paths, guiding, passable)
+    records = _trace(
+        scene, target, point, normal, light, fiber, stream, paths, guiding, passable, lobed
+    )
     dr.eval(records)
     lanes = dr.width(fiber)
     lane = dr.arange(mi.UInt32, paths * lanes) % lanes
@@ -207,7 +210,7 @@ def trace_light_subpaths(
 def _trace(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
-    guiding: GuidingDistribution | None, passable: bool,
+    guiding: GuidingDistribution | None, passable: bool, lobed: bool,
 ) -> DrawnVertex:  # fmt: skip
     """Trace and draw; one loop runs all light subpaths of a lane one after the other.
 
@@ -267,12 +270,14 @@ def _trace(
                 v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
             first = first & ~arrived
             # Camera subpaths that come by go on as they are guided. Whatever the direction that
-            # they come from, a diffuse surface sends as many of them towards its predecessor.
-            if arrived & v.diffuse:
-                unguided = dr.maximum(dr.dot(v.n, v.wi), 1e-6) / dr.pi
-                v.d_vc = dr.minimum(
-                    v.d_vc * guiding.mixture_pdf(v, v.wi, unguided) / unguided, RATIO_MAX
-                )
+            # they come from, a diffuse surface sends as many of them towards its predecessor; with
+            # a lobe that depends on it, and each strategy asks by itself.
+            if not lobed:  # noqa: SIM102 (the other one is traced)
+                if arrived & v.diffuse:
+                    unguided = dr.maximum(dr.dot(v.n, v.wi), 1e-6) / dr.pi
+                    v.d_vc = dr.minimum(
+                        v.d_vc * guiding.mixture_pdf(v, v.wi, unguided) / unguided, RATIO_MAX
+                    )
         else:
             v.terminal = v.terminal | v.diffuse
         if not passable:
@@ -292,7 +297,12 @@ def _trace(
         # --------------------------- Scatter, or end the path ---------------------
         from_volume = dr.select(arrived, v.volume, from_volume)
         state, alive = sample_scattering(
-            state, v, mi.TransportMode.Importance, stream.event(event), arrived
+            state,
+            v,
+            mi.TransportMode.Importance,
+            stream.event(event),
+            arrived,
+            returning=guiding if lobed else None,
         )
         event += 1
         cut = event >= path * LIGHT_EVENTS + RESERVOIR_EVENT

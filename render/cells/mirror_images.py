@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from render.paths.connect import arrival_density, optical_depth, trace_to_surface
 from render.paths.vertex import Vertex, area_factor, evaluate_scattering
-from render.paths.walk import GuidingDistribution, SubpathState
+from render.paths.walk import GuidingDistribution, SubpathState, returning_pdf
 from render.scene import Scene
 
 ON_FACE = 1e-3
@@ -160,7 +160,7 @@ class MirrorImages(ABC):
     @dr.syntax
     def connect(
         self, scene: mi.Scene, y: Vertex, a: Vertex, number: mi.Float, active: mi.Bool,
-        guiding: GuidingDistribution,
+        guiding: GuidingDistribution, returning: GuidingDistribution | None = None,
     ) -> mi.Spectrum:  # fmt: skip
         """Return the MIS-weighted light that facet ``a`` gets from ``y`` over one image.
 
@@ -202,7 +202,7 @@ class MirrorImages(ABC):
         # --------------------- Balance heuristic --------------------------------------
         arrival_y = arrival_density(y, transmittance, active)
         camera_y = p_a * chance * area_factor(y, w) * arrival_y / squared
-        r_y = dr.select(y.terminal, 0.0, r_y)
+        r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
         strategies = probability + camera_y * (y.d_vcm + y.d_vc * r_y)
         value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / squared
         value *= y.weight * a.weight / strategies

@@ -17,7 +17,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from render.geometry.meshes import PadMeshes, mesh_part, pad_meshes, turned_inside_out
-from render.scene import Finish, Scene
+from render.scene import Coating, Finish, Scene
 
 
 def gray(value: float) -> dict[str, Any]:
@@ -50,6 +50,26 @@ def outer_face(finish: Finish, index: float) -> dict[str, Any]:
     }
 
 
+def coated(coating: Coating) -> dict[str, Any]:
+    """Return the BSDF of the skin from inside.
+
+    Lambertian, and with a lobe a mixture of that and microfacets of a mirror (Walter et al. 2007):
+    ``f = albedo / pi + specular D G / (4 cos cos)``. Both parts are blended as bright as the whole,
+    so that the blend's weight is the chance with which the lobe is sampled.
+    """
+    if coating.lobe is None:
+        return {"type": "diffuse", "reflectance": gray(coating.single_albedo)}
+    specular, roughness = coating.lobe
+    whole = gray(coating.reflectance)
+    mirror = {"type": "roughconductor", "material": "none", "distribution": "beckmann"}
+    return {
+        "type": "blendbsdf",
+        "weight": specular / coating.reflectance,
+        "lambertian": {"type": "diffuse", "reflectance": whole},
+        "lobe": {**mirror, "alpha": roughness, "specular_reflectance": whole},
+    }
+
+
 def scattering_medium(scene: Scene) -> dict[str, Any] | None:
     """Return the homogeneous Henyey-Greenstein medium of the diffuser, or None without one."""
     layer = scene.diffuser
@@ -72,8 +92,7 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
     if medium:
         content["diffuser"] = {**medium, "id": "diffuser"}
     inside = {"interior": {"type": "ref", "id": "diffuser"}} if medium else {}
-    coating = {"type": "diffuse", "reflectance": gray(scene.coating.single_albedo)}
-    content["coating"] = _shape(meshes.coating, folder / "coating.ply", coating)
+    content["coating"] = _shape(meshes.coating, folder / "coating.ply", coated(scene.coating))
     for name, finish, mesh in _outer_parts(scene, "outer_clear", meshes):
         path = folder / f"{name}.ply"
         content[name] = _shape(mesh, path, outer_face(finish, scene.pad.index))

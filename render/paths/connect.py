@@ -21,7 +21,7 @@ from render.paths.vertex import (
     is_null,
     leave,
 )
-from render.paths.walk import GuidingDistribution, intersect
+from render.paths.walk import GuidingDistribution, intersect, returning_pdf
 
 
 @dr.syntax
@@ -104,16 +104,21 @@ def connect_vertices(
     guiding: GuidingDistribution | None = None,
     extra: mi.Float | float = 0.0,
     glossy: float = 1.0,
+    returning: GuidingDistribution | None = None,
 ) -> mi.Spectrum:
     """Return the MIS-weighted contribution of connecting light vertex ``y`` to camera vertex ``z``.
 
     Balance heuristic over all strategies (Veach 1997, eq. 10.9) from the recursive sums.
     ``extra`` is the density ratio of a further strategy to this one. ``glossy`` is what a
     connection counts between a glossy ``z`` and a ``y`` in a volume or on a diffuse surface.
+    ``guiding`` is what camera subpaths mix at ``z``, ``returning`` what they mix at ``y``, where
+    the recursive sums of ``y`` do not have it already.
     """
     active = active & (y.weight > 0) & (z.weight > 0)
     depth, clear = optical_depth(scene, y, z, active)
-    light = connection_contribution(y, z, dr.exp(-depth), active & clear, guiding, extra, glossy)
+    light = connection_contribution(
+        y, z, dr.exp(-depth), active & clear, guiding, extra, glossy, returning
+    )
     return light * y.weight * z.weight
 
 
@@ -125,6 +130,7 @@ def connection_contribution(
     guiding: GuidingDistribution | None = None,
     extra: mi.Float | float = 0.0,
     glossy: float = 1.0,
+    returning: GuidingDistribution | None = None,
 ) -> mi.Spectrum:
     """Return what ``connect_vertices`` does for a known transmittance between the vertices."""
     span = z.p - y.p
@@ -140,7 +146,7 @@ def connection_contribution(
     arrival_z = arrival_density(z, transmittance, active)
     camera_density = p_z * area_factor(y, w) * arrival_y / distance_squared
     light_density = p_y * area_factor(z, w) * arrival_z / distance_squared
-    r_y = dr.select(y.terminal, 0.0, r_y)
+    r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
     # Eqs. 40 and 41, the strategies before y and those behind z.
     light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.d_vcm + y.d_vc * r_y))
     camera_ratio = light_density * (z.d_vcm + z.d_vc * r_z)
@@ -169,6 +175,7 @@ def mirror_connection(
     in_mirror: Callable[[Vertex], mi.Bool] | None = None,
     guiding: GuidingDistribution | None = None,
     glossy: float = 1.0,
+    returning: GuidingDistribution | None = None,
 ) -> mi.Spectrum:
     """Return the MIS-weighted light that camera vertex ``a`` gets from ``y`` over a glossy face.
 
@@ -203,7 +210,7 @@ def mirror_connection(
     # The camera finds b from a; then light is connected to b, or the camera goes on to y (eq. 40).
     camera_b = dr.select(a.terminal, 0.0, p_a * dr.mean(t_ab) / density)
     arrival_y = arrival_density(y, t_by, active)
-    r_y = dr.select(y.terminal, 0.0, r_y)
+    r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
     camera_y = p_b * area_factor(y, w) * arrival_y / squared * (y.d_vcm + y.d_vc * r_y)
     # Light finds b from y; then it is connected to a, or goes on to a (eq. 41).
     density_b = density * area_factor(b, direction) / distance_squared

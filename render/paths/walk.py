@@ -50,6 +50,16 @@ class GuidingDistribution(Protocol):
         """Return the density of the mixture."""
 
 
+def returning_pdf(returning: GuidingDistribution | None, v: Vertex, pdf: mi.Float) -> mi.Float:
+    """Return the density with which subpaths that come the other way go on to where ``v`` is from.
+
+    ``pdf`` is that of scattering alone, ``returning`` what such subpaths mix with it, if anything.
+    """
+    if returning is None:
+        return pdf
+    return dr.select(returning.applies(v), returning.mixture_pdf(v, v.wi, pdf), pdf)
+
+
 @dataclass
 class SubpathState:
     """The moving end of a subpath (a Dr.Jit PyTree).
@@ -175,11 +185,13 @@ def sample_scattering(
     numbers: tuple[mi.Float, mi.Float, mi.Float, mi.Float],
     active: mi.Bool,
     guiding: GuidingDistribution | None = None,
+    returning: GuidingDistribution | None = None,
 ) -> tuple[SubpathState, mi.Bool]:
     """Sample a new direction at ``v``; return the state of the next segment and whether it lives.
 
     Updates the recursive MIS sums (eqs. 34 and 35; 53 and 54 at delta scattering; no merging). A
     terminal vertex is one that a camera subpath never passes, so its reverse density counts as 0.
+    ``returning`` is what subpaths mix that come the other way (``returning_pdf``).
     """
     # -------------------- Direction from the BSDF or the phase function ----------
     free, lobe, x, y = numbers
@@ -208,6 +220,7 @@ def sample_scattering(
         pdf = dr.select(applies, mixture_pdf, pdf)
         reverse = dr.select(applies, guided_reverse, reverse)
         weight = dr.select(applies, value / mixture_pdf, weight)
+    reverse = returning_pdf(returning, v, reverse)
     passing_reverse = reverse
     reverse = dr.select(v.terminal, 0.0, reverse)
     beta = v.beta * weight

@@ -6,9 +6,12 @@ the camera sees of one facet is a mixture of its neighbors and of the coating ar
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import (
@@ -31,6 +34,8 @@ SUBPIXELS = 2
 """Lines of sight per pixel, in each direction."""
 MICROFACETS = 64
 """Microfacet normals per line of sight, in mirrored pairs."""
+SIGHTS = 256
+"""Lines of sight that are kept of each part of a site."""
 MAX_TARGET_PIXELS = 256
 """Pixels per target that are followed: a target with more is seen by an even choice of them."""
 
@@ -50,31 +55,83 @@ def facet_blurs(scene: Scene, bend: float) -> list[Array]:
     the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
     lower face over the index squared (Veach 1997, eq. 5.3). Sites are those that count. At a bend
     that the scene does not name, a facet may be without a pixel: it gets the row of a head-on,
-    sharp view.
+    sharp view. A coating with a lobe is one of its whole reflectance here.
     """
+    counted, faces = counted_sites(scene), scene.indenter.faces
+    weights = np.zeros((len(counted), faces + 1, faces + 1))
+    for index, target, lines in _targets(scene, bend):
+        if lines is None:
+            head_on = 1 - fresnel(np.ones(1), scene.pad.index)[0]
+            weights[index, target, target] = head_on[0]
+            continue
+        weights[index, target] = (
+            np.bincount(lines.seen.ravel(), lines.weight.ravel(), minlength=faces + 1)
+            / lines.weight.size
+        )
+    return [
+        weights * one.coating.reflectance / (np.pi * scene.pad.index**2)
+        for one in scene.one_albedo_scenes
+    ]
+
+
+def lines_of_sight(scene: Scene, bend: float, count: int = SIGHTS) -> Array:
+    """Return directions in the pad in which the camera sees parts of sites, for skins with a lobe.
+
+    ``(site, facet + 2, count, 3)``, unit vectors in the world onto the facets, onto the coating
+    before them, and onto the untouched spot; lines of one part are as likely as each other. Sites
+    are those that count. What no line meets is seen as the spot is, and that head-on.
+    """
+    counted, faces = counted_sites(scene), scene.indenter.faces
+    sights = np.zeros((len(counted), faces + 2, count, 3))
+    for index, target, lines in _targets(scene, bend):
+        if lines is None:
+            continue
+        parts = [target] if target < faces else []
+        # Before facets the coating is met by lines of all targets: the last facet's will do.
+        parts += [faces] if target < faces else [faces + 1]
+        for part in parts:
+            wanted = (faces if part > faces else part) == lines.seen
+            weight = lines.weight[wanted]
+            if weight.sum() > 0.0:
+                steps = (np.arange(count) + 0.5) / count * weight.sum()
+                chosen = np.minimum(np.searchsorted(np.cumsum(weight), steps), len(weight) - 1)
+                sights[index, part] = lines.direction[wanted][chosen]
+    known = np.asarray(sights.any(axis=(-1, -2)))[..., None, None]
+    head_on = SkinChart(scene, bend).frames(declared_sites(scene)[counted, :2])[:, None, None, :, 2]
+    spot = np.where(known[:, -1:], sights[:, -1:], head_on)
+    return np.where(known, sights, spot)
+
+
+class _Lines(NamedTuple):
+    """Lines of sight of one target: ``seen`` ``(pixel, line, normal)`` the facet each meets.
+
+    The number of facets stands for the coating; ``direction`` is one more axis of 3, in the world.
+    """
+
+    seen: NDArray[np.int64]
+    weight: Array
+    direction: Array
+
+
+def _targets(scene: Scene, bend: float) -> Iterator[tuple[int, int, _Lines | None]]:
+    """Yield site (of those that count), target and its lines of sight, None without a pixel."""
     masks = _thinned(facet_masks(scene, bend))
     position = facets(scene, bend).site_position
     owner = np.repeat(np.arange(len(masks.offset) - 1), np.diff(masks.offset))
     entry, outside = _lines_of_sight(scene, bend, masks)
     directions, weight = _refracted(scene, bend, entry, outside)
-    counted, faces = counted_sites(scene), masks.facets
-    weights = np.zeros((len(counted), faces + 1, faces + 1))
-    for index, site in enumerate(counted):
+    faces = masks.facets
+    for index, site in enumerate(counted_sites(scene)):
         turn = SkinChart(scene, bend).frames(declared_sites(scene)[site, :2])
         for target in range(faces + 1):
             chosen = owner == site * (faces + 1) + target
             if not chosen.any():
-                head_on = 1 - fresnel(np.ones(1), scene.pad.index)[0]
-                weights[index, target, target] = head_on[0]
+                yield index, target, None
                 continue
             start = (entry[chosen] - position[site]) @ turn
             seen = _first_facet(scene, start, directions[chosen] @ turn)
             seen = np.where(target == faces, faces, seen)
-            lines = weight[chosen]
-            weights[index, target] = (
-                np.bincount(seen.ravel(), lines.ravel(), minlength=faces + 1) / lines.size
-            )
-    return [weights * albedo / (np.pi * scene.pad.index**2) for albedo in scene.albedos]
+            yield index, target, _Lines(seen, weight[chosen], directions[chosen])
 
 
 def _thinned(masks: FacetMasks) -> FacetMasks:

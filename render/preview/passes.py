@@ -23,7 +23,7 @@ from render.preview.lights import PointLights, with_images
 from render.preview.shader import ShaderPass, float_texture, source
 from render.preview.shading_points import ShadingPoints
 from render.preview.skin_texels import skin_texels
-from render.scene import EDGES, Scene
+from render.scene import EDGES, Coating, Scene
 
 MAX_TARGET_SIDE = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""
@@ -48,17 +48,13 @@ class ShaderPasses:
         """Open the context and upload what does not depend on the design."""
         self._scene, self._lights, self._imprint = scene, lights, imprint
         self._count = len(points.position)
-        self._compiled: dict[tuple[str, bool, int, bool], ShaderPass] = {}
+        self._compiled: dict[tuple[str, bool, int, bool, bool], ShaderPass] = {}
         self._context: Any = create_context(backend)
         with self._context:
-            parts = [points.position, points.normal]
+            self._parts = [points.position, points.normal]
             if scene.skin is not None:
-                parts.append(points.below)
-            texels = np.stack(parts, axis=1)
-            short = -self._count % POINT_COLUMNS
-            texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
-            texels = texels.reshape(-1, len(parts) * POINT_COLUMNS, 3)
-            self._points = float_texture(self._context, texels)
+                self._parts.append(points.below)
+            self._points = self._point_texture(self._parts)
             self._fibers = float_texture(self._context, with_images(scene, lights.position))
             self._kept = {}
             if lights.profiles is not None:
@@ -75,19 +71,25 @@ class ShaderPasses:
         """Free the OpenGL context."""
         self._context.release()
 
-    def direct(self, emission: Array, bend: float) -> NDArray[np.float32]:
+    def direct(
+        self, emission: Array, bend: float, skin: Coating, sights: Array | None = None
+    ) -> NDArray[np.float32]:
         """Draw direct irradiance of every fiber's lights, ``(fiber, node, point, 2)``.
 
         The second is that of the coating at the foot of the point's facet, without what comes
         from behind the facet: that is in the pyramid's shadow.
 
-        ``emission`` is ``(fiber, node, light, n)``.
+        ``emission`` is ``(fiber, node, light, n)``. With ``sights`` ``(point, 3)``, local
+        directions to the camera, it is what would look as bright from there if ``skin`` had no
+        lobe.
         """
         fibers, nodes = emission.shape[:2]
         rows = emission.reshape(fibers * nodes, -1, 4)
         with self._context:
             texture = float_texture(self._context, rows)
-            drawn = self._at_points(bend, self._fibers, texture, fibers * nodes, 1, nodes)
+            drawn = self._at_points(
+                bend, self._fibers, texture, fibers * nodes, 1, nodes, skin, sights
+            )
             texture.release()
         return drawn.reshape(fibers, nodes, -1, 2)
 
@@ -112,7 +114,7 @@ class ShaderPasses:
         facet: Array | None,
         bend: float,
         size: tuple[int, int],
-        albedo: float,
+        skin: Coating,
     ) -> NDArray[np.float32]:
         """Draw radiance at the camera ``(height, width, 3)``, row 0 at the tip.
 
@@ -124,7 +126,7 @@ class ShaderPasses:
                 ``(3, 1, 5)`` (`slope_terms`), or None for the untouched pad.
             bend: rad.
             size: width and height in pixels.
-            albedo: of the coating.
+            skin: what the coating is made of, of one albedo.
         """
         lights = with_images(self._scene, position)
         with self._context:
@@ -135,36 +137,51 @@ class ShaderPasses:
             }
             kept = dict(self._kept)
             if facet is not None:
-                skin = isinstance(self._imprint, HeightMap)
-                name = "slope_indirect" if skin else "facet_indirect"
+                mapped = isinstance(self._imprint, HeightMap)
+                name = "slope_indirect" if mapped else "facet_indirect"
                 images[name] = float_texture(self._context, np.moveaxis(facet, 0, -1))
-                kept |= {"height_map": self._skin} if skin else {}
+                kept |= {"height_map": self._skin} if mapped else {}
             uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
-            uniforms["albedo"] = albedo
-            shader_pass = self._pass("picture.frag", bend, 3, facet is not None)
+            uniforms |= _reflecting(skin)
+            lobe = skin.lobe is not None
+            shader_pass = self._pass("picture.frag", bend, 3, facet is not None, lobe)
             picture = shader_pass.draw(size, 3, uniforms, images | kept)
             for image in images.values():
                 image.release()
         return picture[::-1].copy()
 
+    def _point_texture(self, parts: list[Array]) -> Any:
+        """Return the texture of ``parts`` ``(point, 3)`` of the points, side by side."""
+        texels = np.stack(parts, axis=1)
+        short = -self._count % POINT_COLUMNS
+        texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
+        return float_texture(self._context, texels.reshape(-1, len(parts) * POINT_COLUMNS, 3))
+
     def _at_points(
-        self, bend: float, lights: Any, emissions: Any, rows: int, channels: int, nodes: int
-    ) -> NDArray[np.float32]:
+        self, bend: float, lights: Any, emissions: Any, rows: int, channels: int, nodes: int,
+        skin: Coating | None = None, sights: Array | None = None,
+    ) -> NDArray[np.float32]:  # fmt: skip
         """Return ``(row, point, channel)``."""
-        images = {"points": self._points, "lights": lights, "emissions": emissions}
+        points = self._points if sights is None else self._point_texture([*self._parts, sights])
+        images = {"points": points, "lights": lights, "emissions": emissions}
         images |= self._kept
         uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
-        shader_pass = self._pass("transport.frag", bend, channels, False)
+        uniforms |= {} if skin is None else _reflecting(skin)
+        shader_pass = self._pass("transport.frag", bend, channels, False, sights is not None)
         parts = []
         for first in range(0, self._count, MAX_TARGET_SIDE):
             size = (min(MAX_TARGET_SIDE, self._count - first), rows)
             wanted = uniforms | {"first_point": first}
             parts.append(shader_pass.draw(size, 3 if channels == 3 else 2, wanted, images))
+        if sights is not None:
+            points.release()
         return np.concatenate(parts, axis=1)
 
-    def _pass(self, fragment: str, bend: float, channels: int, indented: bool) -> ShaderPass:
+    def _pass(
+        self, fragment: str, bend: float, channels: int, indented: bool, lobe: bool
+    ) -> ShaderPass:
         """Return the program specialized to what it has to draw."""
-        key = (fragment, bend > 0, channels, indented)
+        key = (fragment, bend > 0, channels, indented, lobe)
         if key not in self._compiled:
             defines = dict(self._lights.defines)
             defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
@@ -172,6 +189,8 @@ class ShaderPasses:
                 defines["BENT"] = "1"
             if self._scene.skin is not None:
                 defines["CURVED"] = "1"
+            if lobe:
+                defines["LOBE"] = "1"
             if any(finish.metal is not None for finish in self._scene.finishes):
                 defines["METAL"] = "1"
             if fragment == "picture.frag" and self._scene.camera.fisheye:
@@ -244,3 +263,13 @@ class ShaderPasses:
                 (*n, d) for n, d in zip(pressed.normal, pressed.distance, strict=True)
             ],
         }
+
+
+def _reflecting(skin: Coating) -> dict[str, float]:
+    """Return the uniforms of a coating of one albedo."""
+    specular, roughness = skin.lobe or (0.0, 1.0)
+    return {
+        "albedo": skin.reflectance,
+        "lobe_share": specular / skin.reflectance if specular else 0.0,
+        "lobe_roughness": roughness,
+    }

@@ -10,15 +10,22 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
-from render.geometry import HeightMap, Imprint, counted_sites, pyramids
+from render.geometry import (
+    HeightMap,
+    Imprint,
+    SkinChart,
+    counted_sites,
+    declared_sites,
+    pyramids,
+)
 from render.preview.bonded import with_bonded_window
-from render.preview.facet_blur import facet_blurs
+from render.preview.facet_blur import facet_blurs, lines_of_sight
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
 from render.preview.radiosity import Radiosity, form_factors, solve_radiosity
 from render.preview.shading_points import shading_points
 from render.preview.sloped_skin import slope_terms, sloped_skin
-from render.scene import Scene
+from render.scene import Coating, Scene
 
 
 class Preview:
@@ -62,6 +69,7 @@ class Preview:
         self._of_channel = list(scene.albedo_of_channel)
         self._radiosity: dict[float, list[Radiosity]] = {}
         self._blurs: dict[float, list[Array]] = {}
+        self._sights: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
             scene, self._lights, self._points, pressed, backend
@@ -147,13 +155,37 @@ class Preview:
         With one more axis ``channel`` where the skin's albedo depends on it.
         """
         drawn = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)
-        lit = zip(self._radiosity_at(bend), self._blurs_at(bend), strict=True)
-        cells = [self._cells(drawn, radiosity, blur) for radiosity, blur in lit]
+        lit = zip(
+            self.scene.one_albedo_scenes,
+            self._radiosity_at(bend),
+            self._blurs_at(bend),
+            strict=True,
+        )
+        cells = [
+            self._cells(drawn, self._of_lobe(scene.coating, phi, bend, drawn), radiosity, blur)
+            for scene, radiosity, blur in lit
+        ]
         shape = (*phi.shape, len(self._counted), -1)
         return self._by_channel([part.reshape(shape) for part in cells])
 
-    def _cells(self, drawn: Array, radiosity: Radiosity, weights: Array) -> Array:
-        """Return the cells ``(row, site, facet + 1)`` of direct irradiance ``(row, point, 2)``."""
+    def _of_lobe(self, coating: Coating, phi: Array, bend: float, drawn: Array) -> Array | None:
+        """Return what a lobe makes of direct light, as irradiance ``(row, point, 2)``.
+
+        Between faces it counts as diffuse.
+        """
+        if coating.lobe is None:
+            return None
+        emission = self._lights.emission(phi.T).swapaxes(0, 1)
+        seen = self._open.direct(emission, bend, coating, self._sights_at(bend))
+        return np.asarray(seen.astype(np.float64).reshape(drawn.shape) - drawn)
+
+    def _cells(
+        self, drawn: Array, lobe: Array | None, radiosity: Radiosity, weights: Array
+    ) -> Array:
+        """Return the cells ``(row, site, facet + 1)`` of direct irradiance ``(row, point, 2)``.
+
+        ``lobe`` is added to it for the camera alone.
+        """
         points = self._points
         direct, foot = drawn[..., 0], drawn[..., 1]
         total = direct[:, : points.first_edge] + radiosity.added(direct)
@@ -164,6 +196,10 @@ class Preview:
         shadow = site - direct[:, facets.stop : points.first_patch, None]
         around = foot[:, facets].reshape(shape) + shadow
         facet = total[:, facets].reshape(shape) + radiosity.below(around)
+        if lobe is not None:
+            facet = facet + lobe[:, facets, 0].reshape(shape)
+            around = around + lobe[:, facets, 1].reshape(shape)
+            site = site + lobe[:, facets.stop : points.first_patch, :1]
         facet, around, site = (part[:, self._counted] for part in (facet, around, site))
         blur = weights[:, :-1]
         seen = np.einsum("sij,rsj->rsi", blur[..., :-1], facet) + blur[..., -1] * around
@@ -184,7 +220,8 @@ class Preview:
         `render.preview.shading_points`. Unit: 1/mm^2 per unit power of a fiber.
         """
         emission = self._lights.emission(phi.T).swapaxes(0, 1)
-        return self._open.direct(emission, bend).astype(np.float64)
+        coating = self.scene.one_albedo_scenes[0].coating
+        return self._open.direct(emission, bend, coating).astype(np.float64)
 
     def picture(
         self,
@@ -249,8 +286,8 @@ class Preview:
         if self._skin:
             facet = slope_terms(points, facet - sites[..., None])
         pressed = facet if indented else None
-        reflected = self.scene.albedos[albedo]
-        return self._open.picture(position, emission, coating, pressed, bend, size, reflected)
+        skin = self.scene.one_albedo_scenes[albedo].coating
+        return self._open.picture(position, emission, coating, pressed, bend, size, skin)
 
     @property
     def _open(self) -> ShaderPasses:
@@ -283,6 +320,25 @@ class Preview:
                 for scene in self.scene.one_albedo_scenes
             ]
         return self._radiosity[bend]
+
+    def _sights_at(self, bend: float) -> Array:
+        """Return unit directions ``(point, 3)`` to the camera in local frames, inside the pad.
+
+        Sites that do not count, and patches, are looked at head-on.
+        """
+        if bend not in self._sights:
+            points, faces = self._points, self._points.facets
+            mean = -lines_of_sight(self.scene, bend).mean(axis=2)
+            mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
+            if self.scene.skin is None:
+                places = declared_sites(self.scene)[self._counted, :2]
+                mean = mean @ SkinChart(self.scene, bend).frames(places)
+            sights = points.below * 1.0
+            facet = sights[: points.sites * faces].reshape(points.sites, faces, 3)
+            facet[self._counted] = mean[:, :faces]
+            sights[points.sites * faces : points.first_patch][self._counted] = mean[:, -1]
+            self._sights[bend] = sights
+        return self._sights[bend]
 
     def _blurs_at(self, bend: float) -> list[Array]:
         """Return `facet_blurs` at a bend, made when first asked for; pictures need none."""

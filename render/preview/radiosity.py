@@ -1,9 +1,10 @@
 """Light that goes to and fro in the pad before the camera sees it: radiosity between patches.
 
 The coating, the diffuser's inner faces and white walls reflect diffusely; patches see each other
-straight and by way of the lower face, which reflects totally beyond the critical angle. A skin that
-is not flat sees itself straight as well. With irradiance ``E0`` straight from the lights,
-``E = E0 + K rho E`` (Goral et al. 1984), solved once per bend.
+straight and by way of the lower face, which reflects totally beyond the critical angle. What a lobe
+of the coating sends out counts as diffuse. A skin that is not flat sees itself straight as well.
+With irradiance ``E0`` straight from the lights, ``E = E0 + K rho E`` (Goral et al. 1984), solved
+once per bend.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Radiosity:
         facets = slice(0, self.points.sites * self.points.facets)
         cosine = -np.sum(self.points.normal[facets] * self.points.below[facets], axis=-1)
         part = 0.5 * (1 + cosine.reshape(self.points.sites, self.points.facets))
-        return np.asarray(part * self.scene.coating.single_albedo * around)
+        return np.asarray(part * self.scene.coating.reflectance * around)
 
 
 def form_factors(scene: Scene, points: ShadingPoints, bend: float) -> Array:
@@ -90,7 +91,7 @@ def solve_radiosity(
     """
     kernel = form_factors(scene, points, bend) if factors is None else factors
     white = [finish.paint.reflectance if finish.paint else edge_albedo for finish in scene.finishes]
-    on_coating = np.full(points.columns * points.rows, scene.coating.single_albedo)
+    on_coating = np.full(points.columns * points.rows, scene.coating.reflectance)
     albedo = np.concatenate([on_coating, np.array(white)[points.edge]])
     between = kernel[points.first_patch :] * albedo
     gather = kernel[: points.first_edge] * albedo

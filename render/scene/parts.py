@@ -33,6 +33,8 @@ def _known_color(value: str, info: ValidationInfo) -> str:
 KnownColor = Annotated[str, AfterValidator(_known_color)]
 
 
+ROUNDING = 1e-9
+"""By which reflectances may be more than 1 together."""
 MIN_BONDED_INDEX = 1.2
 """Least index of a pad on a window: what has none is no pad that a plate is bonded to."""
 
@@ -104,9 +106,12 @@ class Window(Part):
 
 
 class Coating(Part):
-    """The Lambertian far side of the pad, seen from inside.
+    """The far side of the pad, seen from inside: Lambertian, with a specular lobe where named.
 
-    ``albedo`` is one number, or one per camera channel: skins of pigment have a color.
+    ``albedo`` is the part of the light that it scatters by Lambert's law: one number, or one per
+    camera channel, for skins of pigment have a color. ``specular`` is the part that goes into the
+    lobe: that of microfacets which reflect everything, ``roughness`` (Beckmann alpha) as of the
+    pad's faces.
     """
 
     albedo: Annotated[
@@ -114,6 +119,8 @@ class Coating(Part):
         PerChannel("", 0.0, 1.0),
         Field(json_schema_extra={"lists_since_schema": 2}),
     ]
+    specular: Annotated[float, Quantity("", 0.0, 1.0)] | None = since_schema_2()
+    roughness: Annotated[float, Quantity("", 0.05, 0.5)] | None = since_schema_2()
 
     @property
     def single_albedo(self) -> float:
@@ -131,8 +138,33 @@ class Coating(Part):
             field="coating.albedo",
         )
 
+    @property
+    def lobe(self) -> tuple[float, float] | None:
+        """Reflectance and roughness of the lobe; None where nothing goes into one."""
+        if not self.specular or self.roughness is None:
+            return None
+        return self.specular, self.roughness
+
+    @property
+    def reflectance(self) -> float:
+        """What it sends back of the light that arrives, but for what microfacets mask."""
+        return self.single_albedo if self.lobe is None else self.single_albedo + self.lobe[0]
+
     def problems(self, channels: tuple[str, ...]) -> Iterator[str]:
-        """Yield what does not fit a camera with ``channels``, one sentence each."""
+        """Yield what is wrong with it, or does not fit a camera with ``channels``."""
+        if (self.specular is None) != (self.roughness is None):
+            named, other = ("specular", "roughness")[:: 1 if self.roughness is None else -1]
+            yield (
+                f"coating.{named}: there is no coating.{other}, allowed: both or none; a lobe has "
+                "a reflectance and a roughness"
+            )
+        brightest = self.albedo if isinstance(self.albedo, float) else max(self.albedo, default=0.0)
+        if brightest + (self.specular or 0.0) > 1.0 + ROUNDING:
+            yield (
+                f"coating.specular = {self.specular:g} and coating.albedo = {brightest:g} send "
+                f"back more light than arrives, allowed: at most {1.0 - brightest:g} for "
+                "specular, together at most 1"
+            )
         if isinstance(self.albedo, float):
             return
         if len(self.albedo) != len(channels):

@@ -379,6 +379,9 @@ class Scene(Part):
             content["diffuser"].pop("on", None)
             if self.diffuser_edges != RIM_EDGES:
                 content["diffuser"]["on"] = self.diffuser_edges
+        if self.coating.lobe is None:
+            for key in ("specular", "roughness"):
+                content["coating"].pop(key, None)
         for color in content.get("colors", ()):
             color.pop("ink", None)
         # However the file groups them, and only those that are not like the rest of the pad.

@@ -5,7 +5,7 @@ all directions into the silicone. So the cells follow from the power that arrive
 the coating and from where the rays of a facet's pixels end, which are traced backwards through the
 lower face: ``T = albedo / (pi n^2) mean over rays of weight E(bin)``, in which ``n^2`` is for the
 larger solid angle of the light in the air. Light that reaches the camera without the coating is
-left out.
+left out. Where the coating has a lobe, ``tests.oracles.skin_lobe`` has what that adds.
 
 Positions come from the scene's numbers alone; only which pixels show a facet is asked of
 ``render.geometry``.
@@ -32,6 +32,7 @@ from tests.oracles.analog_tracer import (
     trace_photons,
     trace_views,
 )
+from tests.oracles.skin_lobe import Sights, trace_photons_to_sights, trace_sights
 
 PITCH = 0.1
 """Of the grid of bins on the flat coating, mm, at most."""
@@ -94,6 +95,8 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         pitch=max(pad.width / columns, pad.length / rows),
         columns=columns,
         rows=rows,
+        specular=scene.coating.specular or 0.0,
+        lobe=scene.coating.roughness or 1.0,
     )
 
 
@@ -299,6 +302,24 @@ class AnalogScene:
             )  # fmt: skip
         return weights / self.views
 
+    @cached_property
+    def sights(self) -> Sights:
+        """The rays of all targets by the bin that they see."""
+        found = []
+        for target, directions in enumerate(
+            target_rays(self.scene, 0.0, self.indented, self.views, self.seed)
+        ):
+            if directions is not None:
+                bins, arrived, weight = trace_sights(
+                    self.pad, camera_origin(self.scene), directions, self.seed + target
+                )
+                found.append((bins, arrived, weight, np.full(len(bins), target)))
+        bins, arrived, weight, owner = (np.concatenate(part) for part in zip(*found, strict=True))
+        order = np.argsort(bins, kind="stable")
+        order = order[weight[order] > 0.0]
+        first = np.searchsorted(bins[order], np.arange(len(self.area) + 1))
+        return Sights(first, arrived[order], weight[order] / self.views, owner[order])
+
     def irradiance(self, fiber: int, phi: float, photons: int, batches: int) -> Floats:
         """Return the power per area ``(batch, bin)`` in 1/mm^2 that a fiber of power 1 brings."""
         lamp, bins = analog_lamp(self.scene, fiber, phi), len(self.area)
@@ -313,9 +334,27 @@ class AnalogScene:
         """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""
         pad = self.scene.pad
         brightness = self.scene.coating.albedo / (np.pi * pad.index**2)
-        replicates = brightness * self.irradiance(fiber, phi, photons, batches) @ self.view.T
+        if self.scene.coating.specular:
+            replicates = self._with_lobe(fiber, phi, photons, batches)
+        else:
+            replicates = brightness * self.irradiance(fiber, phi, photons, batches) @ self.view.T
         return AnalogCells(
             replicates.mean(axis=0),
             replicates.std(axis=0, ddof=1) / np.sqrt(batches),
             replicates,
         )
+
+    def _with_lobe(self, fiber: int, phi: float, photons: int, batches: int) -> Floats:
+        """Return the replicates ``(batch, target)`` of a skin with a lobe."""
+        lamp, index = analog_lamp(self.scene, fiber, phi), self.scene.pad.index
+        first = (self.seed * 1009 + fiber) * 4099
+        area = np.where(self.area > 0, self.area, np.inf)
+        replicates = []
+        for batch in range(batches):
+            power, lobe, _ = trace_photons_to_sights(
+                self.pad, lamp, photons // batches, first + batch, area, self.sights,
+                len(self.view),
+            )  # fmt: skip
+            diffuse = self.scene.coating.albedo / np.pi * self.view @ (power / area)
+            replicates.append((diffuse + lobe) / index**2)
+        return np.array(replicates)

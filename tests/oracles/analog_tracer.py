@@ -62,6 +62,8 @@ class Pad(NamedTuple):
         subdivisions: of an edge of a facet into tally bins.
         pitch: of the tally's grid on the flat coating.
         columns, rows: of that grid.
+        specular, lobe: reflectance and Beckmann roughness of the coating's lobe
+            (``tests.oracles.skin_lobe``, which alone knows it).
     """
 
     low: Floats
@@ -83,6 +85,8 @@ class Pad(NamedTuple):
     pitch: float
     columns: int
     rows: int
+    specular: float = 0.0
+    lobe: float = 1.0
 
 
 class Lamp(NamedTuple):

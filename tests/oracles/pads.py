@@ -75,6 +75,11 @@ def window(index: float, thickness: float = 3.0) -> dict[str, Any]:
     return {"thickness": (thickness, MM), "index": (index,)}
 
 
+def lobe(specular: float, roughness: float) -> dict[str, Any]:
+    """Return the entries of a skin's lobe."""
+    return {"coating.specular": (specular,), "coating.roughness": (roughness,)}
+
+
 BELOW_THE_PAD = {"rows": [row("left", 1, height=-1.5), row("tip", 2, height=-2.0, tilt=30.0)]}
 """Lamps before the edges of a window 3 mm thick."""
 
@@ -242,6 +247,24 @@ CASES: dict[str, dict[str, Any]] = {
     "window like the pad": {"window": window(1.41), **BELOW_THE_PAD},
     "window lit from below": {"window": window(1.6), "lamps": [listed(-6, -3, -7, 1, 0.5, 2)]},
     "window of low index": {"window": window(1.3), **BELOW_THE_PAD},
+    "lobe": lobe(0.1, 0.5),
+    "bright lobe": lobe(0.4, 0.5),
+    "sharp lobe": lobe(0.4, 0.1),
+    "dim sharp lobe": lobe(0.1, 0.1),
+    "lobe rough 0.1": {"pad.roughness": (0.1,), **lobe(0.4, 0.5)},
+    "sharp lobe rough 0.1": {"pad.roughness": (0.1,), **lobe(0.4, 0.1)},
+    "lobe behind a rim rough 0.1": {"diffuser": RIM, "pad.roughness": (0.1,), **lobe(0.4, 0.5)},
+    "sharp lobe behind a rim rough 0.1": {
+        "diffuser": RIM, "pad.roughness": (0.1,), **lobe(0.4, 0.1),
+    },
+    "sharp lobe behind a rim": {"diffuser": RIM, **lobe(0.4, 0.1)},
+    "sharp lobe no face": {"pad.index": (1.0,), **lobe(0.4, 0.1)},
+    "lobe, white and mirror walls": {
+        "rows": [row("left", 2)], **lobe(0.4, 0.2),
+        "faces": [
+            painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
+        ],
+    },
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
 }  # fmt: skip
 
@@ -300,9 +323,8 @@ def content_of_case(case: str) -> dict[str, Any]:
         content["baseline"] = {entry["edge"]: "red" for entry in changes.get("rows", ())}
         if "lamps" in changes:
             content["baseline"]["lamps"] = ["red"] * len(changes["lamps"])
-    newer = {"rows", "lamps", "faces", "skin", "window"} & set(changes) or "on" in changes.get(
-        "diffuser", {}
-    )
+    newer = {"rows", "lamps", "faces", "skin", "window", "coating.specular"} & set(changes)
+    newer = newer or "on" in changes.get("diffuser", {})
     schema = {"schema": 2 if newer else 1, "name": "case"}
     return schema | dict(_in_file_form(content))
 

@@ -59,8 +59,12 @@ def no_arrivals(scene: Scene, nodes: int) -> Arrivals:
     return Arrivals(*(np.zeros((*shape, nodes)) for shape in shapes))
 
 
-def receivers_at(scene: Scene, bend: float) -> Receivers:
-    """Return facets, feet of facets and spots of all sites that count, in this order."""
+def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Receivers:
+    """Return facets, feet of facets and spots of all sites that count, in this order.
+
+    ``sights`` ``(site, facet + 2, sight, 3)`` are lines of sight onto facets, onto the coating
+    before them and onto the spot (`render.preview.facet_blur.lines_of_sight`).
+    """
     faces, radius = scene.indenter.faces, scene.indenter.radius
     sites, shape = counted_sites(scene), facets(scene, bend)
     uv, chart = declared_sites(scene)[sites, :2], SkinChart(scene, bend)
@@ -84,7 +88,15 @@ def receivers_at(scene: Scene, bend: float) -> Receivers:
         shaded=np.arange(2 * faces + 1) < 2 * faces,
         radius=DISK * radius,
         reach=float(apart) + DISK * radius,
+        sights=_onto_receivers(sights, len(sites), faces),
     )
+
+
+def _onto_receivers(sights: Array | None, sites: int, faces: int) -> Array:
+    if sights is None:
+        return np.zeros((sites, 2 * faces + 1, 0, 3))
+    chosen = [*range(faces), *([faces] * faces), faces + 1]
+    return directions_to_block(sights[:, chosen])
 
 
 def arrivals(

@@ -90,6 +90,7 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         normal=np.ascontiguousarray(normal),
         offset=np.einsum("sfi,sfi->sf", normal, corner),
         patch=np.array([columns, rows, half_length, scene.camera.pivot], dtype=np.float64),
+        skin=np.array([scene.albedos[0], *(scene.coating.lobe or (0.0, 1.0))]),
     )
 
 

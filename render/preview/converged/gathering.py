@@ -35,18 +35,21 @@ FACET_KEY, SITE_KEY, PATCH_KEY = 2 << 40, 3 << 40, 4 << 40
 
 NO_GRID = FaceGrid(np.zeros(4, np.int64), np.zeros(4, np.int64), np.zeros(4), 0, 0.0, 0)
 """The grid of a pad whose exit field nobody needs."""
+NO_SIGHTS = np.zeros((0, 3))
+"""The lines of sight of a coating without a lobe, which looks alike from everywhere."""
 
 
 class Starts(NamedTuple):
     """Points of the coating from which light is followed backwards.
 
-    Points and normals into the pad ``(path, 3)`` in the frame of the block; weights ``(path,)`` of
-    sum 1; ``drawn`` ``(path, 5)``, evenly spread numbers for direction and first reflection; the
-    key of the streams of random numbers.
+    Points and normals into the pad ``(path, 3)`` in the frame of the block; lines of sight onto
+    them ``(path, 3)``, or none; weights ``(path,)`` of sum 1; ``drawn`` ``(path, 5)``, evenly
+    spread numbers for direction and first reflection; the key of the streams of random numbers.
     """
 
     points: Array
     normals: Array
+    sights: Array
     weights: Array
     drawn: Array
     key: int
@@ -56,15 +59,18 @@ class Gathered(NamedTuple):
     """What starts get: from the terms of the exit field ``(cell * term,)``, and from patches.
 
     ``patches`` ``(patch,)`` is the part of the paths that end on each. Both are means over cosine
-    distributed directions: times pi they are irradiance per radiance.
+    distributed directions: times pi they are irradiance per radiance. Of a coating with a lobe they
+    are the irradiance that would look as bright on a Lambertian one of its reflectance.
     """
 
     terms: Array
     patches: Array
 
 
-def facet_points(scene: Scene, bend: float, site: int, facet: int, count: int) -> Starts:
-    """Return points spread over a facet of a site."""
+def facet_points(
+    scene: Scene, bend: float, site: int, facet: int, count: int, sights: Array = NO_SIGHTS
+) -> Starts:
+    """Return points spread over a facet of a site, seen along ``sights`` ``(sight, 3)`` in turn."""
     key = FACET_KEY + int(site) * scene.indenter.faces + facet
     drawn = spread_points(range(count), 7, key)
     shape = facets(scene, bend)
@@ -74,11 +80,16 @@ def facet_points(scene: Scene, bend: float, site: int, facet: int, count: int) -
     points = corner[0] + place @ (corner[1:] - corner[0])
     normals = np.tile(directions_to_block(shape.normal[site, facet]), (count, 1))
     weights, drawn = np.full(count, 1 / count), np.ascontiguousarray(drawn[:, :5])
-    return Starts(points, normals, weights, drawn, key)
+    return Starts(points, normals, _in_turn(sights, count), weights, drawn, key)
 
 
-def site_points(scene: Scene, bend: float, site: int, facet: int | None, count: int) -> Starts:
-    """Return points spread over the background spot of a site, or before the foot of a facet."""
+def site_points(
+    scene: Scene, bend: float, site: int, facet: int | None, count: int, sights: Array = NO_SIGHTS
+) -> Starts:
+    """Return points spread over the background spot of a site, or before the foot of a facet.
+
+    They are seen along ``sights`` ``(sight, 3)`` in turn.
+    """
     faces = scene.indenter.faces
     key = SITE_KEY + int(site) * (faces + 1) + (faces if facet is None else facet)
     drawn = spread_points(range(count), 7, key)
@@ -93,7 +104,14 @@ def site_points(scene: Scene, bend: float, site: int, facet: int | None, count: 
     points = to_block(scene, chart.points(uv))
     normals = directions_to_block(-chart.frames(uv)[..., 2])
     weights, drawn = np.full(count, 1 / count), np.ascontiguousarray(drawn[:, :5])
-    return Starts(points, normals, weights, drawn, key)
+    return Starts(points, normals, _in_turn(sights, count), weights, drawn, key)
+
+
+def _in_turn(sights: Array, count: int) -> Array:
+    """Return a line of sight ``(path, 3)`` for every path, or none."""
+    if not len(sights):
+        return sights
+    return directions_to_block(sights[np.arange(count) % len(sights)])
 
 
 def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
@@ -116,7 +134,7 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
     points, normals, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
     find_coating(block, start, up, points, normals, weights)
     drawn = np.ascontiguousarray(drawn[:, :5])
-    return Starts(points, normals, weights / max(weights.sum(), 1.0), drawn, key)
+    return Starts(points, normals, NO_SIGHTS, weights / max(weights.sum(), 1.0), drawn, key)
 
 
 def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) -> Gathered:
@@ -124,14 +142,14 @@ def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) 
     if grid is None:
         terms, ends = np.zeros((0, 0, 1)), np.zeros(patches)
         gather(
-            block, NO_GRID, starts.points, starts.normals, starts.weights, starts.drawn,
-            starts.key, terms, ends,
+            block, NO_GRID, starts.points, starts.normals, starts.sights, starts.weights,
+            starts.drawn, starts.key, terms, ends,
         )  # fmt: skip
         return Gathered(terms.ravel(), ends)
     out = np.zeros((cell_count(grid), term_count(grid), 1))
     ends = np.zeros(patches)
     gather(
-        block, grid, starts.points, starts.normals, starts.weights, starts.drawn, starts.key,
-        out, ends,
+        block, grid, starts.points, starts.normals, starts.sights, starts.weights, starts.drawn,
+        starts.key, out, ends,
     )  # fmt: skip
     return Gathered((orthonormal_terms(grid) @ out).ravel(), ends)

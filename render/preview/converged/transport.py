@@ -39,6 +39,7 @@ from render.preview.converged.block import (
 )
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.gathering import (
+    NO_SIGHTS,
     Gathered,
     Starts,
     facet_points,
@@ -47,7 +48,7 @@ from render.preview.converged.gathering import (
     site_points,
 )
 from render.preview.converged.walks import Block, FaceGrid
-from render.preview.facet_blur import facet_blurs
+from render.preview.facet_blur import facet_blurs, lines_of_sight
 from render.progress import Clock
 from render.scene import Scene
 
@@ -93,7 +94,8 @@ def task_count(scene: Scene, effort: Effort) -> int:
     lamps = int(spreads(scene).sum()) * _field_ticks(effort)
     batches = -(-_flown(scene, effort) // PHOTONS_AT_A_TIME)
     lamps += int(flies(scene).sum()) * batches * _batch_ticks(scene, effort)
-    return lamps + len(counted_sites(scene)) * (scene.indenter.faces + 1)
+    ticks = lamps + len(counted_sites(scene)) * (scene.indenter.faces + 1)
+    return ticks * (1 if scene.coating.lobe is None else len(scene.albedos))
 
 
 def _field_ticks(effort: Effort) -> int:
@@ -148,17 +150,25 @@ def transport_at(
             field="skin",
         )
     scene = with_bonded_window(scene)
+    if scene.by_channel and scene.coating.lobe is not None:
+        # How much of the light is in the lobe differs, so each channel has light paths of its own.
+        parts = [transport_at(one, bend, phi, effort, clock) for one in scene.one_albedo_scenes]
+        return _by_channel(scene, parts)
+    sights = None if scene.coating.lobe is None else lines_of_sight(scene, bend)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        light = _light(scene, bend, phi, effort, clock, pool)
-        pressed = _Gathering(scene, bend, True, light, effort, clock, pool)
-        untouched = _Gathering(scene, bend, False, light, effort, clock, pool)
+        light = _light(scene, bend, phi, effort, clock, pool, sights)
+        pressed = _Gathering(scene, bend, True, light, effort, clock, pool, sights)
+        untouched = _Gathering(scene, bend, False, light, effort, clock, pool, sights)
         irradiance = pressed.facets(), pressed.feet(), untouched.sites()
     parts = [
         _seen(light, len(phi), blur, *lit)
         for blur, *lit in zip(facet_blurs(scene, bend), *irradiance, strict=True)
     ]
-    if len(parts) == 1:
-        return parts[0]
+    return parts[0] if len(parts) == 1 else _by_channel(scene, parts)
+
+
+def _by_channel(scene: Scene, parts: list[ConvergedTransport]) -> ConvergedTransport:
+    """Return transport with an axis of channels, of that of each albedo."""
     return ConvergedTransport(
         *(
             np.stack([each[albedo] for albedo in scene.albedo_of_channel], axis=-1)
@@ -199,10 +209,11 @@ class _Light(NamedTuple):
 
 
 def _light(
-    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, pool: ThreadPoolExecutor
-) -> _Light:
+    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, pool: ThreadPoolExecutor,
+    sights: Array | None,
+) -> _Light:  # fmt: skip
     block, grid = bent_block(scene, bend, pressed=False), face_grid(scene)
-    pressed, receivers = bent_block(scene, bend, pressed=True), receivers_at(scene, bend)
+    pressed, receivers = bent_block(scene, bend, pressed=True), receivers_at(scene, bend, sights)
     spread, flying = spreads(scene), flies(scene)
     nodes = np.where(flat_fiber_poses(scene).turns, len(phi), 1)
     rows = cell_count(grid) * term_count(grid) if spread.any() else 0
@@ -240,10 +251,10 @@ class _Gathering:
 
     def __init__(
         self, scene: Scene, bend: float, pressed: bool, light: _Light, effort: Effort,
-        clock: Clock, pool: ThreadPoolExecutor,
+        clock: Clock, pool: ThreadPoolExecutor, sights: Array | None,
     ) -> None:  # fmt: skip
         self._scene, self._bend, self._effort, self._clock = scene, bend, effort, clock
-        self._pool, self._light = pool, light
+        self._pool, self._light, self._sights = pool, light, sights
         self._block: Block = bent_block(scene, bend, pressed)
         self._grid: FaceGrid | None = face_grid(scene) if len(light.field) else None
         columns, rows = patch_counts(scene)
@@ -264,7 +275,14 @@ class _Gathering:
         faces, paths = self._scene.indenter.faces, self._effort.paths
         sites = counted_sites(self._scene)
         return self._irradiance(
-            lambda i: facet_points(self._scene, self._bend, sites[i // faces], i % faces, paths),
+            lambda i: facet_points(
+                self._scene,
+                self._bend,
+                sites[i // faces],
+                i % faces,
+                paths,
+                self._onto(i // faces, i % faces),
+            ),
             self._light.arrived.facets,
             ticks=True,
         )
@@ -274,7 +292,14 @@ class _Gathering:
         faces, few = self._scene.indenter.faces, max(self._effort.paths // MINOR, 1)
         sites = counted_sites(self._scene)
         return self._irradiance(
-            lambda i: site_points(self._scene, self._bend, sites[i // faces], i % faces, few),
+            lambda i: site_points(
+                self._scene,
+                self._bend,
+                sites[i // faces],
+                i % faces,
+                few,
+                self._onto(i // faces, faces),
+            ),
             self._light.arrived.feet,
         )
 
@@ -282,10 +307,21 @@ class _Gathering:
         """Return ``(site, column)`` on the spots."""
         sites, paths = counted_sites(self._scene), self._effort.paths
         return self._irradiance(
-            lambda i: site_points(self._scene, self._bend, sites[i], None, paths),
+            lambda i: site_points(
+                self._scene,
+                self._bend,
+                sites[i],
+                None,
+                paths,
+                self._onto(i, self._scene.indenter.faces + 1),
+            ),
             self._light.arrived.spots,
             ticks=True,
         )
+
+    def _onto(self, index: int, part: int) -> Array:
+        """Return lines of sight ``(sight, 3)`` onto a part of a site that counts, if any."""
+        return NO_SIGHTS if self._sights is None else self._sights[index, part]
 
     def _irradiance(
         self, starts: Callable[[int], Starts], arrived: Array, ticks: bool = False

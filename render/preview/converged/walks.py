@@ -58,6 +58,7 @@ class Block(NamedTuple):
         normal: ``(site, facet, 3)`` unit normals of facets, into the silicone.
         offset: ``(site, facet)`` their planes: ``normal . p = offset``.
         patch: ``(4,)`` columns and rows of coating patches, half the pad's length, the pivot.
+        skin: ``(3,)`` albedo, specular reflectance and Beckmann roughness of the coating.
     """
 
     kappa: float
@@ -80,6 +81,7 @@ class Block(NamedTuple):
     normal: Array
     offset: Array
     patch: Array
+    skin: Array
 
 
 class FaceGrid(NamedTuple):
@@ -117,6 +119,8 @@ class Receivers(NamedTuple):
         shaded: ``(receiver,)`` whether pyramids hide light from it.
         radius: of the disk parallel to the coating, about the center, over which light is alike.
         reach: radius of a ball about a site that holds all of its disks.
+        sights: ``(site, receiver, sight, 3)`` unit directions of lines of sight onto receivers, as
+            likely as each other; none where the coating has no lobe.
     """
 
     site: Array
@@ -127,6 +131,7 @@ class Receivers(NamedTuple):
     shaded: NDArray[np.bool_]
     radius: float
     reach: float
+    sights: Array
 
 
 # ------------------------------------ Random numbers --------------------------------------
@@ -273,6 +278,44 @@ def refract_into(
     if behind <= 0.0:
         return 0.0
     return weight * (1.0 - back) * unmasked(behind, alpha)
+
+
+@compiled
+def reflect_lobe(block: Block, d: Array, n: Array, u: float, v: float, m: Array) -> float:
+    """Turn ``d`` back as the coating's lobe does, ``n`` the normal into the pad; return its weight.
+
+    Microfacets that reflect everything: without the reflectance of the lobe.
+    """
+    weight = microfacet(d, n, block.skin[2], u, v, m)
+    if weight == 0.0:
+        return 0.0
+    cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
+    for k in range(3):
+        d[k] += 2.0 * cos_in * m[k]
+    cos_out = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
+    if cos_out <= 0.0:
+        return 0.0
+    return float(weight * unmasked(cos_out, block.skin[2]))
+
+
+@compiled
+def sent_to(block: Block, d: Array, sight: Array, n: Array) -> float:
+    """Return pi f over reflectance for light along ``d`` seen along ``sight``: 1 of Lambert's law.
+
+    Both lead onto the coating, whose normal is ``n`` (Walter et al. 2007, eqs. 20 and 25).
+    """
+    albedo, specular, alpha = block.skin[0], block.skin[1], block.skin[2]
+    cos_in = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
+    cos_out = -(sight[0] * n[0] + sight[1] * n[1] + sight[2] * n[2])
+    lobe = 0.0
+    if cos_in > 1e-9 and cos_out > 1e-9:
+        x, y, z = d[0] + sight[0], d[1] + sight[1], d[2] + sight[2]
+        cos = x * n[0] + y * n[1] + z * n[2]
+        squared = cos * cos / (x * x + y * y + z * z)
+        peak = math.exp((1.0 - 1.0 / squared) / (alpha * alpha)) / (alpha * alpha)
+        shadowed = unmasked(cos_in, alpha) * unmasked(cos_out, alpha)
+        lobe = peak * shadowed / (4.0 * cos_in * cos_out * squared * squared)
+    return float((albedo + specular * lobe) / (albedo + specular))
 
 
 # -------------------------------------- Geometry ------------------------------------------
@@ -692,6 +735,11 @@ def receive(
                 if hidden >= 0:
                     continue
             factor = scale * share * cos / -down
+            sights = receivers.sights.shape[2]
+            if sights > 0:
+                sight = min(sights - 1, int(uniform(state) * sights))
+                seen, normal = receivers.sights[site, part, sight], receivers.normal[site, part]
+                factor *= sent_to(pressed, d, seen, normal)
             for weight in range(len(weights)):
                 added = factor * weights[weight]
                 received[site, part, weight] += added
@@ -705,7 +753,8 @@ def trace_arrivals(
 ) -> None:  # fmt: skip
     """Follow rays of a lamp ``(ray, 3)`` until they end on the coating of the untouched ``block``.
 
-    But for light that belongs to the exit field: it ends where it leaves the layer.
+    A lobe of the coating sends them on. But for light that belongs to the exit field: it ends where
+    it leaves the layer.
 
     ``weights`` ``(ray, node)``; ``number`` is that of the first ray. The power that
     arrives is added to ``patches`` ``(patch, node)``, and the irradiance of receivers to
@@ -739,7 +788,11 @@ def trace_arrivals(
                 patch = patch_of(block, p)
                 for node in range(weights.shape[1]):
                     patches[patch, node] += weight * weights[ray, node]
-                break
+                if block.skin[1] == 0.0 or uniform(state) >= block.skin[1]:
+                    break
+                face_normal(block, LOWER, p, n)
+                weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
+                continue
             if face <= BASE and block.rims[face] > 0.0:
                 left, face, _ = walk_layer(state, block, p, d, n, m)
                 weight *= left
@@ -775,15 +828,16 @@ def find_coating(
 
 @compiled
 def gather(
-    block: Block, grid: FaceGrid, points: Array, normals: Array, weights: Array, drawn: Array,
-    key: int, out: Array, patches: Array,
+    block: Block, grid: FaceGrid, points: Array, normals: Array, sights: Array, weights: Array,
+    drawn: Array, key: int, out: Array, patches: Array,
 ) -> None:  # fmt: skip
     """Follow light backwards from points of the coating ``(path, 3)`` to the layer and to itself.
 
     Directions at the points are cosine distributed; ``drawn`` ``(path, 5)`` in [0, 1) draws them
-    and the first reflection. Where a path enters the layer, the light that leaves there is added to
-    ``out`` ``(cell, term, 1)``, which may have no cells; where it ends on the coating, its weight
-    to ``patches`` ``(patch,)``.
+    and the first reflection. With lines of sight ``(path, 3)`` onto the points (else none) they
+    are those of the coating and its lobe. Where a path enters the layer, the light that leaves
+    there is added to ``out`` ``(cell, term, 1)``, which may have no cells; where it meets the
+    coating, its weight to ``patches`` ``(patch,)``. There it ends, unless the lobe sends it on.
     """
     state, powers, one = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1)), np.empty(1)
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -794,15 +848,35 @@ def gather(
         begin_stream(state, key, path)
         p[:] = points[path]
         d[:] = normals[path]
-        turn(d, math.sqrt(1.0 - drawn[path, 0]), 2.0 * math.pi * drawn[path, 1])
+        if len(sights) == 0:
+            turn(d, math.sqrt(1.0 - drawn[path, 0]), 2.0 * math.pi * drawn[path, 1])
+        else:
+            share, u = block.skin[1] / (block.skin[0] + block.skin[1]), drawn[path, 0]
+            if u < share:
+                d[:] = sights[path]
+                weight *= reflect_lobe(block, d, normals[path], u / share, drawn[path, 1], m)
+                if weight == 0.0:
+                    continue
+            else:
+                u = (u - share) / (1.0 - share)
+                turn(d, math.sqrt(1.0 - u), 2.0 * math.pi * drawn[path, 1])
         first = True
         for _ in range(MAX_EVENTS):
-            way, face, _, _ = cross_clear(block, p, d)
+            way, face, site, facet = cross_clear(block, p, d)
             for k in range(3):
                 p[k] += way * d[k]
             if face in (COATING, FACET):
                 patches[patch_of(block, p)] += weight
-                break
+                if block.skin[1] == 0.0 or uniform(state) >= block.skin[1]:
+                    break
+                if face == FACET:
+                    n[:] = block.normal[site, facet]
+                else:
+                    face_normal(block, LOWER, p, n)
+                weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
+                if weight == 0.0:
+                    break
+                continue
             if face <= BASE and block.rims[face] > 0.0:
                 if len(out):
                     one[0] = weight

@@ -9,7 +9,7 @@ uniform vec3 camera;          // world
 uniform vec3 leftward, upward, ahead;  // in the camera's picture; ours is its mirror image
 uniform float pivot;          // y at which the bent pad touches the plane of the flat one
 uniform vec2 half_pad;        // half width and length of the pad
-uniform float albedo;
+uniform float albedo;         // and what goes into the lobe
 uniform sampler2D indirect;   // interreflected irradiance on the coating, over the pad
 #ifdef FACES
 uniform vec3 site_first;      // flat position of the first site
@@ -190,6 +190,13 @@ void main() {
     for (int k = 0; k < 5; ++k)
         ambient += terms[k] * texelFetch(slope_indirect, ivec2(k, 0), 0).rgb;
     ambient = max(ambient, 0.0);
+#endif
+#ifdef LOBE
+#ifdef CURVED
+    sight = -inside;
+#else
+    sight = -to_local(inside, turn);
+#endif
 #endif
     vec3 light = irradiance(target, facing, 0, 0).here + ambient;
     float scale = albedo / 3.14159265 * passed / (refractive_index * refractive_index);

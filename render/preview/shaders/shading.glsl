@@ -199,6 +199,32 @@ vec2 intensities(int i, int row, bool beam, int face, vec3 d, vec3 m) {
 #endif
 }
 
+#ifdef LOBE
+
+uniform float lobe_share;      // of what the skin reflects
+uniform float lobe_roughness;  // Beckmann alpha
+vec3 sight;                    // unit direction to the camera, in the pad
+
+// Smith's G1 for Beckmann roughness (Walter 2007, eq. 27).
+float unmasked(float cosine) {
+    float a = cosine / (lobe_roughness * sqrt(max(1.0 - cosine * cosine, 1e-12)));
+    return a < 1.6 ? (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a) : 1.0;
+}
+
+// How bright the skin is to the camera in light from a direction, 1 without a lobe: pi f over its
+// reflectance (Walter 2007, eqs. 20 and 25).
+float seen_brightness(vec3 arrive, vec3 normal) {
+    float cos_in = dot(arrive, normal), cos_out = dot(sight, normal);
+    if (cos_in <= 1e-4 || cos_out <= 1e-4) return 1.0 - lobe_share;
+    float cosine = dot(normalize(arrive + sight), normal);
+    float squared = cosine * cosine, alpha = lobe_roughness * lobe_roughness;
+    float peak = exp((1.0 - 1.0 / squared) / alpha) / (alpha * squared * squared);
+    float lobe = peak * unmasked(cos_in) * unmasked(cos_out) / (4.0 * cos_in * cos_out);
+    return mix(1.0, lobe, lobe_share);
+}
+
+#endif
+
 struct Light {
     Spectrum here;  // direct irradiance at the point
     Spectrum foot;  // and on the coating at the foot of its facet, unless the pyramid is before it
@@ -307,6 +333,17 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec2 landing = -vec2(direct.arrive.z, mirrored.arrive.z);
 #endif
         vec2 foot = step(0.0, cosine) * spread * max(landing, 0.0);
+#ifdef LOBE
+        here *= vec2(seen_brightness(direct.arrive, normal),
+                     seen_brightness(mirrored.arrive, normal));
+#ifdef CURVED
+        vec3 ground = below;
+#else
+        const vec3 ground = vec3(0.0, 0.0, -1.0);
+#endif
+        foot *= vec2(seen_brightness(direct.arrive, ground),
+                     seen_brightness(mirrored.arrive, ground));
+#endif
 #if CHANNELS == 3
         for (int c = 0; c < 3; ++c) {
             vec2 sent = intensities(sender, 3 * list + c, beam, face, d, m);

@@ -1,6 +1,7 @@
 // One cell of the transport array: column = point of the pad, row = fiber * nodes + node.
 
-// Position, normal and, where it is not flat, the skin's normal: POINT_COLUMNS points per row.
+// Position, normal, where it is not flat the skin's normal, where it has a lobe the direction to the
+// camera: POINT_COLUMNS points per row.
 uniform sampler2D points;
 uniform int first_point;
 uniform int nodes;
@@ -13,11 +14,19 @@ out vec2 cell;  // at the point, at the foot of its facet
 
 void main() {
     int point = int(gl_FragCoord.x) + first_point, list = int(gl_FragCoord.y);
+    int parts = 2;
 #ifdef CURVED
-    ivec2 texel = ivec2(3 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
+    ++parts;
+#endif
+#ifdef LOBE
+    ++parts;
+#endif
+    ivec2 texel = ivec2(parts * (point % POINT_COLUMNS), point / POINT_COLUMNS);
+#ifdef CURVED
     below = texelFetchOffset(points, texel, 0, ivec2(2, 0)).xyz;
-#else
-    ivec2 texel = ivec2(2 * (point % POINT_COLUMNS), point / POINT_COLUMNS);
+#endif
+#ifdef LOBE
+    sight = texelFetch(points, texel + ivec2(parts - 1, 0), 0).xyz;
 #endif
     vec3 position = texelFetch(points, texel, 0).xyz;
     vec3 normal = texelFetchOffset(points, texel, 0, ivec2(1, 0)).xyz;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,10 @@ from render.scene import Scene
 from tests.colored_skins import ALBEDOS, skin_of, stacked
 
 PHI, FLAT = np.array([0.6, np.pi / 2]), np.array([0.0])
+LOBE = {
+    "specular": {"value": 0.2, "source": "test"},
+    "roughness": {"value": 0.3, "source": "test"},
+}
 QUICK = Effort(photons=2000, paths=512, arrivals=30_000)
 
 
@@ -49,8 +54,19 @@ def test_each_channel_is_the_scene_of_its_albedo_to_the_last_bit(
         np.testing.assert_array_equal(found, stacked([each[number] for each in alone]))
 
 
-def test_each_channel_of_a_picture_is_that_of_its_albedo() -> None:
-    scene = skin_of()
+@pytest.mark.parametrize("light", [drawn, followed])
+def test_with_a_lobe_too_each_channel_is_the_scene_of_its_albedo(
+    light: Callable[[Scene], tuple[np.ndarray, ...]],
+) -> None:
+    scene = skin_of(coating=LOBE)
+    alone = [light(one) for one in scene.one_albedo_scenes]
+    for number, found in enumerate(light(scene)):
+        np.testing.assert_array_equal(found, stacked([each[number] for each in alone]))
+
+
+@pytest.mark.parametrize("parts", [{}, {"coating": LOBE}])
+def test_each_channel_of_a_picture_is_that_of_its_albedo(parts: dict[str, Any]) -> None:
+    scene = skin_of(**parts)
     alone = [picture(one) for one in scene.one_albedo_scenes]
     seen = picture(scene)
     for channel, one in enumerate(alone):
