@@ -103,7 +103,7 @@ def preview_checker(
         lambda phi, power: session.outputs(phi, power, bends)["score"],
         lambda phi, power: converged.outputs(phi, power, bends)["score"],
     )
-    half_width = converged_half_width(mean, difference)
+    half_width = converged_half_width(scene, mean, difference)
     return Checker(converged, _about(scene, grid, scale, CONVERGED_ERRORS, half_width))
 
 

@@ -7,10 +7,11 @@ import pytest
 
 from render.scene import Scene, load_scene
 from surrogate.preview_interval import (
-    CONVERGED_FLOOR,
+    BENT_FLOOR,
     COVERAGE,
     DESIGNS,
     DIFFERENCE_SHARE,
+    FLAT_FLOOR,
     converged_half_width,
     preview_difference,
 )
@@ -53,9 +54,11 @@ def test_designs_have_the_scenes_lamps_and_one_color_each(scene: Scene) -> None:
     np.testing.assert_array_equal(seen[3], power)
 
 
-def test_the_interval_grows_from_its_floor_to_a_share_of_the_difference() -> None:
-    assert converged_half_width(200.0, 0.0) == pytest.approx(200.0 * CONVERGED_FLOOR)
+def test_the_interval_grows_from_its_floor_to_a_share_of_the_difference(scene: Scene) -> None:
+    floor = {"finger20": BENT_FLOOR, "digit": FLAT_FLOOR}[scene.name]
+    assert converged_half_width(scene, 200.0, 0.0) == pytest.approx(200.0 * floor)
     far = 1e6
-    assert converged_half_width(200.0, far) == pytest.approx(far * DIFFERENCE_SHARE, rel=1e-6)
-    widths = [converged_half_width(200.0, difference) for difference in (0.0, 1.0, 10.0, 100.0)]
+    found = converged_half_width(scene, 200.0, far)
+    assert found == pytest.approx(far * DIFFERENCE_SHARE, rel=1e-6)
+    widths = [converged_half_width(scene, 200.0, difference) for difference in (0, 1, 10, 100)]
     assert widths == sorted(set(widths))

@@ -221,5 +221,5 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
         return lambda phi, power: model.run(phi, power, bends)["score"].astype(np.float64)
 
     difference = preview_difference(scene, scores(drawn), scores(checker))
-    expected = converged_half_width(mean, difference)
+    expected = converged_half_width(scene, mean, difference)
     assert checker.score_half_width == pytest.approx(expected, rel=1e-3)

@@ -26,12 +26,7 @@ from render.metric import clip_counts, design_score, site_metric
 from render.reference import render_transport
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene, load_scene
-from surrogate.preview_interval import (
-    CONVERGED_FLOOR,
-    COVERAGE,
-    DIFFERENCE_SHARE,
-    preview_difference,
-)
+from surrogate.preview_interval import COVERAGE, converged_half_width, preview_difference
 from surrogate.preview_model import COARSE_ERRORS, CONVERGED_ERRORS, preview_checker
 from surrogate.runtime import Checker
 from surrogate.runtime.metadata import PREVIEW
@@ -85,8 +80,7 @@ class Errors:
 class ScoreErrors(NamedTuple):
     """What calibrates intervals of one preview on one sensor, all over the baseline's mean M.
 
-    ``error`` and ``noise`` of the truth are ``(design,)``; ``scale`` is the half-width that a
-    factor of 1 means.
+    ``error`` and ``noise`` of the truth are ``(design,)``; ``scale`` is the stated half-width.
     """
 
     error: np.ndarray
@@ -197,10 +191,10 @@ def measured(
         np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None], bends
     )["metric"]
     mean = float(design_score(metric).mean[0])
-    floor = CONVERGED_FLOOR / DIFFERENCE_SHARE
+    stated = converged_half_width(scene, mean, difference) / mean
     return [
-        _measured(scene, phi, truth, coarse, mean, 1.0),
-        _measured(scene, phi, truth, converged, mean, float(np.hypot(difference / mean, floor))),
+        _measured(scene, phi, truth, coarse, mean, coarse.score_half_width / mean),
+        _measured(scene, phi, truth, converged, mean, stated),
     ]
 
 
@@ -263,7 +257,7 @@ def _measured(
         tau=float(kendalltau(said, true_scores).statistic),
         noise_tau=float(np.mean([kendalltau(said, said + one).statistic for one in noisy])),
         half_width=half_width / mean,
-        covered=ours._replace(scale=half_width / mean).covered(1.0),
+        covered=ours.covered(1.0),
         colors_covered=float(np.mean((np.abs(channels - counts(truth)) <= color_half)[lit])),
     ), ours
 
@@ -315,7 +309,10 @@ def main() -> None:
         return
     for title, kind in zip(("as drawn", "converged"), calibrating, strict=True):
         held = " ".join(f"{one:.2f}" for one in left_out(kind))
-        print(f"{title}: factor {calibrated(kind):.4f}; by the factor of the others held {held}")
+        print(
+            f"{title}: stated intervals times {calibrated(kind):.2f}; "
+            f"by the factor of the others held {held}"
+        )
 
 
 if __name__ == "__main__":
