@@ -3,8 +3,8 @@
 Colors superpose the preview's transport at Chebyshev nodes in direction and bend; there is no
 residual. The coarse preview is the shader's, and there in seconds. The converged one corrects its
 transport by that of `render.preview.converged`, which takes about a minute. How far each is from
-level 2 was measured once (``tests/validation/test_preview_model.py``), and gives the intervals of
-every scene.
+level 2 was measured once (``tests/validation/test_preview_model.py``); `preview_interval` makes it
+the intervals of a scene.
 """
 
 from __future__ import annotations
@@ -29,13 +29,18 @@ from surrogate.model.converged_grid import corrected
 from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.model.scene_facts import grid_facts, scene_facts
+from surrogate.preview_interval import (
+    COVERAGE,
+    converged_half_width,
+    drawn_half_width,
+    preview_difference,
+)
 from surrogate.runtime import Checker, ModelMetadata
 from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
 VERSION = 3
 """Part of the cache key: raise it when the preview changes."""
-COVERAGE = 0.9
 COUNTS_FACTOR = 2.0
 """The interval of a color, in standard deviations."""
 
@@ -47,7 +52,6 @@ class PreviewErrors:
     Arguments:
         kind: `PREVIEW` or `CONVERGED`.
         color_spread: one standard deviation of a facet's color, relative.
-        score_fraction: half-width of the interval of a score, as a fraction of the baseline's M.
         facet_median, facet_p95: of colors, relative.
         score_median, score_p95: of scores, counts.
         kendall_tau: of its ranking of random designs.
@@ -55,7 +59,6 @@ class PreviewErrors:
 
     kind: str
     color_spread: float
-    score_fraction: float
     facet_median: float
     facet_p95: float
     score_median: float
@@ -68,8 +71,8 @@ class PreviewErrors:
         return {"level": self.kind} | {name: getattr(self, name) for name in names}
 
 
-COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.16, 0.22, 0.6, 11.0, 35.0, 0.73)
-CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.06, 0.02, 0.06, 2.0, 6.0, 0.9)
+COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.22, 0.6, 11.0, 35.0, 0.73)
+CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
 
@@ -86,17 +89,23 @@ def preview_checker(
         TableError: the preview is black or not finite.
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
-    errors = COARSE_ERRORS
-    if not coarse and can_converge(scene):
-        following = in_stage(progress, "following light")
-        grid = corrected(grid, scene, converged_transport(scene, following))
-        errors = CONVERGED_ERRORS
-    session = PreviewSession(scene, grid, scale, errors.color_spread)
+    session = PreviewSession(scene, grid, scale, COARSE_ERRORS.color_spread)
     bends = np.array(scene.bending.angles)
-    phi = np.full((1, scene.lamp_count), np.pi / 2)
-    metric = session.outputs(phi, baseline_power(scene)[None], bends)["metric"]
-    mean = float(design_score(metric).mean[0])
-    return Checker(session, _about(scene, grid, scale, errors, mean))
+    phi, power = np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None]
+    mean = float(design_score(session.outputs(phi, power, bends)["metric"]).mean[0])
+    if coarse or not can_converge(scene):
+        half_width = drawn_half_width(mean)
+        return Checker(session, _about(scene, grid, scale, COARSE_ERRORS, half_width))
+    following = in_stage(progress, "following light")
+    grid = corrected(grid, scene, converged_transport(scene, following))
+    converged = PreviewSession(scene, grid, scale, CONVERGED_ERRORS.color_spread)
+    difference = preview_difference(
+        scene,
+        lambda phi, power: session.outputs(phi, power, bends)["score"],
+        lambda phi, power: converged.outputs(phi, power, bends)["score"],
+    )
+    half_width = converged_half_width(scene, mean, difference)
+    return Checker(converged, _about(scene, grid, scale, CONVERGED_ERRORS, half_width))
 
 
 class PreviewSession:
@@ -173,10 +182,9 @@ def _drawn(scene: Scene, progress: OnProgress | None) -> tuple[PreviewGrid, Scor
 
 
 def _about(
-    scene: Scene, grid: PreviewGrid, scale: ScoreScale, errors: PreviewErrors, mean: float
+    scene: Scene, grid: PreviewGrid, scale: ScoreScale, errors: PreviewErrors, half_width: float
 ) -> ModelMetadata:
-    """Return what the checker says about itself, with ``mean`` M of the baseline."""
-    half_width = errors.score_fraction * mean
+    """Return what the checker says about itself, with the ``half_width`` of scores in counts."""
     return ModelMetadata(
         **scene_facts(scene, grid),
         exposure=scale.exposure,

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from optimize.design import ScoreSettings
-from optimize.frontier.held_out import FrontierRow, HeldOutDesigns, HeldOutReference
-from render.progress import OnProgress, Progress, in_stage
+from optimize.frontier.held_out import NOMINAL, FrontierRow, HeldOutDesigns, HeldOutReference
+from optimize.frontier.predictors import FEW_RENDERS, make_predictors
+from render.progress import OnProgress, Progress
 from render.reference import (
     RenderCost,
     TimeBudget,
@@ -22,20 +21,17 @@ from render.reference import (
 )
 from render.reference.path_tracer import PathTracer
 from render.scene import Scene
-from render.transport import TransportTable
 from surrogate.runtime import Checker
-from surrogate.training.conformal import Coverage
-
-if TYPE_CHECKING:  # torch comes with it
-    from surrogate.train import TrainConfig
 
 PLAN, TRACER_PLAN = "plan.json", "volpath.json"
 SHORT_DIVISORS = (32, 8)
 """How many times fewer samples the short rendered rows get than the reference."""
 TRACER_SAMPLES = (4, 16)
 """Samples per pixel of the path tracer's rows."""
-TABLE_DIVISOR = 2
-"""How many times fewer samples a transport table gets, where none is given."""
+FEW_DIVISOR = 8
+"""How many times fewer samples the model of few renders gets, where samples are given."""
+FEW_FRACTION, FEW_MINUTES = 0.25, 5.0
+"""Part of the time that the model of few renders may take, and minutes at most."""
 PATH_TRACER_FRACTION = 0.15
 """Part of the time that is planned for the path tracer; being last, it gets what is left."""
 SMALL_STEPS_COST, SMALL_STEPS_COMPILING = 2.5, 2.0
@@ -43,9 +39,11 @@ SMALL_STEPS_COST, SMALL_STEPS_COMPILING = 2.5, 2.0
 COMPILING_FRACTION = 0.25
 """Part of the time that the kernels of small steps may take; else their row is left out."""
 NO_SMALL_STEPS = (
-    "{:g} minutes have no row of PSSMLT: its kernels alone would compile for more than a quarter "
-    "of that; more --minutes have one"
+    "its kernels alone would compile for more than a quarter of {:g} minutes; more --minutes have "
+    "one"
 )
+SHORT_RUNG = "1/{} of the reference"
+"""Name of a short rendered row that all scenes share."""
 REFERENCE, REFERENCE_SEED, RENDERS = "Reference", 101, "renders"
 """The long render: what it is called, its seed (training counts from 1), and its folder."""
 
@@ -57,7 +55,7 @@ class FrontierPlan:
     Arguments:
         scene_hash, seed, designs: whose designs, which, and how many.
         minutes: that the rest was chosen for; 0 when ``samples`` were given.
-        samples, short: per fiber and facet, of the reference and of the short rows.
+        samples: per fiber and facet, of the reference; ``short`` of the short rows.
         per_pass: of ``transport_jobs``, of all renders; None when ``samples`` were given.
         small_steps: whether a short row is also made by PSSMLT.
     """
@@ -88,17 +86,16 @@ class Frontier:
     """The rows from quick to slow, and the reference that they are compared with.
 
     ``noise`` is what a perfect level would show; ``seconds_alone`` those of a short render of one
-    design by itself, compiling included; ``nominal`` the coverage that the model's intervals state,
-    beside the measured one.
+    design by itself, compiling included, None where other renderers were not asked for either;
+    ``left_out`` why the scene lacks a level, by its name.
     """
 
     plan: FrontierPlan
     rows: tuple[FrontierRow, ...]
     noise: FrontierRow
     reference: HeldOutReference
-    seconds_alone: float
-    nominal: float
-    coverage: Coverage
+    seconds_alone: float | None
+    left_out: dict[str, str]
 
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""
@@ -106,7 +103,8 @@ class Frontier:
             "scene": self.reference.designs.scene.name,
             "scene_hash": self.plan.scene_hash,
             "rows": [asdict(row) for row in self.rows],
-            "intervals": {"nominal": self.nominal, **asdict(self.coverage)},
+            "left_out": self.left_out,
+            "nominal": NOMINAL,
             "reference": self.reference.to_json()
             | {
                 "seed": REFERENCE_SEED,
@@ -121,100 +119,81 @@ class Frontier:
 
 def measure_frontier(
     scene: Scene,
-    checker: Checker,
+    shipped: Checker | None,
     folder: Path,
     *,
     count: int,
     seed: int,
     budget: TimeBudget,
     samples: int | None,
-    table: TransportTable | None,
+    renderers: bool,
     report: OnProgress,
 ) -> Frontier:
     """Render, fit, time and compare; everything that took long is kept in ``folder``.
 
-    Exposure and lambda are those of ``checker``. ``count`` designs are drawn with ``seed``;
-    ``samples`` per fiber and facet of the reference say how much is rendered, or the ``budget`` of
-    everything does. The fits go on ``table``, which is rendered here where there is none.
+    Exposure and lambda are the scene's. ``count`` designs are drawn with ``seed``; ``samples`` per
+    fiber and facet of the reference say how much is rendered, or the ``budget`` of everything does.
+
+    Arguments:
+        scene: the sensor.
+        shipped: its trained model, if there is one.
+        folder: where a later call goes on.
+        count: of held-out designs.
+        seed: of them and of the training.
+        budget: time for everything.
+        samples: per fiber and facet of the reference, instead of the budget.
+        renderers: whether other renderers have rows too: PSSMLT and Mitsuba's path tracer.
+        report: is told how far it is.
 
     Raises:
-        TableError: a table of another scene or level.
         RenderError, CompilerError, GraphicsError: from the renderers.
     """
     from optimize.frontier import levels
-    from surrogate.model.preview_grid import draw_grid
-    from surrogate.preview_model import preview_checker
     from surrogate.train import TrainConfig
-    from surrogate.training.render_plan import check_reference, data_hash, render_reference
 
-    config = TrainConfig()
-    if table is not None:
-        check_reference(scene, table)
     designs, renders = HeldOutDesigns.of(scene, count, seed), folder / RENDERS
-    # Light is followed before the renders get the time that is left.
-    began = time.perf_counter()
-    converged = preview_checker(scene, report)
-    following = time.perf_counter() - began
+    few = min(FEW_FRACTION * budget.seconds / 60.0, FEW_MINUTES)
+    part = None if samples is None else max(1, samples // FEW_DIVISOR)
+    config = replace(TrainConfig(), minutes=few, samples=part)
+    # Previews and few renders come before the reference, which gets the time that is left.
+    predictors = make_predictors(scene, shipped, folder, seed, config, report)
+    left_out = dict(predictors.left_out)
     report(Progress(0, 1, stage="plan"))
-    plan = make_frontier_plan(
-        designs,
-        folder,
-        seed,
-        budget,
-        samples,
-        renders_table=table is None,
-        fit_seconds=lambda: _fit_seconds(scene, config),
-        report=report,
-    )
-    if not plan.small_steps:
-        report(Progress(0, 1, stage="plan", note=NO_SMALL_STEPS.format(plan.minutes)))
+    plan = make_frontier_plan(designs, folder, seed, budget, samples, renderers, report=report)
+    if not plan.small_steps and renderers:
+        left_out["PSSMLT"] = NO_SMALL_STEPS.format(plan.minutes)
     rendered = designs.render(
         REFERENCE, plan.samples, REFERENCE_SEED, renders, report, per_pass=plan.per_pass
     )
-    settings = ScoreSettings(checker.exposure, checker.lam)
-    reference = HeldOutReference.of(designs, rendered, settings)
-    if table is None:
-        made = render_reference(
-            scene,
-            folder / "table",
-            seed=seed,
-            samples=_part(plan.samples, TABLE_DIVISOR, plan.per_pass),
-            per_pass=plan.per_pass,
-            phi_count=config.phi_nodes,
-            bend_count=len(scene.bending.angles),
-            progress=in_stage(report, "transport table"),
-        )
-        table, table_seconds = made.tables[0], float(str(made.renderer["seconds"]))
-    else:
-        about = checker.metadata
-        same = about.training_data_hash == data_hash(table)
-        table_seconds = float(about.renderer.get("seconds", 0.0)) if same else 0.0
-    report(Progress(0, 1, stage="preview"))
-    rows = [levels.preview_row(reference), levels.converged_row(reference, converged, following)]
-    began = time.perf_counter()
-    grid = draw_grid(scene, *config.preview_nodes)
-    drawing = time.perf_counter() - began
-    rows += levels.fitted_rows(reference, grid, table, seed, config.fit, folder, report)
-    report(Progress(0, 1, stage="shipped model"))
-    rows += levels.model_rows(reference, checker, drawing)
-    rows.append(levels.table_row(reference, table, table_seconds))
+    reference = HeldOutReference.of(designs, rendered, predictors.settings)
+    report(Progress(0, 1, stage="levels"))
+    rows = []
+    for predictor in predictors.found:
+        rows += levels.predictor_rows(reference, predictor, batches=renderers)
+        if predictor.level == FEW_RENDERS and predictors.table is not None:
+            rows.append(levels.table_row(reference, *predictors.table))
+    names = {
+        plan_samples: SHORT_RUNG.format(divisor)
+        for plan_samples, divisor in zip(plan.short, SHORT_DIVISORS, strict=False)
+    }
     rows += levels.short_rows(
-        reference, plan.short, renders, report, plan.per_pass, small_steps=plan.small_steps
+        reference, names, renders, report, plan.per_pass, small_steps=plan.small_steps
     )
-    short, short_seed = plan.short[-1], levels.SHORT_SEED
-    alone = replace(designs, phi=designs.phi[:1], colors=designs.colors[:1]).render(
-        "One design", short, short_seed, renders, report, per_pass=plan.per_pass
-    )
-    spp = _tracer_samples(designs, plan, folder, budget)
-    rows += levels.path_tracer_rows(reference, spp, folder / "volpath", report)
+    seconds_alone = None
+    if renderers:
+        alone = replace(designs, phi=designs.phi[:1], colors=designs.colors[:1]).render(
+            "One design", plan.short[-1], levels.SHORT_SEED, renders, report, per_pass=plan.per_pass
+        )
+        seconds_alone = alone.seconds
+        spp = _tracer_samples(designs, plan, folder, budget)
+        rows += levels.path_tracer_rows(reference, spp, folder / "volpath", report)
     return Frontier(
         plan=plan,
         rows=tuple(rows),
         noise=reference.noise_row(seed),
         reference=reference,
-        seconds_alone=alone.seconds,
-        nominal=checker.coverage,
-        coverage=reference.coverage(checker),
+        seconds_alone=seconds_alone,
+        left_out=left_out,
     )
 
 
@@ -224,26 +203,24 @@ def make_frontier_plan(
     seed: int,
     budget: TimeBudget,
     samples: int | None,
+    renderers: bool,
     *,
-    renders_table: bool,
-    fit_seconds: Callable[[], float],
     report: OnProgress | None = None,
 ) -> FrontierPlan:
     """Return the plan in ``folder`` when it answers the same request, or a new one.
 
     Unless ``samples`` of the reference, per fiber and facet, are given, it is rendered by the way
     for its part of the ``budget``; how far it comes says what everything else gets.
-    ``renders_table`` says whether a transport table is part of that, ``fit_seconds`` what the fits
-    take.
+    ``renderers`` says whether other renderers take part.
     """
     scene = designs.scene
     wanted: dict[str, Any] = {"scene_hash": scene.hash, "seed": seed, "designs": len(designs)}
 
     def make() -> FrontierPlan:
-        chosen, each, spent, small_steps = samples, None, 0.0, True
+        chosen, each, spent, small_steps = samples, None, 0.0, renderers
         if chosen is None:
             spent = budget.seconds / 60.0
-            rest = _Rest(designs, budget, fit_seconds(), renders_table)
+            rest = _Rest(designs, budget, renderers)
             chosen, each = _render_for(designs, folder / RENDERS, budget, rest, report)
             small_steps = rest.has_small_steps
         short = sorted({_part(chosen, divisor, each) for divisor in SHORT_DIVISORS})
@@ -272,15 +249,13 @@ class _Rest:
 
     Arguments:
         designs, budget: what is measured, and the time of all of it.
-        fits: seconds.
-        renders_table: whether a transport table is rendered too.
+        renderers: whether other renderers take part.
         first_pass: seconds of the reference's first pass, kernels included; 0 before it.
     """
 
     designs: HeldOutDesigns
     budget: TimeBudget
-    fits: float
-    renders_table: bool
+    renderers: bool
     first_pass: float = 0.0
 
     def __post_init__(self) -> None:
@@ -289,24 +264,25 @@ class _Rest:
     @property
     def has_small_steps(self) -> bool:
         """Whether there is time for the kernels of small steps."""
-        return self._small_steps_compiling() <= COMPILING_FRACTION * self._free()
+        fits = self._small_steps_compiling() <= COMPILING_FRACTION * self._free()
+        return self.renderers and fits
 
     def reference_seconds(self) -> float:
         """Return what the reference may take."""
-        return (1.0 - PATH_TRACER_FRACTION) * self._left() / (1.0 + self._cost())
+        kept = 1.0 - PATH_TRACER_FRACTION * self.renderers
+        return kept * self._left() / (1.0 + self._cost())
 
     def _cost(self) -> float:
         """Return the cost of the other renders over that of the reference."""
         # The longer short render is made for one design, and once more with small steps.
-        longer = 2.0 + SMALL_STEPS_COST * self.has_small_steps
-        short = 1.0 / SHORT_DIVISORS[0] + longer / SHORT_DIVISORS[1]
-        return short + self.renders_table / TABLE_DIVISOR
+        longer = 1.0 + self.renderers + SMALL_STEPS_COST * self.has_small_steps
+        return 1.0 / SHORT_DIVISORS[0] + longer / SHORT_DIVISORS[1]
 
     def _free(self) -> float:
         """Return the seconds for the renders of all lights and the path tracer."""
-        # One design and the table have nodes of their own, thus kernels.
-        kernels = (1 + self.renders_table) * self._compiling()
-        return max(self.budget.seconds - self.began - self.fits - kernels, 0.0)
+        # One design has nodes of its own, thus kernels.
+        kernels = self.renderers * self._compiling()
+        return max(self.budget.seconds - self.began - kernels, 0.0)
 
     def _left(self) -> float:
         return self._free() - self.has_small_steps * self._small_steps_compiling()
@@ -351,14 +327,6 @@ def _render_for(
         progress=listen,
     )
     return units * each, each
-
-
-def _fit_seconds(scene: Scene, config: TrainConfig) -> float:
-    """Return what drawing the preview and fitting ridge and networks to a table take here."""
-    from surrogate.train import training_cost
-
-    cost = replace(training_cost(scene, config, len(scene.bending.angles)), splits=0)
-    return cost.per_step() * (cost.preview + cost.fit(config.fit.network.steps))
 
 
 def _tracer_samples(

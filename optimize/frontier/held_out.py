@@ -5,7 +5,8 @@ Directions are continuous: no design stands on a node that a surrogate was train
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,15 @@ from render.progress import OnProgress, in_stage
 from render.reference import Sampler, render_transport
 from render.scene import Scene
 from surrogate.runtime import Checker
-from surrogate.training.conformal import Comparison, Coverage, Quantiles, coverage
+from surrogate.training.conformal import Comparison, Quantiles, coverage
 from surrogate.training.evaluation import ColorErrors, kendall_tau, random_colors
 
 RESAMPLES = 1000
 """Of the designs, for the interval of Kendall's tau."""
+NOISE_DRAWS = 16
+"""Of the reference's noise, for what it leaves of a perfect level."""
+NOMINAL = 0.9
+"""Coverage that the intervals of all levels state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +41,13 @@ class HeldOutDesigns:
 
     @classmethod
     def of(cls, scene: Scene, count: int, seed: int) -> HeldOutDesigns:
-        """Return ``count`` designs, phi uniform in [0, pi], one color per fiber at full power."""
+        """Return ``count`` designs, one color per fiber at full power.
+
+        phi is uniform in [0, pi], or pi/2 of lamps that cannot turn.
+        """
         rng, fibers = np.random.default_rng([seed, 11]), scene.lamp_count
         phi = rng.uniform(0.0, np.pi, (count, fibers))
+        phi[:, ~np.array(scene.turning)] = np.pi / 2
         return cls(scene, phi, random_colors(count, fibers, rng, len(scene.palette.names)))
 
     @property
@@ -61,8 +70,10 @@ class HeldOutDesigns:
 
         One render serves all designs, since light paths serve every node. On a sensor with mirrored
         fibers the mirror images of all directions join them: the renderer then averages mirrored
-        cells, which halves the variance for little more time.
+        cells, which halves the variance for little more time. Where no lamp turns there is one.
         """
+        if not any(self.scene.turning):
+            return self.phi[:1].T, np.zeros(self.phi.shape, dtype=np.int64)
         nodes, index = with_mirror_images(self.scene, self.phi.T)
         return nodes, index.T
 
@@ -106,20 +117,42 @@ class HeldOutDesigns:
 
 
 @dataclass(frozen=True)
+class Interval:
+    """What a level's intervals of `NOMINAL` coverage held of the reference.
+
+    Arguments:
+        score: fraction of the scores of held-out designs.
+        half_width: of the interval of a score, median over designs, counts.
+        counts: fraction of the channels of facets; None where a level states no interval of them.
+    """
+
+    score: float
+    half_width: float
+    counts: float | None = None
+
+
+@dataclass(frozen=True)
 class FrontierRow(ColorErrors):
     """Errors of one level on the held-out designs; those of facets hold the reference's noise.
 
     Arguments:
+        facet_median_true: ``sqrt(max(facet_median^2 - n^2, 0))`` with the median n that noise alone
+            leaves of a perfect level: exact for normal errors that are alike everywhere.
         level: what predicted the designs.
+        rung: the same in words that all scenes share.
         seconds_per_design: wall time of one design, all bends.
         setup_seconds: spent once, before the first design.
         kendall_tau_interval: holds tau of 95 % of resampled sets of designs.
+        interval: how often the level's own intervals hold; None where it states none.
     """
 
+    facet_median_true: float
     level: str
+    rung: str
     seconds_per_design: float
     setup_seconds: float
     kendall_tau_interval: tuple[float, float]
+    interval: Interval | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,13 +205,15 @@ class HeldOutReference:
         counts: Array,
         seconds: float,
         *,
+        rung: str = "",
         setup: float = 0.0,
         scores: Array | None = None,
+        interval: Interval | None = None,
     ) -> FrontierRow:
         """Return the errors of ``counts`` ``(design, bend, site, facet, channel)``.
 
         ``seconds`` are per design, ``setup`` once. ``scores`` ``(design,)`` are given where the
-        level has better ones than those of its mean counts.
+        level has better ones than those of its mean counts; ``rung`` is ``level`` unless told.
         """
         if scores is None:
             scores = np.asarray(design_score(site_metric(counts, self.settings.lam)).score)
@@ -187,16 +222,43 @@ class HeldOutReference:
         picks = np.random.default_rng(0).integers(0, len(scores), (RESAMPLES, len(scores)))
         taus = [kendall_tau(scores[pick], self.scores[pick]) for pick in picks]
         low, high = (float(tau) for tau in np.quantile(taus, [0.025, 0.975]))
-        return FrontierRow(**vars(errors), level=level, seconds_per_design=seconds,
-                           setup_seconds=setup, kendall_tau_interval=(low, high))  # fmt: skip
+        return FrontierRow(
+            **vars(errors),
+            facet_median_true=float(np.sqrt(max(errors.facet_median**2 - self.noise_median**2, 0))),
+            level=level,
+            rung=rung or level,
+            seconds_per_design=seconds,
+            setup_seconds=setup,
+            kendall_tau_interval=(low, high),
+            interval=interval,
+        )
+
+    @cached_property
+    def noise_median(self) -> float:
+        """Median error of facet colors that noise alone leaves of a perfect level."""
+        light = np.linalg.norm(self.counts, axis=-1)
+        drawn = self._noisy(np.random.default_rng(13)) - self.counts
+        return float(np.median(np.linalg.norm(drawn, axis=-1)[light > 0] / light[light > 0]))
+
+    @cached_property
+    def noise_tau(self) -> float:
+        """Kendall's tau that noise alone leaves of a perfect level, mean over `NOISE_DRAWS`."""
+        rng = np.random.default_rng(14)
+        noise = self.scores_se * rng.standard_normal((NOISE_DRAWS, len(self.scores)))
+        return float(np.mean([kendall_tau(self.scores, self.scores + one) for one in noise]))
+
+    def _noisy(self, rng: np.random.Generator) -> Array:
+        noisy = self.counts + self.counts_se * rng.standard_normal(self.counts.shape)
+        return np.asarray(noisy.clip(0.0))
 
     def noise_row(self, seed: int) -> FrontierRow:
         """Return what a perfect level would show: the reference against itself, noise once more."""
         rng = np.random.default_rng([seed, 12])
-        noisy = self.counts + self.counts_se * rng.standard_normal(self.counts.shape)
+        noisy = self._noisy(rng)
         scores = self.scores + self.scores_se * rng.standard_normal(len(self.scores))
         seconds = self.seconds / len(self.scores)
-        return self.row("noise of the reference", noisy.clip(0.0), seconds, scores=scores)
+        row = self.row("noise of the reference", noisy, seconds, scores=scores)
+        return replace(row, kendall_tau=self.noise_tau)
 
     def to_json(self) -> dict[str, object]:
         """Return how well it is known, and the scores."""
@@ -212,7 +274,7 @@ class HeldOutReference:
             "scores_se": self.scores_se.tolist(),
         }
 
-    def coverage(self, checker: Checker) -> Coverage:
+    def coverage(self, checker: Checker) -> Interval:
         """Return how often the intervals of ``checker`` hold this independent reference.
 
         They are meant for the reference without its noise. Its own interval of the same coverage,
@@ -230,4 +292,13 @@ class HeldOutReference:
             score_error=predicted["score"] - self.scores,
             score_noise=factor * self.scores_se,
         )
-        return coverage(compared, Quantiles(checker.counts_factor, 1.0, checker.score_half_width))
+        half_width = checker.score_half_width
+        held = coverage(compared, Quantiles(checker.counts_factor, 1.0, half_width))
+        return Interval(held.score, half_width, held.counts)
+
+    def coverage_of(self, renders: HeldOutReference) -> Interval:
+        """Return how often the intervals of shorter ``renders`` hold this one, as `coverage`."""
+        half_width = student_factor(renders.replicates, NOMINAL) * renders.scores_se
+        own = student_factor(self.replicates, NOMINAL) * self.scores_se
+        held = np.abs(renders.scores - self.scores) <= np.hypot(half_width, own)
+        return Interval(float(np.mean(held)), float(np.median(half_width)))

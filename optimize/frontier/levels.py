@@ -1,4 +1,4 @@
-"""The levels of the ladder: preview, fits on it, the shipped model, a transport table, renders."""
+"""The rows of a frontier: predictors, a table of renders, and renders of several efforts."""
 
 from __future__ import annotations
 
@@ -9,27 +9,18 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import torch
 from pydantic import TypeAdapter
 
 from optimize.design import Array
-from optimize.frontier.held_out import FrontierRow, HeldOutReference
+from optimize.frontier.held_out import FrontierRow, HeldOutReference, Interval
+from optimize.frontier.predictors import SHIPPED, TABLE, Predictor
 from render.chebyshev import interpolation_weights
 from render.files import write_bytes
 from render.metric import clip_counts, image_counts
-from render.preview import Preview
 from render.progress import OnProgress, Progress
 from render.reference import Sampler
 from render.reference.path_tracer import PathTracer
 from render.transport import TransportTable
-from surrogate.model.checker_module import CheckerModule
-from surrogate.model.preview_grid import PreviewGrid
-from surrogate.runtime import Checker
-from surrogate.training.dataset import training_cells
-from surrogate.training.ensembles import fit_ensembles
-from surrogate.training.evaluation import scene_bends
-from surrogate.training.fit_task import FitConfig, FitTask
-from surrogate.training.render_plan import data_hash
 
 BATCH = 64
 """Designs per call where many are predicted at once."""
@@ -45,7 +36,12 @@ Counts = Callable[[Array, Array], Array]
 
 
 def timed_row(
-    reference: HeldOutReference, level: str, counts: Counts, setup: float, batch: int = 1
+    reference: HeldOutReference,
+    level: str,
+    counts: Counts,
+    setup: float,
+    batch: int = 1,
+    interval: Interval | None = None,
 ) -> FrontierRow:
     """Return errors of ``counts``, and the median seconds that a design takes after a warm-up.
 
@@ -61,49 +57,27 @@ def timed_row(
         counts(*call)
         seconds.append((time.perf_counter() - began) / batch)
     values = np.asarray(counts(phi, power))
-    return reference.row(level, values, float(np.median(seconds)), setup=setup)
+    return reference.row(level, values, float(np.median(seconds)), setup=setup, interval=interval)
 
 
-def preview_row(reference: HeldOutReference) -> FrontierRow:
-    """Return the preview: drawn at the nodes of its lights once, then superposed."""
-    began, scene = time.perf_counter(), reference.designs.scene
-    with Preview(scene) as preview:
+def predictor_rows(
+    reference: HeldOutReference, predictor: Predictor, *, batches: bool
+) -> list[FrontierRow]:
+    """Return the row of a level, one design a call; of the shipped model also in ``batches``."""
+    checker = predictor.checker
 
-        def counts(phi: Array, power: Array) -> Array:
-            light = preview.transport(phi.T, reference.designs.bends)[0].swapaxes(0, 1)
-            return np.asarray(image_counts(light, power, reference.settings.exposure))
-
-        counts(
-            np.full((1, scene.lamp_count), 1.0),
-            np.ones((1, scene.lamp_count, len(scene.palette.channels))),
-        )
-        return timed_row(reference, "preview", counts, time.perf_counter() - began)
-
-
-def converged_row(reference: HeldOutReference, checker: Checker, setup: float) -> FrontierRow:
-    """Return the converged preview: light followed to every facet once, then superposed."""
-    return timed_row(reference, checker.level, _counts_of(checker, reference), setup)
-
-
-def _counts_of(checker: Checker, reference: HeldOutReference) -> Counts:
     def counts(phi: Array, power: Array) -> Array:
         return checker.run(phi, power, reference.designs.bends)["counts"].astype(np.float64)
 
-    return counts
-
-
-def model_rows(reference: HeldOutReference, checker: Checker, setup: float) -> list[FrontierRow]:
-    """Return the trained model, one design a call and in batches; nothing where there is none."""
-    if checker.file is None:
-        return []
-    counts = _counts_of(checker, reference)
-    alone = timed_row(reference, "checker.onnx", counts, setup)
-    name = f"checker.onnx, batches of {BATCH}"
-    return [alone, timed_row(reference, name, counts, setup, BATCH)]
+    held, level, setup = reference.coverage(checker), predictor.level, predictor.seconds
+    rows = [timed_row(reference, level, counts, setup, interval=held)]
+    if batches and level == SHIPPED:
+        rows.append(timed_row(reference, f"{level}, batches of {BATCH}", counts, setup, BATCH))
+    return rows
 
 
 def table_row(reference: HeldOutReference, table: TransportTable, setup: float) -> FrontierRow:
-    """Return a reference table, interpolated to the designs' directions."""
+    """Return a table of renders, interpolated to the designs' directions."""
     between = interpolation_weights(table.bends, reference.designs.bends)
     cells = np.einsum("ab,fjbsk...->fjask...", between, table.T)
 
@@ -112,55 +86,12 @@ def table_row(reference: HeldOutReference, table: TransportTable, setup: float) 
         light = np.einsum("dfj,fjask...->dfask...", weights, cells, optimize=True)
         return np.asarray(image_counts(light, power, reference.settings.exposure))
 
-    return timed_row(reference, "transport table", counts, setup)
-
-
-def fitted_rows(
-    reference: HeldOutReference,
-    grid: PreviewGrid,
-    table: TransportTable,
-    seed: int,
-    config: FitConfig,
-    folder: Path,
-    report: OnProgress,
-) -> list[FrontierRow]:
-    """Return preview + ridge and preview + network, fitted to ``table`` as ``train`` does.
-
-    Networks that the renders of the table do not bear out are left out.
-    """
-    scene, settings = reference.designs.scene, reference.settings
-    exposure, lam = settings.exposure, settings.lam
-
-    def fitted() -> list[FrontierRow]:
-        began, rows = time.perf_counter(), []
-        cells, angles = training_cells(scene, [table]), scene.bending.angles
-        task = FitTask(scene, grid, cells, exposure, lam, scene_bends(table, angles), seed, config)
-        both = fit_ensembles(task, report)
-        models = {"ridge": both.ridge}
-        if both.network is not None:
-            models["network"] = both.network
-        seconds, bends = time.perf_counter() - began, torch.tensor([angles], dtype=torch.float32)
-        for kind, model in models.items():
-            graph = CheckerModule(
-                scene, grid, model, exposure=exposure, lam=lam, spread=(-3.0, 0.0)
-            )
-
-            def counts(phi: Array, power: Array, graph: CheckerModule = graph) -> Array:
-                lights = (torch.as_tensor(values, dtype=torch.float32) for values in (phi, power))
-                with torch.no_grad():
-                    output = graph(*lights, bends.expand(len(phi), -1))
-                return np.asarray(output.counts.double().numpy())
-
-            rows.append(timed_row(reference, f"preview + {kind}", counts, seconds))
-        return rows
-
-    key = f"{data_hash(table)} {seed} {config} {_hash(grid.log_transport)}"
-    return _kept(folder, reference, key, fitted)
+    return timed_row(reference, TABLE, counts, setup)
 
 
 def short_rows(
     reference: HeldOutReference,
-    samples: list[int],
+    samples: dict[int, str],
     checkpoint: Path,
     report: OnProgress,
     per_pass: int | None,
@@ -169,18 +100,27 @@ def short_rows(
 ) -> list[FrontierRow]:
     """Return one row of the reference per number of samples, the last also by ``small_steps``.
 
-    Passes of as many paths as the reference's share its kernels.
+    ``samples`` have the names of their rungs. Passes of as many paths as the reference's share its
+    kernels.
     """
     rows, designs = [], reference.designs
     kinds: list[tuple[int, Sampler]] = [(count, "monte-carlo") for count in samples]
     if small_steps:
-        kinds.append((samples[-1], "pssmlt"))
+        kinds.append((max(samples), "pssmlt"))
     for seed, (count, sampler) in enumerate(kinds, SHORT_SEED):
         name = f"{NAMES[sampler]}, {count} samples"
         renders = designs.render(name, count, seed, checkpoint, report, sampler, per_pass)
         short = HeldOutReference.of(designs, renders, reference.settings)
-        seconds = short.seconds / len(designs)
-        rows.append(reference.row(name, short.counts, seconds, scores=short.scores))
+        rows.append(
+            reference.row(
+                name,
+                short.counts,
+                short.seconds / len(designs),
+                rung=NAMES[sampler] if sampler == "pssmlt" else samples[count],
+                scores=short.scores,
+                interval=reference.coverage_of(short),
+            )
+        )
     return rows
 
 
@@ -202,7 +142,7 @@ def path_tracer_rows(
                 radiance.append(tracer.radiance(*design, count, seed))
                 seconds.append(time.perf_counter() - began)
             counts = np.asarray(clip_counts(exposure * np.stack(radiance)))
-            return [reference.row(name, counts, float(np.median(seconds)))]
+            return [reference.row(name, counts, float(np.median(seconds)), rung="volpath")]
 
         rows += _kept(folder, reference, name, traced)
     return rows

@@ -27,5 +27,6 @@ from optimize.scoring.surrogate_model import (
     open_model,
     predict_design,
     search_table,
+    trained_model,
 )
 from optimize.scoring.table_scorer import TableScorer, improves

@@ -65,6 +65,16 @@ def find_model(scene: Scene, given: Path | None = None) -> Path | None:
     return None
 
 
+def trained_model(scene: Scene, given: Path | None = None) -> Checker | None:
+    """Return the model of ``scene`` that `find_model` finds, None where there is none.
+
+    Raises:
+        ModelError: there is none in ``given``, or it is damaged or of another scene.
+    """
+    folder = find_model(scene, given)
+    return None if folder is None else Checker.for_scene(folder, scene)
+
+
 def _table_folder(scene: Scene) -> Path:
     """Return where the table that `open_model` renders of ``scene`` is kept."""
     from render.preview.diffuser.cache import cache_folder

@@ -1,8 +1,15 @@
-"""Random sensors of the family that a scene file describes, drawn from a seed."""
+"""Random sensors of the family that a scene file describes, drawn from a seed.
+
+``python -m tests.oracles.random_scenes 20 FOLDER`` writes the first twenty as scene files, which
+``tactilux frontier FOLDER`` takes.
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -17,12 +24,19 @@ def random_scene(seed: int) -> Scene:
     The camera looks at all sites; half the sensors have a diffuser, a third bend. Drawn again
     until all parts fit together.
     """
+    return Scene.model_validate(random_content(seed))
+
+
+def random_content(seed: int) -> dict[str, object]:
+    """Return what a scene file of the sensor number ``seed`` holds."""
     rng = np.random.default_rng([2026, seed])
     for _ in range(TRIES):
+        content = _draw(rng, seed)
         try:
-            return Scene.model_validate(_draw(rng, seed))
+            Scene.model_validate(content)
         except ValueError:
             continue
+        return content
     raise AssertionError(f"no scene fits together for seed {seed}")
 
 
@@ -100,3 +114,34 @@ def _draw(rng: np.random.Generator, seed: int) -> dict[str, object]:
             "g": value(g),
         }
     return scene
+
+
+def scene_text(content: dict[str, object]) -> str:
+    """Return ``content`` as TOML: tables of plain values and of ``{value, unit, source}``."""
+
+    def said(value: object) -> str:
+        if isinstance(value, dict):
+            return "{ " + ", ".join(f"{key} = {said(part)}" for key, part in value.items()) + " }"
+        return json.dumps(value)  # Numbers, texts and lists are written alike.
+
+    tables = {key: part for key, part in content.items() if isinstance(part, dict)}
+    lines = [f"{key} = {said(part)}" for key, part in content.items() if key not in tables]
+    for key, table in tables.items():
+        lines += ["", f"[{key}]", *(f"{name} = {said(part)}" for name, part in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Write the first so many sensors as scene files into a folder."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("count", type=int)
+    parser.add_argument("folder", type=Path)
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    for seed in range(1, asked.count + 1):
+        text = scene_text(random_content(seed))
+        (asked.folder / f"random-{seed}.toml").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

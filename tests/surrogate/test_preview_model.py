@@ -13,12 +13,18 @@ from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
 from render.preview.converged import NODES, ConvergedTransport, Effort, cache, is_kept, task_count
 from render.progress import Progress
-from render.scale import ScoreScale, scene_scale
+from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
+from surrogate.preview_interval import (
+    DRAWN_FRACTION,
+    Scores,
+    converged_half_width,
+    preview_difference,
+)
 from surrogate.preview_model import (
     PHI_NODES,
     PreviewSession,
@@ -204,4 +210,16 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)
     checker = preview_checker(scene)
     assert checker.level == "converged preview"
-    assert checker.score_half_width < preview_checker(scene, coarse=True).score_half_width
+    # As wide as the two previews are apart.
+    drawn, phi = preview_checker(scene, coarse=True), np.full((1, scene.lamp_count), np.pi / 2)
+    power, bends = baseline_power(scene)[None], np.array(scene.bending.angles)
+    mean = drawn.score_half_width / DRAWN_FRACTION
+    found = drawn.run(phi, power, bends)["metric"]
+    assert mean == pytest.approx(float(design_score(found).mean[0]), rel=1e-5)
+
+    def scores(model: Checker) -> Scores:
+        return lambda phi, power: model.run(phi, power, bends)["score"].astype(np.float64)
+
+    difference = preview_difference(scene, scores(drawn), scores(checker))
+    expected = converged_half_width(scene, mean, difference)
+    assert checker.score_half_width == pytest.approx(expected, rel=1e-3)

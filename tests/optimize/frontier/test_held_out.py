@@ -56,6 +56,17 @@ def test_a_sensor_without_mirror_images_gets_its_designs_alone(finger20: Scene) 
     np.testing.assert_array_equal(nodes[np.arange(len(nodes)), index], designs.phi)
 
 
+def test_lamps_that_cannot_turn_are_rendered_once_for_all_designs() -> None:
+    scene = load_scene("digit")
+    designs = HeldOutDesigns.of(scene, 5, 0)
+    assert (designs.phi == np.pi / 2).all()
+    assert len(np.unique(designs.colors, axis=0)) > 1
+    nodes, index = designs.nodes
+    assert nodes.shape == (scene.lamp_count, 1)
+    assert index.shape == designs.phi.shape
+    assert (index == 0).all()
+
+
 @pytest.fixture
 def truth() -> np.ndarray:
     """Return counts ``(design, bend, site, facet, 3)`` whose scores differ well."""
@@ -91,12 +102,48 @@ def test_noise_of_the_reference_is_taken_out_of_the_true_error(truth: np.ndarray
     assert perfect.facet_rms_true < 0.015
     off = noisy.row("3 % too bright", 1.03 * truth, seconds=1.0)
     assert off.facet_rms_true == pytest.approx(0.03, abs=0.008)
+    assert perfect.facet_median_true < 0.015
+    assert off.facet_median_true == pytest.approx(0.03, abs=0.015)
 
 
 def test_the_noise_row_is_what_a_perfect_level_shows(truth: np.ndarray) -> None:
     noisy = noisy_reference(truth, 0.05)
     perfect, floor = noisy.row("perfect", truth, seconds=1.0), noisy.noise_row(0)
     assert floor.facet_median == pytest.approx(perfect.facet_median, rel=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.1, 1.0, 10.0])
+def test_intervals_of_short_renders_hold_a_longer_one_as_often_as_they_state(
+    truth: np.ndarray, noise: float
+) -> None:
+    exact = noisy_reference(np.tile(truth, (10, 1, 1, 1, 1)), 0.0)
+    rng, count = np.random.default_rng(4), len(exact.scores)
+    errors = noise * np.ones(count)
+    short = replace(
+        exact,
+        scores=exact.scores + errors * rng.standard_normal(count),
+        scores_se=errors,
+        replicates=10_000,
+    )
+    long = replace(
+        exact,
+        scores=exact.scores + 0.5 * rng.standard_normal(count),
+        scores_se=np.full(count, 0.5),
+        replicates=10_000,
+    )
+    held = long.coverage_of(short)
+    assert held.score == pytest.approx(0.9, abs=0.04)
+    assert held.half_width == pytest.approx(1.645 * noise, rel=1e-3)
+    confident = replace(short, scores_se=0.1 * errors)
+    assert noise < 1.0 or long.coverage_of(confident).score < 0.7
+
+
+def test_noise_of_scores_alone_lowers_tau(truth: np.ndarray) -> None:
+    exact = noisy_reference(truth, 0.0)
+    assert replace(exact, scores_se=np.zeros(DESIGNS)).noise_tau == 1.0
+    spread = exact.scores.std()
+    close, far = (replace(exact, scores_se=np.full(DESIGNS, part * spread)) for part in (0.1, 1.0))
+    assert 1.0 > close.noise_tau > far.noise_tau > 0.2
 
 
 def test_a_level_that_ranks_backwards_has_a_tau_of_minus_one(truth: np.ndarray) -> None:
@@ -145,6 +192,7 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
     held = reference.coverage(checker)
     assert checker.coverage == 0.9
     assert held.counts == pytest.approx(0.9, abs=0.02)
+    assert held.half_width == checker.score_half_width
     assert held.score == pytest.approx(0.9, abs=0.1)
     far = replace(reference, counts=reference.counts + 100.0 + 10 * noise)
     assert far.coverage(checker).counts < 0.1

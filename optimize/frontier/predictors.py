@@ -1,0 +1,198 @@
+"""What predicts designs before they are rendered: previews, the shipped model, few renders.
+
+Each is made as a user's first command makes it, and timed: with a cache of its own, so that a scene
+that was explored before does not look quicker than it is.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optimize.design import ScoreSettings
+from render.errors import RenderError, SceneError, TableError
+from render.files import read_json, write_json
+from render.preview.converged import can_converge
+from render.progress import OnProgress, in_stage
+from render.scale import scene_scale
+from render.scene import Scene
+from render.transport import TransportTable, load_table
+from surrogate.preview_model import preview_checker
+from surrogate.runtime import Checker
+
+if TYPE_CHECKING:  # torch comes with it
+    from surrogate.train import TrainConfig
+
+SETUP, CACHE, FEW, TABLE_FILE = "setup.json", "cache", "few", "reference.npz"
+PREVIEW, CONVERGED, FEW_RENDERS = "preview", "converged preview", "few renders"
+SHIPPED, TABLE = "checker.onnx", "table of few renders"
+SCALE_TOLERANCE = 1e-3
+"""Relative difference of exposure or lambda from which scores are on another scale."""
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A level that answers at once after ``seconds`` of set-up."""
+
+    level: str
+    checker: Checker
+    seconds: float
+
+
+@dataclass
+class Predictors:
+    """All of a scene, from quick to slow, on one scale.
+
+    Arguments:
+        settings: exposure and lambda.
+        found: the levels that the scene has.
+        table: the renders behind the level `FEW_RENDERS`, and their seconds, if there are any.
+        left_out: why the scene lacks a level, by its name.
+    """
+
+    settings: ScoreSettings
+    found: list[Predictor] = field(default_factory=list)
+    table: tuple[TransportTable, float] | None = None
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def make_predictors(
+    scene: Scene,
+    shipped: Checker | None,
+    folder: Path,
+    seed: int,
+    config: TrainConfig,
+    report: OnProgress,
+) -> Predictors:
+    """Make every level of ``scene``; what is finished is kept in ``folder`` with its seconds.
+
+    Arguments:
+        scene: the sensor.
+        shipped: its trained model, None where it has none.
+        folder: for caches, the model of few renders, and `SETUP`.
+        seed: of the training.
+        config: of the model of few renders.
+        report: is told how far it is.
+
+    Raises:
+        GraphicsError: no OpenGL library can draw.
+    """
+    setup = _Setup(folder, scene)
+    if not {PREVIEW, CONVERGED} <= setup.seconds.keys():
+        shutil.rmtree(folder / CACHE, ignore_errors=True)
+    with _own_cache(folder / CACHE):
+
+        def previewed(coarse: bool) -> Checker:
+            return preview_checker(scene, report, coarse=coarse)
+
+        levels = Predictors(ScoreSettings(1.0, 0.0))
+        if scene.window_refracts:
+            reason = "the previews know no refraction between a pad and a window of other index"
+            levels.left_out |= {PREVIEW: reason, CONVERGED: reason}
+        else:
+            drawn = setup.timed(PREVIEW, lambda: previewed(True))
+            levels.found.append(drawn)
+            if can_converge(scene):
+                followed = setup.timed(CONVERGED, lambda: previewed(False))
+                seconds = drawn.seconds + followed.seconds
+                levels.found.append(Predictor(CONVERGED, followed.checker, seconds))
+            else:
+                levels.left_out[CONVERGED] = "light is followed to flat skins alone"
+        scale = scene_scale(scene)
+        levels.settings = ScoreSettings(scale.exposure, scale.lam)
+        try:
+            few = _few_renders(setup, seed, config, report)
+        except (RenderError, SceneError, TableError) as error:
+            levels.left_out |= {FEW_RENDERS: str(error), TABLE: str(error)}
+        else:
+            following = setup.seconds.get(CONVERGED, 0.0)
+            levels.found.append(Predictor(FEW_RENDERS, few.checker, following + few.seconds))
+            _take_table(levels, scene, folder, few.checker)
+    _take_shipped(levels, scene, shipped)
+    return levels
+
+
+def _take_table(levels: Predictors, scene: Scene, folder: Path, few: Checker) -> None:
+    """Add the renders of the model of few renders, as they are; ranges of material have many."""
+    if scene.free is not None:
+        levels.left_out[TABLE] = "the scene leaves its material free, and a table knows one"
+        return
+    table = load_table(folder / f"{FEW}-training" / TABLE_FILE)
+    levels.table = table, float(str(few.metadata.renderer.get("seconds", 0.0)))
+
+
+def _take_shipped(levels: Predictors, scene: Scene, shipped: Checker | None) -> None:
+    if shipped is None:
+        levels.left_out[SHIPPED] = f"no model was trained of {scene.name}, hash {scene.hash}"
+        return
+    own = np.array([shipped.exposure, shipped.lam])
+    scale = np.array([levels.settings.exposure, levels.settings.lam])
+    if not np.allclose(own, scale, rtol=SCALE_TOLERANCE):
+        levels.left_out[SHIPPED] = "its scores are on the scale of another material"
+        return
+    rendering = float(str(shipped.metadata.renderer.get("seconds", 0.0)))
+    levels.found.append(Predictor(SHIPPED, shipped, rendering))
+
+
+def _few_renders(setup: _Setup, seed: int, config: TrainConfig, report: OnProgress) -> Predictor:
+    """Train on few renders, or take the model that the same request made before."""
+    from surrogate.train import train
+
+    folder = setup.folder / FEW
+    key = f"{FEW_RENDERS} {seed} {config.minutes:g} {config.samples}"
+
+    def trained() -> Checker:
+        told = in_stage(report, "training on few renders")
+        train(setup.scene, folder, seed=seed, config=config, progress=told)
+        return Checker.for_scene(folder, setup.scene)
+
+    if key in setup.seconds:
+        return Predictor(FEW_RENDERS, Checker.for_scene(folder, setup.scene), setup.seconds[key])
+    return replace(setup.timed(key, trained), level=FEW_RENDERS)
+
+
+class _Setup:
+    """Seconds that levels took to be ready, kept in a folder: of the first time, without caches."""
+
+    def __init__(self, folder: Path, scene: Scene) -> None:
+        self.folder, self.scene, self.seconds = folder, scene, dict[str, float]()
+        kept = read_json(folder / SETUP)
+        if kept.get("scene_hash") == scene.hash:
+            numbers = {key: kept[key] for key in kept if key != "scene_hash"}
+            self.seconds = {key: float(str(value)) for key, value in numbers.items()}
+        else:
+            self._write()
+
+    def timed(self, level: str, make: Callable[[], Checker]) -> Predictor:
+        """Return what ``make`` makes, with the seconds that it took the first time."""
+        began = time.perf_counter()
+        checker = make()
+        if level not in self.seconds:
+            self.seconds[level] = time.perf_counter() - began
+            self._write()
+        return Predictor(level, checker, self.seconds[level])
+
+    def _write(self) -> None:
+        write_json(self.folder / SETUP, {"scene_hash": self.scene.hash} | self.seconds)
+
+
+@contextmanager
+def _own_cache(folder: Path) -> Iterator[None]:
+    """Let `render.preview.diffuser.cache.cache_folder` be in ``folder``."""
+    before = os.environ.get("XDG_CACHE_HOME")
+    os.environ["XDG_CACHE_HOME"] = str(folder.resolve())
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["XDG_CACHE_HOME"]
+        else:
+            os.environ["XDG_CACHE_HOME"] = before

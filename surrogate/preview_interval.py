@@ -1,0 +1,66 @@
+"""How far scores of a preview may be off: intervals that a scene's two previews calibrate.
+
+The preview as the shader draws it and the converged one are made in ways that share little. Where
+they are far apart, light goes ways that are hard to follow, and the converged one is less sure too.
+So its half-width for 90 % coverage is ``hypot(DIFFERENCE_SHARE D, floor M)`` with D the same
+quantile of the differences of the two previews' scores over random designs of the very scene, and M
+the mean metric of its baseline; the floor is that of flat pads, or of pads that bend. The drawn
+preview answers before the converged one is there and has a fraction of M alone.
+
+The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
+same: those that held 90 % of the scores of random designs on sensors that analog photons were sent
+through (``python -m tests.validation.test_preview_model``; tests/validation/RESULTS.md says on how
+few sensors they rest).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from render.arrays import Array
+from render.scene import Scene
+from surrogate.training.evaluation import random_colors
+
+COVERAGE = 0.9
+DESIGNS = 100
+"""Random designs that the two previews are compared on."""
+DRAWN_FRACTION = 0.08
+"""Half-width of the preview as drawn over the baseline's mean M."""
+FLAT_FLOOR, BENT_FLOOR = 0.004, 0.035
+"""Half-width of the converged preview over M where both previews agree: of flat pads, and of pads
+that bend, whose light both previews lose alike."""
+DIFFERENCE_SHARE = 0.2
+"""Half-width of the converged preview over D where they differ."""
+
+Scores = Callable[[Array, Array], Array]
+"""From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
+
+
+def drawn_half_width(mean: float) -> float:
+    """Return the half-width of scores of the preview as drawn; ``mean`` is M of the baseline.
+
+    >>> drawn_half_width(100.0) == 100.0 * DRAWN_FRACTION
+    True
+    """
+    return DRAWN_FRACTION * mean
+
+
+def converged_half_width(scene: Scene, mean: float, difference: float) -> float:
+    """Return the half-width of scores of the converged preview of ``scene``, counts.
+
+    ``mean`` is M of its baseline, ``difference`` D of `preview_difference`.
+    """
+    floor = BENT_FLOOR if any(scene.bending.angles) else FLAT_FLOOR
+    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean)
+
+
+def preview_difference(scene: Scene, drawn: Scores, converged: Scores) -> float:
+    """Return D: the quantile `COVERAGE` of ``|S_drawn - S_converged|`` over random designs."""
+    rng, lamps = np.random.default_rng(17), scene.lamp_count
+    phi = rng.uniform(0.0, np.pi, (DESIGNS, lamps))
+    palette = scene.palette
+    power = palette.matrix[random_colors(DESIGNS, lamps, rng, len(palette.names))]
+    return float(np.quantile(np.abs(drawn(phi, power) - converged(phi, power)), COVERAGE))

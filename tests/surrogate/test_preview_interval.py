@@ -1,0 +1,64 @@
+"""Intervals of scores that a scene's two previews calibrate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from render.scene import Scene, load_scene
+from surrogate.preview_interval import (
+    BENT_FLOOR,
+    COVERAGE,
+    DESIGNS,
+    DIFFERENCE_SHARE,
+    FLAT_FLOOR,
+    converged_half_width,
+    preview_difference,
+)
+
+
+@pytest.fixture(scope="module", params=["finger20", "digit"])
+def scene(request: pytest.FixtureRequest) -> Scene:
+    return load_scene(request.param)
+
+
+def brightness(phi: np.ndarray, power: np.ndarray) -> np.ndarray:
+    return power.sum(axis=(1, 2)) + np.sin(phi).sum(axis=1)
+
+
+def test_the_difference_is_the_quantile_of_what_two_previews_say_of_random_designs(
+    scene: Scene,
+) -> None:
+    # Normal differences of deviation 3 are within 1.645 deviations nine times in ten.
+    errors = 3.0 * np.random.default_rng(0).standard_normal(DESIGNS)
+    found = preview_difference(scene, brightness, lambda a, b: brightness(a, b) + errors)
+    spread_of_quantile = 3.0 * np.sqrt(COVERAGE * (1 - COVERAGE) / DESIGNS) / 0.206
+    assert found == pytest.approx(1.645 * 3.0, abs=3 * spread_of_quantile)
+    assert preview_difference(scene, brightness, brightness) == 0.0
+
+
+def test_designs_have_the_scenes_lamps_and_one_color_each(scene: Scene) -> None:
+    seen: list[np.ndarray] = []
+
+    def scores(phi: np.ndarray, power: np.ndarray) -> np.ndarray:
+        seen.extend([phi, power])
+        return brightness(phi, power)
+
+    preview_difference(scene, scores, scores)
+    phi, power = seen[:2]
+    assert phi.shape == (DESIGNS, scene.lamp_count)
+    assert ((phi >= 0) & (phi <= np.pi)).all()
+    assert power.shape == (DESIGNS, scene.lamp_count, len(scene.palette.channels))
+    assert (power.sum(axis=-1) > 0).all()
+    np.testing.assert_array_equal(seen[2], phi)
+    np.testing.assert_array_equal(seen[3], power)
+
+
+def test_the_interval_grows_from_its_floor_to_a_share_of_the_difference(scene: Scene) -> None:
+    floor = {"finger20": BENT_FLOOR, "digit": FLAT_FLOOR}[scene.name]
+    assert converged_half_width(scene, 200.0, 0.0) == pytest.approx(200.0 * floor)
+    far = 1e6
+    found = converged_half_width(scene, 200.0, far)
+    assert found == pytest.approx(far * DIFFERENCE_SHARE, rel=1e-6)
+    widths = [converged_half_width(scene, 200.0, difference) for difference in (0, 1, 10, 100)]
+    assert widths == sorted(set(widths))
