@@ -5,8 +5,7 @@ hash have the same, whatever was rendered of them and however noisily. It is tak
 (level 0), which is free of noise, everywhere and without exceptions. Where the preview is too
 bright or too dark by a factor, renders of the baseline reach 230 counts divided or multiplied by
 it, and all designs alike; ``tactilux train`` says how much they reach, and clipped facets are
-counted wherever scores are. A window of another index than the pad's, which the preview cannot
-draw, is drawn as one of the pad's (`render.preview.drawable`).
+counted wherever scores are.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
         GraphicsError: no OpenGL library can draw the preview.
         TableError: the baseline is dark, or one color lights everything.
     """
-    from render.preview import Preview, drawable
+    from render.preview import Preview
 
-    with Preview(drawable(scene)) as preview:
+    with Preview(scene) as preview:
         transport, _ = preview.transport(np.array([math.pi / 2]), np.array(scene.bending.angles))
     bend0 = int(np.argmin(scene.bending.angles))
     power = baseline_power(scene)

@@ -11,7 +11,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
 from render.geometry import HeightMap, Imprint, counted_sites, pyramids
-from render.preview.bonded import with_bonded_window
+from render.preview.bonded import bond_of, with_bonded_window
 from render.preview.facet_blur import facet_blur
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
@@ -51,11 +51,14 @@ class Preview:
         imprint: Imprint | HeightMap | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
+        # Lines of sight are those of the scene; light is in a pad that the window is part of.
+        bond = bond_of(scene)
+        self._seen_in = scene if bond is not None else with_bonded_window(scene)
         self.scene = scene = with_bonded_window(scene)
-        self._lights = lights or point_lights(scene, cache)
+        self._lights = lights or point_lights(scene, cache, bond)
         pressed = imprint or pyramids(scene)
         self._measures = imprint is None
-        self._counted = counted_sites(scene)
+        self._counted = counted_sites(self._seen_in)
         self._skin = isinstance(pressed, HeightMap)
         faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
         self._points = shading_points(scene, faces)
@@ -63,7 +66,7 @@ class Preview:
         self._blurs: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
-            scene, self._lights, self._points, pressed, backend
+            scene, self._lights, self._points, pressed, backend, bond
         )
 
     def __enter__(self) -> Preview:
@@ -255,5 +258,5 @@ class Preview:
     def _blur_at(self, bend: float) -> Array:
         """Return `facet_blur` at a bend, made when it is first asked for; pictures need none."""
         if bend not in self._blurs:
-            self._blurs[bend] = facet_blur(self.scene, bend)
+            self._blurs[bend] = facet_blur(self._seen_in, bend)
         return self._blurs[bend]

@@ -31,8 +31,8 @@ EFFORT = Effort()
 
 
 def can_converge(scene: Scene) -> bool:
-    """Return whether the compiled paths know the pad: flat, or rolled from flat, of one index."""
-    return scene.skin is None and not scene.window_refracts
+    """Return whether the compiled paths know the pad: flat, or rolled from flat."""
+    return scene.skin is None
 
 
 def converged_transport(scene: Scene, progress: OnProgress | None = None) -> ConvergedTransport:

@@ -145,7 +145,8 @@ def transport_at(
             "alone, allowed: no skin; use the preview as drawn (--coarse), or render",
             field="skin",
         )
-    scene = with_bonded_window(scene)
+    if not scene.window_refracts:
+        scene = with_bonded_window(scene)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         light = _light(scene, bend, phi, effort, clock, pool)
         pressed = _Gathering(scene, bend, True, light, effort, clock, pool)
