@@ -68,6 +68,9 @@ class PreviewErrors:
 
 
 COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.16, 0.22, 0.6, 11.0, 35.0, 0.73)
+WINDOW_ERRORS = PreviewErrors(PREVIEW, 0.6, 0.6, 0.4, 0.8, 40.0, 100.0, 0.5)
+"""Of the preview as drawn where a window refracts: it lacks what the window guides and its rough
+faces scatter."""
 CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.06, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
@@ -85,7 +88,7 @@ def preview_checker(
         TableError: the preview is black or not finite.
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
-    errors = COARSE_ERRORS
+    errors = WINDOW_ERRORS if scene.window_refracts else COARSE_ERRORS
     if not coarse and can_converge(scene):
         following = in_stage(progress, "following light")
         grid = corrected(grid, scene, converged_transport(scene, following))

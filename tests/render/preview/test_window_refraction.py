@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -152,13 +154,20 @@ def test_a_picture_through_the_window_shows_what_the_camera_sees_of_a_site() -> 
     assert 0.5 * cells.min() < middle < 2.0 * cells.max()
 
 
-def test_the_scale_is_that_of_the_window_as_it_is() -> None:
+def test_the_scale_is_that_of_light_that_is_followed_through_the_window(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("render.scale.WINDOW_PATHS", (1024, 300_000))
+
     def scale(index: float) -> ScoreScale:
         content = content_of_case("window lit at its edges")
         content["baseline"]["tip"] = "green"
         content["window"]["index"]["value"] = index
         return scene_scale(Scene.model_validate(content))
 
+    same, nearly, other = scale(1.41), scale(1.41001), scale(1.49)
+    assert nearly.exposure == pytest.approx(same.exposure, rel=0.08)
     # Light that a window of the pad's index would let pass is reflected at this one's bond.
-    assert scale(1.49).exposure > 1.15 * scale(1.41).exposure
-    assert scale(1.49) == scale(1.49)
+    assert other.exposure > 1.15 * nearly.exposure
+    assert scale(1.49) == other
