@@ -7,6 +7,8 @@ From the command line, with full effort:
 from __future__ import annotations
 
 import argparse
+import tomllib
+from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +18,13 @@ from scipy import stats
 from render.preview import Preview
 from render.preview.converged import Effort, transport_at
 from render.progress import Clock
-from render.scene import Scene, load_scene, scene_content
+from render.scene import Scene
 from tests.long import LONG
 from tests.oracles.mesh_cells import BentScene
 from tests.oracles.pads import scene_of_case
 
 PHI = 1.2
+SCENES = resources.files("render") / "scenes"
 PHOTONS, ARRIVALS = (1_000_000, 6_000_000) if LONG else (200_000, 2_000_000)
 MEDIAN_OF_NORMAL = 0.6745
 """Median of the absolute value, in standard deviations."""
@@ -39,7 +42,7 @@ def scene_on_window(case: str) -> Scene:
     name, _, index = case.rpartition(" ")
     if name not in ("digit", "gelsight-mini"):
         return scene_of_case(case)
-    content: dict[str, Any] = scene_content(load_scene(name))
+    content: dict[str, Any] = tomllib.loads((SCENES / f"{name}.toml").read_text())
     content["name"] = "on-a-window"
     height, thickness = (-3.0, 6.15) if name == "digit" else (-1.0, 2.0)
     if name == "digit":
