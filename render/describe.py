@@ -209,13 +209,6 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "scattering medium", "no diffuser is declared, light enters the clear pad directly"
     smooth = {face for face in FACES if scene.finish(face).smooth}
     mirrors = smooth | {face for face in FACES if scene.finish(face).metal is not None}
-    window = scene.window
-    if window is not None and window.index != scene.pad.index:
-        yield (
-            "everything at level 0",
-            f"window.index = {window.index:g} is not pad.index = {scene.pad.index:g}: previews "
-            "know no refraction between them, level 2 does",
-        )
     if all(finish.smooth for finish in scene.finishes if finish.paint is None):
         yield (
             "rough refraction",

@@ -29,6 +29,8 @@ DESIGNS = 100
 """Random designs that the two previews are compared on."""
 DRAWN_FRACTION = 0.08
 """Half-width of the preview as drawn over the baseline's mean M."""
+WINDOW_FRACTION = 0.6
+"""The same where a window refracts, whose guided light it lacks."""
 FLAT_FLOOR, BENT_FLOOR = 0.004, 0.035
 """Half-width of the converged preview over M where both previews agree: of flat pads, and of pads
 that bend, whose light both previews lose alike."""
@@ -39,13 +41,9 @@ Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
 
 
-def drawn_half_width(mean: float) -> float:
-    """Return the half-width of scores of the preview as drawn; ``mean`` is M of the baseline.
-
-    >>> drawn_half_width(100.0) == 100.0 * DRAWN_FRACTION
-    True
-    """
-    return DRAWN_FRACTION * mean
+def drawn_half_width(scene: Scene, mean: float) -> float:
+    """Return the half-width of scores of the preview as drawn; ``mean`` is M of the baseline."""
+    return (WINDOW_FRACTION if scene.window_refracts else DRAWN_FRACTION) * mean
 
 
 def converged_half_width(scene: Scene, mean: float, difference: float) -> float:

@@ -72,6 +72,9 @@ class PreviewErrors:
 
 
 COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.22, 0.6, 11.0, 35.0, 0.73)
+WINDOW_ERRORS = PreviewErrors(PREVIEW, 0.6, 0.4, 0.8, 40.0, 100.0, 0.5)
+"""Of the preview as drawn where a window refracts: it lacks what the window guides and its rough
+faces scatter."""
 CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
@@ -89,13 +92,14 @@ def preview_checker(
         TableError: the preview is black or not finite.
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
-    session = PreviewSession(scene, grid, scale, COARSE_ERRORS.color_spread)
+    errors = WINDOW_ERRORS if scene.window_refracts else COARSE_ERRORS
+    session = PreviewSession(scene, grid, scale, errors.color_spread)
     bends = np.array(scene.bending.angles)
     phi, power = np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None]
     mean = float(design_score(session.outputs(phi, power, bends)["metric"]).mean[0])
     if coarse or not can_converge(scene):
-        half_width = drawn_half_width(mean)
-        return Checker(session, _about(scene, grid, scale, COARSE_ERRORS, half_width))
+        half_width = drawn_half_width(scene, mean)
+        return Checker(session, _about(scene, grid, scale, errors, half_width))
     following = in_stage(progress, "following light")
     grid = corrected(grid, scene, converged_transport(scene, following))
     converged = PreviewSession(scene, grid, scale, CONVERGED_ERRORS.color_spread)

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.chebyshev import interpolation_weights
-from render.errors import RenderError, TableError
+from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS, superposed
-from render.preview import drawable
 from render.preview.converged import can_converge
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget
@@ -129,13 +128,11 @@ def train(
 
     Raises:
         TableError: a table that does not fit the scene.
-        RenderError: lamps turn over a window that the preview cannot draw.
         RenderError, CompilerError, GraphicsError: from the renderers.
         ModelError: ``out`` holds files that are no model.
     """
     config = config or TrainConfig()
     run = run or out.parent / f"{out.name}-training"
-    _check_window(scene)
     if table is not None:
         _check(scene, table)
     began = time.monotonic() if began is None else began
@@ -227,11 +224,10 @@ def _preview(
     preview = TrainingPreview.load(parts, MaterialRange.of(scene))
     if preview is None:
         told = in_stage(progress, "preview")
-        drawn = drawable(scene)
         grid, left_out = draw_material_grid(
-            drawn, *config.preview_nodes, materials=config.preview_materials, progress=told
+            scene, *config.preview_nodes, materials=config.preview_materials, progress=told
         )
-        preview = TrainingPreview(grid, interpolation_error(drawn, grid), left_out)
+        preview = TrainingPreview(grid, interpolation_error(scene, grid), left_out)
         if grid.free is None and not config.coarse and can_converge(scene):
             following = in_stage(progress, "following light")
             within = None if fit_time is None else fit_time.budget.seconds
@@ -239,32 +235,6 @@ def _preview(
             preview = replace(preview, grid=grid, converged=grid is not preview.grid)
         preview.save(parts)
     return preview
-
-
-def _check_window(scene: Scene) -> None:
-    """Refuse a window whose light the preview gets wrong, where renders do not replace all of it.
-
-    Raises:
-        RenderError: lamps turn, or a window of the pad's index would show other sites.
-    """
-    if not scene.window_refracts:
-        return
-    assert scene.window is not None
-    said = f"window.index = {scene.window.index:g}"
-    if not is_one_node(scene):
-        raise RenderError(
-            f"{said}: the preview knows no refraction between a pad and a window of other index, "
-            "and models between directions stand on the preview, allowed: lamps that cannot turn "
-            f"(turns = false), or pad.index = {scene.pad.index:g}",
-            field="window.index",
-        )
-    if not np.array_equal(counted_sites(scene), counted_sites(drawable(scene))):
-        raise RenderError(
-            f"{said}: through it the camera sees other sites whole than through one of pad.index = "
-            f"{scene.pad.index:g}, which the preview draws, allowed: sites that are seen through "
-            "both; move those at the border of the picture",
-            field="window.index",
-        )
 
 
 def _check(scene: Scene, table: TransportTable) -> None:
@@ -277,12 +247,6 @@ def _check(scene: Scene, table: TransportTable) -> None:
             f"the reference table spans bends {low:g} to {high:g} deg, allowed: the scene's "
             f"{angles.min():g} to {angles.max():g} deg",
             field="bends",
-        )
-    if scene.window_refracts and table.half_difference is None:
-        raise TableError(
-            "the reference table keeps no halves of its light paths, by which the preview of a "
-            "window of another index is corrected: leave --table out to render one",
-            field="table",
         )
     if MaterialRange.of(scene) is not None:
         raise TableError(

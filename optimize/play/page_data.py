@@ -29,7 +29,7 @@ from render.geometry import (
     straight_edge,
 )
 from render.geometry.holder import LEAST_SINE
-from render.preview.bonded import with_bonded_window
+from render.preview.bonded import bond_of, with_bonded_window
 from render.scene import Palette, Scene
 
 LEVELS = 65535
@@ -57,6 +57,7 @@ def packed(tables: Mapping[str, Array]) -> tuple[str, dict[str, dict[str, float]
 
 def sensor_facts(scene: Scene) -> dict[str, Any]:
     """Return where everything is, in mm and rad: what the page draws and what its limits are."""
+    bond, counted = bond_of(scene), counted_sites(scene)
     scene = with_bonded_window(scene)
     poses = flat_fiber_poses(scene)
     fibers = [
@@ -82,6 +83,7 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
             "thickness": pad.thickness,
             "index": pad.index,
             "rims": list(scene.box.rims),
+            "bond": bond._asdict() if bond else None,
         },
         "sites": flat_sites(scene)[:, :2].tolist(),
         "grid": {
@@ -89,7 +91,7 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
             "rows": sites.rows,
             "spacing": sites.spacing,
             "first": declared_sites(scene)[0, :2].tolist(),
-            "counted": counted_sites(scene).tolist(),
+            "counted": counted.tolist(),
         },
         "normals": facet_normals(scene).tolist(),
         "camera": {

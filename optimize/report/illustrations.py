@@ -249,15 +249,13 @@ def camera_pictures(scene: Scene, stages: Sequence[Seen]) -> Iterator[tuple[str,
     """Yield ``preview-<key>-<bend index>``: what the camera sees, drawn by the preview (level 0).
 
     A pyramid is pressed in at every site. Brightness is exposed as the scene's camera is, so that
-    pictures can be compared. There are none through a window that the preview cannot draw.
+    pictures can be compared.
 
     Raises:
         GraphicsError: nothing here can draw.
     """
     from render.preview import Preview
 
-    if scene.window_refracts:
-        return
     height = round(PREVIEW_WIDTH * scene.camera.rows / scene.camera.columns)
     with Preview(scene) as preview:
         for stage in stages:

@@ -97,13 +97,20 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     towards a point, so only beside a glow the direction and the losses of a beam count.
 
     Raises:
-        SceneError: the bolt is deeper than the pad, no point lies on it, or its skin is not flat.
+        SceneError: the bolt is deeper than the pad, no point lies on it, its skin is not flat, or
+            light bends between it and a window.
     """
     if scene.skin is not None:
         raise SceneError(
             f"skin.shape = {scene.skin.shape}: shadows of a bolt are known on flat skins alone, "
             "allowed: no skin; leave out --shadow",
             field="skin",
+        )
+    if scene.window is not None and scene.window_refracts:
+        raise SceneError(
+            f"window.index = {scene.window.index:g}: shadows of a bolt are known along straight "
+            f"light alone, allowed: pad.index = {scene.pad.index:g}; leave out --shadow",
+            field="window.index",
         )
     scene = with_bonded_window(scene)
     thick = scene.pad.thickness

@@ -1,7 +1,7 @@
 """The model of a scene: finding it, or making do without one, and what it says of designs.
 
-Where none was trained, the preview answers. Skins and windows that its paths cannot be followed to
-have no converged one; where no lamp turns either, renders of two minutes are a table that answers.
+Where none was trained, the preview answers. Skins that its paths cannot be followed to have no
+converged one; where no lamp turns either, renders of two minutes are a table that answers.
 """
 
 from __future__ import annotations
@@ -103,10 +103,9 @@ def _render_table(scene: Scene) -> Path:
     from surrogate.train import TrainConfig, train
 
     folder, minutes = _table_folder(scene), TABLE_MINUTES
-    coarse = "" if scene.window_refracts else "--coarse: the preview as drawn; "
     note(
         f"There is no model for scene {scene.name}, hash {scene.hash}: rendering a table of it, "
-        f"{minutes:g} minutes ({coarse}more: tactilux train)"
+        f"{minutes:g} minutes (--coarse: the preview as drawn; more: tactilux train)"
     )
     ensure_llvm()
     with ProgressBar("Rendering a table") as bar:

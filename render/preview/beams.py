@@ -3,7 +3,8 @@
 A lamp in the air shines into the pad through every face that it lies before: the shader refracts
 its light there (Snell's law at the plane of the face) and asks whether it enters within the face.
 Clear and metal walls send light back: each image of the pad that its light reaches is one more
-light. Painted faces let none in.
+light. Painted faces let none in. Where a window of another index lies under the pad, the light that
+enters the edges of either is a light of its own.
 """
 
 from __future__ import annotations
@@ -15,12 +16,17 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses
+from render.preview.bonded import Bond
 from render.preview.light_paths import Turns, reaches, single_turns
 from render.scene import FACES, OUTWARD, Profile, Scene
 
 BEAM_MARK, TURN_MARKS, NO_TURNS = 8, (16, 256), 8
 """Parts of a light's mark: beside the number of its face, that it is a beam, and how often its
 light is reflected at walls along x and y (`WallImage.turns`), each counted from `NO_TURNS`."""
+WINDOW_MARK = 4096
+"""Part of the mark of a beam that enters the edge of a window of another index than the pad's."""
+STEEPEST_ENTRY = 6.0
+"""Light that enters an edge from so many times higher or lower than it comes from afar is faint."""
 MOST_TURNS, TURNS_AHEAD = 7, 2
 """Reflections that are followed: at walls beside a beam, which are total where the index is above
 sqrt(2), and at those that it flies at, which leave a tenth or less."""
@@ -36,8 +42,11 @@ class Beams:
     edge_albedo = 0.0
     nodes = None
 
-    def __init__(self, scene: Scene) -> None:
-        """Place the lamps' images behind the faces that they shine through."""
+    def __init__(self, scene: Scene, bond: Bond | None = None) -> None:
+        """Place the lamps' images behind the faces that they shine through.
+
+        With a ``bond`` the shader refracts twice, and lamps are where they are.
+        """
         self._poses = poses = flat_fiber_poses(scene)
         profiles = [lamp.profile for lamp in scene.placed_lamps()]
         self._peak = np.array([profile.peak_intensity for profile in profiles])
@@ -50,7 +59,7 @@ class Beams:
         }
         if self._own is not None:
             self.defines["PROFILES"] = "1"
-        lists = [_lights_of(scene, poses, i) for i in range(len(profiles))]
+        lists = [_lights_of(scene, poses, i, bond) for i in range(len(profiles))]
         longest = max(map(len, lists))
         # Beyond the end of a list: lights without power.
         self.position = np.array([[*part, *part[:1] * (longest - len(part))] for part in lists])
@@ -87,7 +96,7 @@ class Beams:
 def comes_straight(mark: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return which lights are not seen in walls, of their marks."""
     turns = NO_TURNS * sum(TURN_MARKS)
-    return np.asarray(((mark & BEAM_MARK) == 0) | ((mark & ~0xF) == turns))
+    return np.asarray(((mark & BEAM_MARK) == 0) | ((mark % WINDOW_MARK & ~0xF) == turns))
 
 
 def face_frames() -> tuple[Array, Array, Array]:
@@ -98,25 +107,30 @@ def face_frames() -> tuple[Array, Array, Array]:
     return np.array(along), -OUTWARD, up
 
 
-def _lights_of(scene: Scene, poses: FiberPoses, lamp: int) -> list[list[float]]:
+def _lights_of(scene: Scene, poses: FiberPoses, lamp: int, bond: Bond | None) -> list[list[float]]:
     """Return x, y, z, mark and share of the power of each light of one lamp."""
-    box, index, lights = scene.box, scene.pad.index, []
+    box, lights, lower = scene.box, [], FACES.index("lower")
+    index = scene.pad.index if bond is None else 1.0
 
-    def seen(point: Array, face: int, turns: Turns, share: float) -> list[float]:
+    def seen(point: Array, face: int, turns: Turns, share: float) -> list[list[float]]:
         # From inside the pad the air looks longer by the index (paraxial image).
-        image = point + (index - 1) * box.distance(point)[face] * OUTWARD[face]
-        mark = face + BEAM_MARK + np.dot(np.add(turns, NO_TURNS), TURN_MARKS)
-        return [*image, float(mark), share]
+        distance = box.distance(point)[face]
+        image = point + (index - 1) * distance * OUTWARD[face]
+        mark = float(face + BEAM_MARK + np.dot(np.add(turns, NO_TURNS), TURN_MARKS))
+        if bond is None or face == lower:
+            return [[*image, mark, share]]
+        above, far = point[2] - bond.height, STEEPEST_ENTRY * distance
+        marks = (mark, above > -far), (mark + WINDOW_MARK, above < far)
+        return [[*image, each, share] for each, enters in marks if enters]
 
     clear = np.array([finish.paint is None for finish in scene.finishes])
     for point, share in zip(*end_points(poses, lamp), strict=True):
-        lights += [
-            seen(point, int(face), (0, 0), share)
-            for face in np.flatnonzero((box.distance(point) > 0.0) & clear)
-        ]
+        for face in np.flatnonzero((box.distance(point) > 0.0) & clear):
+            lights += seen(point, int(face), (0, 0), share)
     center = poses.position[lamp]
     for face in np.flatnonzero((box.distance(center) > 0.0) & clear):
-        lights += [seen(center, int(face), turns, 1.0) for turns in beam_turns(scene, int(face))]
+        for turns in beam_turns(scene, int(face)):
+            lights += seen(center, int(face), turns, 1.0)
     return lights
 
 

@@ -1,44 +1,40 @@
-"""A window of the pad's own index is more of the pad: level 0 draws both as one."""
+"""The window under a pad to level 0: one of the pad's own index is more of the pad."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from render.errors import RenderError
 from render.scene import Scene
 
 
-def drawable(scene: Scene) -> Scene:
-    """Return the scene that level 0 can draw: with a window of the pad's index.
+class Bond(NamedTuple):
+    """Where a window of another index meets the pad: ``height`` mm over its lower face; its index.
 
-    Where the window's index is another, its light is no more than a first guess, which renders
-    correct: of lamps at the window's edges it can be off by a factor of two.
+    Arguments:
+        height: the window's thickness.
+        window_index: its refractive index.
     """
+
+    height: float
+    window_index: float
+
+
+def bond_of(scene: Scene) -> Bond | None:
+    """Return where light bends between pad and window, or None where it does not."""
     if scene.window is None or not scene.window_refracts:
-        return scene
-    window = scene.window.model_copy(update={"index": scene.pad.index})
-    return scene.model_copy(update={"window": window})
+        return None
+    return Bond(scene.window.thickness, scene.window.index)
 
 
 def with_bonded_window(scene: Scene) -> Scene:
     """Return the scene with its window as the lower part of the pad, moved up onto z = 0.
 
-    One without a window is returned as it is.
-
-    Raises:
-        RenderError: the indices of pad and window differ.
+    One without a window is returned as it is. Where the window's index is another (`bond_of`), the
+    places are right, and the index is the pad's.
     """
     if scene.window is None:
         return scene
     depth = scene.window.thickness
-    if scene.window_refracts:
-        raise RenderError(
-            f"window.index = {scene.window.index:g}: the preview knows no refraction between a pad "
-            "and a window of other index, "
-            f"allowed for it: pad.index = {scene.pad.index:g}; level 2 knows it, "
-            "render with --level reference",
-            field="window.index",
-        )
 
     def lifted(place: tuple[float, ...] | None) -> tuple[float, ...] | None:
         return None if place is None else (*place[:2], place[2] + depth)

@@ -28,7 +28,7 @@ from render.geometry import (
     pyramid,
     refract_into_pad,
 )
-from render.scene import Scene
+from render.scene import Scene, Window
 
 SUBPIXELS = 2
 """Lines of sight per pixel, in each direction."""
@@ -53,16 +53,16 @@ def facet_blurs(scene: Scene, bend: float) -> list[Array]:
 
     Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
     the light. The radiance is albedo / pi times the irradiance, times the transmittance of the
-    lower face over the index squared (Veach 1997, eq. 5.3). Sites are those that count. At a bend
-    that the scene does not name, a facet may be without a pixel: it gets the row of a head-on,
-    sharp view. A coating with a lobe is one of its whole reflectance here.
+    lower face, and of the bond of a window, over the pad's index squared (Veach 1997, eq. 5.3).
+    Sites are those that count. At a bend that the scene does not name, a facet may be without a
+    pixel: it gets the row of a head-on, sharp view. A coating with a lobe is one of its whole
+    reflectance here.
     """
     counted, faces = counted_sites(scene), scene.indenter.faces
     weights = np.zeros((len(counted), faces + 1, faces + 1))
     for index, target, lines in _targets(scene, bend):
         if lines is None:
-            head_on = 1 - fresnel(np.ones(1), scene.pad.index)[0]
-            weights[index, target, target] = head_on[0]
+            weights[index, target, target] = _head_on(scene)
             continue
         weights[index, target] = (
             np.bincount(lines.seen.ravel(), lines.weight.ravel(), minlength=faces + 1)
@@ -120,6 +120,9 @@ def _targets(scene: Scene, bend: float) -> Iterator[tuple[int, int, _Lines | Non
     owner = np.repeat(np.arange(len(masks.offset) - 1), np.diff(masks.offset))
     entry, outside = _lines_of_sight(scene, bend, masks)
     directions, weight = _refracted(scene, bend, entry, outside)
+    entry = entry[..., None, :]
+    if scene.window is not None:
+        entry, directions, weight = _past_bond(scene, scene.window, entry, directions, weight)
     faces = masks.facets
     for index, site in enumerate(counted_sites(scene)):
         turn = SkinChart(scene, bend).frames(declared_sites(scene)[site, :2])
@@ -151,24 +154,30 @@ def _thinned(masks: FacetMasks) -> FacetMasks:
 def _lines_of_sight(scene: Scene, bend: float, masks: FacetMasks) -> tuple[Array, Array]:
     """Return where lines through the masks' pixels enter the pad, and their directions in air.
 
-    Both ``(pixel, line, 3)``; the pixels in the order of ``masks.pixel``.
+    Both ``(pixel, line, 3)``; the pixels in the order of ``masks.pixel``. With a window they enter
+    that, at its lower face.
     """
     steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
     step_y, step_x = (step.ravel() for step in np.meshgrid(steps, steps, indexing="ij"))
     column = (masks.pixel % masks.columns)[:, None] + step_x
     row = (masks.pixel // masks.columns)[:, None] + step_y
     outside = pixel_directions(scene, masks.columns, masks.rows, column, row)
+    if scene.window is not None:
+        origin = camera_origin(scene)
+        way = (-scene.window.thickness - origin[2]) / outside[..., 2:]
+        return origin + way * outside, outside
     return refract_into_pad(scene, bend, camera_origin(scene), outside).entry, outside
 
 
 def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple[Array, Array]:
-    """Return directions in the pad ``(..., normal, 3)`` and transmittances over microfacets.
+    """Return directions behind the face ``(..., normal, 3)``, transmittances over microfacets.
 
     Slopes of a Beckmann surface are Gaussian with variance alpha^2 / 2; each microfacet counts by
     the area that it turns to the camera (Walter et al. 2007).
     """
     kappa = curvature(scene, bend)
     kappa_face = kappa / (1 + kappa * scene.pad.thickness)
+    index = scene.pad.index if scene.window is None else scene.window.index
     y = entry[..., 1] - scene.camera.pivot
     normal = np.stack([np.zeros_like(y), kappa_face * y, kappa_face * entry[..., 2] - 1], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -180,12 +189,37 @@ def _refracted(scene: Scene, bend: float, entry: Array, outside: Array) -> tuple
     facing = -np.einsum("...i,...ni->...n", outside, micro)
     micro /= np.linalg.norm(micro, axis=-1, keepdims=True)
     cos_in = np.maximum(-np.einsum("...i,...ni->...n", outside, micro), 1e-6)
-    reflected, cos_out = fresnel(cos_in, scene.pad.index)
-    ratio = 1 / scene.pad.index
+    reflected, cos_out = fresnel(cos_in, index)
+    ratio = 1 / index
     direction = ratio * outside[..., None, :] + (ratio * cos_in - cos_out)[..., None] * micro
     straight = -np.einsum("...i,...i->...", outside, normal)[..., None]
     area = np.maximum(facing, 0.0) / np.maximum(straight, 1e-6)
     return direction, (1 - reflected) * area
+
+
+def _past_bond(
+    scene: Scene, window: Window, entry: Array, direction: Array, weight: Array
+) -> tuple[Array, Array, Array]:
+    """Return where lines in the window enter the pad, their directions there and what passes.
+
+    ``entry`` ``(..., 1, 3)`` is on the window's lower face, ``direction`` ``(..., normal, 3)``.
+    """
+    rise = np.maximum(direction[..., 2:], 1e-6)
+    entry = entry + direction * (window.thickness / rise)
+    entry[..., 2] = 0.0
+    eta = scene.pad.index / window.index
+    reflected, cos_out = fresnel(rise[..., 0], eta)
+    direction = np.concatenate([direction[..., :2] / eta, cos_out[..., None]], axis=-1)
+    return entry, direction, weight * (1 - reflected)
+
+
+def _head_on(scene: Scene) -> float:
+    """Return what passes all faces head on."""
+    pad, window = scene.pad.index, scene.window
+    if window is None:
+        return float(1 - fresnel(np.ones(1), pad)[0][0])
+    plate = window.index
+    return float(np.prod([1 - fresnel(np.ones(1), eta)[0] for eta in (plate, pad / plate)]))
 
 
 def _slopes() -> Array:
@@ -201,8 +235,8 @@ def _slopes() -> Array:
 def _first_facet(scene: Scene, start: Array, direction: Array) -> np.ndarray:
     """Return the facet that lines meet, the number of facets where they pass the pyramid.
 
-    Local frame of the site: ``start`` ``(pixel, line, 3)``, ``direction`` ``(pixel, line,
-    normal, 3)``. The pyramid is convex: the last plane entered is met, unless another plane or
+    Local frame of the site: ``direction`` ``(pixel, line, normal, 3)``, and so ``start``, or with
+    one normal. The pyramid is convex: the last plane entered is met, unless another plane or
     the coating is left before.
     """
     corners = pyramid(scene)
@@ -212,10 +246,10 @@ def _first_facet(scene: Scene, start: Array, direction: Array) -> np.ndarray:
     speed = direction @ normal.T
     distance = np.einsum("ki,ki->k", normal, corners[:, 0]) - start @ normal.T
     with np.errstate(divide="ignore"):
-        plane_distance = distance[:, :, None] / speed
+        plane_distance = distance / speed
     entered = np.where(speed < 0, plane_distance, -np.inf)
     facet = entered.argmax(axis=-1)
     exit_distance = np.where(speed >= 0, plane_distance, np.inf).min(axis=-1)
-    coating = -start[..., 2][..., None] / direction[..., 2]
+    coating = -start[..., 2] / direction[..., 2]
     meets = entered.max(axis=-1) < np.minimum(exit_distance, coating)
     return np.where(meets, facet, len(corners))

@@ -10,6 +10,7 @@ import numpy as np
 from render.arrays import Array
 from render.geometry import flat_fiber_poses
 from render.preview.beams import BEAM_MARK, NO_TURNS, TURN_MARKS, Beams, shines_past_layers
+from render.preview.bonded import Bond
 from render.preview.diffuser.cache import fiber_ends, slab_of, slab_response
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
@@ -52,12 +53,15 @@ class PointLights(Protocol):
         """
 
 
-def point_lights(scene: Scene, cache: Path | None = None) -> PointLights:
-    """Return the lights that the scene requires: beams, the diffuser's glow, or both."""
+def point_lights(scene: Scene, cache: Path | None = None, bond: Bond | None = None) -> PointLights:
+    """Return the lights that the scene requires: beams, the diffuser's glow, or both.
+
+    ``bond`` is where a window of another index begins, under which there is no diffuser.
+    """
     poses = flat_fiber_poses(scene)
     behind = np.flatnonzero(poses.layer > 0.0)
     if not len(behind):
-        return Beams(scene)
+        return Beams(scene, bond)
     ends = fiber_ends(scene)
     # Rows of equal ends on edges of equal roughness share one response.
     edges = [EDGES[face] for face in poses.face[behind]]

@@ -17,6 +17,7 @@ from render.geometry import (
     curvature,
     half_view,
 )
+from render.preview.bonded import Bond
 from render.preview.gl import create_context
 from render.preview.light_paths import MIN_CURVATURE
 from render.preview.lights import PointLights, with_images
@@ -34,7 +35,8 @@ POINT_COLUMNS = 1024
 class ShaderPasses:
     """The shader programs of one scene and what they read, in an OpenGL context of its own.
 
-    ``imprint`` is pressed into its pictures: planes of bodies, or skin as a height map.
+    ``imprint`` is pressed into its pictures: planes of bodies, or skin as a height map. ``bond`` is
+    where a window of another index begins.
     """
 
     def __init__(
@@ -44,9 +46,10 @@ class ShaderPasses:
         points: ShadingPoints,
         imprint: Imprint | HeightMap,
         backend: str | None,
+        bond: Bond | None = None,
     ) -> None:
         """Open the context and upload what does not depend on the design."""
-        self._scene, self._lights, self._imprint = scene, lights, imprint
+        self._scene, self._lights, self._imprint, self._bond = scene, lights, imprint, bond
         self._count = len(points.position)
         self._compiled: dict[tuple[str, bool, int, bool, bool], ShaderPass] = {}
         self._context: Any = create_context(backend)
@@ -196,6 +199,9 @@ class ShaderPasses:
             if fragment == "picture.frag" and self._scene.camera.fisheye:
                 defines["FISHEYE"] = "1"
             parts = ["light_paths.glsl", "shading.glsl", fragment]
+            if self._bond is not None:
+                defines["BONDED"] = "1"
+                parts.insert(2, "bonded.glsl")
             if indented and isinstance(self._imprint, HeightMap):
                 defines["HEIGHT_MAP"] = "1"
                 parts.insert(0, "height_map.glsl")
@@ -208,7 +214,10 @@ class ShaderPasses:
         pad, layer = self._scene.pad, self._scene.diffuser
         profile = self._scene.placed_lamps()[0].profile
         kappa = max(curvature(self._scene, bend), MIN_CURVATURE)
+        bond = self._bond or Bond(0.0, pad.index)
         return {
+            "bond": bond.height,
+            "window_index": bond.window_index,
             "thickness": pad.thickness,
             "refractive_index": pad.index,
             "kappa": kappa,

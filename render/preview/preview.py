@@ -18,7 +18,7 @@ from render.geometry import (
     declared_sites,
     pyramids,
 )
-from render.preview.bonded import with_bonded_window
+from render.preview.bonded import bond_of, with_bonded_window
 from render.preview.facet_blur import facet_blurs, lines_of_sight
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
@@ -58,11 +58,14 @@ class Preview:
         imprint: Imprint | HeightMap | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
+        # Lines of sight are those of the scene; light is in a pad that the window is part of.
+        bond = bond_of(scene)
+        self._seen_in = scene if bond is not None else with_bonded_window(scene)
         self.scene = scene = with_bonded_window(scene)
-        self._lights = lights or point_lights(scene, cache)
+        self._lights = lights or point_lights(scene, cache, bond)
         pressed = imprint or pyramids(scene)
         self._measures = imprint is None
-        self._counted = counted_sites(scene)
+        self._counted = counted_sites(self._seen_in)
         self._skin = isinstance(pressed, HeightMap)
         faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
         self._points = shading_points(scene, faces)
@@ -72,7 +75,7 @@ class Preview:
         self._sights: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
-            scene, self._lights, self._points, pressed, backend
+            scene, self._lights, self._points, pressed, backend, bond
         )
 
     def __enter__(self) -> Preview:
@@ -328,7 +331,7 @@ class Preview:
         """
         if bend not in self._sights:
             points, faces = self._points, self._points.facets
-            mean = -lines_of_sight(self.scene, bend).mean(axis=2)
+            mean = -lines_of_sight(self._seen_in, bend).mean(axis=2)
             mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
             if self.scene.skin is None:
                 places = declared_sites(self.scene)[self._counted, :2]
@@ -343,5 +346,5 @@ class Preview:
     def _blurs_at(self, bend: float) -> list[Array]:
         """Return `facet_blurs` at a bend, made when first asked for; pictures need none."""
         if bend not in self._blurs:
-            self._blurs[bend] = facet_blurs(self.scene, bend)
+            self._blurs[bend] = facet_blurs(self._seen_in, bend)
         return self._blurs[bend]

@@ -9,8 +9,7 @@ weighed by their variances (empirical Bayes: Robbins 1956, Efron and Morris 1973
 with sigma the render's standard error and tau what the preview is off by, both in units of P, or of
 `DARK` of the mean light at the site where a cell is darker. tau is that with which one half of the
 light paths foretells the other best (`surrogate.training.halves`); where none is borne out, the
-preview stays as it is. The preview of a window of another index than the pad's
-(`render.preview.drawable`) is corrected in any case.
+preview stays as it is.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
     halves = [cells.transport + cells.half_difference, cells.transport - cells.half_difference]
     gains = [_gains(preview, halves, noise, unit, tau) for tau in TAUS]
     best = int(np.argmax([gain.mean() for gain in gains]))
-    kept = borne_out(gains[best], len(task.scene.albedos)) or task.scene.window_refracts
+    kept = borne_out(gains[best], len(task.scene.albedos))
     tau = TAUS[best] if kept else 0.0
     guesses = [_shrunk(preview, half, noise, unit, tau) for half in halves]
     whole = _shrunk(preview, cells.transport, noise / math.sqrt(2.0), unit, tau)

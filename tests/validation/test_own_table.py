@@ -13,25 +13,20 @@ from optimize.design import baseline_design
 from optimize.scoring import find_model, is_prompt, open_model, predict_design
 from render.metric import image_counts
 from render.reference import render_transport
-from render.scene import Scene, Window, load_scene
+from render.scene import Scene, load_scene
 from surrogate.runtime.metadata import TABLE
 
 SAMPLES = 2000
 MINUTES = 1.0
 
 
-@pytest.fixture(scope="module", params=["dome", "plate"])
-def scene(request: pytest.FixtureRequest) -> Scene:
-    """Return a dome, or a pad on a plate of glass, that no shipped model knows."""
-    if request.param == "plate":
-        glass = Window.model_construct(thickness=2.0, index=1.6)
-        changed = load_scene("digit").model_copy(update={"window": glass, "name": "unknown"})
-    else:
-        dome = load_scene("digit-dome")
-        assert dome.skin is not None
-        skin = dome.skin.model_copy(update={"radius": 40.0})
-        changed = dome.model_copy(update={"skin": skin, "name": "unknown"})
-    return Scene.model_validate(changed)
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Return a dome that no shipped model knows."""
+    dome = load_scene("digit-dome")
+    assert dome.skin is not None
+    skin = dome.skin.model_copy(update={"radius": 40.0})
+    return Scene.model_validate(dome.model_copy(update={"skin": skin, "name": "unknown"}))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -93,7 +93,8 @@ class Camera {
   build(touch, bend) {
     const { gl, page } = this, kappa = bend / page.pad.length;
     const fragment = ["#version 300 es", "precision highp float;", "precision highp sampler2D;",
-      "precision highp sampler2DArray;", "#define SOFT_RADIUS 1.0", page.shader.paths,
+      "precision highp sampler2DArray;", "#define SOFT_RADIUS 1.0",
+      page.pad.bond ? "#define BONDED" : "", page.shader.paths,
       bend > 0 ? `#define BENT\n#define kappa ${Math.max(kappa, 1e-5).toExponential(12)}` : "",
       page.camera.fisheye ? "#define FISHEYE" : "",
       touch ? `#define FACES ${touch.planes.length}` : "", `#define RING ${this.ring.size}`,
@@ -143,6 +144,10 @@ class Camera {
     gl.uniform1i(at("facet_indirect"), 2);
     gl.uniform1f(at("thickness"), pad.thickness);
     gl.uniform1f(at("refractive_index"), pad.index);
+    if (pad.bond) {
+      gl.uniform1f(at("bond"), pad.bond.height);
+      gl.uniform1f(at("window_index"), pad.bond.window_index);
+    }
     gl.uniform1f(at("albedo"), camera.albedo / page.metric.countMax);
     gl.uniform1f(at("longest_shadow"), touch ? page.shadow * touch.size : 0);
     gl.uniform2f(at("size"), canvas.width, canvas.height);

@@ -51,6 +51,8 @@ def directions_to_block(directions: Array) -> Array:
 def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
     """Return the block at ``bend`` rad, pressed by the pyramids at all sites or untouched."""
     pad, layer, kappa = scene.pad, scene.diffuser, curvature(scene, bend)
+    window = scene.window
+    depth = pad.thickness if window is None else pad.thickness + window.thickness
     half_length, rims = pad.length / 2, np.array(scene.box.rims)
     alpha, paint = np.full(NONE + 1, pad.roughness), np.full((NONE + 1, 2), -1.0)
     for faces, finish in zip(FACES, scene.finishes, strict=True):
@@ -71,7 +73,7 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
     columns, rows = patch_counts(scene)
     return Block(
         kappa=kappa,
-        level=pad.thickness * (1.0 + 0.5 * kappa * pad.thickness),
+        level=depth * (1.0 + 0.5 * kappa * depth),
         half_width=pad.width / 2,
         rims=rims,
         base=plane(-half_length),
@@ -79,6 +81,8 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         start=plane(-half_length - rims[BASE]),
         end=plane(half_length + rims[TIP]),
         index=pad.index,
+        bond=np.inf if window is None else pad.thickness,
+        window=pad.index if window is None else window.index,
         alpha=alpha,
         paint=paint,
         sigma_s=layer.sigma_s if layer else 0.0,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.files import read_or_drop, write_npz
 from render.preview.converged.transport import (
@@ -31,12 +32,18 @@ EFFORT = Effort()
 
 
 def can_converge(scene: Scene) -> bool:
-    """Return whether the compiled paths know the pad: flat, or rolled from flat, of one index."""
-    return scene.skin is None and not scene.window_refracts
+    """Return whether the compiled paths know the pad: flat, or rolled from flat."""
+    return scene.skin is None
 
 
-def converged_transport(scene: Scene, progress: OnProgress | None = None) -> ConvergedTransport:
-    """Return transport at `NODES` and the scene's own bends, which are one more axis.
+def converged_transport(
+    scene: Scene,
+    progress: OnProgress | None = None,
+    *,
+    phi: Array = NODES,
+    effort: Effort = EFFORT,
+) -> ConvergedTransport:
+    """Return transport at nodes and the scene's own bends, which are one more axis.
 
     ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``; the same
     bits for any number of threads.
@@ -44,19 +51,22 @@ def converged_transport(scene: Scene, progress: OnProgress | None = None) -> Con
     Arguments:
         scene: the sensor.
         progress: is told of every lamp and facet.
+        phi: ``(node,)`` rad, Chebyshev's on [0, pi], or its middle alone.
+        effort: how many paths.
     """
     bends = scene.bending.angles
-    clock = Clock(len(bends) * task_count(scene, EFFORT), progress)
+    clock = Clock(len(bends) * task_count(scene, effort), progress)
     parts = []
     for bend in bends:
-        kept = read_or_drop(_file(scene, bend), *ConvergedTransport._fields)
+        file = _file(scene, bend, phi, effort)
+        kept = read_or_drop(file, *ConvergedTransport._fields)
         if kept is not None:
-            clock.skip(task_count(scene, EFFORT))
+            clock.skip(task_count(scene, effort))
             parts.append(ConvergedTransport(kept["cells"], kept["grain"]))
             continue
-        parts.append(transport_at(scene, bend, NODES, EFFORT, clock))
+        parts.append(transport_at(scene, bend, phi, effort, clock))
         try:
-            write_npz(_file(scene, bend), parts[-1]._asdict())
+            write_npz(file, parts[-1]._asdict())
         except OSError as error:
             warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=2)
     return ConvergedTransport(*(np.stack(each, axis=2) for each in zip(*parts, strict=True)))
@@ -64,9 +74,9 @@ def converged_transport(scene: Scene, progress: OnProgress | None = None) -> Con
 
 def is_kept(scene: Scene) -> bool:
     """Return whether the cache holds converged transport of ``scene`` at all of its bends."""
-    return all(_file(scene, bend).is_file() for bend in scene.bending.angles)
+    return all(_file(scene, bend, NODES, EFFORT).is_file() for bend in scene.bending.angles)
 
 
-def _file(scene: Scene, bend: float) -> Path:
-    about = f"{VERSION} {scene.hash} {PHI_NODES} {bend!r} {astuple(EFFORT)}"
+def _file(scene: Scene, bend: float, phi: Array, effort: Effort) -> Path:
+    about = f"{VERSION} {scene.hash} {len(phi)} {bend!r} {astuple(effort)}"
     return cache_folder() / f"converged-{hashlib.sha256(about.encode()).hexdigest()[:16]}.npz"

@@ -123,7 +123,7 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
     y = scene.pad.length * ((patch // columns + drawn[:, 6]) / rows - 0.5)
     angle = block.kappa * (y - scene.camera.pivot)
     flat = y - scene.camera.pivot
-    # Just above the lower face, and straight up from there.
+    # Just above the lower face or a window, and straight up from there.
     depth = 0.999 * scene.pad.thickness
     sag = 0.5 * block.kappa * flat**2 * np.sinc(angle / (2 * np.pi)) ** 2
     start = np.stack(

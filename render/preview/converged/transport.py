@@ -149,11 +149,12 @@ def transport_at(
             "alone, allowed: no skin; use the preview as drawn (--coarse), or render",
             field="skin",
         )
-    scene = with_bonded_window(scene)
     if scene.by_channel and scene.coating.lobe is not None:
         # How much of the light is in the lobe differs, so each channel has light paths of its own.
         parts = [transport_at(one, bend, phi, effort, clock) for one in scene.one_albedo_scenes]
         return _by_channel(scene, parts)
+    if not scene.window_refracts:
+        scene = with_bonded_window(scene)
     sights = None if scene.coating.lobe is None else lines_of_sight(scene, bend)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         light = _light(scene, bend, phi, effort, clock, pool, sights)

@@ -5,6 +5,7 @@ of `render.geometry.bending`: the origin lies on the coating, ``w`` grows toward
 With the coating's curvature kappa, the level ``g = kappa (v^2 + w^2) / 2 + w`` of a point at depth
 delta below the coating is ``delta + kappa delta^2 / 2`` at any bend, 0 included; ends of the block
 are planes through the bend's axis. So every face is a plane or a quadric and there are no meshes.
+A flat block may be two clear media, pad over window, which meet at the plane of depth ``bond``.
 
 Paths are analog (a photon lives or dies) but for masking at rough faces. Faces: Walter et al. 2007
 with Beckmann's distribution and the separable Smith shadowing of Mitsuba's ``roughdielectric``, of
@@ -24,9 +25,10 @@ from render.compiled import compiled
 
 State = NDArray[np.uint64]
 
-LEFT, TIP, RIGHT, BASE, COATING, FACET, LOWER, UPPER, START, END, OUTER_LEFT, OUTER_RIGHT, NONE = (
-    range(13)
-)
+(
+    LEFT, TIP, RIGHT, BASE, COATING, FACET, LOWER, UPPER, START, END, OUTER_LEFT, OUTER_RIGHT, BOND,
+    NONE,
+) = range(14)  # fmt: skip
 """Faces; the first four are the edges of the clear pad. Where a layer lies on one light passes
 straight, and meets an outer one behind it."""
 MAX_EVENTS = 100_000
@@ -47,6 +49,8 @@ class Block(NamedTuple):
             and tip, and the outer faces of the layer there. ``cos v - sin w - offset`` grows to the
             tip.
         index: of refraction, of the silicone.
+        bond: depth below the coating at which a window of another index is bonded to a flat pad,
+            infinite without one; ``window`` its index.
         alpha: ``(face,)`` Beckmann roughness of the faces to the air, by their number here; of the
             layer's inner faces where there is no layer, and they lie in the air.
         paint: ``(face, 2)`` reflectance of what is painted, -1 where there is air; and 1 where it
@@ -70,6 +74,8 @@ class Block(NamedTuple):
     start: Array
     end: Array
     index: float  # type: ignore[assignment]  # of refraction, not tuple.index
+    bond: float
+    window: float
     alpha: Array
     paint: Array
     sigma_s: float
@@ -224,11 +230,13 @@ def microfacet(d: Array, n: Array, alpha: float, u: float, v: float, m: Array) -
 
 @compiled
 def reflect_inside(
-    block: Block, face: int, d: Array, n: Array, u: float, v: float, chance: float, m: Array
-) -> float:
+    block: Block, face: int, index: float, d: Array, n: Array, u: float, v: float, chance: float,
+    m: Array,
+) -> float:  # fmt: skip
     """Turn ``d``, which meets an outer face with inward normal ``n``, back by chance.
 
-    Return its weight; 0 where it leaves. ``u``, ``v`` and ``chance`` are random in [0, 1).
+    Return its weight; 0 where it leaves. ``index`` is that of the medium before the face; ``u``,
+    ``v`` and ``chance`` are random in [0, 1).
     """
     reflectance = block.paint[face, 0]
     if reflectance >= 0.0:
@@ -247,7 +255,7 @@ def reflect_inside(
     if weight == 0.0:
         return 0.0
     cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
-    back, _ = fresnel(cos_in, 1.0 / block.index)
+    back, _ = fresnel(cos_in, 1.0 / index)
     if chance >= back:
         return 0.0
     for k in range(3):
@@ -260,9 +268,9 @@ def reflect_inside(
 
 @compiled
 def refract_into(
-    block: Block, face: int, d: Array, n: Array, u: float, v: float, m: Array
+    block: Block, face: int, index: float, d: Array, n: Array, u: float, v: float, m: Array
 ) -> float:
-    """Turn ``d``, which comes from the air, into the silicone; return what passes, 0 for none.
+    """Turn ``d``, which comes from the air, into what has ``index``; return what passes of it.
 
     ``n`` is the face's outward normal.
     """
@@ -271,9 +279,9 @@ def refract_into(
     if weight == 0.0:
         return 0.0
     cos_in = -(d[0] * m[0] + d[1] * m[1] + d[2] * m[2])
-    back, cos_out = fresnel(cos_in, block.index)
+    back, cos_out = fresnel(cos_in, index)
     for k in range(3):
-        d[k] = d[k] / block.index + (cos_in / block.index - cos_out) * m[k]
+        d[k] = d[k] / index + (cos_in / index - cos_out) * m[k]
     behind = -(d[0] * n[0] + d[1] * n[1] + d[2] * n[2])
     if behind <= 0.0:
         return 0.0
@@ -316,6 +324,31 @@ def sent_to(block: Block, d: Array, sight: Array, n: Array) -> float:
         shadowed = unmasked(cos_in, alpha) * unmasked(cos_out, alpha)
         lobe = peak * shadowed / (4.0 * cos_in * cos_out * squared * squared)
     return float((albedo + specular * lobe) / (albedo + specular))
+
+
+@compiled
+def index_of(block: Block, below: bool) -> float:
+    """Return the index of the window, where ``below``, or of the pad."""
+    return block.window if below else block.index
+
+
+@compiled
+def meet_bond(block: Block, below: bool, d: Array, chance: float) -> bool:
+    """Refract ``d`` at the smooth bond of pad and window, or reflect it by chance.
+
+    Return whether it is ``below`` the bond afterwards. Powers of photons stay what they are; so do
+    the weights of paths that follow light backwards, which stand for radiance over the index
+    squared (Veach 1997, eq. 5.3).
+    """
+    eta = index_of(block, not below) / index_of(block, below)
+    back, cos_out = fresnel(abs(d[2]), eta)
+    if chance < back:
+        d[2] = -d[2]
+        return below
+    d[0] /= eta
+    d[1] /= eta
+    d[2] = math.copysign(cos_out, d[2])
+    return not below
 
 
 # -------------------------------------- Geometry ------------------------------------------
@@ -404,10 +437,15 @@ def meet_pyramids(block: Block, p: Array, d: Array, limit: float) -> tuple[float
 
 
 @compiled
-def cross_clear(block: Block, p: Array, d: Array) -> tuple[float, int, int, int]:
-    """Return the way to the next face of the clear pad, the face, and site and facet of a FACET."""
+def cross_clear(block: Block, below: bool, p: Array, d: Array) -> tuple[float, int, int, int]:
+    """Return the way to the next face of the clear pad, the face, and site and facet of a FACET.
+
+    ``below`` says that the point is in the window; rounding does not know it at the bond.
+    """
     up, down = level_ways(block, p, d)
     way, face = (up, COATING) if up <= down else (down, LOWER)
+    if block.bond < math.inf and (d[2] < 0.0 if below else d[2] > 0.0):
+        way, face = (block.bond - p[2]) / d[2], BOND
     if d[0] != 0.0:
         to = (block.half_width - p[0]) / d[0] if d[0] > 0.0 else (-block.half_width - p[0]) / d[0]
         if to < way:
@@ -589,7 +627,7 @@ def walk_layer(
             for k in range(3):
                 n[k] = -n[k]
             u, v, chance = uniform(state), uniform(state), uniform(state)
-            weight *= reflect_inside(block, face, d, n, u, v, chance, m)
+            weight *= reflect_inside(block, face, block.index, d, n, u, v, chance, m)
             if weight == 0.0:
                 return 0.0, NONE, scattered
     return 0.0, NONE, scattered
@@ -669,7 +707,8 @@ def trace_lamp(
         if face == NONE or block.paint[face, 0] >= 0.0:
             continue
         face_normal(block, face, p, n)
-        passed = refract_into(block, face, d, n, uniform(state), uniform(state), m)
+        u, v = uniform(state), uniform(state)
+        passed = refract_into(block, face, block.index, d, n, u, v, m)
         if passed == 0.0:
             continue
         if not in_layer(block, p):
@@ -773,15 +812,19 @@ def trace_arrivals(
         if block.paint[face, 0] >= 0.0 or (face == UPPER and not layer):
             continue  # on the back of paint or coating
         face_normal(block, face, p, n)
-        weight = refract_into(block, face, d, n, uniform(state), uniform(state), m)
+        below, u, v = p[2] > block.bond, uniform(state), uniform(state)
+        weight = refract_into(block, face, index_of(block, below), d, n, u, v, m)
         if weight > 0.0 and layer:
             left, face, scattered = walk_layer(state, block, p, d, n, m)
             weight *= left if scattered < block.wide else 0.0
         for _ in range(MAX_EVENTS):
             if weight == 0.0:
                 break
-            way, face, _, _ = cross_clear(block, p, d)
-            receive(pressed, receivers, state, p, d, way, weight, weights[ray], received, squares)
+            way, face, _, _ = cross_clear(block, below, p, d)
+            if not below:
+                receive(
+                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares
+                )
             for k in range(3):
                 p[k] += way * d[k]
             if face == COATING:
@@ -793,7 +836,9 @@ def trace_arrivals(
                 face_normal(block, LOWER, p, n)
                 weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
                 continue
-            if face <= BASE and block.rims[face] > 0.0:
+            if face == BOND:
+                below = meet_bond(block, below, d, uniform(state))
+            elif face <= BASE and block.rims[face] > 0.0:
                 left, face, _ = walk_layer(state, block, p, d, n, m)
                 weight *= left
             else:
@@ -801,7 +846,8 @@ def trace_arrivals(
                 for k in range(3):
                     n[k] = -n[k]
                 u, v, chance = uniform(state), uniform(state), uniform(state)
-                weight *= reflect_inside(block, face, d, n, u, v, chance, m)
+                index = index_of(block, below)
+                weight *= reflect_inside(block, face, index, d, n, u, v, chance, m)
 
 
 @compiled
@@ -810,13 +856,14 @@ def find_coating(
 ) -> None:
     """Write where rays ``(ray, 3)`` in the pad meet the coating: point, normal into the pad.
 
-    Weights ``(ray,)`` become 1, or 0 where a ray meets something else first.
+    Rays begin above a window. Weights ``(ray,)`` become 1, or 0 where a ray meets something else
+    first.
     """
     p, d = np.empty(3), np.empty(3)
     for ray in range(len(origin)):
         p[:] = origin[ray]
         d[:] = direction[ray]
-        way, face, site, facet = cross_clear(block, p, d)
+        way, face, site, facet = cross_clear(block, False, p, d)
         weights[ray] = 1.0 if face in (COATING, FACET) else 0.0
         for k in range(3):
             points[ray, k] = p[k] + way * d[k]
@@ -860,9 +907,9 @@ def gather(
             else:
                 u = (u - share) / (1.0 - share)
                 turn(d, math.sqrt(1.0 - u), 2.0 * math.pi * drawn[path, 1])
-        first = True
+        first, below = True, False
         for _ in range(MAX_EVENTS):
-            way, face, site, facet = cross_clear(block, p, d)
+            way, face, site, facet = cross_clear(block, below, p, d)
             for k in range(3):
                 p[k] += way * d[k]
             if face in (COATING, FACET):
@@ -877,7 +924,9 @@ def gather(
                 if weight == 0.0:
                     break
                 continue
-            if face <= BASE and block.rims[face] > 0.0:
+            if face == BOND:
+                below = meet_bond(block, below, d, uniform(state))
+            elif face <= BASE and block.rims[face] > 0.0:
                 if len(out):
                     one[0] = weight
                     deposit(block, grid, face, p, d, -1.0, one, powers, out)
@@ -891,7 +940,8 @@ def gather(
                     u, v, chance = drawn[path, 2], drawn[path, 3], drawn[path, 4]
                 else:
                     u, v, chance = uniform(state), uniform(state), uniform(state)
-                weight *= reflect_inside(block, face, d, n, u, v, chance, m)
+                index = index_of(block, below)
+                weight *= reflect_inside(block, face, index, d, n, u, v, chance, m)
                 first = False
             if weight == 0.0:
                 break

@@ -10,6 +10,19 @@ uniform float kappa;   // curvature of the coating, 1/mm
 uniform float radius;  // 1 / kappa
 #endif
 
+#ifdef BONDED
+uniform float bond, window_index;  // height of the upper face of a window; its index
+
+// What passes a smooth face between two indices, by the momenta across it.
+float passes(float before, float behind, float n_before, float n_behind) {
+    float r = (before - behind) / (before + behind);
+    vec2 p = vec2(n_behind * n_behind * before, n_before * n_before * behind);
+    float s = (p.x - p.y) / (p.x + p.y);
+    return 1.0 - 0.5 * (r * r + s * s);
+}
+
+#endif
+
 struct Path {
     vec3 depart;   // unit direction at the source, away from it, in the source's local frame
     vec3 arrive;   // unit direction at the target, back along the path, in the target's frame

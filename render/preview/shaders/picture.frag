@@ -110,6 +110,16 @@ void main() {
     float cos_in = -dot(ray, normal);
     vec3 inside = refract(ray, normal, 1.0 / refractive_index);
     float passed = 1.0 - reflectance(-dot(inside, normal));
+#ifdef BONDED
+    // The pad is flat: its window's lower face is z = 0, and the bond is parallel to it.
+    vec3 across = vec3(ray.xy, 0.0);
+    float squared = dot(across, across);
+    vec2 rise = sqrt(vec2(window_index * window_index, refractive_index * refractive_index) - squared);
+    passed = passes(ray.z, rise.x, 1.0, window_index)
+        * passes(rise.x, rise.y, window_index, refractive_index);
+    entry += vec3(across.xy / rise.x, 1.0) * bond;
+    inside = vec3(across.xy, rise.y) / refractive_index;
+#endif
 #ifdef CURVED
     entry.y += pivot;
     if (any(greaterThan(abs(entry.xy), half_pad))) return;

@@ -4,7 +4,8 @@
 // (light, list): x, y, z in flat pad coordinates (mm); mark: the number of its face (left, tip,
 // right, base, lower), and for a beam + 8 + 16 (m + 8) + 256 (n + 8) with the numbers of its
 // reflections at walls along x and y, for a glow these too and + 4096 (i + 1) when it is the image
-// of light i in such walls; -1 behind the last light of a list.
+// of light i in such walls; -1 behind the last light of a list. With a window of another index
+// (BONDED) positions are those in air, and + 4096 marks light that enters the window's edge.
 uniform sampler2D lights;
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
@@ -75,6 +76,11 @@ float meets_edges(vec3 source, vec3 target, ivec2 turns, vec3 low, vec3 high) {
 
 #endif
 
+#ifdef BONDED
+Path clear_path(vec3 lamp, vec3 target, int face);
+Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored);
+#endif
+
 #ifdef BEAM
 
 uniform float inverse_width;      // 1 / (2 sigma_v), rad^-1
@@ -137,7 +143,11 @@ vec3 seen_through(vec3 image, vec3 target, int face, out float factor) {
     float stretch = outside / (cos_out * cos_out) + inside * cos_out / cubed;
     vec3 entry = image + across * (rest / max(reach, 1e-6));
     entry[axis] = plane;
-    bool enters = inside > 0.0 && all(greaterThanEqual(entry, box_low))
+    vec3 low = box_low;
+#ifdef BONDED
+    low.z = bond;
+#endif
+    bool enters = inside > 0.0 && all(greaterThanEqual(entry, low))
         && all(lessThanEqual(entry, box_high));
     if (face == 4) enters = enters && all(lessThanEqual(abs(entry.xy), clear_half));
 #ifdef CURVED
@@ -151,6 +161,12 @@ vec3 seen_through(vec3 image, vec3 target, int face, out float factor) {
 // A lamp behind a smooth face: its profile about its beam in air, refracted into the pad, dimmed
 // by the diffuser. The emission is the beam and the peak of the intensity in air.
 float beam_intensity(vec4 emission, vec4 own, vec3 d, int face) {
+#ifdef BONDED
+    // The direction is that in air, and the path knows what passes.
+    float towards = dot(d, emission.xyz);
+    float angle = atan(length(cross(d, emission.xyz)), towards);
+    return emission.w * profile_shape(angle, towards, own);
+#else
     vec2 side = refractive_index * d.xz;
     float squared = 1.0 - dot(side, side);
     if (d.y <= 0.0 || squared <= 0.0) return 0.0;
@@ -161,6 +177,7 @@ float beam_intensity(vec4 emission, vec4 own, vec3 d, int face) {
     float passed = 1.0 - reflectance(d.y);
     if (optical_thickness[face] > 0.0) passed *= exp(-optical_thickness[face] / d.y);
     return emission.w * profile_shape(theta, cosine, own) * passed * solid_angle;
+#endif
 }
 
 #endif
@@ -277,6 +294,7 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
             // Seen in walls, the target is mirrored instead of the lamp.
             vec2 middle = 0.5 * (box_low + box_high).xy, step = (box_high - box_low).xy;
             target.xy = middle + flip * (target.xy - middle) + vec2(turns) * step;
+#ifndef BONDED
             straight = seen_through(light.xyz, target, face, factor.x);
             vec3 below = vec3(target.xy, -target.z);
             if (face == 4) factor.y = 0.0;
@@ -284,11 +302,23 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
             if (factor.x + factor.y == 0.0) continue;
             // What cannot be reflected in the lower face has no mirrored way.
             folded.z = max(folded.z, 1e-3 * thickness);
+#endif
         }
 #endif
+#ifdef BONDED
+        bool plate = mark >= 4096 || face == 4;
+        Path direct, mirrored;
+        if (plate) direct = bonded_path(light.xyz, target, face, true, false);
+        else direct = clear_path(light.xyz, target, face);
+        if (face == 4) mirrored = Path(direct.depart, direct.arrive, 0.0);
+        else mirrored = bonded_path(light.xyz, target, face, plate, true);
+        vec2 spread = vec2(direct.spread, mirrored.spread);
+        if (spread.x + spread.y == 0.0) continue;
+#else
         Path direct = direct_path(straight, target, half_turn(straight, target));
         Path mirrored = mirrored_path(folded, target, half_turn(folded, target));
         vec2 spread = factor * vec2(direct.spread, mirrored.spread);
+#endif
 #ifdef CURVED
         spread *= vec2(
             meets_edges(straight, target, turns, box_low, box_high),

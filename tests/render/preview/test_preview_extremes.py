@@ -40,8 +40,6 @@ IMPOSSIBLE = {
     *((f"sites.centre_{axis}", end) for axis in "xy" for end in ("low", "high")),
     ("camera.field_of_view", "high"), ("window.thickness", "high"),
 }  # fmt: skip
-# Level 0 refuses them, with a reason.
-REFUSED = {("window.index", "low"), ("window.index", "high")}
 # Too little light comes through, or hits so thin an edge, to say anything.
 OPAQUE = {
     ("diffuser.thickness", "high"), ("diffuser.sigma_a", "high"), ("pad.thickness", "low"),
@@ -123,10 +121,6 @@ def test_at_the_ends_of_its_range_light_is_finite_and_positive(
             Scene.model_validate(changed)
         return
     scene = Scene.model_validate(changed)
-    if (key, end) in REFUSED:
-        with pytest.raises(RenderError, match="the preview knows no refraction"):
-            Preview(scene, cache=cache)
-        return
     if (key, end) in OPAQUE:
         with pytest.raises(RenderError, match="the diffuser lets only"):
             Preview(scene, cache=cache)

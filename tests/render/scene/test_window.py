@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from render.errors import RenderError, SceneError, TableError
+from render.errors import SceneError
 from render.geometry import aim_at, camera_origin, flat_fiber_poses, refract_into_pad
 from render.geometry.meshes import pad_meshes
-from render.preview import Preview, drawable
-from render.preview.bonded import with_bonded_window
-from render.preview.converged import can_converge
-from render.scale import scene_scale
+from render.preview.bonded import bond_of, with_bonded_window
 from render.scene import FACES, Scene, load_scene, scene_content, scene_of
-from render.transport import TransportTable
-from surrogate.train import train
 from tests.oracles.pads import scene_of_case
 from tests.render.geometry.test_meshes import flipped, joined
 
@@ -194,50 +189,6 @@ def test_a_window_of_the_pads_index_is_more_pad_to_the_preview() -> None:
     np.testing.assert_allclose(along + [0.0, 0.0, 3.0], other.entry, atol=1e-12)
 
 
-def test_the_preview_refuses_a_window_of_another_index() -> None:
-    with pytest.raises(RenderError) as caught:
-        Preview(SCENE)
-    assert "window.index = 1.49: the preview knows no refraction" in str(caught.value)
-    assert "allowed for it: pad.index = 1.41; level 2 knows it" in str(caught.value)
-    assert caught.value.field == "window.index"
-
-
-def test_what_the_preview_draws_instead_has_a_window_of_the_pad(tmp_path: Path) -> None:
-    scene, like = scene_with(tmp_path, index=1.6), scene_with(tmp_path, index=1.49)
-    assert scene.window_refracts
-    assert not can_converge(scene)
-    assert drawable(scene).hash == like.hash
-    assert not like.window_refracts
-    assert drawable(like) is like
-    assert drawable(PLAIN) is PLAIN
-
-
-def test_exposure_and_lambda_are_those_of_what_the_preview_draws(tmp_path: Path) -> None:
-    assert scene_scale(scene_with(tmp_path, index=1.6)) == scene_scale(
-        scene_with(tmp_path, index=1.49)
-    )
-
-
-def test_no_model_between_directions_stands_on_a_preview_that_refracts_wrong(
-    tmp_path: Path,
-) -> None:
-    rows = SCENE.rows
-    assert rows
-    turning = [rows[0].model_copy(update={"turns": True}), *rows[1:]]
-    changed = SCENE.model_copy(update={"rows": tuple(turning)})
-    assert changed.window_refracts
-    with pytest.raises(RenderError, match=r"window.index = .*allowed: lamps that cannot turn"):
-        train(changed, tmp_path / "model")
-    assert not (tmp_path / "model").exists()
-
-
-def test_a_table_without_halves_corrects_no_preview_of_such_a_window(tmp_path: Path) -> None:
-    scene = scene_with(tmp_path, index=1.6)
-    cells = np.ones((scene.lamp_count, 1, 1, scene.sites.count, scene.indenter.faces))
-    table = TransportTable(
-        T=cells, se=0.1 * cells, phi=np.array([np.pi / 2]), exposure=1.0, lam=0.0,
-        scene_hash=scene.hash, level="reference", bends=np.zeros(1), background=cells[..., 0],
-        background_se=0.1 * cells[..., 0],
-    )  # fmt: skip
-    with pytest.raises(TableError, match="keeps no halves of its light paths"):
-        train(scene, tmp_path / "model", table=table)
+def test_where_light_bends_is_where_the_indices_meet() -> None:
+    assert bond_of(SCENE) == (3.0, 1.49)
+    assert bond_of(LIKE_THE_PAD) is bond_of(PLAIN) is None

@@ -29,7 +29,7 @@ def sent_back(block: Block) -> np.ndarray:
     for path in range(COUNT):
         d = np.array([math.sqrt(1.0 - MET**2), -MET, 0.0])
         u, v, chance = uniform(state), uniform(state), uniform(state)
-        if reflect_inside(block, BASE, d, INWARD, u, v, chance, m) > 0.0:
+        if reflect_inside(block, BASE, block.index, d, INWARD, u, v, chance, m) > 0.0:
             out[path] = d
     return out
 

@@ -1,0 +1,139 @@
+"""Previews of pads on a window of another index against analog photons, lamp by lamp and together.
+
+From the command line, with full effort:
+``python -m tests.validation.test_window_previews [--photons N] [--arrivals N] [CASE ...]``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from importlib import resources
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from render.preview import Preview
+from render.preview.converged import Effort, transport_at
+from render.progress import Clock
+from render.scene import Scene
+from tests.long import LONG
+from tests.oracles.mesh_cells import BentScene
+from tests.oracles.pads import scene_of_case
+
+PHI = 1.2
+SCENES = resources.files("render") / "scenes"
+PHOTONS, ARRIVALS = (1_000_000, 6_000_000) if LONG else (200_000, 2_000_000)
+MEDIAN_OF_NORMAL = 0.6745
+"""Median of the absolute value, in standard deviations."""
+FAST = ("window lit at its edges rough 0.05",)
+PADS = ("digit 1.49", "digit 1.58", "gelsight-mini 1.49", "gelsight-mini 1.58")
+WHOLE = (*FAST, "window", "window lit from below", "window of low index", *PADS)
+
+
+def scene_on_window(case: str) -> Scene:
+    """Return a case of ``tests.oracles.pads``, or a shipped sensor as gel on a plate of an index.
+
+    The gel of digit is 2 mm thick, its plate 6.15 mm and lit at its edges; gelsight-mini has a
+    plate of 2 mm, which is lit at its edges at index 1.49 and whose pad is lit at 1.58.
+    """
+    name, _, index = case.rpartition(" ")
+    if name not in ("digit", "gelsight-mini"):
+        return scene_of_case(case)
+    content: dict[str, Any] = tomllib.loads((SCENES / f"{name}.toml").read_text())
+    content["name"] = "on-a-window"
+    height, thickness = (-3.0, 6.15) if name == "digit" else (-1.0, 2.0)
+    if name == "digit":
+        content["pad"]["thickness"]["value"] = 2.0
+        content["pad"]["index"]["value"] = 1.41
+    if name == "digit" or index == "1.49":
+        for row in content["rows"]:
+            row["height"]["value"] = height
+    content["window"] = {
+        "thickness": {"value": thickness, "unit": "mm", "source": "assumed"},
+        "index": {"value": float(index), "source": "assumed"},
+    }
+    return Scene.model_validate(content)
+
+
+class Deviation(NamedTuple):
+    """Of cells from the photons': ratio of sums and its error, |cell / truth - 1|, its noise."""
+
+    ratio: float
+    error: float
+    median: float
+    p95: float
+    noise: float
+
+
+def deviation(cells: np.ndarray, truth: np.ndarray) -> Deviation:
+    """Return that of ``(cell,)`` from ``(batch, cell)`` of photons."""
+    mean, se = truth.mean(axis=0), stats.sem(truth, axis=0)
+    known = np.isfinite(mean) & (mean > 0.0)
+    off = np.abs(cells[known] / mean[known] - 1.0)
+    whole = truth[:, known].sum(axis=1)
+    return Deviation(
+        float(cells[known].sum() / whole.mean()),
+        float(stats.sem(whole) / whole.mean()),
+        float(np.median(off)),
+        float(np.quantile(off, 0.95)),
+        float(MEDIAN_OF_NORMAL * np.median(se[known] / mean[known])),
+    )
+
+
+def deviations(
+    case: str, photons: int = PHOTONS, arrivals: int = ARRIVALS, lamps: int = 4
+) -> dict[str, list[Deviation]]:
+    """Return, of the converged preview and the shader's, those of facets.
+
+    Of some lamps, each alone, and last of all of these together.
+    """
+    scene, phi = scene_on_window(case), np.array([PHI])
+    effort = Effort(paths=8192, arrivals=arrivals)
+    with Preview(scene) as preview:
+        drawn = preview.transport(phi, np.zeros(1))[0][:, 0, 0]
+    found = transport_at(scene, 0.0, phi, effort, Clock(1, None)).cells[:, 0, :, :-1]
+    chosen = np.unique(np.linspace(0, scene.lamp_count - 1, lamps).astype(int))
+    pad = BentScene(scene, 0.0, True, 4000)
+    truth = [pad.cells(int(lamp), PHI, photons).replicates for lamp in chosen]
+    told = {}
+    for name, cells in (("converged", found), ("as drawn", drawn)):
+        rows = [cells[lamp].ravel() for lamp in chosen]
+        told[name] = [
+            deviation(row, rep)
+            for row, rep in zip([*rows, sum(rows)], [*truth, sum(truth)], strict=True)
+        ]
+    return told
+
+
+@pytest.mark.parametrize("case", WHOLE if LONG else FAST)
+def test_converged_previews_are_right_through_a_window(case: str) -> None:
+    *lamps, together = deviations(case)["converged"]
+    assert abs(together.ratio - 1.0) < 3.0 * together.error + 0.02
+    assert together.median < together.noise + 0.05
+    for lamp in lamps:
+        assert abs(lamp.ratio - 1.0) < 3.5 * lamp.error + 0.04
+
+
+def main() -> None:
+    """Print the deviations of the cases that are named, or of all."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(WHOLE))
+    parser.add_argument("--photons", type=int, default=PHOTONS)
+    parser.add_argument("--arrivals", type=int, default=ARRIVALS)
+    chosen = parser.parse_args()
+    for case in chosen.cases or WHOLE:
+        for name, rows in deviations(case, chosen.photons, chosen.arrivals).items():
+            for number, row in enumerate(rows):
+                which = "all" if number == len(rows) - 1 else f"lamp {number}"
+                print(
+                    f"{case:34s} {name:9s} {which:6s} ratio {row.ratio:.3f} +- {row.error:.3f}, "
+                    f"off by {row.median:.1%} (95 %: {row.p95:.1%}), noise {row.noise:.1%}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
