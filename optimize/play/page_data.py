@@ -95,7 +95,7 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
         "camera": {
             "columns": camera.columns,
             "rows": camera.rows,
-            "albedo": scene.coating.single_albedo,
+            "albedo": max(scene.albedos),
             "fisheye": camera.fisheye,
             "half_view": list(half_view(scene, camera.columns, camera.rows)),
             "place": camera_origin(scene).tolist(),

@@ -38,39 +38,45 @@ class Nodes {
   }
 }
 
-/* What all lamps send to some cells; the rows of lamps that did not turn are kept. */
+/* What all lamps send to some cells; the rows of lamps that did not turn are kept. A row has the
+   cells once, or for each of three `tints` where the skin's albedo differs by color. */
 class Superposition {
-  constructor(nodes, table, fibers) {
+  constructor(nodes, table, fibers, tints) {
     this.nodes = nodes;
     this.table = table;
     this.fibers = fibers;
-    this.cells = table.length / fibers / nodes.at.length;
-    this.rows = new Float64Array(fibers * this.cells);
+    this.tints = tints;
+    this.width = table.length / fibers / nodes.at.length;
+    this.cells = this.width / tints;
+    this.rows = new Float64Array(fibers * this.width);
     this.turned = new Float64Array(fibers).fill(NaN);
     this.total = new Float64Array(this.cells * 3);
   }
 
   mix(fiber, weights, out, start) {
-    const { cells, table } = this, count = weights.length;
-    out.fill(0, start, start + cells);
+    const { width, table } = this, count = weights.length;
+    out.fill(0, start, start + width);
     for (let j = 0; j < count; j++) {
-      const weight = weights[j], first = (fiber * count + j) * cells;
-      if (weight) for (let i = 0; i < cells; i++) out[start + i] += weight * table[first + i];
+      const weight = weights[j], first = (fiber * count + j) * width;
+      if (weight) for (let i = 0; i < width; i++) out[start + i] += weight * table[first + i];
     }
   }
 
+  /* Where the cells of a color begin in a row. */
+  tint(c) { return this.tints > 1 ? c * this.cells : 0; }
+
   /* Unclipped counts, (cell, color), for directions and LED powers. */
   sum({ phi, power }) {
-    const { cells, rows, total } = this;
+    const { cells, width, rows, total } = this;
     total.fill(0);
     for (let f = 0; f < this.fibers; f++) {
       if (phi[f] !== this.turned[f]) {
-        this.mix(f, this.nodes.weights(phi[f]), rows, f * cells);
+        this.mix(f, this.nodes.weights(phi[f]), rows, f * width);
         this.turned[f] = phi[f];
       }
       for (let c = 0; c < 3; c++) {
-        const p = power[3 * f + c];
-        if (p) for (let i = 0; i < cells; i++) total[3 * i + c] += p * rows[f * cells + i];
+        const p = power[3 * f + c], first = f * width + this.tint(c);
+        if (p) for (let i = 0; i < cells; i++) total[3 * i + c] += p * rows[first + i];
       }
     }
     return total;
@@ -83,10 +89,9 @@ class Model {
     this.fibers = page.fibers.length;
     [this.bends, this.sites, this.facets] = [page.bends.length, page.sites.length, page.normals.length];
     this.nodes = new Nodes(page.phi);
-    this.light = new Superposition(this.nodes, tables.facets, this.fibers);
-    this.flat = new Superposition(this.nodes, tables.background, this.fibers);
-    this.skin = new Superposition(this.nodes, tables.skin, this.fibers);
-    this.slope = new Float64Array(this.light.cells);
+    const made = (table) => new Superposition(this.nodes, table, this.fibers, page.tints);
+    [this.light, this.flat, this.skin] = [tables.facets, tables.background, tables.skin].map(made);
+    this.slope = new Float64Array(this.light.width);
   }
 
   /* Score, its parts, the map of M (bend, site) and the fraction of clipped facets. */
@@ -187,9 +192,9 @@ class Model {
       if (!isLit(design, f)) continue;
       this.light.mix(f, this.nodes.slopeWeights(design.phi[f]), this.slope, 0);
       for (let c = 0; c < 3; c++) {
-        const p = design.power[3 * f + c];
-        if (p) for (let i = 0; i < this.slope.length; i++)
-          phi[f] += p * this.slope[i] * slopes[3 * i + c];
+        const p = design.power[3 * f + c], first = this.light.tint(c);
+        if (p) for (let i = 0; i < this.light.cells; i++)
+          phi[f] += p * this.slope[first + i] * slopes[3 * i + c];
       }
     }
     return { ...rated, phi };

@@ -178,10 +178,11 @@ class Climb {
       const moves = lit.flatMap((f) => [1, 2].map((s) => ({ f, c: (colors[f] + s) % 3 })));
       const trial = new Float64Array(counts.length);
       const change = (out, { f, c }) => {
-        const rows = light.rows.subarray(f * cells, (f + 1) * cells);
+        const row = light.rows.subarray(f * light.width, (f + 1) * light.width);
         for (let k = 0; k < 3; k++) {
+          const first = light.tint(k);
           const p = (k === c ? this.fractions[f] * limits.color[c] : 0) - this.design.power[3 * f + k];
-          if (p) for (let i = 0; i < cells; i++) out[3 * i + k] += p * rows[i];
+          if (p) for (let i = 0; i < cells; i++) out[3 * i + k] += p * row[first + i];
         }
       };
       let best = null, bestScore = this.score + 1e-6;
