@@ -223,6 +223,22 @@ class MaterialSpace:
         return np.asarray(scale[:, None] * self.exponents.T * powers)
 
 
+def require_one_albedo(scene: Scene) -> None:
+    """Refuse a skin whose albedo differs by channel: images of lamps are those of one channel.
+
+    Raises:
+        CalibrationError: names the albedos.
+    """
+    if scene.by_channel:
+        shown = ", ".join(f"{albedo:g}" for albedo in scene.albedos)
+        raise CalibrationError(
+            f"coating.albedo of scene {scene.name} differs by channel ({shown}), allowed for "
+            "calibration and emulated rigs: one number, as the response matrix that is measured "
+            "has the skin's color in it; give the mean of the channels",
+            field="coating.albedo",
+        )
+
+
 def material_space(scene: Scene) -> MaterialSpace:
     """Return what is fitted for ``scene``.
 
@@ -230,14 +246,7 @@ def material_space(scene: Scene) -> MaterialSpace:
         CalibrationError: its skin is curved or has several albedos, a diffuser is lit by lamps in
             rows or lists, or lamps shine through faces of several roughnesses.
     """
-    if scene.by_channel:
-        shown = ", ".join(f"{albedo:g}" for albedo in scene.albedos)
-        raise CalibrationError(
-            f"coating.albedo of scene {scene.name} differs by channel ({shown}), allowed for "
-            "calibration: one number, as the response matrix that it measures holds the skin's "
-            "color; give the mean of the channels",
-            field="coating.albedo",
-        )
+    require_one_albedo(scene)
     if scene.skin is not None:
         raise CalibrationError(
             f"scene {scene.name} has a curved skin, calibration reads lines on flat pads and bent "

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material import MaterialSpace
+from hw.calibration.material import MaterialSpace, require_one_albedo
 from hw.calibration.reference_lines import Setup, sample_image
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
@@ -55,6 +55,7 @@ def fiber_images(setup: Setup, *, rays: int, seed: int) -> NDArray[np.float32]:
     none.
     """
     scene, phi = setup.scene, setup.phi
+    require_one_albedo(scene)
     fibers, glow = scene.lamp_count, None
     rows, columns = drawn_size(scene)
     images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)

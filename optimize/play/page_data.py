@@ -97,7 +97,7 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
         "camera": {
             "columns": camera.columns,
             "rows": camera.rows,
-            "albedo": scene.coating.reflectance,
+            "albedo": max(one.coating.reflectance for one in scene.one_albedo_scenes),
             "fisheye": camera.fisheye,
             "half_view": list(half_view(scene, camera.columns, camera.rows)),
             "place": camera_origin(scene).tolist(),

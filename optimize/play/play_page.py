@@ -71,8 +71,7 @@ class PlayPage:
         """Return the page.
 
         Raises:
-            TableError: it would be larger than `MAX_BYTES`, has an albedo per channel, or a skin
-                that is not flat.
+            TableError: it would be larger than `MAX_BYTES`, or has a skin that is not flat.
             GraphicsError: nothing here can draw the preview that its pictures are made of.
         """
         if self.scene.skin is not None:
@@ -80,13 +79,6 @@ class PlayPage:
                 f"skin.shape = {self.scene.skin.shape}: the page draws flat skins alone, allowed: "
                 "no skin; explore the scene instead",
                 field="skin",
-            )
-        if self.scene.by_channel:
-            raise TableError(
-                "the page superposes light that is alike in all channels, and coating.albedo of "
-                f"scene {self.scene.name} differs by channel, allowed: one number; explore the "
-                "scene instead",
-                field="coating.albedo",
             )
         table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         assert table.background is not None  # of a Checker
@@ -97,9 +89,9 @@ class PlayPage:
         skin = skin_light(self.scene, table.phi)
         text, places = packed(
             {
-                "facets": table.exposure * table.T,
-                "background": table.exposure * table.background,
-                "skin": table.exposure * skin,
+                "facets": by_color(table.exposure * table.T, table),
+                "background": by_color(table.exposure * table.background, table),
+                "skin": by_color(table.exposure * skin, table),
             }
         )
         facts = sensor_facts(self.scene) | {
@@ -107,7 +99,8 @@ class PlayPage:
             "level": table.level,
             "phi": table.phi.tolist(),
             "tables": places,
-            "skinShape": skin.shape[-2:],
+            "tints": scorer.channels if table.by_channel else 1,
+            "skinShape": skin.shape[3:5],
             "metric": self._metric(table),
             "palette": palette_facts(self.scene.palette),
             # As a design file has it.
@@ -211,12 +204,25 @@ def best_design(scorer: TableScorer, start: Design) -> Design:
     return best
 
 
+def by_color(values: Array, table: TransportTable) -> Array:
+    """Return ``(fiber, phi_node, ...)``, an axis of channels, if ``table`` has it, before cells."""
+    return np.moveaxis(values, -1, 2) if table.by_channel else values
+
+
 def skin_light(scene: Scene, phi: Array) -> Array:
-    """Return the preview's irradiance on the untouched coating, see `Preview.skin`."""
+    """Return the preview's irradiance on the untouched coating, see `Preview.skin`.
+
+    Where albedos differ by channel it is that on a coating of the brightest that looks the same.
+    """
     from render.preview import Preview
 
     with Preview(scene, imprint=large_pyramid(scene)) as preview:
-        return preview.skin(phi, np.array(scene.bending.angles))
+        light = preview.skin(phi, np.array(scene.bending.angles))
+    if not scene.by_channel:
+        return light
+    each = np.array([one.coating.reflectance for one in scene.one_albedo_scenes])
+    reflected = each[list(scene.albedo_of_channel)]
+    return np.asarray(light * reflected / reflected.max())
 
 
 def page_error(checker: Checker, scorer: TableScorer) -> float:

@@ -38,26 +38,29 @@ class Nodes {
   }
 }
 
-/* What all lamps send to some cells; the rows of lamps that did not turn are kept. */
+/* What all lamps send to some cells; the rows of lamps that did not turn are kept. A row has the
+   cells once, or for each of as many `tints` as channels where the skin's albedo differs by them. */
 class Superposition {
-  constructor(nodes, table, fibers, response) {
+  constructor(nodes, table, fibers, tints, response) {
     this.nodes = nodes;
     this.table = table;
     this.fibers = fibers;
+    this.tints = tints;
     this.response = response;
     this.channels = response[0].length;
-    this.cells = table.length / fibers / nodes.at.length;
-    this.rows = new Float64Array(fibers * this.cells);
+    this.width = table.length / fibers / nodes.at.length;
+    this.cells = this.width / tints;
+    this.rows = new Float64Array(fibers * this.width);
     this.turned = new Float64Array(fibers).fill(NaN);
     this.total = new Float64Array(this.cells * this.channels);
   }
 
   mix(fiber, weights, out, start) {
-    const { cells, table } = this, count = weights.length;
-    out.fill(0, start, start + cells);
+    const { width, table } = this, count = weights.length;
+    out.fill(0, start, start + width);
     for (let j = 0; j < count; j++) {
-      const weight = weights[j], first = (fiber * count + j) * cells;
-      if (weight) for (let i = 0; i < cells; i++) out[start + i] += weight * table[first + i];
+      const weight = weights[j], first = (fiber * count + j) * width;
+      if (weight) for (let i = 0; i < width; i++) out[start + i] += weight * table[first + i];
     }
   }
 
@@ -69,18 +72,21 @@ class Superposition {
     return sum;
   }
 
+  /* Where the cells of a channel begin in a row. */
+  tint(c) { return this.tints > 1 ? c * this.cells : 0; }
+
   /* Unclipped counts, (cell, channel), for directions and LED powers. */
   sum({ phi, power }) {
-    const { cells, rows, total, channels } = this;
+    const { cells, width, rows, total, channels } = this;
     total.fill(0);
     for (let f = 0; f < this.fibers; f++) {
       if (phi[f] !== this.turned[f]) {
-        this.mix(f, this.nodes.weights(phi[f]), rows, f * cells);
+        this.mix(f, this.nodes.weights(phi[f]), rows, f * width);
         this.turned[f] = phi[f];
       }
       for (let c = 0; c < channels; c++) {
-        const p = this.gain(power, f, c);
-        if (p) for (let i = 0; i < cells; i++) total[channels * i + c] += p * rows[f * cells + i];
+        const p = this.gain(power, f, c), first = f * width + this.tint(c);
+        if (p) for (let i = 0; i < cells; i++) total[channels * i + c] += p * rows[first + i];
       }
     }
     return total;
@@ -95,9 +101,10 @@ class Model {
     this.nodes = new Nodes(page.phi);
     const { response } = page.palette;
     this.channels = response[0].length;
-    [this.light, this.flat, this.skin] = [tables.facets, tables.background, tables.skin]
-      .map((table) => new Superposition(this.nodes, table, this.fibers, response));
-    this.slope = new Float64Array(this.light.cells);
+    const made = (table) =>
+      new Superposition(this.nodes, table, this.fibers, page.tints, response);
+    [this.light, this.flat, this.skin] = [tables.facets, tables.background, tables.skin].map(made);
+    this.slope = new Float64Array(this.light.width);
   }
 
   /* Score, its parts, the map of M (bend, site) and the fraction of clipped facets. */
@@ -202,9 +209,9 @@ class Model {
       if (!isLit(design, f)) continue;
       this.light.mix(f, this.nodes.slopeWeights(design.phi[f]), this.slope, 0);
       for (let c = 0; c < channels; c++) {
-        const p = this.light.gain(design.power, f, c);
-        if (p) for (let i = 0; i < this.slope.length; i++)
-          phi[f] += p * this.slope[i] * slopes[channels * i + c];
+        const p = this.light.gain(design.power, f, c), first = this.light.tint(c);
+        if (p) for (let i = 0; i < this.light.cells; i++)
+          phi[f] += p * this.slope[first + i] * slopes[channels * i + c];
       }
     }
     return { ...rated, phi };

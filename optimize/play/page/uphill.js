@@ -179,11 +179,11 @@ class Climb {
       const moves = lit.flatMap((f) => others.map((s) => ({ f, c: (colors[f] + s) % leds })));
       const trial = new Float64Array(counts.length);
       const change = (out, { f, c }) => {
-        const rows = light.rows.subarray(f * cells, (f + 1) * cells);
+        const row = light.rows.subarray(f * light.width, (f + 1) * light.width);
         for (let k = 0; k < channels; k++) {
           const p = this.fractions[f] * limits.color[c] * response[c][k]
-            - light.gain(this.design.power, f, k);
-          if (p) for (let i = 0; i < cells; i++) out[channels * i + k] += p * rows[i];
+            - light.gain(this.design.power, f, k), first = light.tint(k);
+          if (p) for (let i = 0; i < cells; i++) out[channels * i + k] += p * row[first + i];
         }
       };
       let best = null, bestScore = this.score + 1e-6;

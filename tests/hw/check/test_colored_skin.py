@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hw.calibration.material import material_space
+from hw.calibration.material_table import fiber_images
+from hw.calibration.reference_lines import Setup
 from hw.check.commission import commission
 from hw.check.image_check import check_image
 from hw.check.prediction import PadPrediction, predict
@@ -68,6 +69,12 @@ def test_a_healthy_rig_is_well_and_a_dead_fiber_is_found(prediction: PadPredicti
     assert [fiber.index for fiber in photo.fibers if fiber.state != "ok"] == [7]
 
 
-def test_calibration_asks_for_one_albedo(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match=r"differs by channel \(0.7, 0.3, 0.5\), allowed"):
+def test_calibration_and_emulated_rigs_ask_for_one_albedo() -> None:
+    setup = Setup(skin_of(), np.full(2, 1.2), np.zeros(1))
+    refused = pytest.raises(
+        CalibrationError, match=r"differs by channel \(0.7, 0.3, 0.5\), allowed"
+    )
+    with refused:
         material_space(skin_of())
+    with refused:
+        fiber_images(setup, rays=10, seed=1)
