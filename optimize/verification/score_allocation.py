@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 
 from optimize.design import Array, Design, ScoreSettings
-from optimize.scoring import score_by_counts
 from optimize.verification.design_renders import distinct_directions
 from render.geometry import is_mirror_symmetric, mirror_image
+from render.metric_gradient import score_by_counts
 from render.reference import EVERYTHING, PRESSED, SampleAllocation
 from render.scene import Scene
 from render.transport import TransportTable
