@@ -17,7 +17,7 @@ from render.metric import THESIS, superposed
 from render.preview.converged import can_converge
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget
-from render.scale import baseline_power, scene_scale
+from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.export.model_card import Provenance, describe_model, write_card
@@ -49,6 +49,7 @@ from surrogate.training.render_plan import (
     rendered_seconds,
     training_bends,
 )
+from surrogate.training.table_allocation import table_shares
 from surrogate.training.training_preview import TrainingPreview, followed_grid
 
 
@@ -57,7 +58,8 @@ class TrainConfig:
     """What is rendered and fitted.
 
     Arguments:
-        minutes: time for everything together, which decides the samples and the networks' steps.
+        minutes: time for everything together, which decides the samples and the networks' steps;
+            where lamps cannot turn, samples go where they move scores.
         samples: samples per (fiber, facet) pair instead; the same number on any machine.
         phi_nodes, bend_nodes: nodes of the reference.
         preview_nodes: nodes of the preview in phi and bend.
@@ -147,7 +149,7 @@ def train(
     report(Progress(1, 1, stage="preview"))
 
     before = rendered_seconds(run)
-    reference = _reference(scene, table, run, seed, config, fit_time, progress)
+    reference = _reference(scene, table, run, seed, config, fit_time, preview.grid, scale, progress)
 
     def fitted(reference: ReferenceData, networks: bool) -> tuple[Fit, PreviewGrid, float]:
         reference.scaled(scale.exposure, scale.lam).save(run)
@@ -292,12 +294,19 @@ def _reference(
     seed: int,
     config: TrainConfig,
     fit_time: FitTime | None,
+    grid: PreviewGrid,
+    scale: ScoreScale,
     progress: OnProgress | None,
 ) -> ReferenceData:
     """Return the reference, rendered unless ``table`` is given."""
     free = MaterialRange.of(scene)
     if table is not None:
         return ReferenceData((table,), {"source": "an existing reference table"})
+    shares = None
+    if fit_time is not None and free is None and is_one_node(scene):
+        phi = direction_nodes(scene, config.phi_nodes)
+        bends = training_bends(scene, config.bend_nodes)
+        shares = table_shares(scene, grid, phi, bends, scale)
     return render_reference(
         scene,
         run,
@@ -307,6 +316,7 @@ def _reference(
         bend_count=config.bend_nodes,
         materials=None if free is None else free.samples(config.materials),
         within=None if fit_time is None else RenderTime(fit_time.budget, fit_time.reserve),
+        shares=shares,
         progress=progress,
     )
 

@@ -48,9 +48,9 @@ def run(
     )
     from optimize.exploration import stage_to_json
     from optimize.report import print_scores
-    from optimize.scoring import open_model
+    from optimize.scoring import open_model, search_table
     from optimize.ui.output import check_file
-    from optimize.verification import reference_renders
+    from optimize.verification import reference_renders, score_allocation
     from render.reference import ensure_llvm
 
     if not 2 <= len(paths) <= len(LETTERS):
@@ -76,8 +76,19 @@ def run(
             )
             with ProgressBar("Rendering the") as bar:
                 render = reference_renders(sensor, checkpoint, bar)
-                numbers = range(1, seeds + 1)
-                found = compare_by_renders(found, render, samples=samples, seeds=numbers)
+                stages = found.stages
+                found = compare_by_renders(
+                    found,
+                    render,
+                    samples=samples,
+                    seeds=range(1, seeds + 1),
+                    allocation=score_allocation(
+                        sensor,
+                        search_table(checker),
+                        stages[0].settings,
+                        [stage.design for stage in stages],
+                    ),
+                )
         if out is not None:
             write_comparison(out, found, files)
         if as_json:

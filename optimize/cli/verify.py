@@ -70,6 +70,7 @@ def run(
             if minutes is not None:
                 plan = verification_within(
                     candidate,
+                    checker,
                     TimeBudget.of_minutes(minutes, began),
                     seeds=numbers,
                     folder=checkpoint,

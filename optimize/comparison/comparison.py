@@ -22,6 +22,7 @@ from optimize.design import Design
 from optimize.exploration import Stage, rate
 from optimize.report import clipping_warning, doubted_gain, holder_warning
 from optimize.verification import FinalistEvaluation, RenderDesigns
+from render.reference import PRESSED, SampleAllocation
 from render.scene import Scene
 from surrogate.runtime import Checker, RankingTest
 
@@ -139,7 +140,12 @@ def compare_on_model(
 
 
 def compare_by_renders(
-    rated: DesignComparison, render: RenderDesigns, *, samples: int, seeds: Sequence[int]
+    rated: DesignComparison,
+    render: RenderDesigns,
+    *,
+    samples: int,
+    seeds: Sequence[int],
+    allocation: SampleAllocation = PRESSED,
 ) -> DesignComparison:
     """Render the designs of ``rated`` together, and compare every pair.
 
@@ -148,10 +154,15 @@ def compare_by_renders(
         render: renders designs with common light paths.
         samples: per cell and seed.
         seeds: common to all designs.
+        allocation: where the samples go.
     """
     settings = rated.stages[0].settings
     renders = render(
-        [stage.design for stage in rated.stages], samples=samples, seeds=seeds, title="designs"
+        [stage.design for stage in rated.stages],
+        samples=samples,
+        seeds=seeds,
+        title="designs",
+        allocation=allocation,
     )
     names = tuple(stage.key for stage in rated.stages)
     finalists = FinalistEvaluation(names, renders, settings, CONFIDENCE)

@@ -38,14 +38,16 @@ from optimize.verification import (
     RenderedRound,
     SceneRefit,
     VerificationLoop,
+    allocation_of,
     distinct_directions,
     pooled_renders,
     reference_renders,
+    score_allocation,
     thesis_on_table,
 )
 from render.geometry import fiber_edges
 from render.progress import Progress
-from render.reference import RenderCost, transport_jobs
+from render.reference import PRESSED, RenderCost, SampleAllocation, transport_jobs
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 
@@ -123,6 +125,7 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
         LoopConfig(seed=64 * context.seed + context.number, **amount),
         limits_of(context.scene),
         start,
+        context.scene,
     )
     if context.number > 1:
         known = context.store.decided(f"{context.number - 1}/contenders")
@@ -139,7 +142,9 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
         if loop.runs:
             loop.refit()
         found = loop.proposals(number)
-        return {"proposals": found} if found else {"stop": CONVERGED}
+        if not found:
+            return {"stop": CONVERGED}
+        return {"proposals": found, "allocation": loop.allocation(found)}
 
     def render(number: int, decided: dict[str, Any]) -> None:
         context.stage(f"Round {number}", f"round {number}")
@@ -147,7 +152,7 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
             Proposal(**entry | {"design": design_of(entry["design"])})
             for entry in decided["proposals"]
         ]
-        done = loop.render(number, proposals)
+        done = loop.render(number, proposals, allocation_of(decided.get("allocation")))
         rounds.append(done)
         context.log.note(f"Round {number}: {done.agreement.shown}")
         for entry, measured in zip(proposals, done.scores, strict=True):
@@ -201,13 +206,21 @@ def choose_finalists(
 
 
 def verify_finalists(
-    context: RunContext, finalists: dict[str, Design], settings: ScoreSettings
+    context: RunContext, finalists: dict[str, Design], checker: Checker
 ) -> FinalistEvaluation:
     """Return the evaluation of the finalists by batches of seeds, until the time is used.
 
     The finalists were chosen before the first of these seeds, so those of extensions are pooled.
     """
     names, designs = tuple(finalists), list(finalists.values())
+    settings = ScoreSettings(checker.exposure, checker.lam)
+
+    def allocate() -> SampleAllocation:
+        leader = names.index("winner") if "winner" in names else 0
+        table = search_table(checker)
+        return score_allocation(context.scene, table, settings, designs, leader=leader)
+
+    allocation = allocation_of(context.decide("final allocation", allocate))
     amount = context.amount("final", lambda cost: _affordable_batch(context, cost, designs))
     render = reference_renders(context.scene, None, context.progress, runner=context.renders)
     parts: list[DesignRenders] = []
@@ -226,7 +239,15 @@ def verify_finalists(
     def work(number: int, decided: dict[str, Any]) -> None:
         context.stage("Final verification", "final")
         seeds, samples = decided["seeds"], amount["samples"]
-        parts.append(render(designs, samples=samples, seeds=seeds, title="the finalists"))
+        parts.append(
+            render(
+                designs,
+                samples=samples,
+                seeds=seeds,
+                title="the finalists",
+                allocation=allocation,
+            )
+        )
 
     late = context.until - REPORT_SECONDS / 2
     for extension in range(context.extension + 1):
@@ -244,10 +265,15 @@ def _affordable_batch(
 ) -> dict[str, int]:
     """Return samples per cell and seed, and the seeds of a batch."""
     phi, _ = distinct_directions(designs)
-    jobs = 2 * len(context.bends)
+    jobs = len(context.bends)
     seeds = -(-2 * cost.workers // jobs) if cost.workers > jobs else 1
     unit = transport_jobs(
-        context.scene, phi, context.bends, samples=UNIT_SAMPLES, seeds=list(range(seeds))
+        context.scene,
+        phi,
+        context.bends,
+        samples=UNIT_SAMPLES,
+        seeds=list(range(seeds)),
+        allocation=PRESSED,
     )
     free = (context.seconds_until(1.0) - REPORT_SECONDS) / MIN_BATCHES
     seconds = max(context.least_seconds, min(2 * cost.fixed * jobs, free))

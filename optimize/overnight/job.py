@@ -17,7 +17,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any
 
-from optimize.design import ScoreSettings
 from optimize.overnight.conclusion import conclude
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import (
@@ -186,8 +185,7 @@ def _run_stages(context: RunContext, hours: float | None) -> OvernightResult:
     thesis = thesis_design(context, table, checker)
     loop_outcome = run_loop(context, checker, best)
     finalists = choose_finalists(context, colored, thesis, loop_outcome)
-    settings = ScoreSettings(checker.exposure, checker.lam)
-    evaluation = verify_finalists(context, finalists, settings)
+    evaluation = verify_finalists(context, finalists, checker)
     context.log.stage("Report")
     result = conclude(context, checker, loop_outcome, evaluation, hours)
     result.save(context.store.run)

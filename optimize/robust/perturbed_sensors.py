@@ -18,8 +18,9 @@ import numpy as np
 
 from optimize.design import Array, Design
 from optimize.robust.material_slopes import PER_FIBER
-from optimize.scoring import TableScorer, score_by_counts
+from optimize.scoring import TableScorer
 from render.chebyshev import differentiation_matrix, interpolation_weights
+from render.metric_gradient import score_by_counts
 from render.scene import Spread
 
 Measure = Literal["quantile", "spread"]

@@ -19,7 +19,7 @@ from optimize.scoring.render_scores import (
     paired_difference,
     rendered_score,
 )
-from optimize.scoring.score_gradient import Differentiator, score_by_counts
+from optimize.scoring.score_gradient import Differentiator
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
 from optimize.scoring.surrogate_model import (
     find_model,

@@ -21,6 +21,7 @@ from optimize.verification.optimization import (
     optimization_to_json,
     optimize,
 )
+from optimize.verification.score_allocation import allocation_of, score_allocation
 from optimize.verification.thesis import thesis_on_table
 from optimize.verification.timed_renders import TimedRenders
 from optimize.verification.verification_loop import (

@@ -1,7 +1,9 @@
-"""What a round of the verification loop renders: the best, the most uncertain and a random design.
+"""What a round of the verification loop renders: the best, its likeliest rival, a random design.
 
-The surrogate proposes. Its best design alone would never show where it is wrong, so the most
-uncertain of the next-best ones and one random design are rendered with it.
+The surrogate proposes. Its best design alone would never show where it is wrong, so two others are
+rendered with it: of the next-best ones the one that is expected to gain most over the best by the
+surrogate's own errors (expected improvement: Mockus 1978, Jones, Schonlau and Welch 1998), and a
+random one. What counts is the error of the difference: designs that are alike share theirs.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ class Proposal(ScoredDesign):
     """A design that is to be rendered, with its score S on the surrogate.
 
     Arguments:
-        role: ``baseline``, ``first``, ``incumbent``, ``best``, ``uncertain`` or ``random``.
+        role: ``baseline``, ``first``, ``incumbent``, ``best``, ``uncertain`` (the likeliest rival)
+            or ``random``.
         spread: one standard deviation of the score.
     """
 
@@ -47,7 +50,7 @@ def propose(
     seed: int,
     known: Sequence[Design] = (),
 ) -> list[Proposal]:
-    """Return the best, the most uncertain and one random design, without those known.
+    """Return the best, its likeliest rival and one random design, without those known.
 
     Arguments:
         scorer: the surrogate's table as it stands.
@@ -72,8 +75,9 @@ def propose(
         if not _is_mirror_image(scorer, refined, best):
             others.append(refined)
     chosen = [proposal_of(scorer, "best", best)]
-    rest = [proposal_of(scorer, "uncertain", design) for design in others]
-    chosen += [max(rest, key=lambda entry: entry.spread)] if rest else []
+    if others:
+        rival = max(others, key=lambda design: expected_improvement(scorer, design, best))
+        chosen.append(proposal_of(scorer, "uncertain", rival))
     chosen.append(proposal_of(scorer, "random", random_design(scorer, seed)))
     return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
 
@@ -115,6 +119,20 @@ def proposal_of(scorer: TableScorer, role: str, design: Design) -> Proposal:
         drawn = score_draws(scorer, design.phi, design.power[None], TIE_DRAWS)
         spread = float(drawn.std(ddof=1))
     return Proposal(design, score, role, spread)
+
+
+def expected_improvement(scorer: TableScorer, design: Design, best: Design) -> float:
+    """Return the mean over tables as likely as ``scorer``'s of what S gains over ``best``, or 0.
+
+    Both designs are scored on the same tables, so what they share cancels; without errors it is
+    the plain difference, which ranks designs behind the best too.
+    """
+    if not scorer.table.se.any():
+        return scorer.score(design.phi, design.power) - scorer.score(best.phi, best.power)
+    drawn, leading = (
+        score_draws(scorer, one.phi, one.power[None], TIE_DRAWS)[:, 0] for one in (design, best)
+    )
+    return float(np.maximum(drawn - leading, 0.0).mean())
 
 
 def random_design(scorer: TableScorer, seed: int) -> Design:

@@ -33,7 +33,15 @@ from optimize.scoring import (
 )
 from render.metric import superposed
 from render.progress import OnProgress, in_stage
-from render.reference import JobRunner, converged, more_samples, render_transport
+from render.reference import (
+    EVERYTHING,
+    PRESSED,
+    JobRunner,
+    SampleAllocation,
+    converged,
+    more_samples,
+    render_transport,
+)
 from render.scene import Scene
 
 UNCONVERGED_LIGHT = 0.5
@@ -47,7 +55,8 @@ class DesignRenders:
     Arguments:
         designs: in the order of the axis ``design``.
         replicates: transport ``(replicate, design, fiber, bend, site, facet)``.
-        background: of the untouched pad, ``(replicate, design, fiber, bend, site)``.
+        background: of the untouched pad, ``(replicate, design, fiber, bend, site)``; NaN where it
+            was not rendered.
         error: standard errors of transport ``(design, fiber, bend, site, facet)``, which allow for
             light that replicates have not seen.
 
@@ -111,9 +120,15 @@ class RenderDesigns(Protocol):
     """Renders designs together, at the scene's bends."""
 
     def __call__(
-        self, designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+        self,
+        designs: Sequence[Design],
+        *,
+        samples: int,
+        seeds: Sequence[int],
+        title: str,
+        allocation: SampleAllocation = EVERYTHING,
     ) -> DesignRenders:
-        """Return the renders; ``samples`` per (fiber, facet) pair and seed."""
+        """Return the renders; ``samples`` per (fiber, facet) pair and seed on average."""
 
 
 def reference_renders(
@@ -131,7 +146,12 @@ def reference_renders(
     bends = np.array(scene.bending.angles)
 
     def render(
-        designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+        designs: Sequence[Design],
+        *,
+        samples: int,
+        seeds: Sequence[int],
+        title: str,
+        allocation: SampleAllocation = EVERYTHING,
     ) -> DesignRenders:
         phi, node = distinct_directions(designs)
         estimate = render_transport(
@@ -141,6 +161,7 @@ def reference_renders(
             samples=samples,
             seeds=seeds,
             per_pass=per_pass,
+            allocation=allocation,
             checkpoint=checkpoint,
             runner=runner,
             progress=in_stage(progress, title),
@@ -274,6 +295,7 @@ def evaluate_finalists(
     seeds: Sequence[int],
     leader: str = "",
     seconds: float = 0.0,
+    allocation: SampleAllocation = PRESSED,
 ) -> FinalistEvaluation:
     """Render the ``finalists`` together until the verdict is settled, and score them.
 
@@ -285,13 +307,16 @@ def evaluate_finalists(
         seeds: of the first batch, fresh ones; those of the next ones follow.
         leader: whose differences matter, unless another turns out to be better.
         seconds: of rendering at most; the first batch is always rendered.
+        allocation: where the samples go, in all batches alike.
     """
     names, designs = tuple(name for name, _ in finalists), [design for _, design in finalists]
     parts: list[DesignRenders] = []
     before = 0.0
     while True:
         batch = [seed + len(parts) * len(seeds) for seed in seeds]
-        parts.append(render(designs, samples=samples, seeds=batch, title=FINALISTS))
+        parts.append(
+            render(designs, samples=samples, seeds=batch, title=FINALISTS, allocation=allocation)
+        )
         renders = pooled_renders(parts, len(seeds))
         last = renders.seconds + max(part.seconds for part in parts) > seconds
         used = 1.0 if last else renders.seconds / seconds

@@ -15,10 +15,16 @@ from typing import Any
 import numpy as np
 
 from optimize.design import RatedDesign, ScoreSettings
-from optimize.scoring import JackknifeEstimate, RenderedScore, predict_design
-from optimize.verification.design_renders import DesignRenders, reference_renders
+from optimize.scoring import JackknifeEstimate, RenderedScore, predict_design, search_table
+from optimize.verification.design_renders import (
+    DesignRenders,
+    distinct_directions,
+    reference_renders,
+)
+from optimize.verification.score_allocation import allocation_digest, score_allocation
 from render.progress import OnProgress
 from render.reference import (
+    SampleAllocation,
     TimeBudget,
     render_within,
     samples_per_pass,
@@ -91,7 +97,9 @@ def verify(
     checkpoint: Path | None = None,
     progress: OnProgress | None = None,
 ) -> Verification:
-    """Render the candidate and the baseline, and compare them.
+    """Render the candidate and the baseline together, and compare them.
+
+    Samples go where the model says that they tell most of the difference.
 
     Arguments:
         candidate: what is verified.
@@ -100,22 +108,16 @@ def verify(
         seeds: common to both designs.
         per_pass: as of ``render_transport``.
         checkpoint: directory from which an interrupted verification goes on.
-        progress: called every few seconds; the stage is the design being rendered.
+        progress: called every few seconds.
     """
     design, baseline = candidate.design, candidate.baseline
     render = reference_renders(candidate.scene, checkpoint, progress, per_pass=per_pass)
-    first = render([baseline], samples=samples, seeds=seeds, title="baseline")
-    second, seconds = first, first.seconds
-    # Other colors need no other render: light is linear.
-    if not candidate.recolored:
-        second = render([design], samples=samples, seeds=seeds, title="design")
-        seconds += second.seconds
-    pair = DesignRenders(
-        (baseline, design),
-        np.concatenate([first.replicates, second.replicates], axis=1),
-        np.concatenate([first.background, second.background], axis=1),
-        np.concatenate([first.error, second.error]),
-        seconds,
+    pair = render(
+        [baseline, design],
+        samples=samples,
+        seeds=seeds,
+        title="baseline and design",
+        allocation=pair_allocation(candidate, model),
     )
     bends = np.array(candidate.scene.bending.angles)
     predicted = predict_design(model, design, bends)
@@ -126,6 +128,13 @@ def verify(
         seeds=tuple(seeds),
         samples=samples,
     )
+
+
+def pair_allocation(candidate: RatedDesign, model: Checker) -> SampleAllocation:
+    """Return the allocation of the renders of ``candidate`` and its baseline."""
+    designs = [candidate.baseline, candidate.design]
+    table = search_table(model)
+    return score_allocation(candidate.scene, table, candidate.settings, designs, leader=1)
 
 
 def paired_comparison(
@@ -155,6 +164,7 @@ class VerificationPlan:
 
     Arguments:
         scene_hash, design: the sensor, and the digest of the design with its rating.
+        allocation: digest of where the samples go.
         minutes: of everything.
         seeds: common to both designs.
         samples, per_pass: per cell and seed, and of those in one pass (``transport_jobs``).
@@ -162,6 +172,7 @@ class VerificationPlan:
 
     scene_hash: str
     design: str
+    allocation: str
     minutes: float
     seeds: list[int]
     samples: int
@@ -170,6 +181,7 @@ class VerificationPlan:
 
 def verification_within(
     candidate: RatedDesign,
+    model: Checker,
     budget: TimeBudget,
     *,
     seeds: Sequence[int],
@@ -183,31 +195,34 @@ def verification_within(
 
     Arguments:
         candidate: what is verified.
+        model: as of `verify`.
         budget: of the whole command.
         seeds: common to both designs.
         folder: the checkpoint of `verify`.
         progress: called after every pass.
     """
-    scene = candidate.scene
+    scene, allocation = candidate.scene, pair_allocation(candidate, model)
     wanted: dict[str, Any] = {
         "scene_hash": scene.hash,
         "design": candidate.digest,
+        "allocation": allocation_digest(allocation),
         "minutes": budget.seconds / 60.0,
         "seeds": list(seeds),
     }
-    designs = [candidate.baseline] + ([] if candidate.recolored else [candidate.design])
+    phi, _ = distinct_directions([candidate.baseline, candidate.design])
     bends = np.array(scene.bending.angles)
 
     def make() -> VerificationPlan:
-        count = 2 * len(bends) * len(seeds) * len(designs)
-        each = samples_per_pass(scene, budget.left(), count)
-        jobs = [
-            job
-            for design in designs
-            for job in transport_jobs(
-                scene, design.phi[:, None], bends, samples=each, per_pass=each, seeds=seeds
-            )
-        ]
+        each = samples_per_pass(scene, budget.left(), len(bends) * len(seeds))
+        jobs = transport_jobs(
+            scene,
+            phi,
+            bends,
+            samples=each,
+            per_pass=each,
+            seeds=seeds,
+            allocation=allocation,
+        )
 
         def scoring() -> float:
             return SCORING_SECONDS + SCORING_FRACTION * budget.seconds

@@ -24,6 +24,7 @@ from optimize.verification.design_renders import (
     RenderDesigns,
     evaluate_finalists,
 )
+from optimize.verification.score_allocation import score_allocation
 from optimize.verification.thesis import GENERATIONS, ThesisResult, thesis_procedure
 from optimize.verification.verification_loop import (
     SEED_STRIDE,
@@ -36,6 +37,7 @@ from optimize.verification.verification_loop import (
 from render.geometry import fiber_edges
 from render.scale import scene_scale
 from render.scene import Scene
+from render.transport import TransportTable
 from surrogate.runtime import Checker
 
 OptimizationMethod = Literal["loop", "thesis", "both"]
@@ -130,6 +132,7 @@ def optimize(
     baseline, edges = dimmed_baseline(scene), fiber_edges(scene)
     scale = scene_scale(scene) if checker is None else checker
     settings = ScoreSettings(scale.exposure, scale.lam)
+    table = None if checker is None else search_table(checker)
     seeds = SEED_STRIDE * (config.seed + 1)
     loop = thesis = None
     wall: dict[str, float] = {}
@@ -150,26 +153,29 @@ def optimize(
         )
         wall["thesis"] = time.monotonic() - began
         finalists.append(("thesis", thesis.design))
-    if config.method != "thesis" and checker is not None:
+    if config.method != "thesis" and checker is not None and table is not None:
         began = time.monotonic()
         rounds_seconds = math.inf if thesis is None else ROUNDS_SHARE * BUDGET * thesis.seconds
-        loop = _run_loop(scene, checker, baseline, render, config, rounds_seconds, on_round)
+        loop = _run_loop(scene, checker, table, baseline, render, config, rounds_seconds, on_round)
         wall["loop"] = time.monotonic() - began
         best = loop.candidates[:2]
-        names = ("winner", "runner-up")
-        finalists += [(name, entry.design) for name, entry in zip(names, best, strict=False)]
+        found = zip(("winner", "runner-up"), best, strict=False)
+        finalists += [(name, entry.design) for name, entry in found]
     free = 0.0
     if loop is not None and not config.timed:
         least = _least_thesis_seconds(loop, len(set(edges)), config.generations)
         free = BUDGET * (least if thesis is None else thesis.seconds) - loop.seconds
+    leader = "thesis" if loop is None else "winner"
+    names, designs = zip(*finalists, strict=True)
     evaluation = evaluate_finalists(
         render,
         settings,
         finalists,
         samples=config.final_samples,
         seeds=[seeds + FINAL_SEED + i for i in range(config.final_seeds)],
-        leader="thesis" if loop is None else "winner",
+        leader=leader,
         seconds=free,
+        allocation=score_allocation(scene, table, settings, designs, leader=names.index(leader)),
     )
     if loop is not None and evaluation.best("winner") == "runner-up":
         swapped = {"winner": "runner-up", "runner-up": "winner"}
@@ -184,6 +190,7 @@ def optimize(
 def _run_loop(
     scene: Scene,
     checker: Checker,
+    table: TransportTable,
     baseline: Design,
     render: RenderDesigns,
     config: OptimizeConfig,
@@ -192,13 +199,14 @@ def _run_loop(
 ) -> LoopResult:
     amount = LoopConfig(config.samples, config.rounds, config.seed, seconds=seconds)
     loop = VerificationLoop(
-        search_table(checker),
+        table,
         baseline,
         render,
         SceneRefit(scene, checker),
         fiber_edges(scene),
         amount,
         limits_of(scene),
+        scene=scene,
     )
     return loop.run(report)
 

@@ -17,6 +17,7 @@ from optimize.scoring import TableScorer
 from optimize.search import DirectionResult, optimize_directions, population, tied_groups
 from optimize.search.colors import grouped_colors, renamed_like
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
+from render.reference import PRESSED
 from render.transport import TransportTable
 
 GENERATIONS = 20
@@ -68,7 +69,13 @@ def thesis_procedure(
         generations: of CMA-ES at most.
         report: called with candidates rendered, candidates at most, and the best score.
     """
-    first = render([baseline], samples=samples, seeds=[render_seed], title="single fibers")
+    first = render(
+        [baseline],
+        samples=samples,
+        seeds=[render_seed],
+        title="single fibers",
+        allocation=PRESSED,
+    )
     seconds, runs = first.seconds, 1
     scorer = TableScorer(_table(first, settings), settings.conventions, limits=limits)
     colored, groups = colored_groups(scorer, baseline, edges)
@@ -83,6 +90,7 @@ def thesis_procedure(
                 samples=samples,
                 seeds=[render_seed],
                 title=f"candidate {runs} of at most {limit}",
+                allocation=PRESSED,
             )
             seconds, runs = seconds + rendered.seconds, runs + 1
             transport = rendered.replicates[:, 0].mean(axis=0)

@@ -21,8 +21,11 @@ from optimize.verification.design_renders import (
     distinct_directions,
     reference_renders,
 )
+from optimize.verification.score_allocation import allocation_digest
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import (
+    EVERYTHING,
+    SampleAllocation,
     TimeBudget,
     render_within,
     samples_per_pass,
@@ -43,13 +46,14 @@ class TimedPlan:
 
     Arguments:
         scene_hash, minutes: whose, and what was asked for.
-        designs: digest of the directions; seeds: theirs.
+        designs: digest of the directions; allocation: of where the samples go; seeds: theirs.
         samples, per_pass: per cell and seed, and of those in one pass (``transport_jobs``).
     """
 
     scene_hash: str
     minutes: float
     designs: str
+    allocation: str
     seeds: list[int]
     samples: int
     per_pass: int
@@ -82,7 +86,13 @@ class TimedRenders:
         self._noted = False
 
     def __call__(
-        self, designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+        self,
+        designs: Sequence[Design],
+        *,
+        samples: int,
+        seeds: Sequence[int],
+        title: str,
+        allocation: SampleAllocation = EVERYTHING,
     ) -> DesignRenders:
         """Return the renders; ``samples`` are not asked for."""
         end = self._end(title)
@@ -92,14 +102,22 @@ class TimedRenders:
             "scene_hash": self.scene.hash,
             "minutes": self.budget.seconds / 60.0,
             "designs": hashlib.sha256(phi.tobytes()).hexdigest(),
+            "allocation": allocation_digest(allocation),
             "seeds": list(seeds),
         }
+        pads = (1 + allocation.untouched) * len(bends)
 
         def make() -> TimedPlan:
-            each = samples_per_pass(
-                self.scene, end - self.budget.spent(), 2 * len(bends) * len(seeds)
+            each = samples_per_pass(self.scene, end - self.budget.spent(), pads * len(seeds))
+            jobs = transport_jobs(
+                self.scene,
+                phi,
+                bends,
+                samples=each,
+                per_pass=each,
+                seeds=seeds,
+                allocation=allocation,
             )
-            jobs = transport_jobs(self.scene, phi, bends, samples=each, per_pass=each, seeds=seeds)
             units = render_within(
                 jobs,
                 self.budget,
@@ -114,7 +132,9 @@ class TimedRenders:
         render = reference_renders(
             self.scene, self.checkpoint, self.progress, per_pass=plan.per_pass
         )
-        found = render(designs, samples=plan.samples, seeds=seeds, title=title)
+        found = render(
+            designs, samples=plan.samples, seeds=seeds, title=title, allocation=allocation
+        )
         self._ended = self.budget.spent()
         return found
 

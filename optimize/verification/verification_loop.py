@@ -34,8 +34,10 @@ from optimize.scoring import (
 from optimize.ui.console import counted
 from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
 from optimize.verification.design_renders import ALPHA, DesignRenders, RenderDesigns
+from optimize.verification.score_allocation import score_allocation
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
+from render.reference import EVERYTHING, SampleAllocation
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
@@ -53,6 +55,8 @@ SEED_STEP = 50
 CONVERGED = "the surrogate proposes nothing better than what was rendered"
 FIRST = "first"
 """Role of the surrogate's first optimum."""
+FAR_BEHIND = ("baseline", "random")
+"""Roles of designs that are not expected to be among the best."""
 CHALLENGERS = 2
 """Challengers that are rendered again in a round."""
 
@@ -186,6 +190,7 @@ class VerificationLoop:
         config: how much is rendered.
         limits: of what is proposed.
         start: searches begin there while the surrogate rates it above the best candidate.
+        scene: the sensor; samples then go where they move the scores of the leaders.
     """
 
     def __init__(
@@ -198,8 +203,10 @@ class VerificationLoop:
         config: LoopConfig,
         limits: SearchLimits | None = None,
         start: Design | None = None,
+        scene: Scene | None = None,
     ) -> None:
         """Begin without candidates."""
+        self.scene = scene
         self.original = self.table = table
         self.baseline, self.renderer, self.refitter = baseline, render, refitter
         self.edges, self.config, self.limits = edges, config, limits
@@ -271,14 +278,37 @@ class VerificationLoop:
         again += [("incumbent", design) for design in leaders if design is not known[0]]
         return [*(proposal_of(scorer, *entry) for entry in again), *proposed]
 
-    def render(self, number: int, proposals: Sequence[Proposal]) -> RenderedRound:
-        """Render and measure what ``proposals`` returned."""
+    def allocation(self, proposals: Sequence[Proposal]) -> SampleAllocation:
+        """Return where the samples of a round go: to the first optimum and its challengers.
+
+        That the baseline and the random design are worse takes few of them. The table is the
+        surrogate's as it was shipped, which no render has changed.
+        """
+        if self.scene is None:
+            return EVERYTHING
+        rivals = [i for i, entry in enumerate(proposals) if entry.role not in FAR_BEHIND]
+        designs = [entry.design for entry in proposals]
+        return score_allocation(
+            self.scene,
+            self.original,
+            self.settings,
+            designs,
+            leader=1,
+            rivals=rivals,
+            untouched=True,
+        )
+
+    def render(
+        self, number: int, proposals: Sequence[Proposal], allocation: SampleAllocation
+    ) -> RenderedRound:
+        """Render and measure what ``proposals`` returned, with the samples of ``allocation``."""
         first = SEED_STRIDE * (self.config.seed + 1) + number
         renders = self.renderer(
             [entry.design for entry in proposals],
             samples=self.config.samples,
             seeds=[first + SEED_STEP * i for i in range(self.config.seeds)],
             title=f"round {number}",
+            allocation=allocation,
         )
         scores = [renders.score(self.settings, i) for i in range(len(proposals))]
         gains = [renders.difference(self.settings, 0, i) for i in range(1, len(proposals))]
@@ -319,7 +349,7 @@ class VerificationLoop:
 
     def round(self, number: int, proposals: Sequence[Proposal]) -> LoopRound:
         """Render, measure and refit."""
-        rendered = self.render(number, proposals)
+        rendered = self.render(number, proposals, self.allocation(proposals))
         correction = self.refit()
         scorer = TableScorer(self.table, limits=self.limits)
         after = [scorer.score(entry.design.phi, entry.design.power) for entry in proposals]

@@ -25,6 +25,7 @@ from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import MirrorImages, mirror_faces
+from render.cells.sample_shares import SLOTS, near_slots
 from render.geometry import (
     LOWER,
     camera_axes,
@@ -43,13 +44,6 @@ CELL_LIGHT_PATHS, PICTURE_LIGHT_PATHS = 4, 2
 """Light subpaths per sample of cells, and of a picture."""
 CAMERA_STORED = 10
 LIGHT_STORED = 10
-FIBER_SLOTS = 512
-"""Slots of equal probability by which fibers are chosen."""
-UNIFORM_FRACTION = 0.4
-"""Fraction of the slots that falls to all fibers alike, so that dim ones are known as well.
-
-The rest falls to near ones, which make the colors.
-"""
 CAMERA_STRIDE = 40
 """Events by which the camera subpaths of one lane are apart."""
 CAMERA_EVENTS, CLEAR_CAMERA_EVENTS = 16, 19
@@ -96,23 +90,6 @@ class Targets:
     def count(self) -> int:
         """Number of targets."""
         return len(self.offset) - 1
-
-
-def fiber_slots(site: Array, fiber: Array, lit: np.ndarray | None = None) -> np.ndarray:
-    """Return the fiber of every slot, ``(site, slot)``, from positions ``(site | fiber, 3)`` mm.
-
-    Every fiber gets slots in proportion to a uniform part plus the inverse square of its distance.
-    Where ``lit`` ``(site, fiber)`` is given, only its fibers get any at a site that has some.
-    """
-    chosen = np.ones((len(site), len(fiber)))
-    if lit is not None:
-        chosen = np.where(lit.any(axis=1, keepdims=True), lit, chosen)
-    near = chosen / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
-    fraction = UNIFORM_FRACTION * chosen / chosen.sum(axis=1, keepdims=True)
-    fraction = fraction + (1.0 - UNIFORM_FRACTION) * near / near.sum(axis=1, keepdims=True)
-    middle = (np.arange(FIBER_SLOTS) + 0.5) / FIBER_SLOTS
-    edges = np.cumsum(fraction, axis=1)
-    return np.stack([np.searchsorted(row / row[-1], middle) for row in edges])
 
 
 def pixel_rays(
@@ -234,18 +211,18 @@ class CellSampler(PadSampler):
         bend: float,
         indented: bool,
         targets: Targets,
-        lit: np.ndarray | None = None,
+        slots: np.ndarray | None = None,
     ) -> None:
         """Load the pad and upload targets; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad.
 
-        ``lit`` ``(site, fiber)`` may leave out fibers (`fiber_slots`), whose cells stay 0, and then
-        all sites are targets, also those that do not count for the score.
+        ``slots`` ``(site, fiber)`` are the samples' shares (`render.cells.sample_shares`), a
+        multiple of `SLOTS` in all; by default those that favor near fibers.
         """
         super().__init__(scene, phi, bend, indented)
         scene = self.scene
         self.targets = targets
         self.fibers, self.channels = phi.shape
-        counted = counted_sites(scene) if lit is None else np.arange(scene.sites.count)
+        counted = counted_sites(scene)
         self.sites = len(counted)
         self.faces = targets.count // self.sites
         self.bins = self.fibers * targets.count
@@ -254,23 +231,34 @@ class CellSampler(PadSampler):
         point = place.centroid[counted].mean(axis=1) if indented else site_position
         self._point = _points(point)
         self._normal = mi.Vector3f(_points(place.site_normal[counted]))
-        slots = fiber_slots(site_position, fiber_poses(scene, bend).position, lit)
-        self._fiber = mi.UInt32(slots.astype(np.uint32).ravel())
-        counts = np.stack([np.bincount(row, minlength=self.fibers)[row] for row in slots])
+        if slots is None:
+            slots = near_slots(site_position, fiber_poses(scene, bend).position)
+        number, total = np.arange(slots.size), int(slots.sum())
+        each = np.repeat(number, slots.ravel())
+        self._site = mi.UInt32((each // self.fibers).astype(np.uint32))
+        self._fiber = mi.UInt32((each % self.fibers).astype(np.uint32))
+        self._rows = total // SLOTS
         # 1 / probability of a site and a fiber.
-        self._scale = mi.Float((self.sites * FIBER_SLOTS / counts).astype(np.float32).ravel())
+        self._scale = mi.Float((total / slots.ravel()[each]).astype(np.float32))
         # One more entry: a target without pixels at the end reads past the others'.
         self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
         self._offset = mi.UInt32(targets.offset.astype(np.uint32))
         dr.make_opaque(
-            self._pixel, self._offset, self._point, self._normal, self._fiber, self._scale
+            self._pixel,
+            self._offset,
+            self._point,
+            self._normal,
+            self._site,
+            self._fiber,
+            self._scale,
         )
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
         """Return a splat per facet of the chosen site: radiance per direction node."""
-        pick_site, pick_fiber, _, _ = camera.event(mi.UInt32(0))
-        site = dr.minimum(mi.UInt32(pick_site * self.sites), self.sites - 1)
-        slot = site * FIBER_SLOTS + dr.minimum(mi.UInt32(pick_fiber * FIBER_SLOTS), FIBER_SLOTS - 1)
+        pick_row, pick_slot, _, _ = camera.event(mi.UInt32(0))
+        row = dr.minimum(mi.UInt32(pick_row * self._rows), self._rows - 1)
+        slot = row * SLOTS + dr.minimum(mi.UInt32(pick_slot * SLOTS), SLOTS - 1)
+        site = dr.gather(mi.UInt32, self._site, slot)
         fiber = dr.gather(mi.UInt32, self._fiber, slot)
         vertices = self.light_vertices(
             dr.gather(mi.Point3f, self._point, site), dr.gather(mi.Vector3f, self._normal, site),

@@ -1,5 +1,6 @@
 """The reference, level 2: transport tables and pictures with error bars."""
 
+from render.reference.allocation import EVERYTHING, PRESSED, SampleAllocation
 from render.reference.budget import TimeBudget, render_within, samples_per_pass, stored_plan
 from render.reference.convergence import converged, doubt, more_samples
 from render.reference.cost import RenderCost, growing_cost, trial_cost

@@ -42,12 +42,14 @@ LONE_SHARE = 1 / 3
 class CellErrors:
     """Mean, standard error and largest contribution of cells, as parts of the mean.
 
-    Axes ``(fiber, phi_node, bend, site[, facet])``; NaN where the camera sees nothing.
+    Axes ``(fiber, phi_node, bend, site[, facet])``; NaN where the camera sees nothing. ``effort``
+    are the samples of the cells, in any unit and of a shape that broadcasts; None for all alike.
     """
 
     mean: Array
     error: Array
     largest: Array
+    effort: Array | None = None
 
     @property
     def lone(self) -> Array:
@@ -64,14 +66,16 @@ def with_lone_contributions(
     Arguments:
         facets: cells of the pressed pad.
         sites: cells of the untouched pad, under the same fibers from the same directions.
-        effort: samples of a site over those of a facet; variances of a mean fall as 1 over it.
+        effort: samples of a site over those of a facet, on average; variances of a mean fall as 1
+            over it, and as 1 over the facets' own.
     """
     lone, alone = facets.lone, sites.lone
+    each = 1.0 if facets.effort is None else np.sqrt(facets.effort)
     seen = np.isfinite(lone).sum(axis=(3, 4)) + np.isfinite(alone).sum(axis=3)
 
     def shared(scale: Array) -> Array:
         """Return what peers' lone contributions add to a cell, in units of ``scale`` of sites."""
-        squares = np.nansum((lone / scale[..., None]) ** 2, axis=(3, 4))
+        squares = np.nansum((each * lone / scale[..., None]) ** 2, axis=(3, 4))
         squares = squares + effort * np.nansum((alone / scale) ** 2, axis=3)
         return np.asarray(np.sqrt(squares / np.maximum(seen, 1))[..., None] * scale)
 
@@ -79,7 +83,7 @@ def with_lone_contributions(
     light = np.where(sites.mean > 0, sites.mean, np.nan)
     common = np.fmin(shared(np.ones_like(light)), shared(light))
     errors = (
-        (facets, lone, common[..., None]),
+        (facets, lone, common[..., None] / each),
         (sites, alone, common / np.sqrt(effort)),
     )
     pressed, untouched = (
@@ -89,13 +93,16 @@ def with_lone_contributions(
     return pressed, untouched
 
 
-def standard_error(replicates: Array) -> Array:
+def standard_error(replicates: Array, effort: Array | None = None) -> Array:
     """Return the standard error of the mean over the first axis; above 0 where any cell is lit.
 
     Arguments:
         replicates: independent estimates ``(replicate, fiber, phi_node, bend, site[, facet])``,
             at least 0.
+        effort: samples of the cells, as of `CellErrors`: a contribution to a mean is as small as
+            they are many.
     """
+    each = 1.0 if effort is None else effort
     mean, variance = _moments(replicates)
     weight = shared_weight(replicates)
     shared_variance = mean * _contribution(mean, variance, FACET_AXES)
@@ -104,7 +111,7 @@ def standard_error(replicates: Array) -> Array:
     for axes in PEER_AXES:
         if not unlit.any():
             break
-        size = _contribution(mean, variance, axes)
+        size = _contribution(mean, each * variance, axes) / each
         error = np.where(unlit, UNLIT_CONTRIBUTIONS * size, error)
         unlit = unlit & (size == 0)
     return np.asarray(error)

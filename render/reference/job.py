@@ -56,6 +56,8 @@ class RenderJob:
         iterations: samples per chain, a multiple of ``chunk``.
         replicates: independent groups of chains.
         sampler: plain bidirectional Monte Carlo, or Markov chains over the same paths.
+        slots: the samples' shares ``(site, fiber)`` (``render.cells.sample_shares``); None for
+            those that favor near fibers.
     """
 
     scene: str
@@ -67,6 +69,7 @@ class RenderJob:
     iterations: int
     replicates: int = 8
     sampler: Sampler = "monte-carlo"
+    slots: tuple[tuple[int, ...], ...] | None = None
 
     @classmethod
     def of(cls, scene: Scene, phi: Array, **rest: Any) -> RenderJob:
@@ -87,6 +90,8 @@ class RenderJob:
     def key(self) -> str:
         """A hash of everything that the result depends on, 64 hex digits."""
         content = asdict(self) | {"scene": scene_of(self.scene).hash}
+        if self.slots is None:
+            del content["slots"]
         programs = [version("mitsuba"), version("drjit")]
         text = json.dumps([VERSION, programs, content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -106,6 +111,8 @@ class RenderJob:
         """Return the job that ``to_json`` wrote."""
         content = json.loads(text)
         content["phi"] = tuple(tuple(row) for row in content["phi"])
+        if content["slots"] is not None:
+            content["slots"] = tuple(tuple(row) for row in content["slots"])
         return cls(**content)
 
 
@@ -160,7 +167,8 @@ def run_job(
     """
     mitsuba(VARIANT)
     scene, phi = scene_of(job.scene), np.array(job.phi)
-    cells = pad_cells(scene, phi, job.bend, job.indented)
+    slots = None if job.slots is None else np.array(job.slots)
+    cells = pad_cells(scene, phi, job.bend, job.indented, slots)
     began = last = time.monotonic()
     run, spent = _start(scene, cells, job, None if state is None else read_or_drop(state))
     began -= spent
@@ -204,15 +212,18 @@ def _target_pixels(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarra
     return np.concatenate(lists), offset
 
 
-def pad_cells(scene: Scene, phi: Array, bend: float, indented: bool) -> Any:
+def pad_cells(
+    scene: Scene, phi: Array, bend: float, indented: bool, slots: np.ndarray | None = None
+) -> Any:
     """Return the path sampler of all cells of a pad; ``phi`` ``(fiber, node)`` and ``bend`` in rad.
 
-    Every site that counts has to be seen at ``bend`` (`render.geometry.check_seen`).
+    ``slots`` are those of a `RenderJob`. Every site that counts has to be seen at ``bend``
+    (`render.geometry.check_seen`).
     """
     from render.cells.cell_sampler import CellSampler, Targets
 
     pixel, offset = _target_pixels(scene, bend, indented)
-    return CellSampler(scene, phi, bend, indented, Targets(pixel, offset))
+    return CellSampler(scene, phi, bend, indented, Targets(pixel, offset), slots)
 
 
 def _start(

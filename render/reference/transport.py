@@ -23,6 +23,7 @@ from render.errors import RenderError
 from render.files import read_or_drop, write_npz
 from render.geometry import check_seen, counted_sites, is_mirror_symmetric, mirror_image
 from render.progress import Clock, OnProgress
+from render.reference.allocation import EVERYTHING, PadShares, SampleAllocation, pad_shares
 from render.reference.convergence import doubt
 from render.reference.error_bars import CellErrors, standard_error, with_lone_contributions
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
@@ -44,7 +45,8 @@ class TransportEstimate:
 
     ``replicates`` has a leading axis of independent runs whose mean is ``T``; ``se`` is the
     standard error of that mean, an upper bound by the rule of three where it is 0 or rests on one
-    contribution (``render.reference.error_bars``). The same for the untouched pad (``background``).
+    contribution (``render.reference.error_bars``). The same for the untouched pad (``background``),
+    NaN where it was not rendered (``render.reference.allocation``).
     Sites are those that count (``render.geometry.seen_sites``). Unit: 1/(mm^2 sr) per unit fiber
     power.
     """
@@ -85,6 +87,7 @@ def render_transport(
     replicates: int = 8,
     sampler: Sampler = "monte-carlo",
     per_pass: int | None = None,
+    allocation: SampleAllocation = EVERYTHING,
     checkpoint: Path | None = None,
     runner: JobRunner | None = None,
     progress: OnProgress | None = None,
@@ -100,6 +103,7 @@ def render_transport(
         replicates: independent chain groups per seed, for the error bars.
         sampler: plain bidirectional Monte Carlo, or Markov chains over the same paths.
         per_pass: as of ``transport_jobs``.
+        allocation: where the samples go.
         checkpoint: a folder; an interrupted render goes on there and ends bit-equal.
         runner: who runs the jobs instead, with checkpoints of its own (default: this process, one
             after the other).
@@ -111,7 +115,7 @@ def render_transport(
     """
     jobs = transport_jobs(
         scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler,
-        per_pass=per_pass,
+        per_pass=per_pass, allocation=allocation,
     )  # fmt: skip
     clock = Clock(sum(job.samples for job in jobs), progress)
     results = (runner or local_runner(checkpoint))(jobs, clock)
@@ -156,6 +160,7 @@ def transport_jobs(
     replicates: int = 8,
     sampler: Sampler = "monte-carlo",
     per_pass: int | None = None,
+    allocation: SampleAllocation = EVERYTHING,
 ) -> list[RenderJob]:
     """Return the jobs of ``render_transport`` (its arguments): seed by seed, bend by bend.
 
@@ -172,26 +177,34 @@ def transport_jobs(
     """
     phi, bends = _validated(scene, phi, bends, samples, seeds)
     check_seen(scene, bends)
+    # One sample serves all facets of a site.
+    pairs = len(counted_sites(scene)) * phi.shape[0]
+    pads: list[tuple[float, bool, PadShares | None]] = []
+    given = None if allocation.shares is None else pad_shares(scene, bends, allocation.shares)
+    for index, bend in enumerate(bends):
+        pads.append((float(bend), True, None if given is None else given[index]))
+        if allocation.untouched:
+            pads.append((float(bend), False, None))
     jobs = []
-    pads = itertools.product(scene.one_albedo_scenes, seeds, bends, (True, False))
-    for of_albedo, seed, bend, indented in pads:
-        # One sample serves all facets of a site.
-        pairs = len(counted_sites(scene)) * phi.shape[0]
-        count = samples * (1 if indented else UNTOUCHED_SAMPLES)
-        chains, iterations = _shape(count, pairs, sampler, per_pass)
-        jobs.append(
-            RenderJob.of(
-                of_albedo,
-                phi,
-                bend=float(bend),
-                indented=indented,
-                seed=seed,
-                chains=chains,
-                iterations=iterations,
-                replicates=replicates,
-                sampler=sampler,
+    for of_albedo, seed in itertools.product(scene.one_albedo_scenes, seeds):
+        for bend, indented, shares in pads:
+            count = samples * (1 if indented else UNTOUCHED_SAMPLES)
+            effort, slots = (1.0, None) if shares is None else (shares.effort, shares.slots)
+            chains, iterations = _shape(count, pairs, sampler, per_pass, effort)
+            jobs.append(
+                RenderJob.of(
+                    of_albedo,
+                    phi,
+                    bend=bend,
+                    indented=indented,
+                    seed=seed,
+                    chains=chains,
+                    iterations=iterations,
+                    replicates=replicates,
+                    sampler=sampler,
+                    slots=slots,
+                )
             )
-        )
     return jobs
 
 
@@ -235,9 +248,10 @@ def _one_albedo_estimate(
     first, phi = jobs[0], np.array(jobs[0].phi)
     symmetric = is_mirror_symmetric(scene, phi)
 
+    counted = len(counted_sites(scene))
+
     def pads(indented: bool) -> tuple[Array, CellErrors]:
-        sites = len(counted_sites(scene))
-        shape = (sites, scene.indenter.faces) if indented else (sites,)
+        shape = (counted, scene.indenter.faces) if indented else (counted,)
 
         def stacked(name: str) -> Array:
             # (bend, seed, [replicate,] fiber, node, target) -> (replicate, fiber, node, bend, ...)
@@ -252,9 +266,15 @@ def _one_albedo_estimate(
             replicates = 0.5 * (replicates + mirror_image(scene, replicates, facets=indented))
             largest = 0.5 * np.maximum(largest, mirror_image(scene, largest, facets=indented))
         mean = replicates.mean(axis=0)
-        return replicates, CellErrors(mean, standard_error(replicates), largest)
+        effort = samples_of_cells(jobs, bends) if indented else None
+        return replicates, CellErrors(mean, standard_error(replicates, effort), largest, effort)
 
-    (pressed, facets), (untouched, sites) = pads(True), pads(False)
+    pressed, facets = pads(True)
+    if all(job.indented for job in jobs):
+        untouched = np.full(pressed.shape[:-1], np.nan)
+        sites = CellErrors(untouched[0], untouched[0], untouched[0])
+    else:
+        untouched, sites = pads(False)
     se, background_se = with_lone_contributions(facets, sites, UNTOUCHED_SAMPLES)
     return TransportEstimate(
         T=facets.mean,
@@ -280,15 +300,40 @@ def samples_of_full_pass(scene: Scene) -> int:
     return max(1, MAX_CHAINS // (len(counted_sites(scene)) * scene.lamp_count))
 
 
-def _shape(count: int, pairs: int, sampler: Sampler, per_pass: int | None) -> tuple[int, int]:
-    """Return chains and iterations for about ``count`` samples of each of ``pairs``.
+def samples_of_cells(jobs: Sequence[RenderJob], bends: Sequence[float]) -> Array | None:
+    """Return what the cells of the pressed pads got, ``(fiber, 1, bend, site, 1)``, mean 1.
+
+    Arguments:
+        jobs: of ``transport_jobs``.
+        bends: in the order of the axis.
+
+    None where no job says how its samples are shared.
+    """
+    pads = {job.bend: job for job in jobs if job.indented}
+    if any(job.slots is None for job in pads.values()):
+        return None
+    slots = np.array([pads[bend].slots for bend in bends], dtype=np.float64)
+    effort = np.array([pads[bend].samples for bend in bends])
+    each = slots / slots.sum(axis=(1, 2), keepdims=True) * effort[:, None, None]
+    return np.asarray((each / each.mean()).transpose(2, 0, 1)[:, None, :, :, None])
+
+
+def _shape(
+    count: int, pairs: int, sampler: Sampler, per_pass: int | None, effort: float
+) -> tuple[int, int]:
+    """Return chains and iterations for about ``effort * count`` samples of each of ``pairs``.
 
     Every pass is traced anew, which takes as long as thousands of paths: independent paths take
     the fewest passes. Chains need their passes, to move away from where they started.
     """
-    total = count * pairs
+    total = effort * count * pairs
     if sampler == "monte-carlo":
-        passes = math.ceil(count / per_pass if per_pass else total / MAX_CHAINS)
+        if per_pass is None:
+            passes = math.ceil(total / MAX_CHAINS)
+        else:
+            passes = math.ceil(count / per_pass)
+            if effort > 1.0:  # several passes where one would be too large, by more than a half
+                passes *= max(1, round(total / passes / MAX_CHAINS))
         return MIN_CHAINS * max(1, round(total / passes / MIN_CHAINS)), passes
     chains = MAX_CHAINS
     while chains > MIN_CHAINS and total < MIN_ITERATIONS * chains:

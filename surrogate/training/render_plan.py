@@ -19,6 +19,7 @@ from render.errors import TableError
 from render.files import read_json, read_or_drop
 from render.progress import OnProgress, in_stage
 from render.reference import (
+    SampleAllocation,
     TimeBudget,
     TransportEstimate,
     render_transport,
@@ -53,6 +54,7 @@ class RenderPlan:
         minutes: that the samples were chosen for; 0 where they were given.
         seeds: of the scenes, each with light paths of its own.
         phi, bends: nodes in rad.
+        shares: ``(bend, site, lamp)`` of the samples (``SampleAllocation``); None for the usual.
     """
 
     scene_hashes: list[str]
@@ -62,6 +64,12 @@ class RenderPlan:
     seeds: list[int]
     phi: list[float]
     bends: list[float]
+    shares: list[list[list[float]]] | None = None
+
+    @property
+    def allocation(self) -> SampleAllocation:
+        """Where the samples go."""
+        return SampleAllocation(None if self.shares is None else np.array(self.shares))
 
 
 @dataclass(frozen=True)
@@ -95,13 +103,14 @@ def make_plan(
     samples: int | None,
     per_pass: int | None = None,
     within: RenderTime | None = None,
+    shares: Array | None = None,
     progress: OnProgress | None = None,
 ) -> RenderPlan:
     """Return the plan in the folder ``run``, or a new one.
 
     ``per_pass`` is that of ``transport_jobs`` where ``samples`` are given. A stored plan is taken
     up only when it asks for the same scenes, nodes, seed, and samples or minutes. Where there are
-    only minutes, all that fits into them is rendered by the way.
+    only minutes, all that fits into them is rendered by the way, by ``shares``.
     """
     if samples is None and within is None:
         raise ValueError("a plan needs samples or a time")
@@ -120,7 +129,8 @@ def make_plan(
     def make() -> RenderPlan:
         count = 2 * len(bends) * sum(len(scene.albedos) for scene in scenes)
         each = samples_per_pass(scenes[0], within.budget.left() - within.reserve(), count)
-        plan = RenderPlan(samples=each, per_pass=each, **request)
+        told = None if shares is None else shares.tolist()
+        plan = RenderPlan(samples=each, per_pass=each, shares=told, **request)
         return _filled(scenes, run, plan, within, progress)
 
     return stored_plan(run / PLAN, RenderPlan, request, make)
@@ -173,7 +183,13 @@ def _filled(
         job
         for scene, number in zip(scenes, plan.seeds, strict=True)
         for job in transport_jobs(
-            scene, phi, bends, samples=plan.samples, per_pass=plan.per_pass, seeds=[number]
+            scene,
+            phi,
+            bends,
+            samples=plan.samples,
+            per_pass=plan.per_pass,
+            seeds=[number],
+            allocation=plan.allocation,
         )
     ]
     units = render_within(
@@ -196,6 +212,7 @@ def render_plan(
         samples=plan.samples,
         per_pass=plan.per_pass,
         seeds=[plan.seeds[number]],
+        allocation=plan.allocation,
         checkpoint=run / RENDERS,
         progress=progress,
     )
@@ -280,13 +297,15 @@ def render_reference(
     materials: Array | None = None,
     per_pass: int | None = None,
     within: RenderTime | None = None,
+    shares: Array | None = None,
     progress: OnProgress | None = None,
 ) -> ReferenceData:
     """Return the reference of ``scene``, rendered in the folder ``run``, going on where it stands.
 
     Every one of ``materials`` ``(material, quantity)`` has light paths of its own; None renders the
     scene's own alone. ``samples`` are per cell and material, in passes of ``per_pass``
-    (``transport_jobs``); None renders as many as the time ``within`` allows.
+    (``transport_jobs``); None renders as many as the time ``within`` allows, by ``shares``
+    (`surrogate.training.table_allocation`).
     """
     scenes = _variants(scene, materials)
     plan = make_plan(
@@ -298,6 +317,7 @@ def render_reference(
         samples=samples,
         per_pass=per_pass,
         within=within,
+        shares=shares,
         progress=in_stage(progress, "render"),
     )
     return _rendered(scenes, run, plan, materials, progress)

@@ -15,6 +15,7 @@ from optimize.design import Design, baseline_design, save_design
 from optimize.overnight.result import OvernightResult
 from optimize.scoring import search_table
 from optimize.verification import DesignRenders, RenderDesigns
+from render.reference import EVERYTHING, SampleAllocation
 from render.scene import Scene, load_scene
 from surrogate.runtime import Checker
 
@@ -67,8 +68,14 @@ def test_renders_of_both_with_common_seeds(
         asked["checkpoint"] = checkpoint
 
         def render(
-            designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+            designs: Sequence[Design],
+            *,
+            samples: int,
+            seeds: Sequence[int],
+            title: str,
+            allocation: SampleAllocation = EVERYTHING,
         ) -> DesignRenders:
+            assert not allocation.untouched
             asked.update(samples=samples, seeds=list(seeds))
             table, rng = search_table(Checker.load(small_model)), np.random.default_rng(1)
             light = np.stack([table.at(design.phi) for design in designs])

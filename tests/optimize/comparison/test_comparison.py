@@ -22,6 +22,7 @@ from optimize.design import Design, baseline_design
 from optimize.scoring import search_table
 from optimize.verification import DesignRenders, RenderDesigns
 from render.metric import design_score, image_counts, site_metric
+from render.reference import EVERYTHING, SampleAllocation
 from render.scene import Scene
 from surrogate.runtime import Checker
 from tests.optimize.browser import look
@@ -57,7 +58,12 @@ def noisy_renders(checker: Checker, common: float, own: float) -> RenderDesigns:
     table, rng = search_table(checker), np.random.default_rng(4)
 
     def render(
-        designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+        designs: Sequence[Design],
+        *,
+        samples: int,
+        seeds: Sequence[int],
+        title: str,
+        allocation: SampleAllocation = EVERYTHING,
     ) -> DesignRenders:
         light = np.stack([table.at(design.phi) for design in designs])
         size = (8 * len(seeds), 1, *light.shape[1:])

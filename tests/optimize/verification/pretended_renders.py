@@ -9,6 +9,7 @@ import numpy as np
 from optimize.design import Design
 from optimize.verification.design_renders import DesignRenders, RenderDesigns
 from render.chebyshev import interpolation_weights
+from render.reference import EVERYTHING, SampleAllocation
 from render.transport import TransportTable
 
 REPLICATES = 8
@@ -37,7 +38,12 @@ def pretended(
     """
 
     def render(
-        designs: Sequence[Design], *, samples: int, seeds: Sequence[int], title: str
+        designs: Sequence[Design],
+        *,
+        samples: int,
+        seeds: Sequence[int],
+        title: str,
+        allocation: SampleAllocation = EVERYTHING,
     ) -> DesignRenders:
         rng = np.random.default_rng(list(seeds))
         shape = (REPLICATES * len(seeds), *table.T.shape[:1], *table.T.shape[2:])

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from optimize.design import baseline_design
+import numpy as np
+import pytest
+
+from optimize.design import Design, baseline_design
 from optimize.scoring import TableScorer
 from optimize.search.colors import canonical
-from optimize.verification.design_proposals import propose, random_design, same_design
+from optimize.verification.design_proposals import (
+    expected_improvement,
+    propose,
+    random_design,
+    same_design,
+)
 from render.geometry import fiber_edges
 from render.scene import Scene
 from render.transport import TransportTable
@@ -24,3 +32,28 @@ def test_proposals_are_new_and_differ(small: Scene, table: TransportTable) -> No
     other = first[1].design.colors
     assert canonical(twin[None]).tolist() != canonical(other[None]).tolist()
     assert not same_design(random_design(scorer, 1), random_design(scorer, 2))
+
+
+def test_the_rival_is_expected_to_gain_more_than_one_that_is_only_uncertain(
+    small: Scene, table: TransportTable
+) -> None:
+    scorer, base = TableScorer(table), baseline_design(small)
+    best = propose(scorer, base, edges=fiber_edges(small), seed=4)[0].design
+    near = Design(best.phi + np.where(best.phi < 1.6, 0.05, -0.05), best.power)
+    far = Design.of_colors(best.phi, np.zeros(small.lamp_count, dtype=np.int64))
+    gains = [expected_improvement(scorer, design, best) for design in (near, far, best)]
+    assert gains[0] > gains[1] >= 0.0
+    assert gains[2] == 0.0
+
+
+def test_a_gain_for_certain_is_expected_as_it_is_and_a_loss_for_certain_not_at_all(
+    small: Scene, table: TransportTable
+) -> None:
+    # The same light a little brighter: whatever the table's errors, they share them.
+    scorer, phi = TableScorer(table), baseline_design(small).phi
+    power = np.eye(3)[np.arange(small.lamp_count) % 3]
+    dim, bright = Design(phi, 0.40 * power), Design(phi, 0.41 * power)
+    gain = scorer.score(phi, bright.power) - scorer.score(phi, dim.power)
+    assert gain > 0.0
+    assert expected_improvement(scorer, bright, dim) == pytest.approx(gain, rel=0.1)
+    assert expected_improvement(scorer, dim, bright) < 0.01 * gain
