@@ -20,7 +20,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import can_converge, converged_transport
+from render.preview.converged import AHEAD, can_converge, converged_transport, transport_ahead
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
@@ -68,9 +68,6 @@ class PreviewErrors:
 
 
 COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.16, 0.22, 0.6, 11.0, 35.0, 0.73)
-WINDOW_ERRORS = PreviewErrors(PREVIEW, 0.6, 0.6, 0.4, 0.8, 40.0, 100.0, 0.5)
-"""Of the preview as drawn where a window refracts: it lacks what the window guides and its rough
-faces scatter."""
 CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.06, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
@@ -81,18 +78,22 @@ def preview_checker(
     """Return a checker of ``scene`` on its preview alone, level 0.
 
     The converged one, in about a minute; with ``coarse``, or where there is no converged one, the
-    shader's, in seconds. Both are kept in the user's cache, by the scene's hash.
+    shader's, in seconds; under a window of another index than the pad's with the brightness of few
+    paths, which take a third of the minute. Both are kept in the user's cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.
         TableError: the preview is black or not finite.
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
-    errors = WINDOW_ERRORS if scene.window_refracts else COARSE_ERRORS
+    errors = COARSE_ERRORS
     if not coarse and can_converge(scene):
         following = in_stage(progress, "following light")
         grid = corrected(grid, scene, converged_transport(scene, following))
         errors = CONVERGED_ERRORS
+    elif scene.window_refracts:
+        # As drawn, light that a window guides is missing: up to a third of all.
+        grid = corrected(grid, scene, transport_ahead(scene), AHEAD)
     session = PreviewSession(grid, scale, errors.color_spread)
     bends = np.array(scene.bending.angles)
     phi = np.full((1, scene.lamp_count), np.pi / 2)
