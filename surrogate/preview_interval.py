@@ -27,7 +27,7 @@ from surrogate.training.evaluation import random_colors
 COVERAGE = 0.9
 DESIGNS = 100
 """Random designs that the two previews are compared on."""
-DRAWN_FRACTION = 0.08
+DRAWN_FRACTION = 0.085
 """Half-width of the preview as drawn over the baseline's mean M."""
 WINDOW_FRACTION = 0.16
 """The same where a window refracts, whose guided light it has of few paths."""
