@@ -26,6 +26,7 @@ from render.reference.convergence import doubt
 from render.reference.error_bars import CellErrors, standard_error, with_lone_contributions
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
+from render.reference.shared_lamps import serves_all_lamps, shared_shape
 from render.scene import Scene
 
 MIN_CHAINS, MAX_CHAINS = 64, 16384
@@ -167,8 +168,15 @@ def transport_jobs(
             for indented in (True, False):
                 # One sample serves all facets of a site.
                 pairs = len(counted_sites(scene)) * phi.shape[0]
-                count = samples * (1 if indented else UNTOUCHED_SAMPLES)
-                chains, iterations = _shape(count, pairs, sampler, per_pass)
+                effort = 1 if indented else UNTOUCHED_SAMPLES
+                count = samples * effort
+                if sampler == "monte-carlo" and serves_all_lamps(scene, bend):
+                    each = None if per_pass is None else per_pass * effort
+                    chains, iterations = shared_shape(
+                        scene, count, replicates, each, indented=indented
+                    )
+                else:
+                    chains, iterations = _shape(count, pairs, sampler, per_pass)
                 jobs.append(
                     RenderJob.of(
                         scene,
