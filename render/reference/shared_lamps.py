@@ -35,7 +35,10 @@ def serves_all_lamps(scene: Scene, bend: float) -> bool:
     clear = layer is None or layer.sigma_s + layer.sigma_a == 0.0
     smooth = all(finish.smooth or finish.paint is not None for finish in scene.finishes)
     boundary = scene.pad.index != 1.0 and not scene.window_refracts
-    return bend == 0.0 and clear and smooth and boundary and _lit_all_over(scene)
+    # Whatever else a skin may come to have, it is not Lambertian then.
+    lambertian = set(scene.coating.model_dump(exclude_none=True)) == {"albedo"}
+    pad = clear and smooth and boundary and lambertian
+    return bend == 0.0 and pad and _lit_all_over(scene)
 
 
 @lru_cache(maxsize=64)
