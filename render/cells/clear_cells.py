@@ -281,5 +281,7 @@ class ClearCells:
             for i in range(2)
         )
         known = (chain.counts.x <= CELL_MAX) & (chain.counts.y <= CELL_MAX) & (chain.counts.z < 2)
+        # Beside the skin, over a clear rim, the far side reflects and lets light out as well.
+        known &= (n.z < 0.5) & ((chain.counts.z == 0) | (chain.up.z == 0))
         code = ((face * CELLS + x) * CELLS + y) * 2 + chain.counts.z
         return dr.select(known, code, CODES)
