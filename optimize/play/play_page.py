@@ -63,8 +63,8 @@ class PlayPage:
         """Return the page.
 
         Raises:
-            TableError: it would be larger than `MAX_BYTES`, has light per color channel, LEDs
-                other than red, green and blue, or a skin that is not flat.
+            TableError: it would be larger than `MAX_BYTES`, has light per color channel, or LEDs
+                other than red, green and blue.
             GraphicsError: nothing here can draw the preview that its pictures are made of.
         """
         if self.scene.palette != RGB:
@@ -72,12 +72,6 @@ class PlayPage:
                 f"the page knows the LEDs {', '.join(RGB.names)}, and scene {self.scene.name} has "
                 f"{', '.join(self.scene.palette.names)}: explore the scene instead",
                 field="colors",
-            )
-        if self.scene.skin is not None:
-            raise TableError(
-                f"skin.shape = {self.scene.skin.shape}: the page draws flat skins alone, allowed: "
-                "no skin; explore the scene instead",
-                field="skin",
             )
         table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         if table.by_channel:
@@ -113,7 +107,8 @@ class PlayPage:
             "scores": {name: scorer.score(d.phi, d.power) for name, d in designs.items()},
             "shader": {
                 "paths": _preview_shader("light_paths.glsl"),
-                "picture": _preview_shader("picture.frag"),
+                "sight": _preview_shader("sight.glsl"),
+                "skin": _preview_shader("skin.glsl"),
                 "relief": _part("relief.glsl"),
             },
             "versions": package_versions("numpy"),

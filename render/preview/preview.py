@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,29 @@ from render.geometry import HeightMap, Imprint, counted_sites, pyramids
 from render.preview.bonded import with_bonded_window
 from render.preview.facet_blur import facet_blur
 from render.preview.lights import PointLights, point_lights
-from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
+from render.preview.passes import MAX_TARGET_SIDE, Points, ShaderPasses
 from render.preview.radiosity import Radiosity, solve_radiosity
 from render.preview.shading_points import shading_points
+from render.preview.sight import Sight
 from render.preview.sloped_skin import slope_terms, sloped_skin
+from render.preview.superposition import LightTable, light_table
 from render.scene import Scene
+
+KEPT_PIXELS = 2**20
+"""Pixels of pictures whose sight is kept for the next design."""
+
+
+@dataclass(frozen=True, eq=False)
+class PictureView:
+    """One picture as far as it does not depend on the design.
+
+    Arguments:
+        sight: what its pixels see.
+        light: direct light there.
+    """
+
+    sight: Sight
+    light: LightTable
 
 
 class Preview:
@@ -57,8 +76,10 @@ class Preview:
         self._measures = imprint is None
         self._counted = counted_sites(scene)
         self._skin = isinstance(pressed, HeightMap)
-        faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
-        self._points = shading_points(scene, faces)
+        self._faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
+        self._points = shading_points(scene, self._faces)
+        self._views: dict[tuple[float, tuple[int, int], bool], PictureView] = {}
+        self._lit: dict[float, LightTable] = {}
         self._radiosity: dict[float, Radiosity] = {}
         self._blurs: dict[float, Array] = {}
         self._tables: dict[float, Array] = {}
@@ -204,25 +225,53 @@ class Preview:
         ]
         return np.concatenate(parts, axis=-1)[..., :channels]
 
+    def sight(self, bend: float, width: int, height: int, indented: bool = True) -> Sight:
+        """Return which places of the skin the pixels of `picture` see, whatever the light."""
+        self._check(np.zeros((self.scene.lamp_count, 1)), np.array([bend]))
+        return self._view(bend, (width, height), indented).sight
+
     def _picture(
         self, phi: Array, power: Array, bend: float, size: tuple[int, int], indented: bool
     ) -> NDArray[np.float32]:
         """Return three channels of a picture, ``power`` ``(fiber, 3)``."""
-        position, emission = self._lights.merged(phi, power)
-        direct = self._open.merged(position, emission, bend)
-        points = self._points
-        radiosity = self._radiosity_at(bend)
+        view, points = self._view(bend, size, indented), self._points
+        if bend not in self._lit:
+            self._lit[bend] = self._table(self._open.points, bend)
+        direct, light = (each.of(phi, power) for each in (self._lit[bend], view.light))
+        radiosity, sight = self._radiosity_at(bend), view.sight
         indirect = radiosity.added(direct.astype(np.float64))
         coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
         facets, sites = np.split(
             indirect[:, : points.first_patch], [points.sites * points.facets], 1
         )
         facet = facets.reshape(3, points.sites, points.facets) + radiosity.below(sites[..., None])
-        if self._skin:
-            facet = slope_terms(points, facet - sites[..., None])
-        return self._open.picture(
-            position, emission, coating, facet if indented else None, bend, size
-        )
+        if not indented:
+            added = sight.on_coating(coating)
+        elif self._skin:
+            added = sight.on_slopes(
+                coating, slope_terms(self._faces, (facet - sites[..., None])[:, 0])
+            )
+        else:
+            added = sight.on_facets(coating, facet)
+        return sight.picture(light + added)
+
+    def _view(self, bend: float, size: tuple[int, int], indented: bool) -> PictureView:
+        """Return what a picture sees, drawn when it is first asked for; the last few are kept."""
+        key, passes = (bend, size, indented), self._open
+        if key not in self._views:
+            while (
+                self._views
+                and sum(len(view.sight.pixel) for view in self._views.values()) + size[0] * size[1]
+                > KEPT_PIXELS
+            ):
+                passes.forget(self._views.pop(next(iter(self._views))).light.points)
+            sight = passes.sight(bend, size, indented)
+            pixels = passes.pixels_of(sight, indented)
+            self._views[key] = PictureView(sight, self._table(pixels, bend))
+        return self._views[key]
+
+    def _table(self, points: Points, bend: float) -> LightTable:
+        return light_table(self.scene, self._open, self._lights, points, bend)
 
     @property
     def _open(self) -> ShaderPasses:
