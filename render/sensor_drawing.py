@@ -54,6 +54,8 @@ NAME = 5.6
 """Room for the camera's name, mm."""
 SKIN_STEPS = 65
 """Points of the line that a curved skin is in the section."""
+VIEW_STEPS = 513
+"""Places along a line of sight at which it is asked whether it has met a curved skin."""
 PIXELS_PER_MM = 12.0
 
 
@@ -251,6 +253,8 @@ def _camera_view(scene: Scene, view: View) -> Iterator[str]:
         rise = np.sqrt(1.0 - (inside**2).sum(axis=1))
         way = np.column_stack([inside / rise[:, None], np.ones_like(rise)])
         met.append(met[-1] + height * way)
+    if scene.skin is not None:
+        met[-1] = _met_skin(scene, met[-2], met[-1])
     skin = met[-1]
     shown = view.flat(_drawn_camera(scene))
     if view.axes == (0, 1):
@@ -263,6 +267,12 @@ def _camera_view(scene: Scene, view: View) -> Iterator[str]:
         for pick in (np.argmin, np.argmax):
             ends = [points[pick(points[:, 1])] for points in met]
             outline += ends if pick is np.argmin else ends[::-1]
+        if scene.skin is not None:
+            # Along the skin from one end to the other.
+            low, high = outline[2], outline[3]
+            y = np.linspace(low[1], high[1], SKIN_STEPS)
+            between = np.stack([np.zeros_like(y), y, _height(scene, np.zeros_like(y), y)], axis=-1)
+            outline[2:4] = [low, *between, high]
         yield _path(view.flat(np.array(outline)), "view")
     nose = np.array(scene.camera.axes[2])[list(view.axes)] * [1.0, -1.0]
     side = np.array([-nose[1], nose[0]])
@@ -273,6 +283,22 @@ def _camera_view(scene: Scene, view: View) -> Iterator[str]:
         f'<text x="{shown[0] - 1.8:.3f}" y="{shown[1] + 0.4:.3f}" text-anchor="end">'
         f"camera{far}</text>"
     )
+
+
+def _met_skin(scene: Scene, entry: Array, crown: Array) -> Array:
+    """Return where straight ways from ``entry`` to the crown's level meet the skin, ``(n, 3)``.
+
+    Beside the pad the skin is taken to go on at the height of the edge next to it.
+    """
+    part = np.linspace(0.0, 1.0, VIEW_STEPS)[:, None, None]
+    place = entry + part * (crown - entry)
+    above = place[..., 2] >= _height(scene, place[..., 0], place[..., 1]) - 1e-9
+    return np.asarray(place[above.argmax(axis=0), np.arange(len(entry))])
+
+
+def _height(scene: Scene, x: Array, y: Array) -> Array:
+    half = np.array([scene.pad.width, scene.pad.length]) / 2
+    return SkinChart(scene, 0.0).height(np.clip(np.stack([x, y], axis=-1), -half, half))
 
 
 def _border_directions(scene: Scene) -> Array:

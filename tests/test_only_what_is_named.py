@@ -159,8 +159,14 @@ def test_level_2_loads_the_plugins_that_the_file_names(
         assert set(plugin_names(content)) == expected_plugins(named(name))
 
 
-def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[str]:
-    found = {"CHANNELS", "POINT_COLUMNS", "EMISSION_TEXELS", "SOFT_RADIUS"}
+def expected_defines(content: dict[str, Any], bent: bool, program: str) -> set[str]:
+    found = {"SOFT_RADIUS"} | ({"CURVED"} if "skin" in content else set())
+    found |= {"BENT"} if bent else set()
+    found |= set() if program == "points" else {"FACES"}
+    if program == "sight":
+        return found | ({"FISHEYE"} if content["camera"].get("lens") == "fisheye" else set())
+    found |= {"CHANNELS", "POINT_COLUMNS", "POINT_TEXELS", "EMISSION_TEXELS"}
+    found |= {"PIXELS"} if program == "pixels" else set()
     milky = content["diffuser"].get("on", ["left", "tip", "right"]) if "diffuser" in content else ()
     fibers = [edge for edge in ("left", "tip", "right") if content.get("fibers", {}).get(edge)]
     edges = {*fibers, *(row["edge"] for row in content.get("rows", ()))}
@@ -172,12 +178,9 @@ def expected_defines(content: dict[str, Any], bent: bool, picture: bool) -> set[
         widths = {part["sigma_v"]["value"] for part in shapes if is_gaussian(part)}
         if len(widths) != 1 or not all(map(is_gaussian, shapes)):
             found |= {"PROFILES"}
-    if picture:
-        found |= {"FACES"}
-        found |= {"FISHEYE"} if content["camera"].get("lens") == "fisheye" else set()
-    found |= {"CURVED"} if "skin" in content else set()
-    found |= {"METAL"} if any("mirror" in part for part in content.get("faces", ())) else set()
-    return found | ({"BENT"} if bent else set())
+    return found | (
+        {"METAL"} if any("mirror" in part for part in content.get("faces", ())) else set()
+    )
 
 
 @pytest.mark.slow
@@ -202,12 +205,19 @@ def test_the_shader_has_the_branches_that_the_file_names(
     lobe = named(name)["coating"].get("specular", {"value": 0.0})["value"] > 0
     # Patches get irradiance of a skin with a lobe as well, which needs none.
     with_lobe: list[set[str]] = [{"LOBE"}] if lobe else [set()]
-    ways = {True: with_lobe, False: [set(), *with_lobe]}
-    assert {("picture.frag" in parts, *sorted(defines)) for parts, defines in compiled} == {
-        (picture, *sorted(expected_defines(named(name), bend > 0, picture) | way))
+    ways = {"sight": with_lobe, "pixels": with_lobe, "points": [set(), *with_lobe]}
+    kinds = {
+        (
+            "sight" if "sight.frag" in parts else "pixels" if "PIXELS" in defines else "points",
+            *sorted(defines),
+        )
+        for parts, defines in compiled
+    }
+    assert kinds == {
+        (program, *sorted(expected_defines(named(name), bend > 0, program) | way))
         for bend in scene.bending.angles
-        for picture in (True, False)
-        for way in ways[picture]
+        for program in ("sight", "pixels", "points")
+        for way in ways[program]
     }
 
 

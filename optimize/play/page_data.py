@@ -30,12 +30,15 @@ from render.geometry import (
 )
 from render.geometry.holder import LEAST_SINE
 from render.preview.bonded import bond_of, with_bonded_window
+from render.preview.skin_texels import skin_surface
 from render.scene import Palette, Scene
 
 LEVELS = 65535
 """Steps of a 16-bit table: the largest value has this number."""
 TOUCH_DEPTH = 1.0
 """mm that touches are pressed in, or a quarter of the pad."""
+SURFACE_STEPS = 65
+"""Places along x and y at which the page knows a skin that is not flat."""
 BEAM = 5.0, 0.22
 """Length of a drawn beam: at most so many mm, and at most so much of the pad's width."""
 
@@ -108,7 +111,14 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
         "limits": _limits(limits_of(scene)),
         "touches": list(_touches(scene)),
         "shadow": SHADOW_LENGTH,
+        "surface": None if scene.skin is None else _surface(scene),
     }
+
+
+def _surface(scene: Scene) -> dict[str, Any]:
+    """Return a skin that is not flat: normals into the pad and heights (mm) on an even grid."""
+    texels = skin_surface(scene, SURFACE_STEPS)
+    return {"steps": SURFACE_STEPS, "texels": texels.round(5).ravel().tolist()}
 
 
 def palette_facts(palette: Palette) -> dict[str, Any]:

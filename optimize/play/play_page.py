@@ -71,15 +71,9 @@ class PlayPage:
         """Return the page.
 
         Raises:
-            TableError: it would be larger than `MAX_BYTES`, or has a skin that is not flat.
+            TableError: it would be larger than `MAX_BYTES`.
             GraphicsError: nothing here can draw the preview that its pictures are made of.
         """
-        if self.scene.skin is not None:
-            raise TableError(
-                f"skin.shape = {self.scene.skin.shape}: the page draws flat skins alone, allowed: "
-                "no skin; explore the scene instead",
-                field="skin",
-            )
         table = self.checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
         assert table.background is not None  # of a Checker
         scorer = TableScorer(table, self.checker.metadata.metric, limits=limits_of(self.scene))
@@ -112,7 +106,8 @@ class PlayPage:
             "scores": {name: scorer.score(d.phi, d.power) for name, d in designs.items()},
             "shader": {
                 "paths": _preview_shader("light_paths.glsl"),
-                "picture": _preview_shader("picture.frag"),
+                "sight": _preview_shader("sight.glsl"),
+                "skin": _preview_shader("skin.glsl"),
                 "relief": _part("relief.glsl"),
             },
             "versions": package_versions("numpy"),

@@ -1,9 +1,9 @@
 """Shadows around a deep indentation (thesis 6.1): the light that a bolt head keeps from the skin.
 
 The metric presses small pyramids, which cast no shadow to speak of. Here a cylinder is pressed deep
-into the flat pad at every site. Around it, the light of a fiber is missing where the straight line
-to the fiber's glow passes through the cylinder. The penalty is the mean length of the missing
-color, in counts, so that it compares with S.
+into the unbent pad at every site, upright on the skin there. Around it, the light of a fiber is
+missing where the straight line to the fiber's glow passes through the cylinder. The penalty is the
+mean length of the missing color, in counts, so that it compares with S.
 
 All light of a fiber is taken to come straight from its glow on the edge: light that arrives over
 the lower face or over the skin would fill the shadows a little.
@@ -18,7 +18,7 @@ import numpy as np
 from optimize.design import Array, Design
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
-from render.geometry import flat_sites, fresnel
+from render.geometry import SkinChart, flat_sites, fresnel
 from render.preview import point_lights
 from render.preview.beams import BEAM_MARK, comes_straight, face_frames
 from render.preview.bonded import with_bonded_window
@@ -97,15 +97,9 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     towards a point, so only beside a glow the direction and the losses of a beam count.
 
     Raises:
-        SceneError: the bolt is deeper than the pad, no point lies on it, its skin is not flat, or
-            light bends between it and a window.
+        SceneError: the bolt is deeper than the pad, no point around it lies on the pad, or light
+            bends between it and a window.
     """
-    if scene.skin is not None:
-        raise SceneError(
-            f"skin.shape = {scene.skin.shape}: shadows of a bolt are known on flat skins alone, "
-            "allowed: no skin; leave out --shadow",
-            field="skin",
-        )
     if scene.window is not None and scene.window_refracts:
         raise SceneError(
             f"window.index = {scene.window.index:g}: shadows of a bolt are known along straight "
@@ -122,9 +116,12 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
         )
     azimuth = 2 * np.pi * np.arange(bolt.points) / bolt.points
     ring = (bolt.radius + bolt.distance) * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    center = flat_sites(scene)[:, None, :2]
-    point = center + ring
-    on_pad = (np.abs(point) < [scene.pad.width / 2, scene.pad.length / 2]).all(axis=-1)
+    # Frames of the bolts, and points of the skin straight above or below the ring around each.
+    chart, uv = SkinChart(scene, 0.0), flat_sites(scene)[:, :2]
+    center, frame = chart.flat(uv), chart.frames(uv)
+    around = uv[:, None] + np.einsum("sij,qj->sqi", frame[:, :2, :2], ring)
+    point, out = chart.flat(around), chart.frames(around)[..., 2]
+    on_pad = (np.abs(around) < [scene.pad.width / 2, scene.pad.length / 2]).all(axis=-1)
     if not on_pad.any():
         raise SceneError("no point around a bolt lies on the pad: make the pad larger", field="pad")
     lights = point_lights(scene)
@@ -136,33 +133,41 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     strength = np.where(beam, emission[..., BEAM_PEAK], np.maximum(emission[..., GLOW_MEAN], 0.0))
     # Bolts hide what comes straight; mirror images in walls are left out.
     strength = np.where(comes_straight(marks), strength, 0.0)
-    # (fiber, light, site, point)
-    offset = position[:, :, None, None, :2] - point
-    drop = np.maximum(thick - position[..., 2], 1e-6)[..., None, None]
-    square = (offset**2).sum(axis=-1) + drop**2
+    # (fiber, light, site, point), from points to lights
+    spatial = position[:, :, None, None] - point
+    drop = np.maximum(-(spatial * out).sum(axis=-1), 1e-6)
+    square = (spatial**2).sum(axis=-1)
     face = lights.position[..., 3].astype(int) % BEAM_MARK
-    spatial = np.concatenate([offset, -drop[..., None] + 0.0 * offset[..., :1]], axis=-1)
     inward = np.maximum((spatial * OUTWARD[face][:, :, None, None]).sum(axis=-1), 0.0)
     weight = inward * drop / square**2
-    # The line p + t (light - p) enters the bolt's outline at t1 and is then t1 drop below the skin.
-    towards = (offset * (center - point)).sum(axis=-1)
-    flat = (offset**2).sum(axis=-1)
-    root = towards**2 - flat * ((bolt.radius + bolt.distance) ** 2 - bolt.radius**2)
+    # In the bolt's frame the line p + t (light - p) is within its outline from t1 to t2, and hits
+    # the bolt where it is less deep there than its end.
+    begin = np.einsum("sij,sqi->sqj", frame, point - center[:, None])
+    way = np.einsum("sij,flsqi->flsqj", frame, spatial)
+    towards = -(way[..., :2] * begin[..., :2]).sum(axis=-1)
+    flat = (way[..., :2] ** 2).sum(axis=-1)
+    root = towards**2 - flat * ((begin[..., :2] ** 2).sum(axis=-1) - bolt.radius**2)
     enters = (towards - np.sqrt(np.maximum(root, 0.0))) / flat
-    blocked = (root > 0.0) & (towards > 0.0) & (enters < 1.0) & (enters * drop < bolt.depth)
+    leaves = np.minimum((towards + np.sqrt(np.maximum(root, 0.0))) / flat, 1.0)
+    highest = begin[..., 2] + np.maximum(enters * way[..., 2], leaves * way[..., 2])
+    blocked = (root > 0.0) & (towards > 0.0) & (enters < 1.0) & (highest > -bolt.depth)
     glow = ~beam if scene.diffuser else slice(None)
     total = np.einsum("jfl,flsq->fjsq", strength[:, :, glow], weight[:, glow])
     hidden = np.einsum("jfl,flsq->fjsq", strength[:, :, glow], (weight * blocked)[:, glow])
     if scene.diffuser and beam.any():
         # Directions in the frames of the edges: along, into the pad, up.
         along, up = (frame[face][:, :, None, None] for frame in face_frames()[::2])
-        way = np.stack(
+        sent_way = np.stack(
             [-(spatial * along).sum(axis=-1), inward, -(spatial * up).sum(axis=-1)], axis=-1
         )[:, beam]
-        way = way / np.sqrt(square[:, beam])[..., None]
+        sent_way = sent_way / np.sqrt(square[:, beam])[..., None]
         straight = comes_straight(marks)[:, beam, None, None]
         milky = scene.box.layered[face][:, beam, None, None]
-        sent = _beam_radiance(scene, emission[:, :, beam], way, milky) * weight[:, beam] * straight
+        sent = (
+            _beam_radiance(scene, emission[:, :, beam], sent_way, milky)
+            * weight[:, beam]
+            * straight
+        )
         total += sent.sum(axis=2).swapaxes(0, 1)
         hidden += (sent * blocked[:, beam]).sum(axis=2).swapaxes(0, 1)
     fraction = hidden / np.where(total > 0.0, total, 1.0)

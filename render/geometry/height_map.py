@@ -36,7 +36,7 @@ FLAT_PART = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """How deep the skin is pressed in over the flat coating; it follows the bend.
+    """How deep the skin is pressed in, straight down from the untouched one; it follows the bend.
 
     Arguments:
         depth: ``(row, column)`` mm, from the base and from -x, the first and last on the edges.

@@ -184,26 +184,17 @@ def imprint_depth(
     return depth
 
 
-def check_flat(scene: Scene, what: str) -> None:
-    """Refuse ``what`` on a curved skin: a map of depths is laid over flat ones alone."""
-    if scene.skin is not None:
-        raise SceneError(
-            f"skin.shape = {scene.skin.shape}: {what} is drawn on flat skins alone, allowed: "
-            "pyramids, ball, bolt and edge as they are",
-            field="press",
-        )
-
-
 def smoothed_skin(scene: Scene, imprint: Imprint, smoothing: float) -> HeightMap:
-    """Return the skin over a body, see `HeightMap.smoothed`; ``smoothing`` in mm.
-
-    Raises:
-        SceneError: the untouched skin is not flat.
-    """
-    check_flat(scene, "smoothed skin")
+    """Return the skin over a body, see `HeightMap.smoothed`; ``smoothing`` in mm."""
     x, y = map_lines(scene)
-    depth = imprint_depth(imprint, x[None, :], y[:, None])
+    height = skin_heights(scene, x, y)
+    depth = imprint_depth(imprint, x[None, :], y[:, None], height)
     return HeightMap(depth, scene.pad.width, scene.pad.length).smoothed(smoothing)
+
+
+def skin_heights(scene: Scene, x: Array, y: Array) -> Array:
+    """Return the height (mm) of the untouched skin on the lines ``x``, ``y``: ``(row, column)``."""
+    return SkinChart(scene, 0.0).height(np.stack(np.meshgrid(x, y), axis=-1))
 
 
 def place_body(scene: Scene, name: str, half: Array, depth: float, y: float) -> Array:

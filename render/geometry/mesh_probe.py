@@ -11,8 +11,9 @@ import numpy as np
 from render.arrays import Array
 from render.compiled import compiled
 from render.errors import SceneError
+from render.geometry.chart import SkinChart
 from render.geometry.height_map import HeightMap, map_lines
-from render.geometry.indenter import check_flat, place_body
+from render.geometry.indenter import place_body, skin_heights
 from render.geometry.layout import declared_sites
 from render.mesh_file import read_mesh
 from render.scene import Scene
@@ -26,8 +27,8 @@ def body_of_file(
 ) -> HeightMap:
     """Return the skin with the body of a file (STL, PLY, OBJ; mm) in the middle of the sites.
 
-    The file's z points out of the pad and its y to the tip. Where a body overhangs, its lowest
-    part counts.
+    The file's z points out of the skin there and its y to the tip. Where a body overhangs, its
+    lowest part counts.
 
     Arguments:
         scene: the sensor.
@@ -37,9 +38,8 @@ def body_of_file(
         smoothing: see `HeightMap.smoothed`.
 
     Raises:
-        SceneError: the file is no body, the pad is too small for it, or its skin is not flat.
+        SceneError: the file is no body, or the pad is too small or too thin for it.
     """
-    check_flat(scene, "a body from a file")
     triangles = _triangles(path)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     height = float(high[2] - low[2])
@@ -56,10 +56,19 @@ def body_of_file(
     sunk = _sunk(triangles)
     half = np.abs(sunk[:, :2]).max(axis=0)
     center = place_body(scene, str(path), half, depth, declared_sites(scene)[:, 1].mean())
+    turn = SkinChart(scene, 0.0).frames(center[:2])
     x, y = map_lines(scene)
     lowest = np.full((len(y), len(x)), np.inf)
-    _rasterize(triangles + [*center[:2], 0.0], x, y, lowest)
-    body = HeightMap(np.maximum(-lowest, 0.0), scene.pad.width, scene.pad.length)
+    # Heights over the body's center on the skin.
+    _rasterize(triangles @ turn.T + [*center[:2], 0.0], x, y, lowest)
+    untouched = skin_heights(scene, x, y) - center[2]
+    if lowest.min() <= -center[2]:
+        raise SceneError(
+            f"--depth {depth:g} mm of {path} goes through the pad, which is {center[2]:.3g} mm "
+            "thick there, allowed: less",
+            field="depth",
+        )
+    body = HeightMap(np.maximum(untouched - lowest, 0.0), scene.pad.width, scene.pad.length)
     return body.smoothed(smoothing)
 
 

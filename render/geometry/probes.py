@@ -14,6 +14,7 @@ from render.geometry.indenter import (
     ball,
     bolt,
     pyramids,
+    skin_heights,
     smoothed_skin,
     straight_edge,
 )
@@ -78,7 +79,13 @@ def probe(
 def _round_skin(scene: Scene, body: Imprint, depth: float, smoothing: float) -> HeightMap:
     """Return the skin over the ball itself, of which ``body`` has planes."""
     x, y = map_lines(scene)
-    away = np.hypot(x[None, :] - body.center[0, 0], y[:, None] - body.center[0, 1])
-    height = np.sqrt(np.maximum(BALL_RADIUS**2 - away**2, 0.0)) - (BALL_RADIUS - depth)
+    # Heights over the body's center on the skin.
+    above = (BALL_RADIUS - depth) * body.turn[0][:, 2]
+    away = np.hypot(
+        x[None, :] - body.center[0, 0] - above[0], y[:, None] - body.center[0, 1] - above[1]
+    )
+    untouched = skin_heights(scene, x, y) - body.center[0, 2]
+    height = untouched + np.sqrt(np.maximum(BALL_RADIUS**2 - away**2, 0.0)) - above[2]
+    height = np.where(away < BALL_RADIUS, height, 0.0)
     skin = HeightMap(np.maximum(height, 0.0), scene.pad.width, scene.pad.length)
     return skin.smoothed(smoothing)

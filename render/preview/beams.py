@@ -42,10 +42,15 @@ class Beams:
     edge_albedo = 0.0
     nodes = None
 
-    def __init__(self, scene: Scene, bond: Bond | None = None) -> None:
+    units = None
+
+    def __init__(
+        self, scene: Scene, bond: Bond | None = None, *, through_layers: bool = True
+    ) -> None:
         """Place the lamps' images behind the faces that they shine through.
 
-        With a ``bond`` the shader refracts twice, and lamps are where they are.
+        With a ``bond`` the shader refracts twice, and lamps are where they are. ``through_layers``
+        is whether a diffuser lets some of it pass.
         """
         self._poses = poses = flat_fiber_poses(scene)
         profiles = [lamp.profile for lamp in scene.placed_lamps()]
@@ -59,13 +64,21 @@ class Beams:
         }
         if self._own is not None:
             self.defines["PROFILES"] = "1"
-        lists = [_lights_of(scene, poses, i, bond) for i in range(len(profiles))]
+        clear = np.array([finish.paint is None for finish in scene.finishes])
+        if not through_layers:
+            clear &= ~scene.box.layered
+        lists = [_lights_of(scene, poses, i, clear, bond) for i in range(len(profiles))]
         longest = max(map(len, lists))
         # Beyond the end of a list: lights without power.
-        self.position = np.array([[*part, *part[:1] * (longest - len(part))] for part in lists])
-        self._weight = self.position[..., 4] * (
-            np.arange(longest) < np.array([len(part) for part in lists])[:, None]
+        dark = [[*position, float(face + BEAM_MARK + np.dot((NO_TURNS, NO_TURNS), TURN_MARKS)), 0.0]
+                for position, face in zip(poses.position, poses.face, strict=True)]  # fmt: skip
+        self.position = np.array(
+            [
+                [*part, *[none] * (longest - len(part))]
+                for part, none in zip(lists, dark, strict=True)
+            ]
         )
+        self._weight = self.position[..., 4]
         self.position = self.position[..., :4]
 
     def emission(self, phi: Array) -> Array:
@@ -90,7 +103,17 @@ class Beams:
         one = self.emission(phi)
         emission = np.broadcast_to(one, (3, *one.shape)).copy()
         emission[..., 3] *= power.T[..., None]
-        return self.position.reshape(1, -1, 4), emission.reshape(3, -1, one.shape[-1])
+        shines = self._weight.ravel() > 0.0
+        emission = emission.reshape(3, -1, one.shape[-1])
+        return self.position.reshape(1, -1, 4)[:, shines], emission[:, shines]
+
+    def unit_amounts(self, phi: Array, power: Array) -> Array:
+        """Return none."""
+        return np.zeros((3, 0))
+
+    def not_in_units(self, phi: Array, power: Array) -> tuple[Array, Array]:
+        """Return all."""
+        return self.merged(phi, power)
 
 
 def comes_straight(mark: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -107,8 +130,13 @@ def face_frames() -> tuple[Array, Array, Array]:
     return np.array(along), -OUTWARD, up
 
 
-def _lights_of(scene: Scene, poses: FiberPoses, lamp: int, bond: Bond | None) -> list[list[float]]:
-    """Return x, y, z, mark and share of the power of each light of one lamp."""
+def _lights_of(
+    scene: Scene, poses: FiberPoses, lamp: int, clear: NDArray[np.bool_], bond: Bond | None
+) -> list[list[float]]:
+    """Return x, y, z, mark and share of the power of each light of one lamp.
+
+    ``clear`` ``(face,)`` are the faces that light comes through.
+    """
     box, lights, lower = scene.box, [], FACES.index("lower")
     index = scene.pad.index if bond is None else 1.0
 
@@ -123,7 +151,6 @@ def _lights_of(scene: Scene, poses: FiberPoses, lamp: int, bond: Bond | None) ->
         marks = (mark, above > -far), (mark + WINDOW_MARK, above < far)
         return [[*image, each, share] for each, enters in marks if enters]
 
-    clear = np.array([finish.paint is None for finish in scene.finishes])
     for point, share in zip(*end_points(poses, lamp), strict=True):
         for face in np.flatnonzero((box.distance(point) > 0.0) & clear):
             lights += seen(point, int(face), (0, 0), share)

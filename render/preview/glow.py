@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cached_property
+
 import numpy as np
 
 from render.arrays import Array
@@ -77,24 +80,50 @@ class Glow:
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return the glow of whole edges, shared linearly between evenly spaced lights."""
         radiance, power = self._radiance(phi), power[self._lamps]
-        positions, emissions = [], []
-        for number in map(EDGES.index, self._scene.diffuser_edges):
-            half_length = _half_length(self._scene, number)
-            step = max(
-                MAX_MERGED_STEP * self._scene.pad.thickness, MIN_MERGED_FRACTION * 2 * half_length
-            )
-            count = int(np.ceil(2 * half_length / step)) + 1
-            grid = np.linspace(-half_length, half_length, count)
+        emissions = []
+        for number, grid in self._grids():
             weights = _hat_weights(self._along[self._edge == number].ravel(), grid)
             light = np.einsum(
                 "fozt,fc->cfozt", radiance[self._edge == number], power[self._edge == number]
             )
             light = light.reshape(3, -1, *light.shape[3:])
             emissions.append(np.einsum("nm,cnzt->cmzt", weights, light).reshape(3, -1, TERMS))
-            edge = np.array([number])
-            heights = self._responses[0].heights
-            positions.append(_on_edges(self._scene, grid[None], edge, heights))
-        return np.concatenate(positions, axis=1), _packed(np.concatenate(emissions, axis=1))
+        return self._merged_position, _packed(np.concatenate(emissions, axis=1))
+
+    @property
+    def units(self) -> tuple[Array, Array]:
+        """Return each light of `merged` three times, each term of its glow in one row."""
+        each = TERMS // 3
+        position = np.repeat(self._merged_position[0, :, None], each, axis=0)
+        terms = np.tile(np.eye(TERMS), (self._merged_position.shape[1], 1))
+        return position, _packed(terms[:, None])
+
+    def unit_amounts(self, phi: Array, power: Array) -> Array:
+        """Return the glow's terms at each light."""
+        return self.merged(phi, power)[1][..., :TERMS].reshape(3, -1)
+
+    def not_in_units(self, phi: Array, power: Array) -> None:
+        """Return None: units are everything."""
+
+    @cached_property
+    def _merged_position(self) -> Array:
+        """Return the positions of `merged`, ``(1, light, 4)``."""
+        heights = self._responses[0].heights
+        parts = [
+            _on_edges(self._scene, grid[None], np.array([number]), heights)
+            for number, grid in self._grids()
+        ]
+        return np.concatenate(parts, axis=1)
+
+    def _grids(self) -> Iterator[tuple[int, Array]]:
+        """Yield the edges that glow, by number, and where along them the lights of `merged` are."""
+        for number in map(EDGES.index, self._scene.diffuser_edges):
+            half_length = _half_length(self._scene, number)
+            step = max(
+                MAX_MERGED_STEP * self._scene.pad.thickness, MIN_MERGED_FRACTION * 2 * half_length
+            )
+            count = int(np.ceil(2 * half_length / step)) + 1
+            yield number, np.linspace(-half_length, half_length, count)
 
 
 def azimuths(poses: FiberPoses, phi: Array) -> Array:

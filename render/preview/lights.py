@@ -32,6 +32,8 @@ class PointLights(Protocol):
     defines: what the shader is specialized by.
     profiles: ``(row, step)`` measured profiles of beams, or None.
     nodes: ``(node,)`` rad when emission is the polynomial in phi through these nodes, else None.
+    units: lists ``(list, light, 4)`` and emissions ``(list * 3, light, n)`` of which emission is a
+        linear combination for any design, or None.
     """
 
     position: Array
@@ -42,6 +44,16 @@ class PointLights(Protocol):
     @property
     def nodes(self) -> Array | None:
         """Return the nodes of emission in phi."""
+
+    @property
+    def units(self) -> tuple[Array, Array] | None:
+        """Return lists of lights and their emissions, one unit in each row of emissions."""
+
+    def unit_amounts(self, phi: Array, power: Array) -> Array:
+        """Return ``(3, unit)``, of what `merged` returns the part that `units` make."""
+
+    def not_in_units(self, phi: Array, power: Array) -> tuple[Array, Array] | None:
+        """Return what `merged` returns beside them, or None."""
 
     def emission(self, phi: Array) -> Array:
         """Return what unit fibers emit at ``phi`` ``(..., fiber)``: ``(..., fiber, light, n)``."""
@@ -71,9 +83,10 @@ def point_lights(scene: Scene, cache: Path | None = None, bond: Bond | None = No
         if kind not in made:
             made[kind] = slab_response(scene, kind[0], edge=edge, cache=cache, rays=RAYS)
     glow = Glow(scene, [made[kind] for kind in kinds], behind)
-    if slab_of(scene).optical_thickness >= OPAQUE_THICKNESS and not shines_past_layers(scene).any():
+    opaque = slab_of(scene).optical_thickness >= OPAQUE_THICKNESS
+    if opaque and not shines_past_layers(scene).any():
         return glow
-    return GlowAndBeams(glow, Beams(scene), behind)
+    return GlowAndBeams(glow, Beams(scene, through_layers=not opaque), behind)
 
 
 def with_images(scene: Scene, position: Array) -> Array:
@@ -123,6 +136,23 @@ class GlowAndBeams:
         all_of = np.zeros((*phi.shape, *glow.shape[-2:]))
         all_of[..., self._behind, :, :] = glow
         return _joined([all_of, beams])
+
+    @property
+    def units(self) -> tuple[Array, Array]:
+        """Return those of the glow; a beam is not linear in its direction."""
+        position, emission = self._glow.units
+        texels = 4 * int(self.defines["EMISSION_TEXELS"])
+        return position, _joined([emission, np.zeros((len(emission), 0, texels))])
+
+    def unit_amounts(self, phi: Array, power: Array) -> Array:
+        """Return those of the glow."""
+        return self._glow.unit_amounts(phi, power)
+
+    def not_in_units(self, phi: Array, power: Array) -> tuple[Array, Array]:
+        """Return the beams."""
+        position, emission = self._beams.merged(phi, power)
+        glow = np.zeros((3, 0, 4 * int(self.defines["EMISSION_TEXELS"])))
+        return position, _joined([glow, emission])
 
     def merged(self, phi: Array, power: Array) -> tuple[Array, Array]:
         """Return both lists, one after the other."""

@@ -1,7 +1,8 @@
-"""The preview's two passes, transport cells and pictures, which share one shading function."""
+"""The preview's passes: direct light at points, and the points that the pixels of a picture see."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from render.preview.light_paths import MIN_CURVATURE
 from render.preview.lights import PointLights, with_images
 from render.preview.shader import ShaderPass, float_texture, source
 from render.preview.shading_points import ShadingPoints
+from render.preview.sight import Sight
 from render.preview.skin_texels import skin_texels
 from render.scene import EDGES, Coating, Scene
 
@@ -30,13 +32,39 @@ MAX_TARGET_SIDE = 8192
 """Largest side of a target: OpenGL 3.3 drivers offer at least this."""
 POINT_COLUMNS = 1024
 """Points per row of their texture."""
+BLOCK_ROWS, BLOCK_STEP = 16, 64
+"""Drivers draw in squares: so many rows of points for each list of lights, and columns in steps."""
+MAX_TARGET_CELLS = 2**22
+"""Cells that are drawn at a time, which bounds the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points at which light is drawn, on the driver.
+
+    Arguments:
+        texture: ``texels`` for each, `POINT_COLUMNS` points per row.
+        count: of points.
+        texels: per point.
+        pixels: whether they are what pixels see, which shadows fall on.
+        indented: whether bodies are pressed in among them.
+        coating: whose lobe sends light from them to the camera: then what is drawn is the
+            irradiance that would look as bright if it had none. None: irradiance.
+    """
+
+    texture: Any
+    count: int
+    texels: int
+    pixels: bool = False
+    indented: bool = False
+    coating: Coating | None = None
 
 
 class ShaderPasses:
     """The shader programs of one scene and what they read, in an OpenGL context of its own.
 
-    ``imprint`` is pressed into its pictures: planes of bodies, or skin as a height map. ``bond`` is
-    where a window of another index begins.
+    ``imprint`` is pressed into its pictures: planes of bodies, or skin as a height map. ``points``
+    are those of the scene. ``bond`` is where a window of another index begins.
     """
 
     def __init__(
@@ -50,21 +78,21 @@ class ShaderPasses:
     ) -> None:
         """Open the context and upload what does not depend on the design."""
         self._scene, self._lights, self._imprint, self._bond = scene, lights, imprint, bond
-        self._count = len(points.position)
-        self._compiled: dict[tuple[str, bool, int, bool, bool], ShaderPass] = {}
+        self._compiled: dict[tuple[str, bool, int, bool, bool, bool, int], ShaderPass] = {}
         self._context: Any = create_context(backend)
         with self._context:
             self._parts = [points.position, points.normal]
             if scene.skin is not None:
                 self._parts.append(points.below)
-            self._points = self._point_texture(self._parts)
+            self.points = self._point_set(np.stack(self._parts, axis=1))
             self._fibers = float_texture(self._context, with_images(scene, lights.position))
             self._kept = {}
             if lights.profiles is not None:
                 table = float_texture(self._context, lights.profiles[..., None], smooth=True)
                 self._kept["profiles"] = table
             if isinstance(imprint, HeightMap):
-                self._skin = float_texture(self._context, imprint.depth[..., None], smooth=True)
+                depth = float_texture(self._context, imprint.depth[..., None], smooth=True)
+                self._kept["height_map"] = depth
             if scene.skin is not None:
                 for name, values in skin_texels(scene, imprint).items():
                     smooth = name != "site_frames"
@@ -75,138 +103,179 @@ class ShaderPasses:
         self._context.release()
 
     def direct(
-        self, emission: Array, bend: float, skin: Coating, sights: Array | None = None
+        self, emission: Array, bend: float, points: Points | None = None
     ) -> NDArray[np.float32]:
         """Draw direct irradiance of every fiber's lights, ``(fiber, node, point, 2)``.
 
         The second is that of the coating at the foot of the point's facet, without what comes
         from behind the facet: that is in the pyramid's shadow.
 
-        ``emission`` is ``(fiber, node, light, n)``. With ``sights`` ``(point, 3)``, local
-        directions to the camera, it is what would look as bright from there if ``skin`` had no
-        lobe.
+        ``emission`` is ``(fiber, node, light, n)``; ``points`` are those of the scene, or others
+        (`pixels_of`, `seen_from`).
         """
         fibers, nodes = emission.shape[:2]
         rows = emission.reshape(fibers * nodes, -1, 4)
         with self._context:
             texture = float_texture(self._context, rows)
             drawn = self._at_points(
-                bend, self._fibers, texture, fibers * nodes, 1, nodes, skin, sights
+                points or self.points, bend, self._fibers, texture, (fibers * nodes, 1, nodes)
             )
             texture.release()
         return drawn.reshape(fibers, nodes, -1, 2)
 
-    def merged(self, position: Array, emission: Array, bend: float) -> NDArray[np.float32]:
-        """Draw direct irradiance of one list of lights at every point, ``(3, point)``.
+    def lists(
+        self, position: Array, emission: Array, bend: float, points: Points
+    ) -> NDArray[np.float32]:
+        """Draw direct irradiance of lists of lights in three channels, ``(list * 3, point)``.
 
-        ``position`` is ``(1, light, 4)``, ``emission`` ``(3, light, n)``.
+        ``position`` is ``(list, light, 4)``, ``emission`` ``(list * 3, light, n)``.
         """
         with self._context:
             lights = float_texture(self._context, with_images(self._scene, position))
-            emissions = float_texture(self._context, emission.reshape(3, -1, 4))
-            drawn = self._at_points(bend, lights, emissions, 1, 3, 1)
+            emissions = float_texture(self._context, emission.reshape(len(emission), -1, 4))
+            drawn = self._at_points(points, bend, lights, emissions, (len(position), 3, 1))
             lights.release()
             emissions.release()
-        return np.ascontiguousarray(drawn[0].T)
+        return np.ascontiguousarray(drawn.swapaxes(1, 2)).reshape(len(emission), -1)
 
-    def picture(
-        self,
-        position: Array,
-        emission: Array,
-        coating: Array,
-        facet: Array | None,
-        bend: float,
-        size: tuple[int, int],
-        skin: Coating,
-    ) -> NDArray[np.float32]:
-        """Draw radiance at the camera ``(height, width, 3)``, row 0 at the tip.
-
-        Arguments:
-            position: one list of lights ``(1, light, 4)``.
-            emission: theirs, ``(3, light, n)``.
-            coating: indirect irradiance ``(3, row, column)`` over the pad.
-            facet: indirect irradiance ``(3, site, facet)``, on a height map what its slopes add
-                ``(3, 1, 5)`` (`slope_terms`), or None for the untouched pad.
-            bend: rad.
-            size: width and height in pixels.
-            skin: what the coating is made of, of one albedo.
-        """
-        lights = with_images(self._scene, position)
+    def sight(self, bend: float, size: tuple[int, int], indented: bool) -> Sight:
+        """Return what the pixels of a picture see of the pad, pressed by the imprint or not."""
+        lobe = self._scene.coating.lobe is not None
+        shader_pass = self._pass("sight.frag", bend, 0, indented, lobe=lobe)
+        uniforms = self._uniforms(bend, 0) | self._view(size)
         with self._context:
-            images = {
-                "lights": float_texture(self._context, lights),
-                "emissions": float_texture(self._context, emission.reshape(3, -1, 4)),
-                "indirect": float_texture(self._context, np.moveaxis(coating, 0, -1), smooth=True),
-            }
-            kept = dict(self._kept)
-            if facet is not None:
-                mapped = isinstance(self._imprint, HeightMap)
-                name = "slope_indirect" if mapped else "facet_indirect"
-                images[name] = float_texture(self._context, np.moveaxis(facet, 0, -1))
-                kept |= {"height_map": self._skin} if mapped else {}
-            uniforms = self._uniforms(bend, lights.shape[1]) | self._view(size)
-            uniforms |= _reflecting(skin)
-            lobe = skin.lobe is not None
-            shader_pass = self._pass("picture.frag", bend, 3, facet is not None, lobe)
-            picture = shader_pass.draw(size, 3, uniforms, images | kept)
-            for image in images.values():
-                image.release()
-        return picture[::-1].copy()
+            drawn = [
+                shader_pass.draw(size, 4, uniforms | {"part": part}, self._kept).reshape(-1, 4)
+                for part in range(4 if lobe else 3)
+            ]
+        (pixel,) = np.nonzero(drawn[0][:, 3] > 0.0)
+        place, facing, body, *rest = (part[pixel].astype(np.float64) for part in drawn)
+        facet, site = (np.rint(part[:, 3]).astype(np.int64) for part in (facing, body))
+        return Sight(
+            scene=self._scene,
+            size=size,
+            pixel=pixel.astype(np.int64),
+            position=place[:, :3],
+            facing=facing[:, :3],
+            passed=place[:, 3],
+            facet=facet,
+            site=site,
+            from_body=body[:, :3],
+            to_camera=rest[0][:, :3] if rest else None,
+        )
 
-    def _point_texture(self, parts: list[Array]) -> Any:
-        """Return the texture of ``parts`` ``(point, 3)`` of the points, side by side."""
-        texels = np.stack(parts, axis=1)
-        short = -self._count % POINT_COLUMNS
-        texels = np.pad(texels, ((0, short), (0, 0), (0, 0)), mode="edge")
-        return float_texture(self._context, texels.reshape(-1, len(parts) * POINT_COLUMNS, 3))
+    def pixels_of(self, sight: Sight, indented: bool) -> Points:
+        """Upload the points of a picture; `forget` frees them."""
+        shaded = np.where(sight.facet < 0, sight.site, -1)[:, None]
+        body = np.concatenate([sight.from_body, shaded], axis=1)
+        ways = [] if sight.to_camera is None else [sight.to_camera]
+        place, facing, *rest = (
+            np.pad(part, [(0, 0), (0, 1)]) for part in (sight.position, sight.facing, *ways)
+        )
+        with self._context:
+            return self._point_set(np.stack([place, facing, body, *rest], axis=1), True, indented)
+
+    def seen_from(self, to_camera: Array) -> Points:
+        """Upload the points of the scene with unit directions to the camera, ``(point, 3)``."""
+        with self._context:
+            return self._point_set(np.stack([*self._parts, to_camera], axis=1))
+
+    def forget(self, points: Points) -> None:
+        """Free points that are not drawn any more."""
+        with self._context:
+            points.texture.release()
+
+    def _point_set(self, texels: Array, pixels: bool = False, indented: bool = False) -> Points:
+        """Upload points ``(point, texel, component)``."""
+        count, each, components = texels.shape
+        texels = np.pad(texels, ((0, -count % POINT_COLUMNS), (0, 0), (0, 0)))
+        texture = float_texture(self._context, texels.reshape(-1, each * POINT_COLUMNS, components))
+        return Points(texture, count, each, pixels, indented)
 
     def _at_points(
-        self, bend: float, lights: Any, emissions: Any, rows: int, channels: int, nodes: int,
-        skin: Coating | None = None, sights: Array | None = None,
-    ) -> NDArray[np.float32]:  # fmt: skip
-        """Return ``(row, point, channel)``."""
-        points = self._points if sights is None else self._point_texture([*self._parts, sights])
-        images = {"points": points, "lights": lights, "emissions": emissions}
+        self,
+        points: Points,
+        bend: float,
+        lights: Any,
+        emissions: Any,
+        lists: tuple[int, int, int],
+    ) -> NDArray[np.float32]:
+        """Return ``(row, point, channel)``; ``lists`` are rows, channels and nodes."""
+        rows, channels, nodes = lists
+        images = {"points": points.texture, "lights": lights, "emissions": emissions}
         images |= self._kept
-        uniforms = self._uniforms(bend, lights.width) | {"nodes": nodes}
-        uniforms |= {} if skin is None else _reflecting(skin)
-        shader_pass = self._pass("transport.frag", bend, channels, False, sights is not None)
+        uniforms = self._uniforms(bend, lights.width) | self._pressed() | {"nodes": nodes}
+        uniforms |= _lobe(points.coating)
+        shader_pass = self._pass(
+            "transport.frag",
+            bend,
+            channels,
+            points.indented,
+            pixels=points.pixels,
+            lobe=points.coating is not None,
+            texels=points.texels,
+        )
+        columns = -(-points.count // (BLOCK_ROWS * BLOCK_STEP)) * BLOCK_STEP
+        columns = min(columns, POINT_COLUMNS)
+        most = min(MAX_TARGET_SIDE, MAX_TARGET_CELLS // columns)
+        high = min(-(-points.count // columns), max(1, most // rows))
         parts = []
-        for first in range(0, self._count, MAX_TARGET_SIDE):
-            size = (min(MAX_TARGET_SIDE, self._count - first), rows)
-            wanted = uniforms | {"first_point": first}
-            parts.append(shader_pass.draw(size, 3 if channels == 3 else 2, wanted, images))
-        if sights is not None:
-            points.release()
+        for first in range(0, points.count, columns * high):
+            wanted = uniforms | {
+                "first_point": first,
+                "last_point": points.count - 1,
+                "block": (columns, high),
+            }
+            size = (columns, rows * high)
+            drawn = shader_pass.draw(size, 3 if channels == 3 else 2, wanted, images)
+            parts.append(drawn.reshape(rows, columns * high, -1)[:, : points.count - first])
         return np.concatenate(parts, axis=1)
 
     def _pass(
-        self, fragment: str, bend: float, channels: int, indented: bool, lobe: bool
+        self,
+        fragment: str,
+        bend: float,
+        channels: int,
+        indented: bool,
+        *,
+        pixels: bool = False,
+        lobe: bool = False,
+        texels: int = 0,
     ) -> ShaderPass:
         """Return the program specialized to what it has to draw."""
-        key = (fragment, bend > 0, channels, indented, lobe)
+        key = (fragment, bend > 0, channels, indented, pixels, lobe, texels)
         if key not in self._compiled:
+            shades = fragment == "transport.frag"
             defines = dict(self._lights.defines)
-            defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
+            if shades:
+                defines |= {"CHANNELS": str(channels), "POINT_COLUMNS": str(POINT_COLUMNS)}
+                defines |= {"POINT_TEXELS": str(texels)} | ({"PIXELS": "1"} if pixels else {})
+            else:
+                defines = {"SOFT_RADIUS": defines["SOFT_RADIUS"]}
             if bend > 0:
                 defines["BENT"] = "1"
+            parts = ["light_paths.glsl"]
             if self._scene.skin is not None:
                 defines["CURVED"] = "1"
+                parts.append("skin.glsl")
             if lobe:
                 defines["LOBE"] = "1"
-            if any(finish.metal is not None for finish in self._scene.finishes):
-                defines["METAL"] = "1"
-            if fragment == "picture.frag" and self._scene.camera.fisheye:
-                defines["FISHEYE"] = "1"
-            parts = ["light_paths.glsl", "shading.glsl", fragment]
             if self._bond is not None:
                 defines["BONDED"] = "1"
-                parts.insert(2, "bonded.glsl")
+            if shades and any(finish.metal is not None for finish in self._scene.finishes):
+                defines["METAL"] = "1"
+            if not shades and self._scene.camera.fisheye:
+                defines["FISHEYE"] = "1"
             if indented and isinstance(self._imprint, HeightMap):
                 defines["HEIGHT_MAP"] = "1"
-                parts.insert(0, "height_map.glsl")
+                parts.append("height_map.glsl")
             elif indented and isinstance(self._imprint, Imprint):
                 defines["FACES"] = str(len(self._imprint.normal))
+                parts.append("pyramid.glsl")
+            parts.append("shading.glsl" if shades else "sight.glsl")
+            if shades and self._bond is not None:
+                parts.append("bonded.glsl")
+            parts.append(fragment)
             self._compiled[key] = ShaderPass(self._context, source(*parts, defines=defines))
         return self._compiled[key]
 
@@ -231,6 +300,7 @@ class ShaderPasses:
             "box_low": tuple(self._scene.box.low),
             "box_high": tuple(self._scene.box.high),
             "clear_half": (pad.width / 2, pad.length / 2),
+            "half_pad": (pad.width / 2, pad.length / 2),
             "metal": [
                 -1.0 if metal is None else metal
                 for metal in (self._scene.finish(edge).metal for edge in EDGES)
@@ -249,7 +319,6 @@ class ShaderPasses:
             "upward": tuple(-down),
             "ahead": tuple(ahead),
             "pivot": scene.camera.pivot,
-            "half_pad": (scene.pad.width / 2, scene.pad.length / 2),
         }
 
     def _pressed(self) -> dict[str, Any]:
@@ -268,17 +337,17 @@ class ShaderPasses:
             "site_step": (pressed.spacing, pressed.spacing),
             "site_count": (float(pressed.columns), float(pressed.rows)),
             "longest_shadow": SHADOW_LENGTH * pressed.size,
+            # Its corners, of an edge too, are less than sqrt(2) of its size away.
+            "body_reach": 1.5 * pressed.size,
             "facet_planes": [
                 (*n, d) for n, d in zip(pressed.normal, pressed.distance, strict=True)
             ],
         }
 
 
-def _reflecting(skin: Coating) -> dict[str, float]:
-    """Return the uniforms of a coating of one albedo."""
-    specular, roughness = skin.lobe or (0.0, 1.0)
-    return {
-        "albedo": skin.reflectance,
-        "lobe_share": specular / skin.reflectance if specular else 0.0,
-        "lobe_roughness": roughness,
-    }
+def _lobe(coating: Coating | None) -> dict[str, float]:
+    """Return the uniforms of the lobe of a coating of one albedo."""
+    if coating is None or coating.lobe is None:
+        return {}
+    specular, roughness = coating.lobe
+    return {"lobe_share": specular / coating.reflectance, "lobe_roughness": roughness}

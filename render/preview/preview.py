@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +22,31 @@ from render.geometry import (
 from render.preview.bonded import bond_of, with_bonded_window
 from render.preview.facet_blur import facet_blurs, lines_of_sight
 from render.preview.lights import PointLights, point_lights
-from render.preview.passes import MAX_TARGET_SIDE, ShaderPasses
+from render.preview.passes import MAX_TARGET_SIDE, Points, ShaderPasses
 from render.preview.radiosity import Radiosity, form_factors, solve_radiosity
 from render.preview.shading_points import shading_points
+from render.preview.sight import Sight
 from render.preview.sloped_skin import slope_terms, sloped_skin
+from render.preview.superposition import LightTable, light_table
 from render.scene import Coating, Scene
+
+KEPT_PIXELS = 2**20
+"""Pixels of pictures whose sight is kept for the next design."""
+
+
+@dataclass(frozen=True, eq=False)
+class PictureView:
+    """One picture as far as it does not depend on the design.
+
+    Arguments:
+        sight: what its pixels see.
+        points: theirs.
+        light: direct light there for each albedo; one for all unless the skin has a lobe.
+    """
+
+    sight: Sight
+    points: Points
+    light: list[LightTable]
 
 
 class Preview:
@@ -67,12 +88,14 @@ class Preview:
         self._measures = imprint is None
         self._counted = counted_sites(self._seen_in)
         self._skin = isinstance(pressed, HeightMap)
-        faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
-        self._points = shading_points(scene, faces)
+        self._faces = sloped_skin(scene, pressed) if isinstance(pressed, HeightMap) else pressed
+        self._points = shading_points(scene, self._faces)
         self._of_channel = list(scene.albedo_of_channel)
+        self._views: dict[tuple[float, tuple[int, int], bool], PictureView] = {}
+        self._lit: dict[float, LightTable] = {}
         self._radiosity: dict[float, list[Radiosity]] = {}
         self._blurs: dict[float, list[Array]] = {}
-        self._sights: dict[float, Array] = {}
+        self._seen_points: dict[float, Points] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
             scene, self._lights, self._points, pressed, backend, bond
@@ -179,7 +202,8 @@ class Preview:
         if coating.lobe is None:
             return None
         emission = self._lights.emission(phi.T).swapaxes(0, 1)
-        seen = self._open.direct(emission, bend, coating, self._sights_at(bend))
+        points = replace(self._points_seen_at(bend), coating=coating)
+        seen = self._open.direct(emission, bend, points)
         return np.asarray(seen.astype(np.float64).reshape(drawn.shape) - drawn)
 
     def _cells(
@@ -223,8 +247,7 @@ class Preview:
         `render.preview.shading_points`. Unit: 1/mm^2 per unit power of a fiber.
         """
         emission = self._lights.emission(phi.T).swapaxes(0, 1)
-        coating = self.scene.one_albedo_scenes[0].coating
-        return self._open.direct(emission, bend, coating).astype(np.float64)
+        return self._open.direct(emission, bend).astype(np.float64)
 
     def picture(
         self,
@@ -266,6 +289,11 @@ class Preview:
                 picture[..., chosen] = drawn[..., : len(chosen)]
         return picture
 
+    def sight(self, bend: float, width: int, height: int, indented: bool = True) -> Sight:
+        """Return which places of the skin the pixels of `picture` see, whatever the light."""
+        self._check(np.zeros((self.scene.lamp_count, 1)), np.array([bend]))
+        return self._view(bend, (width, height), indented).sight
+
     def _picture(
         self,
         phi: Array,
@@ -276,21 +304,49 @@ class Preview:
         albedo: int,
     ) -> NDArray[np.float32]:
         """Return three channels of a picture, ``power`` ``(fiber, 3)``, by one of the albedos."""
-        position, emission = self._lights.merged(phi, power)
-        direct = self._open.merged(position, emission, bend)
-        points = self._points
-        radiosity = self._radiosity_at(bend)[albedo]
+        view, points = self._view(bend, size, indented), self._points
+        if bend not in self._lit:
+            self._lit[bend] = self._table(self._open.points, bend)
+        direct, light = (each.of(phi, power) for each in (self._lit[bend], view.light[albedo]))
+        radiosity, sight = self._radiosity_at(bend)[albedo], view.sight
         indirect = radiosity.added(direct.astype(np.float64))
         coating = indirect[:, points.first_patch :].reshape(3, points.rows, points.columns)
         facets, sites = np.split(
             indirect[:, : points.first_patch], [points.sites * points.facets], 1
         )
         facet = facets.reshape(3, points.sites, points.facets) + radiosity.below(sites[..., None])
-        if self._skin:
-            facet = slope_terms(points, facet - sites[..., None])
-        pressed = facet if indented else None
-        skin = self.scene.one_albedo_scenes[albedo].coating
-        return self._open.picture(position, emission, coating, pressed, bend, size, skin)
+        if not indented:
+            added = sight.on_coating(coating)
+        elif self._skin:
+            added = sight.on_slopes(
+                coating, slope_terms(self._faces, (facet - sites[..., None])[:, 0])
+            )
+        else:
+            added = sight.on_facets(coating, facet)
+        return sight.picture(light + added, self.scene.one_albedo_scenes[albedo].coating)
+
+    def _view(self, bend: float, size: tuple[int, int], indented: bool) -> PictureView:
+        """Return what a picture sees, drawn when it is first asked for; the last few are kept."""
+        key, passes = (bend, size, indented), self._open
+        if key not in self._views:
+            while (
+                self._views
+                and sum(len(view.sight.pixel) for view in self._views.values()) + size[0] * size[1]
+                > KEPT_PIXELS
+            ):
+                passes.forget(self._views.pop(next(iter(self._views))).points)
+            sight = passes.sight(bend, size, indented)
+            pixels = passes.pixels_of(sight, indented)
+            skins = [scene.coating for scene in self.scene.one_albedo_scenes]
+            if self.scene.coating.lobe is None:
+                light = [self._table(pixels, bend)] * len(skins)
+            else:
+                light = [self._table(replace(pixels, coating=skin), bend) for skin in skins]
+            self._views[key] = PictureView(sight, pixels, light)
+        return self._views[key]
+
+    def _table(self, points: Points, bend: float) -> LightTable:
+        return light_table(self.scene, self._open, self._lights, points, bend)
 
     @property
     def _open(self) -> ShaderPasses:
@@ -324,12 +380,12 @@ class Preview:
             ]
         return self._radiosity[bend]
 
-    def _sights_at(self, bend: float) -> Array:
-        """Return unit directions ``(point, 3)`` to the camera in local frames, inside the pad.
+    def _points_seen_at(self, bend: float) -> Points:
+        """Return the points with what they see of the camera at a bend, made when first asked for.
 
         Sites that do not count, and patches, are looked at head-on.
         """
-        if bend not in self._sights:
+        if bend not in self._seen_points:
             points, faces = self._points, self._points.facets
             mean = -lines_of_sight(self._seen_in, bend).mean(axis=2)
             mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
@@ -340,8 +396,8 @@ class Preview:
             facet = sights[: points.sites * faces].reshape(points.sites, faces, 3)
             facet[self._counted] = mean[:, :faces]
             sights[points.sites * faces : points.first_patch][self._counted] = mean[:, -1]
-            self._sights[bend] = sights
-        return self._sights[bend]
+            self._seen_points[bend] = self._open.seen_from(sights)
+        return self._seen_points[bend]
 
     def _blurs_at(self, bend: float) -> list[Array]:
         """Return `facet_blurs` at a bend, made when first asked for; pictures need none."""

@@ -39,7 +39,7 @@ class ShaderPass:
                 f"the OpenGL driver does not compile the preview's shader: {error}"
             ) from error
         self._array = context.vertex_array(self._program, [])
-        self._targets: dict[tuple[int, int, int], Any] = {}
+        self._target: tuple[tuple[int, int, int], Any] | None = None
 
     def draw(
         self,
@@ -52,10 +52,7 @@ class ShaderPass:
 
         A uniform that the specialized shader does not use is left out.
         """
-        key = (*size, components)
-        if key not in self._targets:
-            color = self._context.texture(size, components, dtype="f4")
-            self._targets[key] = self._context.framebuffer([color])
+        target = self._target_of(size, components)
         for unit, (name, texture) in enumerate(textures.items()):
             if name in self._program:
                 texture.use(unit)
@@ -63,11 +60,21 @@ class ShaderPass:
         for name, value in uniforms.items():
             if name in self._program:
                 self._program[name].value = value
-        target = self._targets[key]
         target.use()
         self._array.render(vertices=3)
         pixels = np.frombuffer(target.read(components=components, dtype="f4"), dtype=np.float32)
         return pixels.reshape(size[1], size[0], components)
+
+    def _target_of(self, size: tuple[int, int], components: int) -> Any:
+        """Return a target of this size; the last one is kept, as most draws are alike."""
+        key = (*size, components)
+        if self._target is None or self._target[0] != key:
+            if self._target is not None:
+                for part in (*self._target[1].color_attachments, self._target[1]):
+                    part.release()
+            color = self._context.texture(size, components, dtype="f4")
+            self._target = key, self._context.framebuffer([color])
+        return self._target[1]
 
 
 def float_texture(context: Any, values: NDArray[Any], *, smooth: bool = False) -> Any:

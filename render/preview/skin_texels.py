@@ -24,15 +24,22 @@ def skin_texels(scene: Scene, imprint: Imprint | HeightMap) -> dict[str, Array]:
     """
     chart = SkinChart(scene, 0.0)
     half = np.array([scene.pad.width, scene.pad.length]) / 2
-    x, y = (np.linspace(-side, side, SKIN_STEPS) for side in half)
-    uv = np.stack(np.meshgrid(x, y), axis=-1)
-    skin = np.concatenate([-chart.frames(uv)[..., 2], chart.height(uv)[..., None]], axis=-1)
     edges = []
     for outward in OUTWARD[: len(EDGES), :2]:
         along = np.linspace(-1.0, 1.0, EDGE_STEPS)[:, None] * np.abs(outward[::-1]) * half
         edges.append(chart.height(along + outward * half))
-    texels = {"skin": skin, "edge_height": np.stack(edges)[..., None]}
+    texels = {"skin": skin_surface(scene, SKIN_STEPS), "edge_height": np.stack(edges)[..., None]}
     if isinstance(imprint, Imprint):
         frames = np.swapaxes(imprint.turn, -1, -2)
         texels["site_frames"] = np.concatenate([imprint.center[:, None], frames], axis=1)
     return texels
+
+
+def skin_surface(scene: Scene, steps: int) -> Array:
+    """Return normals into the pad and heights (mm) ``(steps, steps, 4)``, rows along y.
+
+    On an even grid over the pad, its border included.
+    """
+    x, y = (np.linspace(-side / 2, side / 2, steps) for side in (scene.pad.width, scene.pad.length))
+    uv, chart = np.stack(np.meshgrid(x, y), axis=-1), SkinChart(scene, 0.0)
+    return np.concatenate([-chart.frames(uv)[..., 2], chart.height(uv)[..., None]], axis=-1)

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import HeightMap, Imprint
-from render.preview.shading_points import ShadingPoints
+from render.geometry import HeightMap, Imprint, SkinChart
 from render.scene import Scene
 
 DOME_SLOPES = np.radians([20.0, 40.0, 60.0, 75.0])
@@ -28,17 +27,21 @@ def sloped_skin(scene: Scene, skin: HeightMap) -> Imprint:
         [np.sin(slope) * np.sin(turn), np.sin(slope) * np.cos(turn), -np.cos(slope)], axis=-1
     )
     middle = np.tile([0.0, 0.0, -0.5 * skin.deepest], (len(normal), 1))
-    center = np.array([0.5 * (low_x + high_x), 0.5 * (low_y + high_y), scene.pad.thickness])
+    uv, chart = np.array([[0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]]), SkinChart(scene, 0.0)
     distance = np.einsum("ki,ki->k", normal, middle)
-    upright = np.eye(3)[None]
-    return Imprint(center[None], upright, 1, 1, 1.0, normal, distance, middle, skin.size)
+    return Imprint(chart.flat(uv), chart.frames(uv), 1, 1, 1.0, normal, distance, middle, skin.size)
 
 
-def slope_terms(points: ShadingPoints, added: Array) -> Array:
-    """Return the weights ``(3, 1, 5)`` of x, y, x x, x y, y y of the normal for ``added`` light.
+def slope_basis(normal: Array) -> Array:
+    """Return x, y, x x, x y, y y ``(..., 5)`` of unit normals ``(..., 3)`` in the skin's frame."""
+    x, y = normal[..., 0], normal[..., 1]
+    return np.stack([x, y, x * x, x * y, y * y], axis=-1)
 
-    ``added`` ``(3, 1, face)`` is what the faces of `sloped_skin` get more than the coating there.
+
+def slope_terms(faces: Imprint, added: Array) -> Array:
+    """Return the weights ``(3, 5)`` of `slope_basis` for ``added`` light.
+
+    ``added`` ``(3, face)`` is what ``faces`` of `sloped_skin` get more than the coating there.
     """
-    x, y, _ = points.normal[: points.facets].T
-    basis = np.stack([x, y, x * x, x * y, y * y], axis=-1)
-    return np.asarray(np.linalg.lstsq(basis, added[:, 0].T, rcond=None)[0].T[:, None])
+    basis = slope_basis(faces.normal)
+    return np.asarray(np.linalg.lstsq(basis, added.T, rcond=None)[0].T)

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from optimize.design import baseline_design
+from render.geometry import ball, bolt
 from render.preview import Preview
-from render.scene import load_scene
+from render.scene import load_scene, shipped_scenes
 from surrogate.runtime import Checker
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -84,3 +85,20 @@ def test_a_preview_picture(capsys: pytest.CaptureFixture[str]) -> None:
         table = median_seconds(lambda: preview.transport(np.array([1.5]), bends), 20)
         report(capsys, "preview transport, one direction each", table, 20e-3)
         assert draw().max() > 0
+
+
+@pytest.mark.parametrize("name", shipped_scenes())
+def test_a_preview_picture_of_one_more_design(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, rng = load_scene(name), np.random.default_rng(0)
+    lamps = scene.lamp_count
+    for what, press in (("pyramids", None), ("bolt", bolt(scene)), ("ball", ball(scene))):
+        with Preview(scene, imprint=press) as preview:
+
+            def draw(preview: Preview = preview) -> np.ndarray:
+                phi, colors = rng.uniform(0.6, 2.5, lamps), rng.integers(0, 3, lamps)
+                return preview.picture(phi, np.eye(3)[colors], 0.0, 160, 120)
+
+            assert draw().max() > 0  # what all designs share is made here
+            report(capsys, f"{name}, {what}: one more design", median_seconds(draw, 10), 50e-3)

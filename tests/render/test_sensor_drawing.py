@@ -151,3 +151,26 @@ def test_painted_faces_are_lines_of_their_color_where_they_are() -> None:
     found = [e.attrib["class"] for e in section.iter(f"{SVG}path")]
     assert found.count("painted") == 2
     assert "mirror" not in found
+
+
+@pytest.mark.parametrize("case", ["dome", "arch along x rough 0.1"])
+def test_the_view_of_a_curved_skin_ends_on_it(case: str) -> None:
+    scene, radius = scene_of_case(case), {"dome": 30.0}.get(case, 20.0)
+    narrow = scene.camera.model_copy(update={"field_of_view": np.radians(40.0)})
+    scene = scene.model_copy(update={"camera": narrow})
+    section = panels(sensor_svg(scene))[1]
+    (path,) = [e for e in section.iter(f"{SVG}path") if e.attrib["class"] == "view"]
+    corner = np.array(re.findall(r"-?[\d.]+", path.attrib["d"]), dtype=float).reshape(-1, 2)
+    (skin,) = [e for e in section.iter(f"{SVG}path") if e.attrib["class"] == "skin"]
+    line = np.array(re.findall(r"-?[\d.]+", skin.attrib["d"]), dtype=float).reshape(-1, 2)
+    # The crown of the section is its rightmost point, on the level of the pad's middle.
+    crown = line[line[:, 0].argmax()]
+    on_skin, middle = corner[2:-1], crown - [radius, 0.0]
+    away = np.hypot(*(on_skin - middle).T) - radius
+    assert np.abs(away).max() < 0.02
+    # The half angle of the longer side, 20 deg in air, by Snell's law from a camera 20 mm below.
+    sine = np.sin(np.radians(20.0)) / scene.pad.index
+    height = on_skin[:, 0].min() - (crown[0] - scene.pad.thickness)
+    reach = 20.0 * np.tan(np.radians(20.0)) + height * sine / np.sqrt(1 - sine**2)
+    level = on_skin[:, 1] - crown[1]
+    assert [level.min(), level.max()] == pytest.approx([-reach, reach], abs=0.03)

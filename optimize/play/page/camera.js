@@ -68,10 +68,11 @@ class Camera {
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
     this.textures = {
-      skin: this.texture(0, gl.TEXTURE_2D), ring: this.texture(1, gl.TEXTURE_2D_ARRAY),
-      nothing: this.texture(2, gl.TEXTURE_2D),
+      light: this.texture(0, gl.TEXTURE_2D), ring: this.texture(1, gl.TEXTURE_2D_ARRAY),
+      skin: this.texture(2, gl.TEXTURE_2D),
     };
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, 1, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(4));
+    if (page.surface) gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, page.surface.steps,
+      page.surface.steps, 0, gl.RGBA, gl.FLOAT, new Float32Array(page.surface.texels));
   }
 
   texture(unit, kind) {
@@ -94,15 +95,23 @@ class Camera {
     const { gl, page } = this, kappa = bend / page.pad.length;
     const fragment = ["#version 300 es", "precision highp float;", "precision highp sampler2D;",
       "precision highp sampler2DArray;", "#define SOFT_RADIUS 1.0",
-      page.pad.bond ? "#define BONDED" : "", page.shader.paths,
+      page.pad.bond ? "#define BONDED" : "", page.surface ? "#define CURVED" : "",
+      page.shader.paths, page.surface ? page.shader.skin : "",
       bend > 0 ? `#define BENT\n#define kappa ${Math.max(kappa, 1e-5).toExponential(12)}` : "",
       page.camera.fisheye ? "#define FISHEYE" : "",
       touch ? `#define FACES ${touch.planes.length}` : "", `#define RING ${this.ring.size}`,
-      page.shader.relief, "#define main picture",
-      page.shader.picture, "#undef main", `
+      page.shader.relief, page.shader.sight, `
+      uniform vec2 size;
+      uniform float albedo;
+      out vec4 pixel;
       void main() {
-        picture();
-        vec3 x = clamp(pixel.rgb, 0.0, 1.0);
+        Seen seen;
+        pixel = vec4(0.0);
+        if (!look(2.0 * gl_FragCoord.xy / size - 1.0, seen)) return;
+        vec3 light = relief(seen.position, seen.facing, seen.facet, seen.from_body);
+        float scale = albedo / 3.14159265 * seen.passed / (refractive_index * refractive_index);
+        vec3 x = clamp(scale * light, 0.0, 1.0);
+        pixel.a = 1.0;
         pixel.rgb = mix(12.92 * x, 1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, x));
       }`].join("\n");
     const program = gl.createProgram();
@@ -138,10 +147,9 @@ class Camera {
       gl.RGBA, gl.FLOAT, texels);
     const { camera, pad } = page, half = [pad.width / 2, pad.length / 2];
     const place = center || [0, 0];
-    gl.uniform1i(at("skin"), 0);
+    gl.uniform1i(at("skin_light"), 0);
     gl.uniform1i(at("ring"), 1);
-    gl.uniform1i(at("indirect"), 2);
-    gl.uniform1i(at("facet_indirect"), 2);
+    gl.uniform1i(at("skin"), 2);
     gl.uniform1f(at("thickness"), pad.thickness);
     gl.uniform1f(at("refractive_index"), pad.index);
     if (pad.bond) {
@@ -165,9 +173,26 @@ class Camera {
     gl.uniform2f(at("ring_count"), page.grid.columns, page.grid.rows);
     gl.uniform3fv(at("ring_direction"), this.ring.directions.flat());
     if (touch) gl.uniform4fv(at("facet_planes"), touch.planes.flat());
+    if (touch && page.surface) gl.uniform3fv(at("touch_frame"), skinFrame(page, place).flat());
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
+}
+
+/* The skin at a place of the pad: position, across, towards the tip, out of the pad; bilinear. */
+function skinFrame({ pad, surface }, [x, y]) {
+  const { steps, texels } = surface;
+  const [u, v] = [x / pad.width, y / pad.length].map((at) => (at + 0.5) * (steps - 1));
+  const [i, j] = [u, v].map((at) => Math.min(Math.max(Math.floor(at), 0), steps - 2));
+  const at = (row, column, c) => texels[4 * (row * steps + column) + c];
+  const [nx, ny, nz, height] = [0, 1, 2, 3].map((c) =>
+    (1 - v + j) * ((1 - u + i) * at(j, i, c) + (u - i) * at(j, i + 1, c))
+    + (v - j) * ((1 - u + i) * at(j + 1, i, c) + (u - i) * at(j + 1, i + 1, c)));
+  const length = Math.hypot(nx, ny, nz), out = [-nx / length, -ny / length, -nz / length];
+  const wide = Math.hypot(out[0], out[2]), across = [out[2] / wide, 0, -out[0] / wide];
+  const tip = [out[1] * across[2] - out[2] * across[1], out[2] * across[0] - out[0] * across[2],
+    out[0] * across[1] - out[1] * across[0]];
+  return [[x, y, height], across, tip, out];
 }
 
 /* RGB as RGBA, below the end of half floats. */

@@ -159,24 +159,24 @@ vec3 seen_through(vec3 image, vec3 target, int face, out float factor) {
 }
 
 // A lamp behind a smooth face: its profile about its beam in air, refracted into the pad, dimmed
-// by the diffuser. The emission is the beam and the peak of the intensity in air.
-float beam_intensity(vec4 emission, vec4 own, vec3 d, int face) {
+// by the diffuser. `axis` is the beam, `peak` that of the intensity in air.
+float beam_intensity(vec3 axis, float peak, vec4 own, vec3 d, int face) {
 #ifdef BONDED
     // The direction is that in air, and the path knows what passes.
-    float towards = dot(d, emission.xyz);
-    float angle = atan(length(cross(d, emission.xyz)), towards);
-    return emission.w * profile_shape(angle, towards, own);
+    float towards = dot(d, axis);
+    float angle = atan(length(cross(d, axis)), towards);
+    return peak * profile_shape(angle, towards, own);
 #else
     vec2 side = refractive_index * d.xz;
     float squared = 1.0 - dot(side, side);
     if (d.y <= 0.0 || squared <= 0.0) return 0.0;
     vec3 air = vec3(side.x, sqrt(squared), side.y);
-    float cosine = dot(air, emission.xyz);
-    float theta = atan(length(cross(air, emission.xyz)), cosine);
+    float cosine = dot(air, axis);
+    float theta = atan(length(cross(air, axis)), cosine);
     float solid_angle = refractive_index * refractive_index * d.y / air.y;
     float passed = 1.0 - reflectance(d.y);
     if (optical_thickness[face] > 0.0) passed *= exp(-optical_thickness[face] / d.y);
-    return emission.w * profile_shape(theta, cosine, own) * passed * solid_angle;
+    return peak * profile_shape(theta, cosine, own) * passed * solid_angle;
 #endif
 }
 
@@ -193,21 +193,33 @@ float glow_intensity(vec4 low, vec4 high, float last, vec3 d) {
 
 #endif
 
-// What light `i` of emission row `row` sends into two directions.
-vec2 intensities(int i, int row, bool beam, int face, vec3 d, vec3 m) {
+#ifdef BEAM
+
+// What beam `i` of emission row `row` sends into two directions. Several channels share its shape
+// and have their peaks in `intensities`.
+vec2 beam_shape(int i, int row, int face, vec3 d, vec3 m) {
+    ivec2 texel = ivec2(i * EMISSION_TEXELS, row);
+    vec4 emission = texelFetch(emissions, texel, 0);
+    float peak = CHANNELS == 1 ? emission.w : 1.0;
+    vec4 own = vec4(0.0);
+#ifdef PROFILES
+    own = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
+#endif
+    return vec2(beam_intensity(emission.xyz, peak, own, d, face),
+                beam_intensity(emission.xyz, peak, own, m, face));
+}
+
+#endif
+
+// What light `i` of emission row `row` sends into two directions; `shape` is a beam's.
+vec2 intensities(int i, int row, bool beam, vec2 shape, vec3 d, vec3 m) {
     ivec2 texel = ivec2(i * EMISSION_TEXELS, row);
     vec4 low = texelFetch(emissions, texel, 0);
 #ifdef BEAM
 #ifdef GLOW
     if (beam)
 #endif
-    {
-        vec4 own = vec4(0.0);
-#ifdef PROFILES
-        own = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
-#endif
-        return vec2(beam_intensity(low, own, d, face), beam_intensity(low, own, m, face));
-    }
+        return CHANNELS == 1 ? shape : low.w * shape;
 #endif
 #ifdef GLOW
     vec4 high = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
@@ -246,31 +258,6 @@ struct Light {
     Spectrum here;  // direct irradiance at the point
     Spectrum foot;  // and on the coating at the foot of its facet, unless the pyramid is before it
 };
-
-#ifdef FACES
-
-uniform vec4 facet_planes[FACES];  // outward normal in the site's frame, distance from its center
-// The coating's point from the nearest pyramid's center; beyond shadow_radius nothing is tested.
-vec3 from_pyramid;
-float shadow_radius = 0.0;
-#ifdef CURVED
-mat3 pyramid_frame;  // across, towards the tip, out of the pad
-#endif
-
-// 1 where the way from a point of the coating towards a light passes the pyramid, 0 behind it. Its
-// frame is taken for the point's own, as shadows are short against the radius of the bend.
-float past_pyramid(vec3 arrive) {
-    float enter = 0.0, leave = 1e9;
-    for (int i = 0; i < FACES; ++i) {
-        float speed = dot(facet_planes[i].xyz, arrive);
-        float room = facet_planes[i].w - dot(facet_planes[i].xyz, from_pyramid);
-        if (speed < 0.0) enter = max(enter, room / speed);
-        else leave = min(leave, room / max(speed, 1e-9));
-    }
-    return enter < leave ? 0.0 : 1.0;
-}
-
-#endif
 
 // Irradiance in 1/mm^2 per unit power at a flat pad position with a local unit normal. `first` is
 // the row of `lights`, `list` the row (or group of rows) of `emissions`.
@@ -345,17 +332,20 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec2 cosine = vec2(dot(direct.arrive, normal), dot(mirrored.arrive, normal));
         vec2 here = spread * max(cosine, 0.0);
 #ifdef FACES
-        if (length(from_pyramid.xy) < shadow_radius)
+        if (length(from_pyramid.xy) < shadow_radius) {
 #ifdef CURVED
-            here *= vec2(past_pyramid(direct.arrive * pyramid_frame),
-                         past_pyramid(mirrored.arrive * pyramid_frame));
+            vec3 straight_way = direct.arrive * pyramid_frame;
+            vec3 folded_way = mirrored.arrive * pyramid_frame;
 #else
-            here *= vec2(past_pyramid(direct.arrive), past_pyramid(mirrored.arrive));
+            vec3 straight_way = direct.arrive, folded_way = mirrored.arrive;
 #endif
+            if (here.x > 0.0) here.x *= past_pyramid(straight_way);
+            if (here.y > 0.0) here.y *= past_pyramid(folded_way);
+        }
 #endif
 #ifdef HEIGHT_MAP
-        if (here.x > 0.0) here.x *= past_skin(position, thickness - position.z, direct.arrive);
-        if (here.y > 0.0) here.y *= past_skin(position, thickness - position.z, mirrored.arrive);
+        if (here.x > 0.0) here.x *= past_skin(position, direct.arrive);
+        if (here.y > 0.0) here.y *= past_skin(position, mirrored.arrive);
 #endif
 #ifdef CURVED
         vec2 landing = vec2(dot(direct.arrive, below), dot(mirrored.arrive, below));
@@ -374,14 +364,21 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         foot *= vec2(seen_brightness(direct.arrive, ground),
                      seen_brightness(mirrored.arrive, ground));
 #endif
+        vec2 shape = vec2(0.0);
+#ifdef BEAM
+#ifdef GLOW
+        if (beam)
+#endif
+            shape = beam_shape(sender, CHANNELS * list, face, d, m);
+#endif
 #if CHANNELS == 3
         for (int c = 0; c < 3; ++c) {
-            vec2 sent = intensities(sender, 3 * list + c, beam, face, d, m);
+            vec2 sent = intensities(sender, 3 * list + c, beam, shape, d, m);
             sum.here[c] += dot(here, sent);
             sum.foot[c] += dot(foot, sent);
         }
 #else
-        vec2 sent = intensities(sender, list, beam, face, d, m);
+        vec2 sent = intensities(sender, list, beam, shape, d, m);
         sum.here += dot(here, sent);
         sum.foot += dot(foot, sent);
 #endif

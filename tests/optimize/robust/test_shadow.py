@@ -15,7 +15,7 @@ from optimize.search import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
 from render.geometry import flat_sites
 from render.preview import point_lights
-from render.scene import Scene
+from render.scene import OUTWARD, Scene
 from render.transport import TransportTable
 from tests.oracles.pads import scene_of_case
 
@@ -204,8 +204,47 @@ def test_shadows_of_channels_are_those_of_their_own_light(finger20: Scene) -> No
     assert penalty.value(red) == pytest.approx(ShadowPenalty(finger20, alone).value(red))
 
 
-def test_shadows_on_a_dome_raise_one_clear_error() -> None:
-    with pytest.raises(
-        SceneError, match=r"skin\.shape = dome: shadows of a bolt are known on flat"
-    ):
-        hidden_fraction(scene_of_case("dome"), np.array([np.pi / 2]), PressedCylinder())
+@pytest.mark.parametrize(
+    ("case", "radius", "curved"), [("dome", 30.0, (1, 1)), ("arch", 20.0, (1, 0))]
+)
+def test_hidden_light_on_a_curved_skin_equals_a_walk_along_the_lines(
+    case: str, radius: float, curved: tuple[int, int]
+) -> None:
+    scene, bolt = (
+        scene_of_case(case),
+        PressedCylinder(radius=1.5, depth=0.8, distance=0.5, points=4),
+    )
+    middle = np.array([0.0, 0.0, scene.pad.thickness - radius])
+
+    def on_skin(x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the point of the sphere or cylinder there, and its normal out of the pad."""
+        across = np.array([x, y]) * curved
+        place = np.array([x, y, middle[2] + math.sqrt(radius**2 - across @ across)])
+        return place, (place - middle) * [*curved, 1] / radius
+
+    lights = point_lights(scene)
+    marks, strength = lights.position[..., 3].astype(int), lights.emission(np.full(2, np.pi / 2))
+    found, partly = hidden_fraction(scene, np.array([np.pi / 2]), bolt)[:, 0], 0
+    for site in range(scene.sites.count):
+        center, up = on_skin(*flat_sites(scene)[site, :2])
+        across = np.array([up[2], 0.0, -up[0]]) / math.hypot(up[0], up[2])
+        for index, (c, s) in enumerate(((1, 0), (0, 1), (-1, 0), (0, -1))):
+            ring = center + 2.0 * (c * across + s * np.cross(up, across))
+            point, normal = on_skin(ring[0], ring[1])
+            for fiber in range(scene.lamp_count):
+                hidden = total = 0.0
+                for light, mark in enumerate(marks[fiber]):
+                    if mark >> 4 != 8 + 16 * 8:  # seen in a wall
+                        continue
+                    way = lights.position[fiber, light, :3] - point
+                    path = point + np.linspace(0.0, 1.0, 4001)[:, None] * way - center
+                    deep = -path @ up
+                    away = np.linalg.norm(path + deep[:, None] * up, axis=-1)
+                    inward = max(way @ OUTWARD[mark % 8], 0.0) * max(-way @ normal, 1e-6)
+                    sent = strength[fiber, light, 3] * inward / (way @ way) ** 2
+                    total += sent
+                    hidden += sent * bool(((away < bolt.radius) & (deep < bolt.depth)).any())
+                wanted = hidden / total if total > 0 else 0.0
+                partly += wanted > 0.0
+                assert found[fiber, site, index] == pytest.approx(wanted, abs=1e-6)
+    assert partly > 4

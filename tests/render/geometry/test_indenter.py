@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import render.preview.lights
 from render.errors import GraphicsError, SceneError
@@ -24,6 +25,7 @@ from render.geometry import (
     straight_edge,
     unbend_points,
 )
+from render.geometry.height_map import map_lines
 from render.geometry.mesh_probe import body_of_file
 from render.geometry.meshes import imprinted_coating, pad_meshes
 from render.preview import Preview
@@ -150,12 +152,25 @@ def test_a_bolt_has_no_transport(pressed: Preview) -> None:
         pressed.transport(np.array([0.5]), np.array([0.0]))
 
 
-def test_what_is_drawn_on_flat_skins_alone_raises_one_clear_error_on_a_dome() -> None:
+def test_a_body_that_goes_through_a_dome_raises_one_clear_error(tmp_path: Path) -> None:
     dome = scene_of_case("dome")
-    with pytest.raises(SceneError, match=r"skin\.shape = dome: a body from a file is drawn on"):
-        body_of_file(dome, Path("ball.stl"))
-    with pytest.raises(SceneError, match=r"allowed: pyramids, ball, bolt and edge as they are"):
-        smoothed_skin(dome, ball(dome), 0.2)
+    trimesh.creation.box((4.0, 4.0, 12.0)).export(tmp_path / "box.stl")
+    with pytest.raises(SceneError, match=r"goes through the pad, which is 5.98 mm thick"):
+        body_of_file(dome, tmp_path / "box.stl", depth=5.95)
+
+
+def test_smoothed_skin_on_a_dome_lies_over_the_body_and_rounds_its_rim() -> None:
+    dome = scene_of_case("dome")
+    body = ball(dome, radius=2.0, depth=0.5)
+    sharp, round_ = smoothed_skin(dome, body, 0.0), smoothed_skin(dome, body, 0.4)
+    assert (round_.depth >= sharp.depth - 1e-12).all()
+    assert round_.deepest == pytest.approx(sharp.deepest)
+    assert (round_.depth > 0.02).sum() > 1.1 * (sharp.depth > 0.02).sum()
+    # Deep places are as deep as straight down to the ball's planes.
+    x, y = map_lines(dome)
+    grid_x, grid_y = np.meshgrid(x, y)
+    height = dome.pad.thickness + np.sqrt(30.0**2 - grid_x**2 - grid_y**2) - 30.0
+    np.testing.assert_allclose(sharp.depth, imprint_depth(body, grid_x, grid_y, height), atol=1e-9)
 
 
 def test_a_ball_on_a_dome_is_as_deep_as_said_and_follows_its_slope() -> None:

@@ -1,61 +1,51 @@
-// The finger as the camera sees it: its ray, refraction at the lower face, then the coating or
-// a facet of a pyramid, shaded with the same irradiance() that fills the transport array.
+// What a pixel sees: its ray, refraction at the lower face, then the coating or a facet of what is
+// pressed in.
 
-#define NOTHING vec4(0.0)
-
-uniform vec2 size;            // pixels
 uniform vec2 half_view;       // the lens's image of half the columns and half the rows
 uniform vec3 camera;          // world
 uniform vec3 leftward, upward, ahead;  // in the camera's picture; ours is its mirror image
 uniform float pivot;          // y at which the bent pad touches the plane of the flat one
+#ifndef CURVED
 uniform vec2 half_pad;        // half width and length of the pad
-uniform float albedo;         // and what goes into the lobe
-uniform sampler2D indirect;   // interreflected irradiance on the coating, over the pad
+#endif
 #ifdef FACES
 uniform vec3 site_first;      // flat position of the first site
 uniform vec2 site_step, site_count;
-uniform float longest_shadow;  // mm from a pyramid's center
-uniform sampler2D facet_indirect;  // (facet, site)
-#endif
-#ifdef HEIGHT_MAP
-// What a slope adds to interreflected irradiance: weights of the normal's x, y, x x, x y, y y.
-uniform sampler2D slope_indirect;
 #endif
 #ifdef CURVED
-uniform sampler2D skin;        // normal into the pad and height over the pad, its border included
-#ifdef FACES
-uniform sampler2D site_frames;  // position, across, towards the tip, out of the pad; a row per site
-#endif
 const int STEPS = 32, HALVINGS = 16;
 
-vec4 skin_at(vec2 place) {
-    vec2 steps = vec2(textureSize(skin, 0));
-    vec2 along = clamp(0.5 * place / half_pad + 0.5, 0.0, 1.0);
-    return texture(skin, (along * (steps - 1.0) + 0.5) / steps);
-}
-
-// Way to the skin's height: the first step in which a ray crosses it; negative where it passes.
-float way_to_skin(vec3 start, vec3 way) {
+// Way to `sunk` mm below the skin's height: the first step in which a ray crosses it; negative where
+// it passes.
+float way_to_skin(vec3 start, vec3 way, float sunk) {
     vec2 ends = (sign(way.xy) * half_pad - start.xy) / way.xy;
     float last = min((thickness - start.z) / way.z, min(ends.x, ends.y));
     float before = 0.0, after = -1.0;
     for (int i = 1; i <= STEPS; ++i) {
         float here = last * float(i) / float(STEPS);
         vec3 place = start + here * way;
-        if (place.z >= skin_at(place.xy).w - 1e-5) { after = here; break; }
+        if (place.z >= skin_at(place.xy).w - sunk - 1e-5) { after = here; break; }
         before = here;
     }
     if (after < 0.0) return -1.0;
     for (int i = 0; i < HALVINGS; ++i) {
         float middle = 0.5 * (before + after);
         vec3 place = start + middle * way;
-        if (place.z >= skin_at(place.xy).w) after = middle; else before = middle;
+        if (place.z >= skin_at(place.xy).w - sunk) after = middle; else before = middle;
     }
     return after;
 }
 #endif
 
-out vec4 pixel;
+struct Seen {
+    vec3 position, facing;  // flat coordinates, and the local normal into the pad
+    float passed;           // of light through the lower face
+    int facet, site;        // face of the body next to it; no face is -1
+    vec3 from_body;         // from that body's center, in its frame
+#ifdef LOBE
+    vec3 to_camera;         // unit direction in the pad, in the local frame
+#endif
+};
 
 // Way to the arc `bend * (y^2 + z^2) = 2 z` from its outside; negative where it is missed.
 float way_to_arc(float bend, vec3 start, vec3 way) {
@@ -90,69 +80,85 @@ vec3 to_local(vec3 d, vec2 turn) {
     return vec3(d.x, turn.x * d.y + turn.y * d.z, turn.x * d.z - turn.y * d.y);
 }
 
-void main() {
-    vec2 image = 2.0 * gl_FragCoord.xy / size - 1.0;
+#ifdef HEIGHT_MAP
+vec3 flat_place(vec3 world) {
+#ifdef CURVED
+    return world;
+#else
+    vec2 turn;
+    return unbend(world, turn);
+#endif
+}
+
+// Whether a place in the world lies at or behind the pressed skin.
+bool behind_skin(vec3 world) {
+    vec3 place = flat_place(world);
+    return pressed_at(place.xy) >= level_at(place.xy) - place.z;
+}
+#endif
+
+// Whether the pad is seen at a place of the picture, whose sides reach from -1 to 1.
+bool look(vec2 image, out Seen seen) {
     vec2 side = half_view * image;
 #ifdef FISHEYE
     float angle = max(length(side), 1e-9);
-    vec3 look = vec3(side * sin(angle) / angle, cos(angle));
+    vec3 aim = vec3(side * sin(angle) / angle, cos(angle));
 #else
-    vec3 look = vec3(side, 1.0);
+    vec3 aim = vec3(side, 1.0);
 #endif
-    vec3 ray = normalize(look.x * leftward + look.y * upward + look.z * ahead);
+    vec3 ray = normalize(aim.x * leftward + aim.y * upward + aim.z * ahead);
     vec3 start = camera - vec3(0.0, pivot, 0.0);
     float bend = curved / (1.0 + curved * thickness);
     float way = way_to_arc(bend, start, ray);
-    pixel = NOTHING;
-    if (way < 0.0) return;
+    if (way < 0.0) return false;
     vec3 entry = start + way * ray;
     vec3 normal = normalize(vec3(0.0, bend * entry.yz - vec2(0.0, 1.0)));
     float cos_in = -dot(ray, normal);
     vec3 inside = refract(ray, normal, 1.0 / refractive_index);
-    float passed = 1.0 - reflectance(-dot(inside, normal));
+    seen.passed = 1.0 - reflectance(-dot(inside, normal));
 #ifdef BONDED
     // The pad is flat: its window's lower face is z = 0, and the bond is parallel to it.
     vec3 across = vec3(ray.xy, 0.0);
     float squared = dot(across, across);
     vec2 rise = sqrt(vec2(window_index * window_index, refractive_index * refractive_index) - squared);
-    passed = passes(ray.z, rise.x, 1.0, window_index)
+    seen.passed = passes(ray.z, rise.x, 1.0, window_index)
         * passes(rise.x, rise.y, window_index, refractive_index);
     entry += vec3(across.xy / rise.x, 1.0) * bond;
     inside = vec3(across.xy, rise.y) / refractive_index;
 #endif
+    seen.facet = -1;
+    seen.site = 0;
+    seen.from_body = vec3(0.0);
 #ifdef CURVED
     entry.y += pivot;
-    if (any(greaterThan(abs(entry.xy), half_pad))) return;
-    way = way_to_skin(entry, inside);
-    if (way < 0.0) return;
+    if (any(greaterThan(abs(entry.xy), half_pad))) return false;
+    way = way_to_skin(entry, inside, 0.0);
+    if (way < 0.0) return false;
     vec3 target = entry + way * inside;
     vec3 facing = normalize(skin_at(target.xy).xyz);
 #else
     way = way_to_arc(curved, entry - vec3(0.0, 0.0, thickness), inside);
-    if (way < 0.0) return;
+    if (way < 0.0) return false;
     vec2 turn;
     vec3 target = unbend(entry + way * inside + vec3(0.0, pivot, 0.0), turn);
-    if (any(greaterThan(abs(target.xy), half_pad))) return;
+    if (any(greaterThan(abs(target.xy), half_pad))) return false;
     target.z = thickness;
     vec3 facing = vec3(0.0, 0.0, -1.0);
 #endif
-    vec3 ambient = texture(indirect, 0.5 * target.xy / half_pad + 0.5).rgb;
 #ifdef FACES
     vec2 number = clamp(round((target.xy - site_first.xy) / site_step), vec2(0.0), site_count - 1.0);
+    seen.site = int(number.y * site_count.x + number.x);
 #ifdef CURVED
-    int row = int(number.y * site_count.x + number.x);
-    pyramid_frame = mat3(texelFetch(site_frames, ivec2(1, row), 0).xyz,
-                         texelFetch(site_frames, ivec2(2, row), 0).xyz,
-                         texelFetch(site_frames, ivec2(3, row), 0).xyz);
-    vec3 from_site = (target - texelFetch(site_frames, ivec2(0, row), 0).xyz) * pyramid_frame;
-    vec3 d = inside * pyramid_frame;
+    mat3 frame = frame_of(seen.site);
+    vec3 from_site = (target - center_of(seen.site)) * frame;
+    vec3 d = inside * frame;
 #else
     vec3 from_site = target - vec3(site_first.xy + number * site_step, thickness);
     vec3 d = to_local(inside, turn);
 #endif
     // The pyramid is convex: the last plane entered is the facet seen, unless another is left first.
     float enter = -1e9, leave = 0.0;
-    int facet = 0;
+    int facet = 0;  // of the body
     for (int i = 0; i < FACES; ++i) {
         float speed = dot(facet_planes[i].xyz, d);
         float meets = (facet_planes[i].w - dot(facet_planes[i].xyz, from_site)) / speed;
@@ -162,53 +168,51 @@ void main() {
     }
     if (enter < leave) {
 #ifdef CURVED
-        facing = pyramid_frame * facet_planes[facet].xyz;
+        facing = frame * facet_planes[facet].xyz;
         target += enter * inside;
 #else
         facing = facet_planes[facet].xyz;
         target += enter * d;
 #endif
-        int site = int(number.y * site_count.x + number.x);
-        ambient = texelFetch(facet_indirect, ivec2(facet, site), 0).rgb;
-    } else {
-        from_pyramid = from_site;
-        shadow_radius = longest_shadow;
-    }
+        seen.facet = facet;
+    } else seen.from_body = from_site;
 #endif
 #ifdef HEIGHT_MAP
     // From where the ray is as deep as the deepest skin to where it meets the untouched one.
+#ifdef CURVED
+    float first = max(way_to_skin(entry, inside, deepest), 0.0), found = way;
+    vec3 from = entry;
+#else
     float first = max(way - deepest / max(to_local(inside, turn).z, 0.05), 0.0), found = way;
     vec3 from = entry + vec3(0.0, pivot, 0.0);
+#endif
     for (int k = 1; k <= MAX_STEPS; ++k) {
         float t = mix(first, way, float(k) / float(MAX_STEPS));
-        vec3 place = unbend(from + t * inside, turn);
-        if (pressed_at(place.xy) >= thickness - place.z) { found = t; break; }
+        if (behind_skin(from + t * inside)) { found = t; break; }
     }
     float before = found - (way - first) / float(MAX_STEPS);
     for (int k = 0; k < 8; ++k) {
         float t = 0.5 * (before + found);
-        vec3 place = unbend(from + t * inside, turn);
-        if (pressed_at(place.xy) >= thickness - place.z) found = t;
+        if (behind_skin(from + t * inside)) found = t;
         else before = t;
     }
-    target.xy = unbend(from + found * inside, turn).xy;
-    float depth = pressed_at(target.xy);
-    target.z = thickness - depth;
-    facing = skin_normal(target.xy, 1.0 + curved * depth);
-    vec2 square = facing.xy * facing.xy;
-    float terms[5] = float[5](facing.x, facing.y, square.x, facing.x * facing.y, square.y);
-    for (int k = 0; k < 5; ++k)
-        ambient += terms[k] * texelFetch(slope_indirect, ivec2(k, 0), 0).rgb;
-    ambient = max(ambient, 0.0);
+#ifdef CURVED
+    target = from + found * inside;
+#else
+    target = unbend(from + found * inside, turn);
 #endif
+    float depth = pressed_at(target.xy);
+    target.z = level_at(target.xy) - depth;
+    facing = skin_normal(target.xy, 1.0 + curved * depth);
+#endif
+    seen.position = target;
+    seen.facing = facing;
 #ifdef LOBE
 #ifdef CURVED
-    sight = -inside;
+    seen.to_camera = -inside;
 #else
-    sight = -to_local(inside, turn);
+    seen.to_camera = -to_local(inside, turn);
 #endif
 #endif
-    vec3 light = irradiance(target, facing, 0, 0).here + ambient;
-    float scale = albedo / 3.14159265 * passed / (refractive_index * refractive_index);
-    pixel = vec4(scale * light, 1.0);
+    return true;
 }

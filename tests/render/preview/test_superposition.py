@@ -1,0 +1,47 @@
+"""Light that is drawn once and superposed is what is drawn for each design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import render.preview.lights
+import render.preview.superposition
+from render.preview import Preview
+from render.scene import Scene, load_scene
+from tests.oracles.pads import scene_of_case
+
+SIZE = 30, 24
+
+
+def pictures(scene: Scene, cache: Path) -> list[np.ndarray]:
+    rng, found = np.random.default_rng(3), []
+    with Preview(scene, cache=cache) as preview:
+        for _ in range(2):
+            phi = rng.uniform(0.4, 2.7, scene.lamp_count)
+            power = rng.uniform(0.0, 1.0, (scene.lamp_count, 3))
+            found.append(preview.picture(phi, power, 0.0, *SIZE).astype(float))
+    return found
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [load_scene("finger20"), load_scene("digit"), load_scene("finger24"), scene_of_case("dome")],
+    ids=["glow", "fixed lamps", "glow and beams that turn", "beams that turn on a dome"],
+)
+def test_superposed_light_is_what_is_drawn(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(render.preview.lights, "RAYS", 5_000)
+    superposed = pictures(scene, tmp_path)
+    monkeypatch.setattr(render.preview.superposition, "MAX_TABLE", 0)
+    for one, other in zip(superposed, pictures(scene, tmp_path), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5 * other.max())
+        assert (other > 0).mean() > 0.1
+
+
+def test_two_designs_of_one_view_differ(tmp_path: Path) -> None:
+    one, other = pictures(load_scene("digit"), tmp_path)
+    assert np.abs(one - other).max() > 0.1 * one.max()
