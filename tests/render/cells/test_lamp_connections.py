@@ -60,7 +60,7 @@ def test_aimed_subpaths_change_the_noise_of_a_smooth_pad_and_not_its_light(
     levels, errors = [], []
     for samples in (100, 500):
         # One lamp at a time, as on pads where not all are served at once.
-        cells = pad_cells(scene, np.full((scene.lamp_count, 1), PHI), 0.0, False, "pssmlt")
+        cells = pad_cells(scene, np.full((scene.lamp_count, 1), PHI), 0.0, False, sampler="pssmlt")
         run = MonteCarlo(cells, 16 * samples, 16, 1)
         run.sample(1)
         found = run.estimate().sum(axis=(1, 2))

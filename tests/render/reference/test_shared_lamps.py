@@ -74,4 +74,4 @@ def test_markov_chains_stay_with_one_lamp_at_a_time(mono: ModuleType) -> None:
 
     scene, phi = scene_of_case("smooth"), np.full((2, 1), 1.2)
     assert isinstance(pad_cells(scene, phi, 0.0, False), ClearCells)
-    assert isinstance(pad_cells(scene, phi, 0.0, False, "pssmlt"), CellSampler)
+    assert isinstance(pad_cells(scene, phi, 0.0, False, sampler="pssmlt"), CellSampler)
