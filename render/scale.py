@@ -3,11 +3,10 @@
 Scores can only be compared on one scale, so the scale is a property of the scene: two files of one
 hash have the same, whatever was rendered of them and however noisily. It is taken from the preview
 (level 0) as it is drawn, which is free of noise. Under a window of another index than the pad's,
-where that may lack a third of the light, it is taken from the converged preview, of so many paths
-from fixed numbers that its noise is about 1 %. Where the preview is too
-bright or too dark by a factor, renders of the baseline reach 230 counts divided or multiplied by
-it, and all designs alike; ``tactilux train`` says how much they reach, and clipped facets are
-counted wherever scores are.
+where that may lack a third of the light, it is taken from the converged preview, of a fixed number
+of paths from fixed random numbers. Where the preview is too bright or too dark by a factor, renders
+of the baseline reach 230 counts divided or multiplied by it, and all designs alike;
+``tactilux train`` says how much they reach, and clipped facets are counted wherever scores are.
 """
 
 from __future__ import annotations
@@ -27,9 +26,6 @@ from render.metric import (
     superposed,
 )
 from render.scene import Scene
-
-WINDOW_PATHS = 8192, 6_000_000
-"""Paths from a facet, and photons of all lamps, for the scale of a pad whose window refracts."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +60,15 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
         GraphicsError: no OpenGL library can draw the preview.
         TableError: the baseline is dark, or one color lights everything.
     """
-    ahead = np.array([math.pi / 2])
     if scene.window_refracts:
-        from render.preview.converged import Effort, converged_transport
+        from render.preview.converged import transport_ahead
 
-        paths, arrivals = WINDOW_PATHS
-        effort = Effort(paths=paths, arrivals=arrivals)
-        transport = converged_transport(scene, phi=ahead, effort=effort).cells[..., :-1]
+        transport = transport_ahead(scene).cells[..., :-1]
     else:
         from render.preview import Preview
 
         with Preview(scene) as preview:
+            ahead = np.array([math.pi / 2])
             transport, _ = preview.transport(ahead, np.array(scene.bending.angles))
     bend0 = int(np.argmin(scene.bending.angles))
     power = baseline_power(scene)

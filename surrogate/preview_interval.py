@@ -27,10 +27,10 @@ from surrogate.training.evaluation import random_colors
 COVERAGE = 0.9
 DESIGNS = 100
 """Random designs that the two previews are compared on."""
-DRAWN_FRACTION = 0.08
+DRAWN_FRACTION = 0.085
 """Half-width of the preview as drawn over the baseline's mean M."""
-WINDOW_FRACTION = 0.6
-"""The same where a window refracts, whose guided light it lacks."""
+WINDOW_FRACTION = 0.16
+"""The same where a window refracts, whose guided light it has of few paths."""
 FLAT_FLOOR, BENT_FLOOR = 0.004, 0.035
 """Half-width of the converged preview over M where both previews agree: of flat pads, and of pads
 that bend, whose light both previews lose alike."""

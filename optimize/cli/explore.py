@@ -63,9 +63,8 @@ def run(
         check_target(target)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
-        # What takes a minute to answer is answered coarsely before, where that tells much: the
-        # preview as drawn lacks too much of the light that a window guides.
-        twice = not coarse and not scene.window_refracts and not is_prompt(scene, model)
+        # What takes a minute to answer is answered coarsely before.
+        twice = not coarse and not is_prompt(scene, model)
         answers = [True, False] if twice else [coarse]
         for number, as_drawn in enumerate(answers):
             checker = open_model(scene, model, coarse=as_drawn)

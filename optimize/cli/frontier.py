@@ -245,7 +245,7 @@ def _print_survey(stream: IO[str], found: Survey, folder: Path) -> None:
         stream,
         "Over scenes",
         ("level", "scenes", "ready after", "per design", "color error, no noise", "worst scene",
-         "tau", "of which noise leaves", "S held"),
+         "tau", "noise leaves at least", "S held"),
         [
             (
                 rung.rung,

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from optimize.design.design import Array, Design, baseline_design
+from optimize.design.design import Array, Design
 from optimize.design.limits import dimmed_baseline
 from render.metric import THESIS, MetricConfig, design_score, image_counts, site_metric
 from render.scene import Scene
@@ -109,8 +109,3 @@ class RatedDesign:
     def baseline(self) -> Design:
         """The design to beat, with no LED above what the scene allows."""
         return dimmed_baseline(self.scene)
-
-    @property
-    def recolored(self) -> bool:
-        """Whether the design differs from the baseline in its colors alone."""
-        return bool(np.array_equal(self.design.phi, baseline_design(self.scene).phi))

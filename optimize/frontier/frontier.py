@@ -9,6 +9,7 @@ from typing import Any
 
 from optimize.frontier.held_out import NOMINAL, FrontierRow, HeldOutDesigns, HeldOutReference
 from optimize.frontier.predictors import FEW_RENDERS, make_predictors
+from render.errors import RenderError
 from render.progress import OnProgress, Progress
 from render.reference import (
     RenderCost,
@@ -185,8 +186,11 @@ def measure_frontier(
             "One design", plan.short[-1], levels.SHORT_SEED, renders, report, per_pass=plan.per_pass
         )
         seconds_alone = alone.seconds
-        spp = _tracer_samples(designs, plan, folder, budget)
-        rows += levels.path_tracer_rows(reference, spp, folder / "volpath", report)
+        try:
+            spp = _tracer_samples(designs, plan, folder, budget)
+            rows += levels.path_tracer_rows(reference, spp, folder / "volpath", report)
+        except RenderError as error:  # lamps that it cannot draw
+            left_out["volpath"] = str(error)
     return Frontier(
         plan=plan,
         rows=tuple(rows),

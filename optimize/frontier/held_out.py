@@ -242,7 +242,11 @@ class HeldOutReference:
 
     @cached_property
     def noise_tau(self) -> float:
-        """Kendall's tau that noise alone leaves of a perfect level, mean over `NOISE_DRAWS`."""
+        """Kendall's tau that noise alone leaves of a perfect level at least: `NOISE_DRAWS` draws.
+
+        Designs share light paths, and noise that they have in common moves no ranks; here each
+        design has its own.
+        """
         rng = np.random.default_rng(14)
         noise = self.scores_se * rng.standard_normal((NOISE_DRAWS, len(self.scores)))
         return float(np.mean([kendall_tau(self.scores, self.scores + one) for one in noise]))

@@ -73,7 +73,8 @@ class RungSummary:
         seconds_per_design: of the next ones, median.
         facet_median, facet_worst: error of facet colors without the reference's noise, the median
             over facets: its median over scenes, and the largest.
-        kendall_tau, noise_tau: medians; the second is what noise alone leaves of a perfect level.
+        kendall_tau, noise_tau: medians; the second is what noise alone leaves of a perfect level
+            at least.
         score_coverage: fraction of all scores that the rung's 90 % intervals held; None without.
         half_width: of these intervals, median, counts.
     """

@@ -121,6 +121,19 @@ class PlayPage:
             )
         return html
 
+    def notes(self, level: str) -> list[str]:
+        """Return what who plays with light of ``level`` should know, one sentence each."""
+        notes = [] if level == "surrogate" else [
+            f"There is no trained model of {self.scene.name}, so this page is made on the {level} "
+            "(level 0): good for trying and comparing, to be confirmed by tactilux verify."
+        ]  # fmt: skip
+        if self.scene.coating.lobe is not None:
+            notes.append(
+                "Scores and facets have the skin's lobe; the pictures and the light on the skin "
+                "are drawn as if it scattered all of its light by Lambert's law."
+            )
+        return notes
+
     def _metric(self, table: TransportTable) -> dict[str, Any]:
         config = self.checker.metadata.metric
         return {
@@ -139,15 +152,6 @@ class PlayPage:
         style, script = _part("play.css"), '(() => {\n"use strict";\n'
         script += "\n".join(_part(name) for name in SCRIPTS) + "\n})();"
         level = facts["level"]
-        notes = [] if level == "surrogate" else [
-            f"There is no trained model of {self.scene.name}, so this page is made on the {level} "
-            "(level 0): good for trying and comparing, to be confirmed by tactilux verify."
-        ]  # fmt: skip
-        if self.scene.coating.lobe is not None:
-            notes.append(
-                "Scores and facets have the skin's lobe; the pictures and the light on the skin "
-                "are drawn as if it scattered all of its light by Lambert's law."
-            )
         scores = [f"{scorer.score(design.phi, design.power):.1f}" for design in known]
         environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
         return environment.from_string(_part("play.html.j2")).render(
@@ -155,7 +159,7 @@ class PlayPage:
             scene_hash=self.scene.hash,
             level=LEVEL_NAMES[level],
             source="the scene's model" if level == "surrogate" else f"the {level}",
-            notes=notes,
+            notes=self.notes(level),
             made=datetime.now(UTC).strftime("%d %B %Y"),
             confidence=f"{self.checker.coverage:.0%}",
             baseline_score=scores[0],

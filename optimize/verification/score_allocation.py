@@ -8,7 +8,8 @@ sample of a pair of site and fiber goes as ``sqrt(sum_facet (g T)^2)``, and so d
 it should get (Neyman 1934; `render.reference.allocation`).
 
 Designs that are rendered together are compared, so g is that of the difference to the leader, for
-each of the others, and that of the leader's own score, which is reported too.
+each of the others, and that of the leader's own score, which is reported too. Each counts in units
+of the least variance that it could have: a small difference is to be known as well as a large one.
 
 T and g are those of the model, never of the renders that they weigh, so estimates stay free of
 bias, error bars hold, and the same question always gets the same samples. Where the model is wrong,
@@ -30,6 +31,9 @@ from render.metric_gradient import score_by_counts
 from render.reference import EVERYTHING, PRESSED, SampleAllocation
 from render.scene import Scene
 from render.transport import TransportTable
+
+SAME = 1e-12
+"""Variance of a difference, over that of the score, below which two designs are the same."""
 
 
 def score_allocation(
@@ -74,12 +78,18 @@ def score_allocation(
         return np.asarray(0.5 * (change + mirror_image(scene, nodes, facets=True).sum(axis=1)))
 
     first = moved(leader)
-    squares = first**2
-    for index in range(len(designs)) if rivals is None else rivals:
-        if index != leader:
-            squares += (moved(index) - first) ** 2
-    # (fiber, bend, site, facet) -> (bend, site, fiber)
-    return SampleAllocation(np.sqrt(squares.sum(axis=-1)).transpose(1, 2, 0), untouched)
+    others = [i for i in (range(len(designs)) if rivals is None else rivals) if i != leader]
+    variances = [(one**2).sum(axis=-1) for one in (first, *(moved(i) - first for i in others))]
+    # The least variance that each of them could have alone is the unit of its own.
+    units = [np.sqrt(variance).sum() ** 2 for variance in variances]
+    total = sum(
+        variance / unit
+        for variance, unit in zip(variances, units, strict=True)
+        if unit > SAME * units[0]
+    )
+    # (fiber, bend, site) -> (bend, site, fiber)
+    shares = np.sqrt(np.broadcast_to(total, first.shape[:-1])).transpose(1, 2, 0)
+    return SampleAllocation(shares, untouched)
 
 
 def allocation_of(content: dict[str, Any] | None) -> SampleAllocation:

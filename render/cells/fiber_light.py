@@ -60,10 +60,12 @@ class FiberLight:
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
         dr.make_opaque(self.center, self.beam, self.radius, self.still)
 
-    def _center(self, fiber: mi.UInt32) -> mi.Point3f:
+    def center_of(self, fiber: mi.UInt32) -> mi.Point3f:
+        """Return the middle of the end of ``fiber``, mm."""
         return dr.gather(mi.Point3f, self.center, fiber)
 
-    def _beam(self, fiber: mi.UInt32, node: mi.UInt32) -> mi.Vector3f:
+    def beam_of(self, fiber: mi.UInt32, node: mi.UInt32) -> mi.Vector3f:
+        """Return the unit beam of ``fiber`` at a direction node."""
         return dr.gather(mi.Vector3f, self.beam, fiber * self.nodes + node)
 
     def sample(
@@ -79,9 +81,9 @@ class FiberLight:
         """Return what the lines through ``p`` along ``d``, the way of the light, carry."""
         radius = dr.gather(mi.Float, self.radius, fiber)
         radiance, mixture, joined = [], mi.Float(0.0), mi.Float(0.0)
-        offset = p - self._center(fiber)
+        offset = p - self.center_of(fiber)
         for j in range(self.nodes):
-            beam = self._beam(fiber, mi.UInt32(j))
+            beam = self.beam_of(fiber, mi.UInt32(j))
             cos = dr.dot(beam, d)
             # Where the line meets the node's disk, seen from the disk's center.
             distance = dr.dot(offset, beam) / cos
@@ -109,10 +111,10 @@ class FiberLight:
         ``pick`` draws the direction node that the face belongs to.
         """
         node = dr.minimum(mi.UInt32(pick * self.nodes), self.nodes - 1)
-        frame = mi.Frame3f(self._beam(fiber, node))
+        frame = mi.Frame3f(self.beam_of(fiber, node))
         radius = dr.gather(mi.Float, self.radius, fiber)
         disk = radius * mi.warp.square_to_uniform_disk_concentric(square)
-        point = self._center(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
+        point = self.center_of(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
         return mi.Point3f(point), frame
 
     def passed(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f, end: mi.Float) -> mi.Bool:
@@ -120,7 +122,7 @@ class FiberLight:
 
         Of a fiber that turns: through the sphere of all its end faces.
         """
-        offset = self._center(fiber) - o
+        offset = self.center_of(fiber) - o
         ahead = dr.dot(offset, d)
         radius = dr.gather(mi.Float, self.radius, fiber)
         miss = dr.squared_norm(offset - ahead * d)
@@ -128,7 +130,7 @@ class FiberLight:
         near = (miss <= within) & (ahead > -radius) & (ahead < end)
         if self.still is None:
             return near
-        beam = self._beam(fiber, mi.UInt32(0))
+        beam = self.beam_of(fiber, mi.UInt32(0))
         distance = dr.dot(offset, beam) / dr.dot(d, beam)
         through = (dr.squared_norm(offset - distance * d) <= within) & (distance > 0)
         still = dr.gather(mi.Bool, self.still, fiber)

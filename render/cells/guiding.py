@@ -92,6 +92,11 @@ class FacetGuiding:
         """Return whether this number picks the guided direction."""
         return self.applies(v) & (number < self.fraction)
 
+    def unselected(self, v: Vertex, number: mi.Float) -> mi.Float:
+        """Return a number in [0, 1) again, for the BSDF, of one that was not ``selected``."""
+        rest = dr.maximum(number - self.fraction, 0.0) / (1.0 - self.fraction)
+        return dr.select(self.applies(v), rest, number)
+
     def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a direction towards the fiber's glow, or the lamp, for a ``number`` selected."""
         glow = self.glow.sample(self.fiber, v.p, x, y)

@@ -43,6 +43,9 @@ class GuidingDistribution(Protocol):
     def selected(self, v: Vertex, number: mi.Float) -> mi.Bool:
         """Return whether this number picks the guided direction."""
 
+    def unselected(self, v: Vertex, number: mi.Float) -> mi.Float:
+        """Return a number in [0, 1) again, for the BSDF, of one that was not ``selected``."""
+
     def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a guided world direction; ``number`` is the one that was ``selected``."""
 
@@ -199,7 +202,9 @@ def sample_scattering(
     surface, volume = active & ~v.volume, active & v.volume
     si = surface_interaction(v)
     context = mi.BSDFContext(mode)
-    sample, weight = v.bsdf.sample(context, si, lobe, square, surface)
+    # A BSDF of several parts draws one of them by the number that selects guided directions.
+    part = lobe if guiding is None else guiding.unselected(v, lobe)
+    sample, weight = v.bsdf.sample(context, si, part, square, surface)
     wo_surface = v.frame.to_world(sample.wo)
     back = mi.Vector3f(si.wi)
     si.wi = sample.wo

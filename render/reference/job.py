@@ -25,6 +25,7 @@ from render.errors import RenderError
 from render.files import read_or_drop, write_npz
 from render.geometry import counted_sites, facet_masks
 from render.reference.llvm import VARIANT, mitsuba
+from render.reference.shared_lamps import STRATA, serves_all_lamps
 from render.scene import Scene, scene_content, scene_of
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from render.sampling.pssmlt import MarkovChains
 
 VERSION = 9
+SHARED_VERSION = 1
+"""Of renders of all lamps at once (``render.reference.shared_lamps``)."""
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5
 """Probability of large steps where chains fill the cells."""
@@ -89,11 +92,14 @@ class RenderJob:
     @cached_property
     def key(self) -> str:
         """A hash of everything that the result depends on, 64 hex digits."""
-        content = asdict(self) | {"scene": scene_of(self.scene).hash}
+        scene = scene_of(self.scene)
+        content = asdict(self) | {"scene": scene.hash}
         if self.slots is None:
             del content["slots"]
         programs = [version("mitsuba"), version("drjit")]
-        text = json.dumps([VERSION, programs, content], sort_keys=True)
+        shared = self.sampler == "monte-carlo" and serves_all_lamps(scene, self.bend)
+        marks = [SHARED_VERSION] if shared else []
+        text = json.dumps([VERSION, programs, content, *marks], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
@@ -168,7 +174,7 @@ def run_job(
     mitsuba(VARIANT)
     scene, phi = scene_of(job.scene), np.array(job.phi)
     slots = None if job.slots is None else np.array(job.slots)
-    cells = pad_cells(scene, phi, job.bend, job.indented, slots)
+    cells = pad_cells(scene, phi, job.bend, job.indented, job.sampler, slots)
     began = last = time.monotonic()
     run, spent = _start(scene, cells, job, None if state is None else read_or_drop(state))
     began -= spent
@@ -213,7 +219,12 @@ def _target_pixels(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarra
 
 
 def pad_cells(
-    scene: Scene, phi: Array, bend: float, indented: bool, slots: np.ndarray | None = None
+    scene: Scene,
+    phi: Array,
+    bend: float,
+    indented: bool,
+    sampler: Sampler = "monte-carlo",
+    slots: np.ndarray | None = None,
 ) -> Any:
     """Return the path sampler of all cells of a pad; ``phi`` ``(fiber, node)`` and ``bend`` in rad.
 
@@ -221,8 +232,11 @@ def pad_cells(
     (`render.geometry.check_seen`).
     """
     from render.cells.cell_sampler import CellSampler, Targets
+    from render.cells.clear_cells import ClearCells
 
     pixel, offset = _target_pixels(scene, bend, indented)
+    if sampler == "monte-carlo" and serves_all_lamps(scene, bend):
+        return ClearCells(scene, phi, indented, Targets(pixel, offset), STRATA)
     return CellSampler(scene, phi, bend, indented, Targets(pixel, offset), slots)
 
 

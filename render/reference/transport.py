@@ -28,6 +28,7 @@ from render.reference.convergence import doubt
 from render.reference.error_bars import CellErrors, standard_error, with_lone_contributions
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
+from render.reference.shared_lamps import serves_all_lamps, shared_shape
 from render.scene import Scene, scene_content
 
 MIN_CHAINS, MAX_CHAINS = 64, 16384
@@ -190,7 +191,13 @@ def transport_jobs(
         for bend, indented, shares in pads:
             count = samples * (1 if indented else UNTOUCHED_SAMPLES)
             effort, slots = (1.0, None) if shares is None else (shares.effort, shares.slots)
-            chains, iterations = _shape(count, pairs, sampler, per_pass, effort)
+            if sampler == "monte-carlo" and serves_all_lamps(scene, bend):
+                # Every sample serves all lamps: there is nothing to share out among them.
+                each = None if per_pass is None else per_pass * count // samples
+                chains, iterations = shared_shape(scene, count, replicates, each, indented=indented)
+                slots = None
+            else:
+                chains, iterations = _shape(count, pairs, sampler, per_pass, effort)
             jobs.append(
                 RenderJob.of(
                     of_albedo,

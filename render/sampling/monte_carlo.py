@@ -12,7 +12,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.sampling.proposals import LIGHT_SALT, PathSampler, Splat
+from render.sampling.proposals import LIGHT_SALT, CellSplat, PathSampler, Splat
 from render.sampling.streams import ROUNDS, HashedStream, key
 
 
@@ -37,11 +37,22 @@ class MonteCarlo:
         for _ in range(count):
             splats, _ = independent_paths(self.sampler, self.lane, key(self.seed, 2, self.done))
             for splat in splats:
+                if isinstance(splat, CellSplat):
+                    self._add_to_all(splat.values)
+                    continue
                 add_splat(self.sums, self.group, splat)
                 bins = np.array(splat.bin)
                 for c, values in enumerate(finite_values(splat)):
                     np.maximum.at(self.highest[:, c], bins, values)
             self.done += 1
+
+    def _add_to_all(self, values: Array) -> None:
+        """Add ``values (bin, channel, lane)``, lane by lane."""
+        if not np.isfinite(values).all():
+            raise RenderError("the path sampler returned a non-finite value")
+        for group in range(self.replicates):
+            self.sums[group] += values[..., group :: self.replicates].sum(axis=-1)
+        np.maximum(self.highest, values.max(axis=-1), out=self.highest)
 
     def estimate(self) -> Array:
         """Return independent estimates ``(replicate, bin, channel)``."""

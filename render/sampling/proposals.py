@@ -22,6 +22,7 @@ from typing import Protocol
 import drjit as dr
 import mitsuba as mi
 
+from render.arrays import Array
 from render.sampling.streams import Numbers, Stream, hashed
 
 # Kelemen et al. 2002, sec. 3.1: perturbations between s1 and s2, exponentially distributed.
@@ -38,6 +39,13 @@ class Splat:
 
     bin: mi.UInt32
     values: list[mi.Float]
+
+
+@dataclass
+class CellSplat:
+    """What a path adds to every bin: ``values (bin, channel, lane)``, float64."""
+
+    values: Array
 
 
 class PathSampler(Protocol):

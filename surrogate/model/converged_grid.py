@@ -10,7 +10,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.preview.converged import NODES, ConvergedTransport
 from render.scene import Scene
-from surrogate.model.lamp_copies import split_channels
+from surrogate.model.lamp_copies import copied, split_channels
 from surrogate.model.preview_grid import FLOOR, PreviewGrid
 
 BEND_DEGREE = 3
@@ -21,17 +21,20 @@ LAMP_ERROR = 0.6
 """The same of the light of a lamp in one direction at one bend."""
 
 
-def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:
+def corrected(
+    grid: PreviewGrid, scene: Scene, found: ConvergedTransport, nodes: Array = NODES
+) -> PreviewGrid:
     """Return the shader's grid times the ratio of converged transport to it.
 
-    At `NODES` and the scene's own bends, the ratio of a lamp's light is the mean of what was found
-    and of 1, weighed by their variances: that of the noise, and `LAMP_ERROR` squared. The ratio of
-    a cell is in the same way that of its lamp and what was found, with `SHADER_ERROR`. Its
-    logarithm is interpolated in direction by the polynomial through `NODES`, in bend by one of
-    degree `BEND_DEGREE` at most, constant beyond the scene's own.
+    At ``nodes`` and the scene's own bends, the ratio of a lamp's light is the mean of what was
+    found and of 1, weighed by their variances: that of the noise, and `LAMP_ERROR` squared. The
+    ratio of a cell is in the same way that of its lamp and what was found, with `SHADER_ERROR`. Its
+    logarithm is interpolated in direction by the polynomial through ``nodes``, in bend by one of
+    degree `BEND_DEGREE` at most, constant beyond the scene's own. Of a lamp that turns one node
+    says how bright it is, not where.
     """
     own = np.array(scene.bending.angles)
-    drawn = np.exp(grid.evaluate(NODES, own))
+    drawn = np.exp(grid.evaluate(nodes, own))
     grain = split_channels(scene, found.grain)[..., None, None]
     light = split_channels(scene, found.cells)
     # Facets of a site share photons: a lamp's light is known as well as that of its sites.
@@ -40,8 +43,11 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
     lamps = light.sum(axis=(3, 4), keepdims=True) / whole
     share = 1.0 + _trust(normals * grain / whole, LAMP_ERROR) * (lamps - 1.0)
     cells = share + _trust(grain / drawn, SHADER_ERROR) * (light / drawn - share)
+    if len(nodes) == 1:
+        turning = copied(scene, np.array(scene.turning))
+        cells[turning] = np.broadcast_to(share, cells.shape)[turning]
     ratio = np.log(np.maximum(cells, FLOOR))
-    in_phi = interpolation_weights(NODES, grid.phi)
+    in_phi = interpolation_weights(nodes, grid.phi)
     degree = min(len(set(own)) - 1, BEND_DEGREE)
     at_own, at_nodes = (
         np.polynomial.chebyshev.chebvander(at / max(own.max(), 1.0), degree)

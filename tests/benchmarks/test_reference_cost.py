@@ -126,16 +126,22 @@ def test_the_cost_of_facet_colors_and_of_the_table_of_a_clear_pad(
         clear_pad, np.full(fibers, np.pi / 2), np.ones(fibers), 0.0,
         width=camera.columns, height=camera.rows,
     )  # fmt: skip
-    lanes, passes = 16384, 8
+    lanes, passes = 256, 16
 
-    def ours(seed: int, passes: int) -> np.ndarray:
-        found = monte_carlo_replicates(
-            cells, lanes=lanes, passes=passes, replicates=REPLICATES, seed=seed
-        )
-        return found.reshape(REPLICATES, fibers, -1).sum(axis=1)
+    def colors(sampler: Any, lanes: int) -> Callable[[int, int], np.ndarray]:
+        def ours(seed: int, passes: int) -> np.ndarray:
+            found = monte_carlo_replicates(
+                sampler, lanes=lanes, passes=passes, replicates=REPLICATES, seed=seed
+            )
+            return found.reshape(REPLICATES, fibers, -1).sum(axis=1)
 
+        return ours
+
+    phi = np.full((fibers, 1), np.pi / 2)
+    apart = pad_cells(clear_pad, phi, 0.0, indented=True, sampler="pssmlt")
     rows = {
-        "cells (ours)": cost(ours, passes),
+        "cells (ours)": cost(colors(cells, lanes), passes),
+        "lamp by lamp": cost(colors(apart, 16384), 8),
         "volpath": cost(
             lambda s, n: by_volpath(clear_pad, lit, cells.targets, n, REPLICATES, s), 12
         ),
@@ -150,8 +156,7 @@ def test_the_cost_of_facet_colors_and_of_the_table_of_a_clear_pad(
     with capsys.disabled():
         print(f"the table of the clear pad at a median error of 3 %: {minutes:.2f} minutes, "
               f"{minutes / 5:.2f} of the allowed 5")  # fmt: skip
-    # Both take about as long (0.8 to 1.9 times, by what else the machine does): no step back.
-    assert rows["volpath"][0] > 0.5 * rows["cells (ours)"][0]
+    assert rows["volpath"][0] > 50 * rows["cells (ours)"][0]
 
 
 def test_the_training_table(

@@ -201,6 +201,8 @@ class BentScene:
 
     def cells(self, fiber: int, phi: float, photons: int, batches: int = 16) -> AnalogCells:
         """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""
+        if self.scene.coating.specular:
+            raise ValueError("the lobe of a skin is known to AnalogScene alone")
         lamp, bins = self.lamp(fiber, phi), len(self.area)
         first = (self.seed * 1009 + fiber) * 4099
         brightness = self.scene.coating.albedo / (np.pi * self.scene.pad.index**2)

@@ -174,6 +174,24 @@ def test_other_kinds_of_content_are_refused(tmp_path: Path) -> None:
         load_table(path)
 
 
+def test_at_bends_interpolates_every_channel_by_itself() -> None:
+    plain = example()
+    parts = [example(), example()]
+    both = replace(
+        plain,
+        **{name: np.stack([getattr(one, name) for one in parts], axis=-1) for name in ("T", "se")},
+        background=None,
+        background_se=None,
+        half_difference=None,
+    )
+    between = np.radians([20.0, 70.0])
+    found = both.at_bends(between)
+    assert found.by_channel
+    for channel, one in enumerate(parts):
+        np.testing.assert_allclose(found.T[..., channel], one.at_bends(between).T)
+        np.testing.assert_allclose(found.se[..., channel], one.at_bends(between).se)
+
+
 @given(st.data())
 def test_a_damaged_file_is_told_not_crashed_on(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

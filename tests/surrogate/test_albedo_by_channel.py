@@ -10,8 +10,10 @@ import pytest
 
 from render.errors import TableError
 from render.preview import Preview
+from render.preview.converged import NODES, ConvergedTransport
 from render.scene import Scene
 from render.transport import TransportTable, load_table
+from surrogate.model.converged_grid import corrected
 from surrogate.model.lamp_copies import (
     copied_poses,
     joined_channels,
@@ -219,3 +221,21 @@ def test_the_grid_of_such_a_scene_holds_each_albedo_in_turn() -> None:
     grid = draw_grid(scene, 3, 1)
     alone = [draw_grid(one, 3, 1).log_transport for one in scene.one_albedo_scenes]
     np.testing.assert_array_equal(grid.log_transport, np.concatenate(alone))
+
+
+def test_converged_light_corrects_each_albedo_by_its_own() -> None:
+    scene, rng = skin_of(), np.random.default_rng(6)
+    grids = [draw_grid(one, 3, 1) for one in scene.one_albedo_scenes]
+    found = []
+    for grid in grids:
+        drawn = np.exp(grid.evaluate(NODES, FLAT))
+        cells = drawn * rng.uniform(0.7, 1.4, drawn.shape)
+        grain = 1e-3 * drawn.mean() * rng.uniform(0.5, 2.0, drawn.shape[:3])
+        found.append(ConvergedTransport(cells, grain))
+    parts = (np.stack(each, axis=-1) for each in zip(*found, strict=True))
+    whole = corrected(draw_grid(scene, 3, 1), scene, ConvergedTransport(*parts))
+    alone = [
+        corrected(grid, one, own).log_transport
+        for grid, one, own in zip(grids, scene.one_albedo_scenes, found, strict=True)
+    ]
+    np.testing.assert_allclose(whole.log_transport, np.concatenate(alone), rtol=1e-10)

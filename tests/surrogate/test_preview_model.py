@@ -11,7 +11,16 @@ import torch
 from render.chebyshev import chebyshev_nodes
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
-from render.preview.converged import NODES, ConvergedTransport, Effort, cache, is_kept, task_count
+from render.preview.converged import (
+    AHEAD,
+    NODES,
+    ConvergedTransport,
+    Effort,
+    cache,
+    is_kept,
+    task_count,
+    transport_ahead,
+)
 from render.progress import Progress
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
@@ -33,6 +42,7 @@ from surrogate.preview_model import (
 )
 from surrogate.runtime import Checker, RankingTest
 from surrogate.runtime.model_file import OUTPUTS
+from tests.oracles.pads import content_of_case, scene_of_case
 from tests.surrogate.conftest import small_scene
 
 
@@ -184,6 +194,47 @@ def test_a_lamp_s_light_is_known_where_its_cells_are_lost_in_noise(sensor: Scene
     # The shader says 1, the truth is 0.5: single cells are 0.5 +- 0.7, a lamp's sum 0.50 +- 0.05.
     assert light.mean() == pytest.approx(0.5, abs=0.05)
     assert light.std() < 0.3
+
+
+def test_of_a_lamp_that_turns_one_node_says_how_bright_it_is() -> None:
+    scene, flat = scene_of_case("rows of their own"), np.zeros(1)
+    assert scene.turning == (True, False)
+    drawn = shader_grid([0.3])
+    grid = PreviewGrid(drawn.log_transport[:, :, :1], drawn.phi, flat, 0)
+    before = np.exp(grid.evaluate(AHEAD, flat))
+    cells = before * np.random.default_rng(5).uniform(1.0, 3.0, before.shape)
+    better = corrected(grid, scene, found(cells, 0.0), AHEAD)
+    ratio = np.exp(better.log_transport - grid.log_transport)
+    # The same in all directions: of one lamp as a whole, of the other cell by cell.
+    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[:, :1], ratio.shape))
+    np.testing.assert_allclose(ratio[0], cells[0].sum() / before[0].sum())
+    np.testing.assert_allclose(ratio[1, 0], (cells / before)[1, 0])
+
+
+@pytest.mark.slow
+def test_under_a_window_the_coarse_preview_has_the_light_that_is_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    few = Effort(paths=1024, arrivals=2_000_000)
+    monkeypatch.setattr(cache, "AHEAD_EFFORT", few)
+    content = content_of_case("window lit at its edges")
+    content["baseline"]["tip"] = "green"
+    for row in content["rows"]:
+        row["turns"] = False
+    content["window"]["index"]["value"] = 1.6
+    scene = Scene.model_validate(content)
+    said = preview_checker(scene, coarse=True)
+    assert said.level == "preview"
+    phi, dim = np.full((3, 3), np.pi / 2), 0.3 * np.eye(3)[:, :, None] * [1.0, 0.0, 0.0]
+    seen = said.run(phi, dim, np.zeros(1))["counts"][..., 0].sum(axis=(1, 2, 3))
+    followed = 0.3 * said.exposure * transport_ahead(scene).cells[..., :-1].sum(axis=(1, 2, 3, 4))
+    with Preview(scene) as preview:
+        drawn = preview.transport(AHEAD, np.zeros(1))[0].sum(axis=(1, 2, 3, 4))
+    np.testing.assert_allclose(seen, followed, rtol=0.1)
+    assert (
+        np.abs(0.3 * said.exposure * drawn / followed - 1.0) > np.abs(seen / followed - 1.0)
+    ).all()
 
 
 @pytest.mark.slow

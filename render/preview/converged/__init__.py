@@ -4,5 +4,12 @@ The preview that the shader draws is truncated: few terms, few heights, one refl
 is followed by compiled paths until it is absorbed; tens of seconds instead of one.
 """
 
-from render.preview.converged.cache import NODES, can_converge, converged_transport, is_kept
+from render.preview.converged.cache import (
+    AHEAD,
+    NODES,
+    can_converge,
+    converged_transport,
+    is_kept,
+    transport_ahead,
+)
 from render.preview.converged.transport import ConvergedTransport, Effort, task_count, transport_at

@@ -29,6 +29,9 @@ PHI_NODES = 13
 NODES = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
 EFFORT = Effort()
 """What is kept, and looked for."""
+AHEAD = np.array([np.pi / 2])
+AHEAD_EFFORT = Effort(paths=8192, arrivals=6_000_000)
+"""Direction and paths of `transport_ahead`."""
 
 
 def can_converge(scene: Scene) -> bool:
@@ -41,7 +44,7 @@ def converged_transport(
     progress: OnProgress | None = None,
     *,
     phi: Array = NODES,
-    effort: Effort = EFFORT,
+    effort: Effort | None = None,
 ) -> ConvergedTransport:
     """Return transport at nodes and the scene's own bends, which are one more axis.
 
@@ -52,8 +55,9 @@ def converged_transport(
         scene: the sensor.
         progress: is told of every lamp and facet.
         phi: ``(node,)`` rad, Chebyshev's on [0, pi], or its middle alone.
-        effort: how many paths.
+        effort: how many paths (default: `EFFORT`).
     """
+    effort = effort or EFFORT
     bends = scene.bending.angles
     clock = Clock(len(bends) * task_count(scene, effort), progress)
     parts = []
@@ -70,6 +74,14 @@ def converged_transport(
         except OSError as error:
             warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=2)
     return ConvergedTransport(*(np.stack(each, axis=2) for each in zip(*parts, strict=True)))
+
+
+def transport_ahead(scene: Scene) -> ConvergedTransport:
+    """Return converged transport of few paths at the one node `AHEAD`, for a first answer.
+
+    As `converged_transport`, in a third of the time; kept as well.
+    """
+    return converged_transport(scene, phi=AHEAD, effort=AHEAD_EFFORT)
 
 
 def is_kept(scene: Scene) -> bool:

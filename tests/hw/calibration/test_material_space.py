@@ -67,6 +67,16 @@ def test_lit_faces_of_several_roughnesses_raise_one_clear_error() -> None:
         material_space(scene)
 
 
+def test_a_skin_with_a_lobe_on_a_clear_pad_raises_one_clear_error() -> None:
+    lobe = {"specular": 0.2, "roughness": 0.3}
+    glossy = load_scene("digit").coating.model_copy(update=lobe)
+    with pytest.raises(CalibrationError, match=r"coating.specular = 0\.2, allowed for"):
+        material_space(load_scene("digit").model_copy(update={"coating": glossy}))
+    # Behind a diffuser the albedo is not fitted.
+    scene = load_scene("finger20").model_copy(update={"coating": glossy})
+    assert "albedo" not in material_space(scene).names
+
+
 def test_a_curved_skin_and_rows_behind_a_diffuser_raise_one_clear_error() -> None:
     with pytest.raises(CalibrationError, match="curved skin"):
         material_space(load_scene("digit-dome"))

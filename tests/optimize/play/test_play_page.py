@@ -114,6 +114,14 @@ def middle(page: Page, selector: str, number: int = 0) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+def test_a_page_says_that_its_pictures_do_not_know_the_lobe_of_a_skin(finger20: Scene) -> None:
+    glossy = finger20.coating.model_copy(update={"specular": 0.2, "roughness": 0.3})
+    unasked: Any = None
+    page = PlayPage(finger20.model_copy(update={"coating": glossy}), unasked)
+    assert [note for note in page.notes("surrogate") if "lobe" in note]
+    assert PlayPage(finger20, unasked).notes("surrogate") == []
+
+
 def test_tables_survive_sixteen_bits_to_half_a_step() -> None:
     rng = np.random.default_rng(0)
     tables = {"first": rng.uniform(0, 7, (3, 4)), "second": rng.uniform(0, 1e-4, 5)}

@@ -181,6 +181,29 @@ def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: S
         ShadowPenalty(finger20, replace(table, bends=np.ones(1)))
 
 
+def test_shadows_of_channels_are_those_of_their_own_light(finger20: Scene) -> None:
+    rng, phi = np.random.default_rng(0), np.linspace(0.0, np.pi, 5)
+    shape = (20, 5, 1, 15, 4, 3)
+    transport = rng.uniform(0.5, 1.5, shape)
+    table = TransportTable(
+        transport, 0 * transport, phi, 5.0, 30.0, bends=np.zeros(1),
+        background=transport.mean(axis=4), background_se=np.zeros((*shape[:4], 3)),
+    )  # fmt: skip
+    penalty, h = ShadowPenalty(finger20, table), 1e-6
+    design = Design.of_colors(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
+    _, slope = penalty.gradient(design)
+    step = h * np.eye(20)[9]
+    up, down = (penalty.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
+    assert slope[9] == pytest.approx((up - down) / (2 * h), rel=1e-4, abs=1e-6)
+    # Of lamps of one color, only that channel's light is missed.
+    red = Design.of_colors(design.phi, np.zeros(20, dtype=int))
+    assert table.background is not None
+    alone = replace(table, T=transport[..., 0], se=table.se[..., 0],
+                    background=table.background[..., 0],
+                    background_se=np.zeros(shape[:4]))  # fmt: skip
+    assert penalty.value(red) == pytest.approx(ShadowPenalty(finger20, alone).value(red))
+
+
 @pytest.mark.parametrize(
     ("case", "radius", "curved"), [("dome", 30.0, (1, 1)), ("arch", 20.0, (1, 0))]
 )

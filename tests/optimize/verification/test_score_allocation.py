@@ -24,7 +24,7 @@ def settings_of(table: TransportTable) -> ScoreSettings:
 def designs_of(small: Scene) -> list[Design]:
     base = baseline_design(small)
     turned = Design(np.linspace(0.9, 2.2, small.lamp_count), base.power)
-    return [base, turned, Design.of_colors(turned.phi, (base.colors + 1) % 3)]
+    return [base, turned, Design.of_colors(turned.phi, np.arange(small.lamp_count) % 3)]
 
 
 def slopes(table: TransportTable, design: Design) -> np.ndarray:
@@ -48,8 +48,10 @@ def test_no_other_shares_give_less_variance_of_independent_relative_noise(
     found = score_allocation(small, table, settings_of(table), [turned, other])
     assert found.shares is not None
     lead, rival = slopes(table, turned), slopes(table, other)
-    # Variance of one sample of a pair, for the leader's score plus the difference to the other.
-    wanted = (lead**2 + (rival - lead) ** 2).sum(axis=-1).transpose(1, 2, 0)
+    # Variance of one sample of a pair: the leader's score and the difference to the other, each
+    # in units of the least that it can have.
+    parts = [(slope**2).sum(axis=-1).transpose(1, 2, 0) for slope in (lead, rival - lead)]
+    wanted = np.sum([part / np.sqrt(part).sum() ** 2 for part in parts], axis=0)
 
     def variance(shares: np.ndarray) -> float:
         return float((wanted / (shares / shares.sum())).sum())

@@ -9,7 +9,8 @@ import pytest
 
 from render.cells import lamp_connections
 from render.geometry import facets
-from render.reference import render_transport
+from render.reference import pad_cells, render_transport
+from render.sampling.monte_carlo import MonteCarlo
 from render.scene import Scene
 from tests.oracles.analog_cells import analog_lamp
 from tests.oracles.pads import scene_of_case
@@ -58,10 +59,11 @@ def test_aimed_subpaths_change_the_noise_of_a_smooth_pad_and_not_its_light(
     scene = scene_of_case("smooth")
     levels, errors = [], []
     for samples in (100, 500):
-        estimate = render_transport(
-            scene, np.array([PHI]), np.array([0.0]), samples=samples, replicates=16
-        )
-        found = estimate.background_replicates[:, :, 0, 0].sum(axis=(1, 2))
+        # One lamp at a time, as on pads where not all are served at once.
+        cells = pad_cells(scene, np.full((scene.lamp_count, 1), PHI), 0.0, False, sampler="pssmlt")
+        run = MonteCarlo(cells, 16 * samples, 16, 1)
+        run.sample(1)
+        found = run.estimate().sum(axis=(1, 2))
         levels.append(found.mean())
         errors.append(found.std(ddof=1) / 4)
         # With few samples aimed subpaths, with many none.

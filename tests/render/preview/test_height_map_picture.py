@@ -76,3 +76,53 @@ def test_smooth_skin_has_the_light_of_level_2(scene: Scene, bend: float, tmp_pat
         truth = found.radiance[half, channel].sum()
         noise = np.sqrt((found.se[half, channel] ** 2).sum())
         assert coarse[half, channel].sum() == pytest.approx(truth, abs=3 * noise + 0.1 * truth)
+
+
+@pytest.mark.slow
+def test_a_map_on_a_dome_looks_like_the_planes_it_was_made_of(tmp_path: Path) -> None:
+    dome = load_scene("digit-dome")
+    body = probe(dome, "bolt")
+    assert isinstance(body, Imprint)
+
+    def seen(press: Imprint | HeightMap, indented: bool = True) -> np.ndarray:
+        with Preview(dome, cache=tmp_path, imprint=press) as preview:
+            phi = np.full(3, np.pi / 2)
+            return preview.picture(phi, np.eye(3), 0.0, 90, 120, indented).astype(float)
+
+    planes, skin, plain = seen(body), seen(smoothed_skin(dome, body, 0.0)), seen(body, False)
+    changed = (plain > 0) & (np.abs(planes / np.where(plain > 0, plain, 1) - 1) > 0.1)
+    assert changed.sum() > 500
+    # Where the bolt hides a lamp nearly all light is gone: the parts of the pad's mean.
+    apart = (skin - planes)[changed] / plain[plain > 0].mean()
+    assert abs(np.median(apart)) < 0.02
+    assert np.percentile(np.abs(apart), 75) < 0.06
+
+
+@pytest.mark.slow
+def test_smooth_skin_on_a_dome_has_the_light_of_level_2(tmp_path: Path) -> None:
+    from render.reference import render_image
+
+    dome = load_scene("digit-dome")
+    skin = probe(dome, "ball", 1.2, 0.4)
+    assert isinstance(skin, HeightMap)
+    phi, power = np.full(3, np.pi / 2), np.zeros((3, 3))
+    power[0, 0] = power[2, 1] = 1.0
+    found = render_image(
+        dome, phi, power, 0.0, width=45, height=60, samples=150, imprint=skin, seed=3
+    )
+    with Preview(dome, cache=tmp_path, imprint=skin) as preview:
+        fine = preview.picture(phi, power, 0.0, 180, 240).astype(float)
+    coarse = fine.reshape(60, 4, 45, 4, 3).mean(axis=(1, 3))
+    # The ball's sides alone: the dome itself slopes by less there.
+    row, column = np.indices(found.coated.shape)
+    near = np.hypot(row - 29.5, column - 22.0) < 8.0
+    lean = found.normal[..., 0]
+    left, right = (found.coated & near & (sign * lean > 0.25) for sign in (-1, 1))
+    # What turns away from a lamp has an eighth of its light, of which the preview lacks a third.
+    for channel, lit, dark in ((0, left, right), (1, right, left)):
+        truth = found.radiance[..., channel]
+        assert truth[lit].sum() > 4 * truth[dark].sum() > 0
+        for half in (lit, dark):
+            noise = np.sqrt((found.se[half, channel] ** 2).sum())
+            allowed = 3 * noise + 0.1 * truth[lit].sum()
+            assert coarse[half, channel].sum() == pytest.approx(truth[half].sum(), abs=allowed)

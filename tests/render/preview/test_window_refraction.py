@@ -9,6 +9,7 @@ import pytest
 
 from render.geometry import counted_sites, flat_fiber_poses, fresnel
 from render.preview import Preview
+from render.preview.converged import Effort
 from render.preview.facet_blur import facet_blur
 from render.preview.shading_points import ShadingPoints
 from render.scale import ScoreScale, scene_scale
@@ -158,7 +159,8 @@ def test_the_scale_is_that_of_light_that_is_followed_through_the_window(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("render.scale.WINDOW_PATHS", (1024, 300_000))
+    few = Effort(paths=1024, arrivals=300_000)
+    monkeypatch.setattr("render.preview.converged.cache.AHEAD_EFFORT", few)
 
     def scale(index: float) -> ScoreScale:
         content = content_of_case("window lit at its edges")

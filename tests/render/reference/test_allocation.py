@@ -75,7 +75,7 @@ def test_impossible_shares_raise_one_clear_error(scene: Scene, shares: np.ndarra
 def test_every_sample_is_divided_by_its_exact_probability(scene: Scene) -> None:
     job = jobs_of(scene, SampleAllocation(ASKED))[0]
     slots = np.array(job.slots)
-    cells = pad_cells(scene, np.full((20, 1), 1.0), 0.0, True, slots)
+    cells = pad_cells(scene, np.full((20, 1), 1.0), 0.0, True, slots=slots)
     scale, site, fiber = (np.array(a) for a in (cells._scale, cells._site, cells._fiber))
     expected = np.zeros(slots.shape)
     np.add.at(expected, (site, fiber), scale / len(scale))

@@ -1,0 +1,287 @@
+"""Transport cells of a flat clear pad with smooth faces: one population of light for all lamps.
+
+Without a medium the skin and white paint scatter light, and nothing else. Camera subpaths go from
+one such vertex to the next, over smooth faces that reflect by chance. At each they are joined to
+lamps over the faces (``render.cells.lamp_ways``), to all of them at the facet: a camera subpath
+does not know its lamp, so it serves all. What it meets behind the faces counts as well, by the
+balance heuristic (Veach 1997, sec. 9.2). A sample is of all cells: every facet of every site gets
+a few camera subpaths, spread over its pixels.
+
+Radiances are *basic*: over the square of the index, so that refraction leaves them as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.arrays import Array
+from render.cells.cell_sampler import Targets, pixel_rays
+from render.cells.fiber_light import FiberLight
+from render.cells.lamp_ways import CELL_MAX, CELLS, CODES, LampLine, LampWays, wrapped
+from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.optics.pad_scene import pad_scene
+from render.sampling.proposals import CellSplat
+from render.sampling.streams import Stream
+from render.scene import Scene
+
+MAX_VALUES = 1 << 24
+"""Radiances that are in memory at once, per node, lamp and camera subpath."""
+EVENTS = 4096
+"""Events by which the numbers of camera subpaths are apart."""
+VERTEX_EVENTS = 32
+"""Events by which those of two diffuse vertices are apart: as many faces may reflect between."""
+VERTEX_MAX = 100
+"""Diffuse vertices of a camera subpath."""
+SURVIVAL_MIN, SURVIVAL_MAX = 0.2, 0.95
+"""Of Russian roulette, behind the facet: the reflectance between these."""
+STEP = (0.7548776662466927, 0.5698402909980532)
+"""By which the points on lamps' ends differ from one way to the next (R2 sequence)."""
+
+
+@dataclass
+class _Chain:
+    """How a camera subpath came from a diffuse vertex (a Dr.Jit PyTree).
+
+    ``before`` is the length since then, ``density`` that of its direction there times the chance of
+    all that happened since, ``counts`` how often each axis reflected and ``up`` whether the
+    direction goes up the axis.
+    """
+
+    before: mi.Float
+    density: mi.Float
+    counts: mi.Vector3u
+    up: mi.Vector3u
+
+
+class ClearCells:
+    """All cells of one flat pad, indented or untouched, as a sampler of ``MonteCarlo``."""
+
+    def __init__(
+        self, scene: Scene, phi: Array, indented: bool, targets: Targets, strata: int
+    ) -> None:
+        """Load the pad; ``phi`` is ``(fiber, node)`` rad."""
+        self.scene, self.targets, self.strata = scene, targets, strata
+        self.pad = pad_scene(scene, 0.0, indented)
+        self.surfaces = PadSurfaces(self.pad)
+        self.light = FiberLight(scene, phi, 0.0)
+        self.ways = LampWays(scene, self.light)
+        self.index = scene.pad.index
+        self.fibers, self.channels = phi.shape
+        self.bins = self.fibers * targets.count
+        # One more entry: a target without pixels at the end reads past the others'.
+        self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
+        self._offset = mi.UInt32(targets.offset.astype(np.uint32))
+        dr.make_opaque(self._pixel, self._offset)
+
+    def evaluate(self, camera: Stream, light: Stream) -> list[CellSplat]:
+        """Return what one sample per lane adds to all cells: radiance per direction node."""
+        lanes = dr.width(camera.event(mi.UInt32(0)))
+        count, kinds = self.targets.count, (self.fibers, self.channels)
+        found = np.zeros((*kinds, count, lanes))
+        each = min(count, max(1, MAX_VALUES // (lanes * self.strata * self.bins // count)))
+        for begin in range(0, count, each):
+            here = min(each, count - begin)
+            # The lanes of one target and stratum lie side by side.
+            wide = dr.arange(mi.UInt32, lanes * here * self.strata)
+            subpath = wide // lanes
+            start = mi.UInt32(begin * self.strata)
+            dr.make_opaque(start)
+            values = self._values(subpath + start, camera.of_lanes(wide - subpath * lanes))
+            shape = (*kinds, here, self.strata, lanes)
+            found[:, :, begin : begin + here] = np.array(values).reshape(shape).mean(axis=3)
+        return [CellSplat(found.swapaxes(1, 2).reshape(self.bins, self.channels, lanes))]
+
+    @dr.syntax
+    def _values(self, subpath: mi.UInt32, stream: Stream) -> mi.Float:
+        """Return radiances per fiber, node and lane, flat, of one camera subpath per lane."""
+        width = dr.width(subpath)
+        # Dr.Jit 1.5 adds to one array from one place only.
+        joined, met = (dr.zeros(mi.Float, self.fibers * self.channels * width) for _ in range(2))
+        lane = dr.arange(mi.UInt32, width)
+        first = subpath * EVENTS
+        p, d, beta = self._camera_ray(subpath, stream, first)
+        # --------------------------- Configure loop state ----------------------------
+        vertex = mi.UInt32(0)  # diffuse vertices so far
+        reflections = mi.UInt32(0)  # since the last of them
+        chain = _Chain(mi.Float(0), mi.Float(0), mi.Vector3u(0), mi.Vector3u(0))
+        active = beta > 0
+        while active:
+            hit = self.surfaces.hit(p, d, active)
+            active = active & hit.valid
+            chain.before += dr.select(active, dr.norm(hit.p - p), 0.0)
+            base = first + 2 + vertex * VERTEX_EVENTS
+            event = base + reflections
+            kind, inward = hit.kind, -hit.cosine
+            diffuse = active & (kind == DIFFUSE)
+            # Behind paint and skin it is dark.
+            active = active & (~diffuse | (inward > 0))
+            diffuse = diffuse & active
+            if diffuse:
+                a = step_off(hit.p, hit.n)
+                scale = beta * hit.reflectance / dr.pi
+                survival = dr.clip(hit.reflectance, SURVIVAL_MIN, SURVIVAL_MAX)
+                survival = dr.select(vertex == 0, 1.0, survival)
+                self._join(joined, lane, a, hit.n, scale, survival, vertex == 0, stream, base)
+                # ------------------------- Go on by the cosine ------------------------
+                free, _, x, y = stream.event(event)
+                local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(x, y))
+                d = mi.Frame3f(hit.n).to_world(local)
+                beta *= hit.reflectance / survival
+                p = a
+                vertex += 1
+                reflections = mi.UInt32(0)
+                up = mi.Vector3u(*(dr.select(d[i] > 0, mi.UInt32(1), 0) for i in range(3)))
+                chain = _Chain(
+                    mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi, mi.Vector3u(0), up
+                )
+                active = active & (free < survival) & (hit.reflectance > 0)
+                active = active & (vertex < VERTEX_MAX)
+            else:
+                cosine = dr.abs(hit.cosine)
+                fresnel, outside, _, _ = mi.fresnel(cosine, 1.0 / self.index)
+                number = stream.event(event)[0]
+                boundary = kind == DIELECTRIC
+                leaves = active & boundary & (number >= fresnel)
+                if leaves & (vertex > 0):
+                    # From inside, the normal is on the far side.
+                    beyond = mi.Vector3f(
+                        self.index * d + (dr.abs(outside) - self.index * cosine) * hit.n
+                    )
+                    line = LampLine(hit.p, beyond, chain.before, cosine, dr.abs(outside))
+                    chain.density *= 1.0 - fresnel
+                    self._meet(met, lane, line, chain, hit.n, beta, vertex == 1)
+                beta *= dr.select(boundary, 1.0, hit.reflectance)
+                chain.density *= dr.select(boundary, fresnel, 1.0)
+                for i in range(3):
+                    chain.counts[i] += dr.select(dr.abs(hit.n[i]) > 0.5, mi.UInt32(1), 0)
+                inner = dr.select(boundary, -1.0, 1.0) * hit.n
+                p = dr.select(active, step_off(hit.p, inner), p)
+                d = dr.select(active, d - 2.0 * hit.cosine * mi.Vector3f(hit.n), d)
+                reflections += 1
+                active = active & ~leaves & (reflections < VERTEX_EVENTS - 1)
+        return joined + met
+
+    def _camera_ray(
+        self, subpath: mi.UInt32, stream: Stream, first: mi.UInt32
+    ) -> tuple[mi.Point3f, mi.Vector3f, mi.Float]:
+        """Return origin and direction behind the face that the camera looks through, and weight."""
+        target = subpath // self.strata
+        stratum = subpath - target * self.strata
+        pick, _, x, y = stream.event(first)
+        begin = dr.gather(mi.UInt32, self._offset, target)
+        size = dr.gather(mi.UInt32, self._offset, target + 1) - begin
+        place = (mi.Float(stratum) + pick) / self.strata * mi.Float(size)
+        within = dr.minimum(mi.UInt32(place), dr.maximum(size, 1) - 1)
+        pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
+        film = self.scene.camera
+        row = pixel // film.columns
+        column = pixel - row * film.columns
+        o, d = pixel_rays(
+            self.scene, mi.Float(column) + x, mi.Float(row) + y, film.columns, film.rows
+        )
+        hit = self.surfaces.hit(o, d, dr.full(mi.Bool, True, dr.width(subpath)))
+        # What the face reflects is lost, so that nothing is left to chance.
+        cosine = -hit.cosine
+        fresnel, _, _, _ = mi.fresnel(cosine, self.index)
+        inside = dr.sqrt(1.0 - (1.0 - dr.square(cosine)) / self.index**2)
+        refracted = d / self.index + (cosine / self.index - inside) * mi.Vector3f(hit.n)
+        enters = hit.valid & (hit.kind == DIELECTRIC) & (cosine > 0)
+        weight = dr.select(enters, 1.0 - fresnel, 0.0)
+        return step_off(hit.p, -hit.n), dr.normalize(refracted), weight
+
+    @dr.syntax
+    def _join(
+        self, sums: mi.Float, lane: mi.UInt32, a: mi.Point3f, n: mi.Normal3f, scale: mi.Float,
+        survival: mi.Float, facet: mi.Bool, stream: Stream, base: mi.UInt32,
+    ) -> None:  # fmt: skip
+        """Add the light of lamps joined to diffuse vertices ``a``."""
+        ways = self.ways
+        pick, way, x, y = stream.event(base + (VERTEX_EVENTS - 1))
+        step = mi.UInt32(0)
+        last = dr.select(facet, mi.UInt32(ways.facet_count), mi.UInt32(self.fibers))
+        going = step < last
+        while going:
+            turn = mi.Float(step)
+            number = wrapped(way + turn * 0.6180339887498949)
+            main, lamp = ways.at_facet(step, number)
+            lamp = dr.select(facet, lamp, step)
+            entry = dr.select(facet, main, ways.later(dr.minimum(step, self.fibers - 1), number))
+            square = mi.Point2f(wrapped(x + turn * STEP[0]), wrapped(y + turn * STEP[1]))
+            found = ways.join(entry, lamp, a, wrapped(pick + turn * 0.41421356237), square)
+            cosine = dr.dot(n, found.direction)
+            valid = going & found.valid & (cosine > 0)
+            if valid:
+                radiance, density = ways.along(lamp, found.line)
+                density *= ways.probability(entry, facet)
+                by_chance = survival * cosine / dr.pi * found.chance
+                value = scale * cosine * found.through / (density + by_chance)
+                lit = valid & (density > 0)
+                if lit:
+                    lit = ~self._blocked(a, found.direction, found.line.before, lit)
+                for j in range(self.channels):
+                    at = (lamp * self.channels + j) * dr.width(lane) + lane
+                    dr.scatter_reduce(
+                        dr.ReduceOp.Add, sums, value * radiance[j], at,
+                        lit & (radiance[j] > 0), mode=dr.ReduceMode.NoConflicts,
+                    )  # fmt: skip
+            step += 1
+            going = going & (step < last)
+
+    @dr.syntax
+    def _blocked(
+        self, a: mi.Point3f, direction: mi.Vector3f, length: mi.Float, active: mi.Bool
+    ) -> mi.Bool:
+        """Return whether skin is in the way of lines from ``a`` through the unfolded pad."""
+        o, d, left = mi.Point3f(a), mi.Vector3f(direction), mi.Float(length)
+        blocked = mi.Bool(False)
+        going = mi.Bool(active)
+        while going:
+            hit = self.surfaces.hit(o, d, going)
+            run = dr.norm(hit.p - o)
+            going = going & hit.valid
+            blocked |= going & (hit.kind == DIFFUSE) & (run < left - 1e-3)
+            left -= run
+            going = going & ~blocked & (left > 1e-2)
+            inner = dr.select(hit.kind == DIELECTRIC, -1.0, 1.0) * hit.n
+            o = step_off(hit.p, inner)
+            d = d - 2.0 * hit.cosine * mi.Vector3f(hit.n)
+        return blocked
+
+    @dr.syntax
+    def _meet(
+        self, sums: mi.Float, lane: mi.UInt32, line: LampLine, chain: _Chain, n: mi.Normal3f,
+        beta: mi.Float, facet: mi.Bool,
+    ) -> None:  # fmt: skip
+        """Add the light of lamps that subpaths meet behind a face with normal ``n``."""
+        code = self._code(chain, n)
+        lamp = dr.zeros(mi.UInt32, dr.width(lane))
+        while lamp < self.fibers:
+            radiance, density = self.ways.along(lamp, line)
+            entry = self.ways.entry(lamp, code)
+            joined = density * self.ways.probability(entry, facet)
+            value = beta * chain.density / (chain.density + joined)
+            for j in range(self.channels):
+                at = (lamp * self.channels + j) * dr.width(lane) + lane
+                dr.scatter_reduce(
+                    dr.ReduceOp.Add, sums, value * radiance[j], at, radiance[j] > 0,
+                    mode=dr.ReduceMode.NoConflicts,
+                )  # fmt: skip
+            lamp += 1
+
+    def _code(self, chain: _Chain, n: mi.Normal3f) -> mi.UInt32:
+        """Return the number of the way that the chain has gone, CODES where it has none."""
+        face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
+        face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
+        x, y = (
+            dr.select(chain.up[i] > 0, CELL_MAX + chain.counts[i], CELL_MAX - chain.counts[i])
+            for i in range(2)
+        )
+        known = (chain.counts.x <= CELL_MAX) & (chain.counts.y <= CELL_MAX) & (chain.counts.z < 2)
+        # Beside the skin, over a clear rim, the far side reflects and lets light out as well.
+        known &= (n.z < 0.5) & ((chain.counts.z == 0) | (chain.up.z == 0))
+        code = ((face * CELLS + x) * CELLS + y) * 2 + chain.counts.z
+        return dr.select(known, code, CODES)

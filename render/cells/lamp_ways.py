@@ -1,0 +1,426 @@
+"""Ways of light from lamps into a flat pad of smooth faces, each found without chance.
+
+A flat pad is a box of silicone. Unfolded over its walls (image method) every way from a lamp to a
+point inside is one straight line that is bent once, by Snell's law, in the face where it enters. So
+points of the coating are joined to a point on the lamp's end in the manner of next event estimation
+(manifold next event estimation, Hanika et al. 2015, has one solution here): the line is found by
+Newton's method, and its density per solid angle is that of the point on the lamp's end times what
+the refraction spreads.
+
+A *cell* of the unfolded pad is numbered per axis: 0 the pad itself, 1 its image in the upper wall,
+-1 that in the lower one, 2 the image of 1, and so on. A *way* is the face that light enters through
+and the cell where that happens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from render.arrays import Array
+from render.cells.fiber_light import COSINE_MIN, FiberLight
+from render.geometry import LOWER, fiber_poses
+from render.scene import FACES, OUTWARD, Scene
+
+CELL_MAX = 2
+"""Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
+CELLS = 2 * CELL_MAX + 1
+CODES = len(FACES) * CELLS**2 * 2
+"""Ways, numbered by face, cell in x and y, and whether the lower face reflects."""
+MAIN_SHARE = 0.05
+"""Part of a lamp's light from which a way is evaluated at every facet, not now and then."""
+LEAST_SHARE = 1e-5
+"""Part of a lamp's light below which a way is left to camera subpaths."""
+UNIFORM_SHARE = 0.2
+"""Probability that falls to all ways alike where one of several is drawn."""
+SLOTS = 256
+"""Slots of equal probability by which ways are drawn."""
+PROFILE_FLOOR = 0.05
+"""Least radiance, over that of the axis, in the shares of ways: beams may be narrow."""
+NEWTON_STEPS = 5
+GRID = 16
+"""Points of the coating along x and y at which shares of ways are estimated."""
+BEHIND = 1e-3
+"""mm by which a lamp may seem to lie behind the face that it touches."""
+
+
+@dataclass
+class LampLine:
+    """A line from a point in the pad that leaves it at ``exit`` along ``outside``.
+
+    A Dr.Jit PyTree. ``before`` is its length (mm) in the silicone; ``inside`` and ``outside_cos``
+    are the cosines of refraction on both sides of the face.
+    """
+
+    exit: mi.Point3f
+    outside: mi.Vector3f
+    before: mi.Float
+    inside_cos: mi.Float
+    outside_cos: mi.Float
+
+
+@dataclass
+class Joined:
+    """A point of the pad joined to a lamp (a Dr.Jit PyTree).
+
+    ``direction`` there, and the ``line`` with its end folded back into the pad; ``through`` is the
+    part of the light that all faces let through or reflect and ``chance`` the probability with
+    which a path that follows the line gets through.
+    """
+
+    direction: mi.Vector3f
+    line: LampLine
+    through: mi.Float
+    chance: mi.Float
+    valid: mi.Bool
+
+
+class LampWays:
+    """All ways of all lamps of a flat pad, and with what probability each is taken."""
+
+    def __init__(self, scene: Scene, light: FiberLight) -> None:
+        """List the ways and weigh them on a grid of points of the coating."""
+        self.light, self.index = light, scene.pad.index
+        self.lamps = scene.lamp_count
+        self.low, self.high = scene.box.low, scene.box.high
+        metal = np.array([-1.0 if f.metal is None else f.metal for f in scene.finishes])
+        self._mirror = np.array([f.smooth or f.metal is not None for f in scene.finishes])
+        self._smooth = np.array([f.smooth for f in scene.finishes])
+        # What faces reflect, by axis and side; -1 where Fresnel's equations say that.
+        self.metal: mi.Float | None = None
+        if (metal >= 0).any():
+            by_side = np.full(6, -1.0, dtype=np.float32)
+            for face, value in enumerate(metal):
+                by_side[_side(face)] = value
+            self.metal = mi.Float(by_side)
+        candidates = self._candidates(scene)
+        self._upload([(lamp, way) for lamp, ways in enumerate(candidates) for way in ways])
+        self._weigh(scene, candidates)
+
+    # -- which ways there are ------------------------------------------------------------------
+
+    def _candidates(self, scene: Scene) -> list[list[_Way]]:
+        """Return the ways that each lamp could send light over."""
+        poses = fiber_poses(scene, 0.0)
+        found: list[list[_Way]] = []
+        for lamp in range(self.lamps):
+            # A lamp that turns sweeps a ball; one that does not is taken for one here.
+            outside = np.array(
+                [_outside(self.low, self.high, face, poses.position[lamp]) for face in range(5)]
+            )
+            exits = np.nonzero(self._smooth & (outside > -poses.radius[lamp]))[0]
+            ways = [
+                _Way(int(face), (x, y, z))
+                for face in exits
+                for x in range(-CELL_MAX, CELL_MAX + 1)
+                for y in range(-CELL_MAX, CELL_MAX + 1)
+                for z in ((0,) if face == LOWER else (0, -1))
+            ]
+            found.append([way for way in ways if self._possible(way)])
+        return found
+
+    def _possible(self, way: _Way) -> bool:
+        """Return whether the faces on the way reflect, and it leaves the pad where it ends."""
+        cell = way.cells[_side(way.face) // 2]
+        if cell and _travel(way) != (cell > 0):
+            return False
+        reflects = np.zeros(6, dtype=bool)
+        for face, there in enumerate(self._mirror):
+            reflects[_side(face)] = there
+        counts = way.reflections()
+        return bool(reflects[np.nonzero(counts)[0]].all())
+
+    def _upload(self, entries: list[tuple[int, _Way]]) -> None:
+        """Upload what the lines of ``entries`` need."""
+        low, size = self.low, self.high - self.low
+        rows = np.zeros((len(entries), 16), dtype=np.float32)
+        counts = np.zeros((len(entries), 6), dtype=np.float32)
+        codes = np.zeros(len(entries), dtype=np.uint32)
+        for row, (_, way) in enumerate(entries):
+            cell = np.array(way.cells)
+            odd = cell % 2 != 0
+            axis = _side(way.face) // 2
+            travel = 1.0 if _travel(way) else -1.0
+            sign = np.where(odd, -1.0, 1.0)
+            # Image of a point: sign * p + shift.
+            shift = np.where(odd, 2 * low + (cell + 1) * size, cell * size)
+            begin = low + cell * size
+            plane = begin[axis] + (size[axis] if travel > 0 else 0.0)
+            rows[row] = [*sign, *shift, *begin, *size, axis, travel, plane, 0.0]
+            counts[row] = way.reflections()
+            codes[row] = way.code
+        self.entries = len(entries)
+        self.rows, self.counts = mi.Float(rows.ravel()), mi.Float(counts.ravel())
+        self.lamp_of = mi.UInt32(np.array([lamp for lamp, _ in entries], dtype=np.uint32))
+        self.code_of = mi.UInt32(codes)
+        dr.make_opaque(self.rows, self.counts, self.lamp_of, self.code_of)
+        if self.metal is not None:
+            dr.make_opaque(self.metal)
+
+    def _weigh(self, scene: Scene, candidates: list[list[_Way]]) -> None:
+        """Decide which ways are evaluated always, and the probabilities of the others."""
+        size = self.high - self.low
+        step = (np.arange(GRID) + 0.5) / GRID
+        x, y = np.meshgrid(self.low[0] + size[0] * step, self.low[1] + size[1] * step)
+        points = GRID**2
+        lane = dr.arange(mi.UInt32, self.entries * points)
+        entry, at = lane // points, lane % points
+        p = mi.Point3f(
+            dr.gather(mi.Float, mi.Float(x.ravel()), at),
+            dr.gather(mi.Float, mi.Float(y.ravel()), at),
+            mi.Float(float(self.high[2])),
+        )
+        lamp = dr.gather(mi.UInt32, self.lamp_of, entry)
+        # Each with a point of the lamp's end of its own (R3 sequence).
+        pick, u, v = (wrapped(mi.Float(at) * step) for step in (0.8191725, 0.6710436, 0.5497005))
+        found = self.join(entry, lamp, p, pick, mi.Point2f(u, v))
+        radiance, density = self.along(lamp, found.line)
+        peak = self.light.profiles.radiance(lamp, mi.Float(0.0))
+        mean = mi.Float(0.0)
+        for value in radiance:
+            mean += value / len(radiance)
+        level = dr.maximum(mean, PROFILE_FLOOR * peak) * found.through
+        sent = level * dr.maximum(found.direction.z * -1.0, 0.05)
+        sent = dr.select(found.valid & (density > 0), sent / density, 0.0)
+        strength = np.array(sent, dtype=np.float64).reshape(self.entries, points).mean(axis=1)
+        # ------------------------- Probabilities ----------------------------------------
+        facet, later = np.zeros(self.entries), np.zeros(self.entries)
+        main: list[int] = []
+        drawn_facet = np.zeros((self.lamps, SLOTS), dtype=np.uint32)
+        drawn_later = np.zeros((self.lamps, SLOTS), dtype=np.uint32)
+        start, some = 0, False
+        for number, ways in enumerate(candidates):
+            rows = np.arange(start, start + len(ways))
+            start += len(ways)
+            share = strength[rows] / max(float(strength[rows].sum()), 1e-300)
+            taken, share = rows[share > LEAST_SHARE], share[share > LEAST_SHARE]
+            always = share > MAIN_SHARE
+            main += taken[always].tolist()
+            facet[taken[always]] = 1.0
+            later_slots = _slots(share)
+            drawn_later[number] = taken[later_slots] if len(taken) else self.entries
+            later[taken] = np.bincount(later_slots, minlength=len(taken)) / SLOTS
+            rest = taken[~always]
+            drawn_facet[number] = self.entries
+            if len(rest):
+                some = True
+                slots = _slots(share[~always])
+                drawn_facet[number] = rest[slots]
+                facet[rest] = np.bincount(slots, minlength=len(rest)) / SLOTS
+        self.main = len(main)
+        self.facet_count = self.main + (self.lamps if some else 0)
+        self.main_entry = mi.UInt32(np.array(main or [0], dtype=np.uint32))
+        self.drawn = mi.UInt32(np.concatenate([drawn_facet, drawn_later]).ravel())
+        # One entry more stands for no way.
+        self.chosen = mi.Float(np.concatenate([facet, [0.0], later, [0.0]]).astype(np.float32))
+        table = np.full((self.lamps, CODES + 1), self.entries, dtype=np.uint32)
+        lamps, codes = np.array(self.lamp_of), np.array(self.code_of)
+        table[lamps, codes] = np.arange(self.entries)
+        self.entry_of = mi.UInt32(table.ravel())
+        dr.make_opaque(self.main_entry, self.drawn, self.chosen, self.entry_of)
+
+    # -- drawing ways ---------------------------------------------------------------------------
+
+    def at_facet(self, step: mi.UInt32, number: mi.Float) -> tuple[mi.UInt32, mi.UInt32]:
+        """Return entry and lamp of ``step`` of ``facet_count``, for a uniform ``number``.
+
+        The main ways of all lamps come first, then one of the others for every lamp.
+        """
+        always = step < self.main
+        entry = dr.gather(mi.UInt32, self.main_entry, dr.minimum(step, max(self.main, 1) - 1))
+        other = dr.select(always, 0, step - self.main)
+        slot = dr.minimum(mi.UInt32(number * SLOTS), SLOTS - 1)
+        entry = dr.select(always, entry, dr.gather(mi.UInt32, self.drawn, other * SLOTS + slot))
+        known = entry < self.entries
+        lamp = dr.gather(mi.UInt32, self.lamp_of, dr.minimum(entry, self.entries - 1))
+        return entry, dr.select(known, lamp, 0)
+
+    def later(self, lamp: mi.UInt32, number: mi.Float) -> mi.UInt32:
+        """Return the entry of one way of ``lamp``, for vertices behind the facet."""
+        slot = dr.minimum(mi.UInt32(number * SLOTS), SLOTS - 1)
+        return dr.gather(mi.UInt32, self.drawn, (self.lamps + lamp) * SLOTS + slot)
+
+    def probability(self, entry: mi.UInt32, facet: mi.Bool) -> mi.Float:
+        """Return with what probability a vertex evaluates ``entry``."""
+        at = dr.select(facet, entry, self.entries + 1 + entry)
+        return dr.gather(mi.Float, self.chosen, at)
+
+    def entry(self, lamp: mi.UInt32, code: mi.UInt32) -> mi.UInt32:
+        """Return the entry of a lamp's way, ``entries`` where there is none."""
+        return dr.gather(mi.UInt32, self.entry_of, lamp * (CODES + 1) + dr.minimum(code, CODES))
+
+    # -- lines ----------------------------------------------------------------------------------
+
+    def join(
+        self, entry: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, pick: mi.Float, square: mi.Point2f
+    ) -> Joined:
+        """Return the line of a way from ``a`` to a point on the lamp's end.
+
+        ``pick`` and ``square`` draw the point as in ``FiberLight.sample_position``.
+        """
+        known = entry < self.entries
+        base = 16 * dr.minimum(entry, self.entries - 1)
+        row = [dr.gather(mi.Float, self.rows, base + i) for i in range(15)]
+        sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
+        begin, size = mi.Vector3f(row[6:9]), mi.Vector3f(row[9:12])
+        axis, travel, plane = row[12:15]
+        point = self.light.sample_position(lamp, pick, square)[0]
+        image = sign * mi.Vector3f(point) + shift
+        normal = mi.Vector3f(
+            *(dr.select(axis == float(i), travel, 0.0) for i in range(3))
+        )  # the way that the line goes
+        span = image - mi.Vector3f(a)
+        height = dr.dot(span, normal)
+        inside = travel * (plane - dr.dot(mi.Vector3f(a), dr.abs(normal)))
+        outside = height - inside
+        valid = known & (inside > 0) & (outside > -BEHIND)
+        inside, outside = dr.maximum(inside, 1e-4), dr.maximum(outside, 1e-4)
+        across = span - height * normal
+        reach = dr.norm(across)
+        across = across / dr.maximum(reach, 1e-9)
+        lateral = _refracted(reach, inside, outside, self.index)
+        before = dr.hypot(lateral, inside)
+        direction = (lateral * across + inside * normal) / before
+        leaves = mi.Vector3f(a) + before * direction
+        offset = leaves - begin
+        for i in range(3):
+            within = (offset[i] >= 0) & (offset[i] <= size[i])
+            valid &= within | (axis == float(i))
+        inside_cos = inside / before
+        sine = self.index * lateral / before
+        outside_cos = dr.sqrt(dr.maximum(1.0 - dr.square(sine), 0.0))
+        valid &= outside_cos > COSINE_MIN
+        beyond = sine * across + outside_cos * normal
+        # ------------------------- What the faces let through ---------------------------
+        through = 1.0 - mi.fresnel(inside_cos, 1.0 / self.index)[0]
+        chance = mi.Float(through)
+        for i in range(3):
+            reflected = mi.fresnel(dr.abs(direction[i]), 1.0 / self.index)[0]
+            for side in range(2):
+                count = dr.gather(
+                    mi.Float, self.counts, 6 * dr.minimum(entry, self.entries - 1) + 2 * i + side
+                )
+                once, met = reflected, reflected
+                if self.metal is not None:
+                    metal = dr.gather(mi.Float, self.metal, mi.UInt32(2 * i + side))
+                    once = dr.select(metal < 0, reflected, metal)
+                    met = dr.select(metal < 0, reflected, 1.0)
+                twice = count > 1.5
+                some = count > 0.5
+                through *= dr.select(some, dr.select(twice, once * once, once), 1.0)
+                chance *= dr.select(some, dr.select(twice, met * met, met), 1.0)
+        # ------------------------- Back into the pad itself ------------------------------
+        folded = sign * (leaves - shift)
+        line = LampLine(mi.Point3f(folded), sign * beyond, before, inside_cos, outside_cos)
+        return Joined(direction, line, through, chance, valid)
+
+    def along(self, lamp: mi.UInt32, line: LampLine) -> tuple[list[mi.Float], mi.Float]:
+        """Return, per direction node, what ``line`` carries, and the density of joining to it.
+
+        Per solid angle at the point in the pad where it began; 0 where it misses the lamp.
+        """
+        light, n = self.light, self.index
+        radius = dr.gather(mi.Float, light.radius, lamp)
+        cos_out = dr.maximum(line.outside_cos, COSINE_MIN)
+        ratio_in, ratio_out = cos_out / line.inside_cos, line.inside_cos / cos_out
+        offset = line.exit - light.center_of(lamp)
+        towards = -line.outside
+        radiance, joined = [], mi.Float(0.0)
+        for j in range(light.nodes):
+            beam = light.beam_of(lamp, mi.UInt32(j))
+            cos = dr.dot(beam, towards)
+            distance = dr.dot(offset, beam) / cos
+            hit = offset - towards * distance
+            inside = (cos > COSINE_MIN) & (dr.squared_norm(hit) <= dr.square(radius * 1.0002))
+            inside &= distance > -BEHIND
+            after = dr.maximum(distance, 0.0)
+            # What the end's plane moves by per angle, in and across the plane of incidence.
+            spread = (line.before * ratio_in + after * n * ratio_out) * (line.before + after * n)
+            theta = dr.unit_angle(mi.Vector3f(beam), towards)
+            radiance.append(dr.select(inside, light.profiles.radiance(lamp, theta), 0.0))
+            joined += dr.select(inside, spread / cos, 0.0)
+        return radiance, joined / (light.nodes * dr.pi * dr.square(radius))
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The ``face`` that light enters through and the ``cells`` (x, y, z) where that happens."""
+
+    face: int
+    cells: tuple[int, int, int]
+
+    @property
+    def code(self) -> int:
+        """Number among CODES."""
+        x, y, z = self.cells
+        return ((self.face * CELLS + x + CELL_MAX) * CELLS + y + CELL_MAX) * 2 - z
+
+    def reflections(self) -> NDArray[np.int64]:
+        """Return how often each side reflects, ``(axis and side,)``."""
+        counts = np.zeros((3, 2), dtype=np.int64)
+        for axis, cell in enumerate(self.cells):
+            first = abs(cell) - abs(cell) // 2
+            counts[axis, int(cell > 0)] = first
+            counts[axis, int(cell <= 0)] = abs(cell) - first
+        return counts.ravel()
+
+
+def _side(face: int) -> int:
+    """Return twice the axis of a face, and one more for the upper side."""
+    axis = int(np.abs(OUTWARD[face]).argmax())
+    return 2 * axis + int(OUTWARD[face][axis] > 0)
+
+
+def _travel(way: _Way) -> bool:
+    """Return whether the unfolded line goes up the axis of the face that it crosses."""
+    side = _side(way.face)
+    cell = way.cells[side // 2]
+    upper = side % 2 == 1
+    return upper if cell % 2 == 0 else not upper
+
+
+def _outside(low: Array, high: Array, face: int, p: Array) -> float:
+    """Return how far (mm) ``p`` is outside of a face."""
+    axis, upper = divmod(_side(face), 2)
+    return float(p[axis] - high[axis] if upper else low[axis] - p[axis])
+
+
+def _slots(share: Array) -> NDArray[np.int64]:
+    """Return which way each slot draws, ``(slot,)``, from their shares ``(way,)``."""
+    if not len(share):
+        return np.zeros(0, dtype=np.int64)
+    total = share.sum()
+    even = np.full(len(share), 1 / len(share))
+    mixed = (1 - UNIFORM_SHARE) * (share / total if total > 0 else even) + UNIFORM_SHARE * even
+    # Each way has one slot at least.
+    counts = np.maximum(1, np.floor(mixed * SLOTS)).astype(np.int64)
+    counts[counts.argmax()] += SLOTS - counts.sum()
+    return np.repeat(np.arange(len(share)), counts)
+
+
+def wrapped(number: mi.Float) -> mi.Float:
+    """Return the fractional part of a number."""
+    return number - dr.floor(number)
+
+
+def _refracted(reach: mi.Float, inside: mi.Float, outside: mi.Float, index: float) -> mi.Float:
+    """Return how far from the foot of the perpendicular a line of Snell's law crosses the face.
+
+    The distances (mm) of its ends from the face are ``inside`` and ``outside``, along it ``reach``.
+    """
+    # Newton's method, from the paraxial ray within the critical angle.
+    critical = inside * float(1.0 / np.sqrt(max(index**2 - 1.0, 1e-6)))
+    lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
+    for _ in range(NEWTON_STEPS):
+        rest = reach - lateral
+        near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
+        distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
+        excess = index * lateral * near - rest * distant
+        slope_in = index * dr.square(inside) * near * near * near
+        slope_out = dr.square(outside) * distant * distant * distant
+        lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
+    return lateral

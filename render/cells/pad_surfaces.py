@@ -1,0 +1,95 @@
+"""What a ray meets on a pad of smooth faces: the kind, normal and reflectance of every triangle.
+
+Where all faces are smooth, metal or diffuse, Mitsuba only has to say which triangle comes first:
+Fresnel's equations need the normal alone, and no BSDF is called.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+DIFFUSE, DIELECTRIC, METAL = range(3)
+
+
+@dataclass
+class SurfaceHit:
+    """The surface that a ray meets (a Dr.Jit PyTree): ``n`` is its unit normal.
+
+    ``cosine`` is that between the normal and the ray, negative on the side of the normal;
+    ``reflectance`` is 1 where the surface is a smooth boundary.
+    """
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    cosine: mi.Float
+    kind: mi.UInt32
+    reflectance: mi.Float
+    valid: mi.Bool
+
+
+class PadSurfaces:
+    """The triangles of a loaded pad whose BSDFs are ``diffuse``, ``dielectric`` or ``conductor``.
+
+    Normals of dielectrics point into the air, others into the silicone, as in
+    ``render.optics.pad_scene``.
+    """
+
+    def __init__(self, scene: mi.Scene) -> None:
+        """Read normals and reflectances from the shapes of ``scene``."""
+        self.scene = scene
+        number = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
+        kind, reflectance = (np.zeros(number.max() + 1, dtype=np.float32) for _ in range(2))
+        first = np.zeros(number.max() + 1, dtype=np.uint32)
+        normals: list[np.ndarray] = []
+        for shape, at in zip(scene.shapes(), number, strict=True):
+            kind[at], reflectance[at] = _surface(shape.bsdf())
+            first[at] = sum(len(part) for part in normals)
+            normals.append(_normals(shape))
+        normal = np.concatenate(normals).astype(np.float32)
+        self.normal = mi.Float(normal.ravel())
+        self.kind, self.first = mi.UInt32(kind.astype(np.uint32)), mi.UInt32(first)
+        self.reflectance = mi.Float(reflectance)
+        dr.make_opaque(self.normal, self.kind, self.first, self.reflectance)
+
+    def hit(self, o: mi.Point3f, d: mi.Vector3f, active: mi.Bool) -> SurfaceHit:
+        """Return what rays ``(o, d)`` meet first."""
+        found = self.scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=active)
+        valid = active & found.is_valid()
+        shape = dr.reinterpret_array(mi.UInt32, found.shape)
+        triangle = dr.gather(mi.UInt32, self.first, shape, valid) + found.prim_index
+        n = dr.gather(mi.Normal3f, self.normal, triangle, valid)
+        return SurfaceHit(
+            p=mi.Point3f(o + dr.select(valid, found.t, 0.0) * d), n=n, cosine=dr.dot(n, d),
+            kind=dr.gather(mi.UInt32, self.kind, shape, valid),
+            reflectance=dr.gather(mi.Float, self.reflectance, shape, valid), valid=valid,
+        )  # fmt: skip
+
+
+def step_off(p: mi.Point3f, n: mi.Vector3f) -> mi.Point3f:
+    """Return ``p`` a little to the side that ``n`` points to, where rays do not meet it again."""
+    return mi.Point3f(p + (1.0 + dr.max(dr.abs(p))) * mi.math.RayEpsilon * mi.Vector3f(n))
+
+
+def _surface(bsdf: mi.BSDF) -> tuple[int, float]:
+    flags, si = bsdf.flags(), dr.zeros(mi.SurfaceInteraction3f)
+    if mi.has_flag(flags, mi.BSDFFlags.Diffuse):
+        return DIFFUSE, float(np.array(bsdf.eval_diffuse_reflectance(si)).ravel()[0])
+    if mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission):
+        return DIELECTRIC, 1.0
+    si.wi = mi.Vector3f(0, 0, 1)
+    _, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(0.5), mi.Point2f(0.5, 0.5))
+    return METAL, float(np.array(weight).ravel()[0])
+
+
+def _normals(mesh: mi.Mesh) -> np.ndarray:
+    """Return the unit normals ``(triangle, 3)`` of a mesh, float64."""
+    content = mi.traverse(mesh)
+    corners = np.array(content["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    faces = np.array(content["faces"]).reshape(-1, 3)
+    a, b, c = (corners[faces[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30))
