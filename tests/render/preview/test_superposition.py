@@ -10,10 +10,22 @@ import pytest
 import render.preview.lights
 import render.preview.superposition
 from render.preview import Preview
-from render.scene import Scene, load_scene
+from render.scene import Scene, Window, load_scene
 from tests.oracles.pads import scene_of_case
 
 SIZE = 30, 24
+
+
+def with_lobe(scene: Scene) -> Scene:
+    """Return a scene whose skin has a lobe, and another albedo for each channel."""
+    lobe = {"albedo": (0.5, 0.3, 0.1), "specular": 0.3, "roughness": 0.25}
+    return scene.model_copy(update={"coating": scene.coating.model_copy(update=lobe)})
+
+
+def on_window(scene: Scene) -> Scene:
+    """Return a scene on a plate of another index."""
+    window = Window.model_construct(thickness=2.0, index=scene.pad.index + 0.1)
+    return scene.model_copy(update={"window": window})
 
 
 def pictures(scene: Scene, cache: Path) -> list[np.ndarray]:
@@ -28,8 +40,22 @@ def pictures(scene: Scene, cache: Path) -> list[np.ndarray]:
 
 @pytest.mark.parametrize(
     "scene",
-    [load_scene("finger20"), load_scene("digit"), load_scene("finger24"), scene_of_case("dome")],
-    ids=["glow", "fixed lamps", "glow and beams that turn", "beams that turn on a dome"],
+    [
+        load_scene("finger20"),
+        load_scene("digit"),
+        load_scene("finger24"),
+        scene_of_case("dome"),
+        with_lobe(load_scene("digit-dome")),
+        on_window(load_scene("digit")),
+    ],
+    ids=[
+        "glow",
+        "fixed lamps",
+        "glow and beams that turn",
+        "beams that turn on a dome",
+        "lobes on a dome",
+        "fixed lamps through a window",
+    ],
 )
 def test_superposed_light_is_what_is_drawn(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

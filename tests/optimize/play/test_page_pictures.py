@@ -1,0 +1,77 @@
+"""The camera of the page sees what the preview draws on a colored dome and through a window."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from optimize.design import baseline_design
+from optimize.play import PlayPage, write_play
+from optimize.report import encode_srgb
+from render.geometry import SkinChart, ball
+from render.preview import Preview
+from render.scene import Scene, Window, load_scene
+from surrogate.preview_model import preview_checker
+
+pytestmark = pytest.mark.slow
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+SIZE, CENTER = (48, 64), (4.0, 5.0)
+
+
+def colored_dome() -> Scene:
+    scene = load_scene("digit-dome")
+    coating = scene.coating.model_copy(update={"albedo": (0.5, 0.3, 0.2)})
+    return scene.model_copy(update={"coating": coating})
+
+
+def gel_on_a_window() -> Scene:
+    scene = load_scene("digit")
+    window = Window.model_construct(thickness=2.0, index=scene.pad.index + 0.1)
+    return scene.model_copy(update={"window": window})
+
+
+@pytest.mark.parametrize("scene", [colored_dome(), gel_on_a_window()], ids=["dome", "window"])
+def test_the_camera_sees_what_the_preview_draws(
+    chromium: Browser, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    base, model, path = (
+        baseline_design(scene),
+        preview_checker(scene, coarse=True),
+        tmp_path / "p.html",
+    )
+    write_play(path, PlayPage(scene, model, optimum=base))
+    with chromium.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
+        context.set_default_timeout(120_000)  # of a busy machine
+        page = context.new_page()
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(path.as_uri())
+        url = page.evaluate("(a) => tactilux.picture(...a)", [1, 0, list(CENTER), *SIZE])
+        assert not errors
+    seen = 255.0 * imread(io.BytesIO(base64.b64decode(url.partition(",")[2])))[..., :3]
+    body = ball(scene)
+    if scene.skin is not None:
+        chart, uv = SkinChart(scene, 0.0), np.array([CENTER])
+        body = replace(body, center=chart.flat(uv), turn=chart.frames(uv))
+    else:
+        body = replace(body, center=np.array([[*CENTER, body.center[0, 2]]]))
+    with Preview(scene, imprint=body) as preview:
+        drawn = preview.picture(base.phi, base.power, 0.0, *SIZE)
+    expected = encode_srgb(np.asarray(drawn, np.float64) * model.exposure / 255).astype(np.float64)
+    pad, shown = expected.sum(axis=-1) > 0, seen.sum(axis=-1) > 0
+    assert (pad == shown).mean() > 0.98
+    both = pad & shown
+    off = np.abs(seen - expected)[both].mean()
+    assert off < 12.0
+    assert np.abs(seen[:, ::-1] - expected)[both].mean() > 2.0 * off
