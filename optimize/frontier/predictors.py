@@ -94,18 +94,14 @@ def make_predictors(
             return preview_checker(scene, report, coarse=coarse)
 
         levels = Predictors(ScoreSettings(1.0, 0.0))
-        if scene.window_refracts:
-            reason = "the previews know no refraction between a pad and a window of other index"
-            levels.left_out |= {PREVIEW: reason, CONVERGED: reason}
+        drawn = setup.timed(PREVIEW, lambda: previewed(True))
+        levels.found.append(drawn)
+        if can_converge(scene):
+            followed = setup.timed(CONVERGED, lambda: previewed(False))
+            seconds = drawn.seconds + followed.seconds
+            levels.found.append(Predictor(CONVERGED, followed.checker, seconds))
         else:
-            drawn = setup.timed(PREVIEW, lambda: previewed(True))
-            levels.found.append(drawn)
-            if can_converge(scene):
-                followed = setup.timed(CONVERGED, lambda: previewed(False))
-                seconds = drawn.seconds + followed.seconds
-                levels.found.append(Predictor(CONVERGED, followed.checker, seconds))
-            else:
-                levels.left_out[CONVERGED] = "light is followed to flat skins alone"
+            levels.left_out[CONVERGED] = "light is followed to flat skins alone"
         scale = scene_scale(scene)
         levels.settings = ScoreSettings(scale.exposure, scale.lam)
         try:

@@ -186,10 +186,12 @@ class ShaderPasses:
             points.texture.release()
 
     def _point_set(self, texels: Array, pixels: bool = False, indented: bool = False) -> Points:
-        """Upload points ``(point, texel, component)``."""
+        """Upload points ``(point, texel, component)``; there may be none."""
         count, each, components = texels.shape
-        texels = np.pad(texels, ((0, -count % POINT_COLUMNS), (0, 0), (0, 0)))
-        texture = float_texture(self._context, texels.reshape(-1, each * POINT_COLUMNS, components))
+        rows = max(-(-count // POINT_COLUMNS), 1)
+        padded = np.zeros((rows * POINT_COLUMNS, each, components))
+        padded[:count] = texels
+        texture = float_texture(self._context, padded.reshape(rows, -1, components))
         return Points(texture, count, each, pixels, indented)
 
     def _at_points(
@@ -202,6 +204,8 @@ class ShaderPasses:
     ) -> NDArray[np.float32]:
         """Return ``(row, point, channel)``; ``lists`` are rows, channels and nodes."""
         rows, channels, nodes = lists
+        if not points.count:
+            return np.zeros((rows, 0, 3 if channels == 3 else 2), dtype=np.float32)
         images = {"points": points.texture, "lights": lights, "emissions": emissions}
         images |= self._kept
         uniforms = self._uniforms(bend, lights.width) | self._pressed() | {"nodes": nodes}

@@ -71,3 +71,21 @@ def test_superposed_light_is_what_is_drawn(
 def test_two_designs_of_one_view_differ(tmp_path: Path) -> None:
     one, other = pictures(load_scene("digit"), tmp_path)
     assert np.abs(one - other).max() > 0.1 * one.max()
+
+
+def test_a_picture_none_of_whose_pixels_sees_the_pad_is_black(tmp_path: Path) -> None:
+    scene = load_scene("digit")
+    beside = {"position": (14.0, 0.0, -15.0), "direction": (0.0, 0.0, 1.0)}
+    beside |= {"distance": None, "y": None}
+    one = {"columns": 1, "rows": 1, "centre_x": 7.0}
+    update = {
+        "camera": scene.camera.model_copy(update=beside),
+        "sites": scene.sites.model_copy(update=one),
+    }
+    power = np.ones((scene.lamp_count, 3))
+    with Preview(scene.model_copy(update=update), cache=tmp_path) as preview:
+        straight = np.full(scene.lamp_count, np.pi / 2)
+        assert preview.picture(straight, power, 0.0, 9, 9).any()
+        middle = preview.picture(straight, power, 0.0, 1, 1)
+    assert middle.shape == (1, 1, 3)
+    assert not middle.any()
