@@ -56,7 +56,7 @@ def run(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Measure what every level costs and how wrong it is, on any scenes."""
+    """Measure what every level costs and how wrong it is."""
     began = time.monotonic()
     from optimize.frontier import surveyed_scenes
     from render.reference import ensure_llvm
