@@ -147,7 +147,7 @@ def render_pad_light(
         if not pair.any():
             continue
         targets = _blocks(cut, float(bend))
-        pad_cells = CellSampler(cut, setup.phi[:, None], float(bend), False, targets, pair)
+        pad_cells = CellSampler(cut, setup.phi[:, None], float(bend), False, targets, lit=pair)
         run = MonteCarlo(pad_cells, lanes, REPLICATES, seed * len(pairs) + index)
         for _ in range(number):
             run.sample(1)

@@ -212,17 +212,20 @@ class CellSampler(PadSampler):
         indented: bool,
         targets: Targets,
         slots: np.ndarray | None = None,
+        lit: np.ndarray | None = None,
     ) -> None:
         """Load the pad and upload targets; ``phi`` is ``(fiber, node)`` rad, ``bend`` rad.
 
         ``slots`` ``(site, fiber)`` are the samples' shares (`render.cells.sample_shares`), a
-        multiple of `SLOTS` in all; by default those that favor near fibers.
+        multiple of `SLOTS` in all; by default those that favor near fibers. ``lit`` ``(site,
+        fiber)`` may leave out fibers there, whose cells stay 0, and then all sites are targets,
+        also those that do not count for the score.
         """
         super().__init__(scene, phi, bend, indented)
         scene = self.scene
         self.targets = targets
         self.fibers, self.channels = phi.shape
-        counted = counted_sites(scene)
+        counted = counted_sites(scene) if lit is None else np.arange(scene.sites.count)
         self.sites = len(counted)
         self.faces = targets.count // self.sites
         self.bins = self.fibers * targets.count
@@ -232,7 +235,7 @@ class CellSampler(PadSampler):
         self._point = _points(point)
         self._normal = mi.Vector3f(_points(place.site_normal[counted]))
         if slots is None:
-            slots = near_slots(site_position, fiber_poses(scene, bend).position)
+            slots = near_slots(site_position, fiber_poses(scene, bend).position, lit)
         number, total = np.arange(slots.size), int(slots.sum())
         each = np.repeat(number, slots.ravel())
         self._site = mi.UInt32((each // self.fibers).astype(np.uint32))

@@ -13,6 +13,7 @@ slots above 0 is right; it decides about the noise alone.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.geometry import counted_sites, facets, fiber_poses
@@ -33,21 +34,25 @@ Shares follow what noise does to first order. Scores of few samples feel its squ
 """
 
 
-def near_shares(site: Array, fiber: Array) -> Array:
+def near_shares(site: Array, fiber: Array, lit: NDArray[np.bool_] | None = None) -> Array:
     """Return the shares ``(site, fiber)`` of a site's samples, from positions ``(..., 3)`` mm.
 
-    A uniform part plus the inverse square of the distance.
+    A uniform part plus the inverse square of the distance. Where ``lit`` ``(site, fiber)`` is
+    given, only its fibers have any at a site that has some.
     """
-    near = 1.0 / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
-    uniform = UNIFORM_FRACTION * np.ones_like(near) / near.shape[1]
+    chosen = np.ones((len(site), len(fiber)))
+    if lit is not None:
+        chosen = np.where(lit.any(axis=1, keepdims=True), lit, chosen)
+    near = chosen / ((site[:, None] - fiber[None]) ** 2).sum(axis=-1)
+    uniform = UNIFORM_FRACTION * chosen / chosen.sum(axis=1, keepdims=True)
     shares = uniform + (1.0 - UNIFORM_FRACTION) * near / near.sum(axis=1, keepdims=True)
     return np.asarray(shares, dtype=np.float64)
 
 
-def near_slots(site: Array, fiber: Array) -> np.ndarray:
+def near_slots(site: Array, fiber: Array, lit: NDArray[np.bool_] | None = None) -> np.ndarray:
     """Return how many of the `SLOTS` of a site each fiber has, ``(site, fiber)``; see above."""
     middle = (np.arange(SLOTS) + 0.5) / SLOTS
-    edges = np.cumsum(near_shares(site, fiber), axis=1)
+    edges = np.cumsum(near_shares(site, fiber, lit), axis=1)
     chosen = [np.searchsorted(row / row[-1], middle) for row in edges]
     return np.stack([np.bincount(row, minlength=len(fiber)) for row in chosen])
 

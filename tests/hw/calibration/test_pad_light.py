@@ -32,7 +32,7 @@ def reference_cells(scene: Scene, bend: float) -> tuple[Array, Array]:
     lists = [masks.of(site, scene.indenter.faces) for site in range(scene.sites.count)]
     targets = Targets(np.concatenate(lists), np.cumsum([0, *(len(pixels) for pixels in lists)]))
     lit = np.ones((len(lists), 20), dtype=bool)
-    sampler = CellSampler(scene, np.full((20, 1), np.pi / 2), bend, False, targets, lit)
+    sampler = CellSampler(scene, np.full((20, 1), np.pi / 2), bend, False, targets, lit=lit)
     run = MonteCarlo(sampler, 4096, 8, 2)
     run.sample(10)
     found = run.estimate().reshape(8, 20, -1)
