@@ -10,6 +10,9 @@ from optimize.design import PARTS, Array, Rating, ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife
 from render.metric import clipped_fraction
 
+ROUNDING = 1e-12
+"""Relative difference of two scores that rounding makes."""
+
 
 @dataclass(frozen=True, eq=False)
 class RenderedScore:
@@ -59,11 +62,15 @@ def paired_difference(
     """Return S of the second design minus S of the first.
 
     Both have replicates ``(R, F, B, S, K)`` that were made together, so that noise which they
-    share cancels.
+    share cancels. Designs that are alike but for names of their colors do not differ at all, and
+    what sums round makes none better.
     """
 
     def gain(transport: Array) -> float:
-        low = settings.parts(transport[0], first_power)[0]
-        return float(settings.parts(transport[1], second_power)[0] - low)
+        low, high = (
+            float(settings.parts(light, power)[0])
+            for light, power in zip(transport, (first_power, second_power), strict=True)
+        )
+        return high - low if abs(high - low) > ROUNDING * abs(low) else 0.0
 
     return jackknife(gain, np.stack([first, second], axis=1))

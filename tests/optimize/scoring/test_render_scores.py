@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optimize.design import ScoreSettings
-from optimize.scoring import RenderedScore, rendered_score
+from optimize.scoring import RenderedScore, paired_difference, rendered_score
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -47,3 +47,15 @@ def test_every_part_of_the_score_is_freed_of_the_noises_bias(make_table: MakeTab
         left = np.mean([one.parts[name].value for one in found]) - truth
         noise = np.std([one.parts[name].value for one in found]) / np.sqrt(len(found))
         assert abs(left) < max(0.5 * abs(plain), 3 * noise), name
+
+
+def test_designs_that_differ_by_names_of_colors_alone_are_equal(make_table: MakeTable) -> None:
+    table = make_table()
+    light = table.at(np.full(8, np.pi / 2))
+    drawn = np.random.default_rng(1).standard_normal((16, *light.shape))
+    replicates = light * (1 + 0.3 * drawn)
+    settings = ScoreSettings(table.exposure, table.lam)
+    renamed = paired_difference(settings, replicates, THIRDS, replicates, THIRDS[:, [1, 2, 0]])
+    assert renamed.interval() == (0.0, 0.0)
+    brighter = paired_difference(settings, replicates, THIRDS, 1.001 * replicates, THIRDS)
+    assert brighter.interval()[0] > 0.0
