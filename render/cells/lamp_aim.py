@@ -240,11 +240,25 @@ def _refracted(
     across -= dr.dot(across, inward) * inward
     reach = dr.norm(across)
     across = across / dr.maximum(reach, 1e-6)
-    # Newton's method, from the paraxial ray within the critical angle. An aim need not be
-    # exact, only the same every time.
+    # An aim need not be exact, only the same every time.
     critical = inside * dr.rsqrt(dr.maximum(dr.square(index) - 1.0, 1e-6))
+    lateral = face_crossing(reach, inside, outside, index, critical, NEWTON_STEPS)
+    before, after = dr.hypot(lateral, inside), dr.hypot(reach - lateral, outside)
+    axis = (lateral * across - inside * inward) / before
+    return _Refracted(axis, inside, outside, before, after)
+
+
+def face_crossing(
+    reach: mi.Float, inside: mi.Float, outside: mi.Float, index: mi.Float | float,
+    critical: mi.Float, steps: int,
+) -> mi.Float:  # fmt: skip
+    """Return how far from the foot of the perpendicular a line of Snell's law crosses a face.
+
+    The distances (mm) of its ends from the face are ``inside`` and ``outside``, along it ``reach``;
+    ``critical`` is how far total reflection lets it go. Newton's method, from the paraxial ray.
+    """
     lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(steps):
         rest = reach - lateral
         near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
         distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
@@ -252,9 +266,7 @@ def _refracted(
         slope_in = index * dr.square(inside) * near * near * near
         slope_out = dr.square(outside) * distant * distant * distant
         lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
-    before, after = dr.hypot(lateral, inside), dr.hypot(reach - lateral, outside)
-    axis = (lateral * across - inside * inward) / before
-    return _Refracted(axis, inside, outside, before, after)
+    return lateral
 
 
 def _between(axis: Array, low: Array, high: Array, foot: Array) -> Array:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.cells.fiber_light import COSINE_MIN, FiberLight
+from render.cells.lamp_aim import face_crossing
 from render.geometry import LOWER, fiber_poses
 from render.scene import FACES, OUTWARD, Scene
 
@@ -412,15 +413,5 @@ def _refracted(reach: mi.Float, inside: mi.Float, outside: mi.Float, index: floa
 
     The distances (mm) of its ends from the face are ``inside`` and ``outside``, along it ``reach``.
     """
-    # Newton's method, from the paraxial ray within the critical angle.
     critical = inside * float(1.0 / np.sqrt(max(index**2 - 1.0, 1e-6)))
-    lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
-    for _ in range(NEWTON_STEPS):
-        rest = reach - lateral
-        near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
-        distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
-        excess = index * lateral * near - rest * distant
-        slope_in = index * dr.square(inside) * near * near * near
-        slope_out = dr.square(outside) * distant * distant * distant
-        lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
-    return lateral
+    return face_crossing(reach, inside, outside, index, critical, NEWTON_STEPS)
