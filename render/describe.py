@@ -12,7 +12,6 @@ from pydantic import BaseModel
 from render.geometry import RULE, FiberHolder, camera_coverage, counted_sites
 from render.scene import (
     EDGES,
-    FACES,
     RIM_EDGES,
     Constraints,
     FreeRanges,
@@ -207,20 +206,10 @@ def _shown(item: Value) -> str:
 def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.diffuser is None:
         yield "scattering medium", "no diffuser is declared, light enters the clear pad directly"
-    smooth = {face for face in FACES if scene.finish(face).smooth}
-    mirrors = smooth | {face for face in FACES if scene.finish(face).metal is not None}
     if all(finish.smooth for finish in scene.finishes if finish.paint is None):
         yield (
             "rough refraction",
             "pad.roughness is 0, the faces to the air are smooth",
-        )
-    scatters = scene.diffuser is not None and scene.diffuser.sigma_s > 0
-    facing = {"left", "right"} <= mirrors or {"tip", "base"} <= mirrors
-    if scatters and facing and 0.0 in scene.bending.angles:
-        yield (
-            "light scattered in the diffuser that comes over two facing walls of the flat pad",
-            "level 2 has no connection over both where they are smooth: dim facets lacked 10 "
-            "to 28 % of their light; give pad.roughness the value that the faces have",
         )
     bright = [one for one in scene.finishes if one.paint is not None and one.paint.reflectance > 0]
     if bright and scene.diffuser is None and max(scene.bending.angles) > 0.0:

@@ -8,6 +8,8 @@ right angles to all of that. Ways over two strips, or over a strip and an end, h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -22,6 +24,7 @@ from render.cells.mirror_images import (
 from render.geometry.bending import bend_points
 from render.geometry.meshes import pad_grid
 from render.paths.vertex import Vertex
+from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
 
 NUMBERS = 5
@@ -129,7 +132,9 @@ class BentImages(MirrorImages):
         return dr.select(wall > 0, wall, self.sizes[0] + segment)
 
     @dr.syntax
-    def draw(self, a: Vertex, y: Vertex, number: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+    def draw(
+        self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
+    ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
         segment, drawn = mi.UInt32(0), mi.UInt32(0)
         total, weight = mi.Float(0.0), mi.Float(0.0)

@@ -6,6 +6,8 @@ in any box. Ways over two walls that face each other have none here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -19,13 +21,16 @@ from render.cells.mirror_images import (
 )
 from render.geometry import LOWER
 from render.paths.vertex import Vertex
+from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
 
 
 class BoxImages(MirrorImages):
     """The mirrors of one flat pad: plane ``3 axis + digit``, with digits as in images."""
 
-    sizes = (3, 3, 2)
+    sizes: tuple[int, ...] = (3, 3, 2)
+    planes: tuple[tuple[int, ...], ...] = ((1, 2), (1, 2), (1,))
+    """Of each axis, the digits of single mirrors."""
 
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places from the scene."""
@@ -80,7 +85,9 @@ class BoxImages(MirrorImages):
         return weight
 
     @dr.syntax
-    def draw(self, a: Vertex, y: Vertex, number: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+    def draw(
+        self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
+    ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
         image, drawn = mi.UInt32(1), mi.UInt32(0)
         total, weight = mi.Float(0.0), mi.Float(0.0)
@@ -114,9 +121,10 @@ class BoxImages(MirrorImages):
         """Return the image over the one mirror that ``v`` lies in, 0 if in none."""
         found = mi.UInt32(0)
         for axis in range(3):
+            radix = int(np.prod(self.sizes[:axis]))
             flat = dr.abs(v.n[axis]) > 1.0 - ON_FACE
-            for digit in (1, 2) if axis < 2 else (1,):
+            for digit in self.planes[axis]:
                 place = dr.gather(mi.Float, self.places, mi.UInt32(3 * axis + digit))
                 there = flat & (dr.abs(v.p[axis] - place) < ON_FACE)
-                found = dr.select(there & v.delta, digit * 3**axis, found)
+                found = dr.select(there & v.delta, digit * radix, found)
         return found

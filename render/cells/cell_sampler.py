@@ -25,6 +25,7 @@ from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import MirrorImages, mirror_faces
+from render.cells.repeated_images import RepeatedImages, repeating_axes
 from render.cells.sample_shares import SLOTS, near_slots
 from render.geometry import (
     LOWER,
@@ -128,8 +129,11 @@ class PadSampler:
         bonded = scene.window_refracts
         self.images: MirrorImages | None = None
         if mirrors[:LOWER].any() or (mirrors[LOWER] and not bonded):
-            curved = self.mirror.curved
-            self.images = BentImages(scene, bend, indented) if curved else BoxImages(scene)
+            if self.mirror.curved:
+                self.images = BentImages(scene, bend, indented)
+            else:
+                repeats = any(repeating_axes(scene))
+                self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
         # Over a lower face without exact images directions are drawn near the mirror image.
         # No connection passes a bond that refracts.
         self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror

@@ -14,6 +14,7 @@ weights over all the ways in which the same path could have been found (``render
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -200,10 +201,14 @@ def radiance_per_node(
     path = dr.zeros(mi.UInt32, dr.width(lane))  # which light subpath
     while path < last:
         drawn = light.read(path, lane)
-        numbers = stream.event((path + 1) * LIGHT_EVENTS - 1 - offset)
+        number = (path + 1) * LIGHT_EVENTS - 1 - offset
+        candidates = [
+            stream.event(number - (i + 1) * JOINED_STRIDE)
+            for i in range(images.repeated if images is not None else 0)
+        ]
         radiance = _connect(
-            scene, drawn, camera, numbers, drawn.contribution > 0, guiding, mirror, images,
-            returning,
+            scene, drawn, camera, stream.event(number), drawn.contribution > 0, guiding, mirror,
+            images, returning, candidates,
         )  # fmt: skip
         for j in range(len(sums)):
             weight = dr.gather(mi.Float, light.weight[j], light.index(path, lane))
@@ -229,7 +234,7 @@ def radiance_per_node(
 def _connect(
     scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
     guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: MirrorImages | None,
-    returning: GuidingDistribution | None,
+    returning: GuidingDistribution | None, candidates: Sequence[Numbers],
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
@@ -264,7 +269,9 @@ def _connect(
     # ------------------------------ Over mirrors ----------------------------------
     if images is not None:
         number = numbers[0] if mirror is None else numbers[3]
-        light += dr.mean(images.connect(scene, over_delta, a, number, wide, guiding, returning))
+        light += dr.mean(
+            images.connect(scene, over_delta, a, number, wide, guiding, returning, candidates)
+        )
     if mirror is not None:
         direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
         density = mirror.density(a.p, y.p, direction)

@@ -12,6 +12,7 @@ What the mirrors are is said by ``BoxImages`` for a flat pad and by ``BentImages
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from render.paths.connect import arrival_density, optical_depth, trace_to_surface
 from render.paths.vertex import Vertex, area_factor, evaluate_scattering
 from render.paths.walk import GuidingDistribution, SubpathState, returning_pdf
+from render.sampling.streams import Numbers
 from render.scene import Scene
 
 ON_FACE = 1e-3
@@ -73,6 +75,8 @@ class MirrorImages(ABC):
     """
 
     sizes: tuple[int, ...]
+    repeated: int = 0
+    """Events of numbers that `draw` takes for images over facing mirrors (``RepeatedImages``)."""
     index: mi.Float
     metal: mi.Float | None
     """What the metal of each plane reflects, by its number; -1 without. None: there is no metal."""
@@ -91,8 +95,13 @@ class MirrorImages(ABC):
         """Return ``direction`` after all mirrors of ``image``."""
 
     @abstractmethod
-    def draw(self, a: Vertex, y: Vertex, number: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-        """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
+    def draw(
+        self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
+    ) -> tuple[mi.UInt32, mi.Float]:
+        """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``.
+
+        ``candidates`` are the numbers of `repeated` events.
+        """
 
     @abstractmethod
     def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
@@ -161,6 +170,7 @@ class MirrorImages(ABC):
     def connect(
         self, scene: mi.Scene, y: Vertex, a: Vertex, number: mi.Float, active: mi.Bool,
         guiding: GuidingDistribution, returning: GuidingDistribution | None = None,
+        candidates: Sequence[Numbers] = (),
     ) -> mi.Spectrum:  # fmt: skip
         """Return the MIS-weighted light that facet ``a`` gets from ``y`` over one image.
 
@@ -169,7 +179,7 @@ class MirrorImages(ABC):
         sample facets of the camera, so no strategy behind ``a`` competes.
         """
         active = active & (y.weight > 0) & (a.weight > 0)
-        image, probability = self.draw(a, y, number)
+        image, probability = self.draw(a, y, number, candidates)
         span = self.point(image, y.p) - a.p
         squared = dr.maximum(dr.squared_norm(span), 1e-12)
         direction = span * dr.rsqrt(squared)

@@ -265,7 +265,20 @@ CASES: dict[str, dict[str, Any]] = {
             painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
         ],
     },
+    "thin rim": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}},
+    "thin rim index 1.7": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "pad.index": (1.7,)},
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
+    "thin rim bent 45": {
+        "diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "bending.angles": ([45.0], DEG),
+    },
+    "rim between mirrors": {
+        "diffuser": rim_on("left"), "rows": [row("left", 1)],
+        "faces": [painted("mirror", "right", "base", "tip", reflectance=0.95)],
+    },
+    "thin rim between mirrors": {
+        "diffuser": rim_on("left", sigma_s=(0.5, "1/mm")), "rows": [row("left", 1)],
+        "faces": [painted("mirror", "right", "base", "tip", reflectance=0.95)],
+    },
 }  # fmt: skip
 
 

@@ -61,18 +61,6 @@ def test_a_bare_flat_scene_leaves_out_medium_and_bend_axis() -> None:
     assert "light from the tip edge" in left_out(changed("fibers", tip=0))
 
 
-def test_light_that_renders_cannot_find_is_told_where_there_is_any() -> None:
-    def told(scene: Scene) -> bool:
-        return any("two facing walls" in what for what in left_out(scene))
-
-    smooth = changed("pad", roughness=0.0)
-    assert told(smooth)
-    assert not told(SCENE)
-    assert not told(smooth.model_copy(update={"diffuser": None}))
-    bent = smooth.bending.model_copy(update={"angles": (1.0,)})
-    assert not told(smooth.model_copy(update={"bending": bent}))
-
-
 def test_text_and_json_hold_the_same_values() -> None:
     description = describe(SCENE, sources("finger20"))
     text = description.text()
