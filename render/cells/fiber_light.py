@@ -89,11 +89,16 @@ class FiberLight:
             distance = dr.dot(offset, beam) / cos
             hit = offset - d * distance
             # The node that drew the ray must count as hit in spite of rounding.
-            inside = (cos > COSINE_MIN) & (dr.squared_norm(hit) <= dr.square(radius * 1.0001))
+            crossed = dr.squared_norm(hit) <= dr.square(radius * 1.0001)
+            inside = (cos > COSINE_MIN) & crossed
+            # Points are drawn on end faces that turn their back as well, and lines to those may
+            # carry the light of other nodes.
+            crossed &= dr.abs(cos) > COSINE_MIN
             theta = dr.unit_angle(mi.Vector3f(beam), mi.Vector3f(d))
             radiance.append(dr.select(inside, self.profiles.radiance(fiber, theta), 0.0))
             mixture += dr.select(inside, self.profiles.density(fiber, theta) / cos, 0.0)
-            joined += dr.select(inside & (distance > 0), dr.square(distance) / cos, 0.0)
+            facing = dr.square(distance) / dr.abs(cos)
+            joined += dr.select(crossed & (distance > 0), facing, 0.0)
         share = 1.0 / (self.nodes * dr.pi * dr.square(radius))
         return LampRay(radiance, mixture * share, joined * share)
 

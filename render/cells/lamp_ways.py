@@ -336,14 +336,16 @@ class LampWays:
             cos = dr.dot(beam, towards)
             distance = dr.dot(offset, beam) / cos
             hit = offset - towards * distance
-            inside = (cos > COSINE_MIN) & (dr.squared_norm(hit) <= dr.square(radius * 1.0002))
-            inside &= distance > -BEHIND
+            crossed = dr.squared_norm(hit) <= dr.square(radius * 1.0002)
+            crossed &= distance > -BEHIND
+            # Points are drawn on end faces that turn their back as well, see `FiberLight.ray`.
+            inside = crossed & (cos > COSINE_MIN)
             after = dr.maximum(distance, 0.0)
             # What the end's plane moves by per angle, in and across the plane of incidence.
             spread = (line.before * ratio_in + after * n * ratio_out) * (line.before + after * n)
             theta = dr.unit_angle(mi.Vector3f(beam), towards)
             radiance.append(dr.select(inside, light.profiles.radiance(lamp, theta), 0.0))
-            joined += dr.select(inside, spread / cos, 0.0)
+            joined += dr.select(crossed & (dr.abs(cos) > COSINE_MIN), spread / dr.abs(cos), 0.0)
         return radiance, joined / (light.nodes * dr.pi * dr.square(radius))
 
 

@@ -24,7 +24,8 @@ REPLICATES = 16
 
 
 def cells(scene: Scene, indented: bool = False, nodes: int = 1) -> Any:
-    phi = np.full((scene.lamp_count, nodes), PHI) + 0.3 * np.arange(nodes)
+    # The last of three turns its back to the first.
+    phi = np.full((scene.lamp_count, nodes), PHI) + 0.95 * np.arange(nodes)
     return pad_cells(scene, phi, 0.0, indented)
 
 

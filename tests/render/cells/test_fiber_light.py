@@ -60,6 +60,25 @@ def test_with_one_node_the_weight_is_the_ratio_of_power_to_sampling_density(
     np.testing.assert_allclose(weights[0][safe], expected[safe], rtol=2e-3)
 
 
+@pytest.mark.parametrize("nodes", [[1.2], [0.05, 2.4], [0.05, 2.4, 2.4, 3.0]])
+def test_directions_to_points_of_end_faces_have_a_density_of_unit_integral(
+    mono: ModuleType, scene: Scene, nodes: list[float]
+) -> None:
+    # Some turn their backs to a point of the face beside the lamp, with others behind them.
+    light = FiberLight(scene, np.tile(nodes, (scene.lamp_count, 1)), 0.0)
+    poses, lamp, steps = fiber_poses(scene, 0.0), 4, 1500
+    # The middle of each step of a sphere about the point.
+    cosine = (2 * np.arange(steps) + 1) / steps - 1
+    azimuth = np.pi * (2 * np.arange(steps) + 1) / steps
+    z, around = (grid.ravel() for grid in np.meshgrid(cosine, azimuth))
+    ring = np.sqrt(1 - z**2)
+    lines = np.stack([ring * np.cos(around), ring * np.sin(around), z]).astype(np.float32)
+    lanes = mono.UInt32(np.full(len(z), lamp, dtype=np.uint32))
+    point = mono.Point3f(poses.foot[lamp] + 0.8 * poses.along[lamp])
+    density = np.array(light.ray(lanes, point, -mono.Vector3f(lines)).joined, dtype=np.float64)
+    assert abs(4 * np.pi * density.mean() - 1.0) < 0.01
+
+
 def test_a_line_in_the_pad_passes_no_lamp_that_is_nearer_than_it_is_wide(mono: ModuleType) -> None:
     mini = load_scene("gelsight-mini")
     phi = np.full((mini.lamp_count, 1), np.pi / 2)
