@@ -26,6 +26,7 @@ from render.scene.colors import (
     palette_of,
 )
 from render.scene.constraints import Constraints
+from render.scene.embedded_lamps import embedding_problems, embedding_under_skin_problems
 from render.scene.faces import (
     Finish,
     NamedFaces,
@@ -158,6 +159,10 @@ class Scene(Part):
             problems += skin_problems(
                 self.skin, self.pad, self.bending, self.diffuser, lamps, self.sites, self.indenter
             )
+        if not problems and any(lamp.solid for lamp in self.placed_lamps()):
+            problems += embedding_under_skin_problems(
+                self.placed_lamps(), self.pad, self.skin, self.sites, self.indenter
+            )
         palette = self.palette
         problems += palette.problems()
         if self.constraints is not None:
@@ -228,6 +233,8 @@ class Scene(Part):
         if not alone:
             placed = [lamp for lamp in self.placed_lamps() if fibers is None or lamp.edge is None]
             yield from placement_problems(tuple(placed), self.box)
+            refracts = self.window_refracts
+            yield from embedding_problems(tuple(placed), self.box, refracts=refracts)
             yield from painted_lamp_problems(self.placed_lamps(), self.finishes)
         edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
         yield from self.baseline.problems(edges, len(listed), fibers is not None)

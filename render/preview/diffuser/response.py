@@ -124,7 +124,7 @@ def compute_response(
             field="diffuser",
         )
     offsets = _offsets(leaving, quantiles)
-    if slab.optical_thickness < OPAQUE_THICKNESS:
+    if slab.optical_depth(slab.thickness + min(fiber_end.gap, 0.0)) < OPAQUE_THICKNESS:
         leaving = [
             (exiting[~exiting.straight], power[~exiting.straight]) for exiting, power in leaving
         ]
