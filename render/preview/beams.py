@@ -18,6 +18,7 @@ from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses
 from render.preview.bonded import Bond
 from render.preview.diffuser.cache import slab_of
+from render.preview.diffuser.response import diffuse_albedo
 from render.preview.light_paths import Turns, reaches, single_turns, wall_images
 from render.scene import FACES, OUTWARD, Profile, Scene
 
@@ -42,7 +43,6 @@ PROFILE_STEPS = 1025
 class Beams:
     """Lamps before the pad: seven points of each end, and one for each image of the pad."""
 
-    edge_albedo = 0.0
     nodes = None
 
     units = None
@@ -72,8 +72,12 @@ class Beams:
         }
         if self._own is not None:
             self.defines["PROFILES"] = "1"
+        # A diffuser sends back what lamps in the pad shine at it from inside.
+        self.edge_albedo = 0.0
         if poses.inside.any():
             self.defines["EMBEDDED"] = "1"
+            if scene.diffuser is not None:
+                self.edge_albedo = diffuse_albedo(slab_of(scene))
         clear = np.array([finish.paint is None for finish in scene.finishes])
         if not through_layers:
             clear &= ~scene.box.layered
