@@ -26,7 +26,6 @@ from render.scene.colors import (
     palette_of,
 )
 from render.scene.constraints import Constraints
-from render.scene.embedded_lamps import embedding_problems, embedding_under_skin_problems
 from render.scene.faces import (
     Finish,
     NamedFaces,
@@ -35,6 +34,13 @@ from render.scene.faces import (
     painted_lamp_problems,
 )
 from render.scene.free_ranges import FreeRanges
+from render.scene.lamp_problems import (
+    embedding_problems,
+    embedding_under_skin_problems,
+    listed_problems,
+    placement_problems,
+    row_problems,
+)
 from render.scene.lamps import (
     EDGES,
     FACES,
@@ -46,10 +52,7 @@ from render.scene.lamps import (
     PlacedLamp,
     Row,
     lamps_of_file,
-    listed_problems,
     placed_lamps,
-    placement_problems,
-    row_problems,
 )
 from render.scene.parts import (
     MIN_BONDED_INDEX,
@@ -181,12 +184,25 @@ class Scene(Part):
             for name in ("scattering", "diffuser_thickness"):
                 if getattr(self.tolerances, name) is not None:
                     problems.append(f"tolerances.{name}: the scene has no diffuser, leave it out")
+        problems += self._moving_layer_problems(problems)
         if self.free is not None:
             problems += self.free.problems(self.diffuser.free_values if self.diffuser else {})
         if problems:
             raise ValueError("; ".join(problems))
         # What is the same in all channels has one number, however the file says it.
         return self if self.by_channel else self.with_albedo(self.albedos[0])
+
+    def _moving_layer_problems(self, others: list[str]) -> Iterator[str]:
+        """Yield what would move the border of a diffuser to lamps that are cast in beside it."""
+        if others or self.diffuser is None:
+            return
+        cast = [number for number, lamp in enumerate(self.placed_lamps()) if lamp.solid]
+        for name, part in (("tolerances", self.tolerances), ("free", self.free)):
+            if cast and part is not None and part.diffuser_thickness is not None:
+                yield (
+                    f"{name}.diffuser_thickness: lamp {cast[0]} is cast into the silicone, and "
+                    "does not move with the diffuser, allowed: lamps in the air, or leave it out"
+                )
 
     def _window_problems(self) -> Iterator[str]:
         if self.window is None:

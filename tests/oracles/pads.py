@@ -289,9 +289,6 @@ CASES: dict[str, dict[str, Any]] = {
             painted("black", "left", "base"), painted("mirror", "right", reflectance=0.9),
         ],
     },
-    "cast into a window": {
-        "window": window(1.49), "lamps": [listed(-8, 2, -1.5, 1, 0.2, 0.5)],
-    },
     "cast in over a window": {"window": window(1.49), **CAST_IN},
     "cast into a window rough 0.1": {
         "window": window(1.49), "pad.roughness": (0.1,),

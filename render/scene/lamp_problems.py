@@ -1,7 +1,8 @@
-"""Lamps cast into the silicone: what stands in the way of their ends.
+"""Where lamps cannot be, one sentence each.
 
-An end lies wholly in one solid: the clear pad, its window or the diffuser. It stays below the skin
-at every state, which bends with it, and beside what is pressed in at the sites.
+In the air an end stays out of the silicone. One that is cast in lies wholly in one solid: the clear
+pad, its window or the diffuser. It stays below the skin, which bends with it, and beside what is
+pressed in at the sites.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from render.arrays import Array
-from render.scene.lamps import FACES, OUTWARD, Box, PlacedLamp
+from render.scene.lamps import FACES, OUTWARD, Box, ListedLamp, PlacedLamp, Row
 from render.scene.parts import Indenter, Pad, Sites
 from render.scene.skin import Skin
 
@@ -19,6 +20,63 @@ EMBEDDING = 0.01
 """mm of its own solid that there is around the end of a lamp, at least."""
 RIM_POINTS = 32
 """Points of an end's rim that are asked whether they are free."""
+
+
+def row_problems(rows: tuple[Row, ...], width: float, length: float) -> Iterator[str]:
+    """Yield what is wrong with rows by themselves, one sentence each; the pad's size in mm."""
+    for number, row in enumerate(rows):
+        key = f"rows.{number}"
+        if (row.count is None) == (row.at is None):
+            yield f"{key}: needs either count or at, the places of its lamps along the edge"
+            continue
+        side = width if row.edge in ("tip", "base") else length
+        if row.at is not None:
+            if len(set(row.at)) < len(row.at):
+                yield f"{key}.at names a place twice, allowed: distinct places"
+            reach = max(abs(place) for place in row.at)
+            if reach > side / 2:
+                yield (
+                    f"{key}.at = {reach:g} mm lies beside the edge, allowed: "
+                    f"{-side / 2:g} to {side / 2:g} mm"
+                )
+        elif row.size * row.diameter > side:
+            yield (
+                f"{key}.count = {row.size} lamps need {row.size * row.diameter:g} mm, "
+                f"allowed: at most the edge of {side:g} mm"
+            )
+
+
+def listed_problems(lamps: tuple[ListedLamp, ...]) -> Iterator[str]:
+    """Yield what is wrong with listed lamps by themselves."""
+    for number, lamp in enumerate(lamps):
+        key = f"lamps.{number}"
+        for name in ("position", "direction"):
+            if len(getattr(lamp, name)) != 3:
+                yield f"{key}.{name} has {len(getattr(lamp, name))} numbers, allowed: x, y and z"
+        if not any(lamp.direction):
+            yield f"{key}.direction = 0, 0, 0 points nowhere, allowed: any other vector"
+        elif lamp.turns and not any(lamp.direction[:2]):
+            yield f"{key}: shines along z and cannot turn about it, leave out turns"
+
+
+def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
+    """Yield which lamps in the air are where none can be: partly in the silicone, or behind it."""
+    for lamp in lamps:
+        if lamp.solid is not None:
+            continue
+        outside = float(box.distance(lamp.position)[lamp.face])
+        at = ", ".join(f"{value:g}" for value in lamp.position)
+        if lamp.position[2] > box.high[2]:
+            yield (
+                f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the pad, allowed: at most "
+                f"its thickness of {box.high[2]:g} mm"
+            )
+        elif lamp.recess >= outside:
+            yield (
+                f"{lamp.key} at ({at}) mm cuts {lamp.recess - outside:.3g} mm into the silicone"
+                f"{' when it turns' if lamp.turns else ''}, allowed: at least "
+                f"{lamp.recess:.3g} mm from its {FACES[lamp.face]} face"
+            )
 
 
 def embedding_problems(lamps: tuple[PlacedLamp, ...], box: Box, *, refracts: bool) -> Iterator[str]:

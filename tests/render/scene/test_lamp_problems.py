@@ -89,6 +89,13 @@ def test_a_row_cast_into_a_diffuser_has_the_rest_of_it_before() -> None:
     np.testing.assert_allclose(poses.layer, 2.0)
 
 
+def test_a_free_thickness_would_move_a_border_to_a_lamp() -> None:
+    free = {"diffuser_thickness": ([1.5, 2.5], MM)}
+    assert "free.diffuser_thickness: lamp 0 is cast into the silicone" in refusal(
+        listed(-11, 0, 2, 1, 0, 0), diffuser=RIM, free=free
+    )
+
+
 def test_a_touching_lamp_stays_in_the_air() -> None:
     poses = flat_fiber_poses(scene_with(listed(0, 0, 0, 0, 0, 1)))
     assert not poses.inside.any()
