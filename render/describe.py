@@ -228,6 +228,14 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
             "at a roughness of 0.1 and by 5 % at 0.5, as without a lobe, and by 14 % at 0.2 on a "
             "pad bent by 45 deg (median); the converged preview and level 2 follow it",
         )
+    cast = [number for number, lamp in enumerate(scene.placed_lamps()) if lamp.solid]
+    if cast:
+        which = f"lamp {cast[0]}" if len(cast) == 1 else f"lamps {', '.join(map(str, cast))}"
+        yield (
+            f"bodies and leads of {which}, cast into the silicone",
+            "a lamp is a disk that hides no light; its power and profile are those of the light "
+            "in the silicone",
+        )
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"
     yield "lens distortion", f"images are dewarped, the camera is {kind}"

@@ -18,9 +18,9 @@ import numpy as np
 from optimize.design import Array, Design
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
-from render.geometry import SkinChart, flat_sites, fresnel
+from render.geometry import SkinChart, flat_fiber_poses, flat_sites, fresnel
 from render.preview import point_lights
-from render.preview.beams import BEAM_MARK, comes_straight, face_frames
+from render.preview.beams import BEAM_MARK, EMBEDDED_MARK, comes_straight, face_frames
 from render.preview.bonded import with_bonded_window
 from render.scene import OUTWARD, Scene
 from render.transport import TransportTable
@@ -97,14 +97,22 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     towards a point, so only beside a glow the direction and the losses of a beam count.
 
     Raises:
-        SceneError: the bolt is deeper than the pad, no point around it lies on the pad, or light
-            bends between it and a window.
+        SceneError: the bolt is deeper than the pad, no point around it lies on the pad, light bends
+            between it and a window, or lamps are cast into silicone with a diffuser.
     """
     if scene.window is not None and scene.window_refracts:
         raise SceneError(
             f"window.index = {scene.window.index:g}: shadows of a bolt are known along straight "
             f"light alone, allowed: pad.index = {scene.pad.index:g}; leave out --shadow",
             field="window.index",
+        )
+    embedded = flat_fiber_poses(scene).inside
+    if scene.diffuser is not None and embedded.any():
+        raise SceneError(
+            f"lamp {int(embedded.argmax())} is inside the silicone: beside a diffuser the shadows "
+            "of a bolt are known of lamps in the air alone, allowed: no lamp inside, or no "
+            "diffuser; leave out --shadow",
+            field="lamps",
         )
     scene = with_bonded_window(scene)
     thick = scene.pad.thickness
@@ -139,6 +147,8 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     square = (spatial**2).sum(axis=-1)
     face = lights.position[..., 3].astype(int) % BEAM_MARK
     inward = np.maximum((spatial * OUTWARD[face][:, :, None, None]).sum(axis=-1), 0.0)
+    # A lamp in the silicone has no face before it.
+    inward = np.where((marks & EMBEDDED_MARK != 0)[..., None, None], np.sqrt(square), inward)
     weight = inward * drop / square**2
     # In the bolt's frame the line p + t (light - p) is within its outline from t1 to t2, and hits
     # the bolt where it is less deep there than its end.

@@ -34,6 +34,7 @@ from render.geometry import (
     counted_sites,
     facets,
     fiber_poses,
+    flat_fiber_poses,
     half_view,
 )
 from render.optics.pad_scene import pad_scene
@@ -63,10 +64,11 @@ AIMED_MAX, AIMED_MIN = 0.8, 0.1
 
 
 def diffuser_depth(scene: Scene) -> float:
-    """Return the optical depth of the diffuser, straight through; 0 for lamps without one."""
+    """Return the optical depth of diffuser before a lamp, straight through, the least of all."""
     layer = scene.diffuser
-    bare = any(not scene.box.layered[lamp.face] for lamp in scene.placed_lamps())
-    return 0.0 if layer is None or bare else (layer.sigma_s + layer.sigma_a) * layer.thickness
+    if layer is None:
+        return 0.0
+    return (layer.sigma_s + layer.sigma_a) * float(flat_fiber_poses(scene).milky.min())
 
 
 def lamps_are_seen(scene: Scene) -> bool:
@@ -74,8 +76,11 @@ def lamps_are_seen(scene: Scene) -> bool:
 
     Through a thick diffuser they would not find them, and light subpaths find everything that they
     could, as long as the faces are rough enough. Right either way: what is left out of the
-    strategies is left out of their weights.
+    strategies is left out of their weights. Light straight from a lamp in the silicone has no
+    vertex for light subpaths to be connected by.
     """
+    if any(lamp.solid for lamp in scene.placed_lamps()):
+        return True
     smoothest = min(finish.roughness for finish in scene.finishes if finish.paint is None)
     return diffuser_depth(scene) < MILKY_DEPTH or smoothest < CLEAR_ROUGHNESS
 
@@ -139,7 +144,9 @@ class PadSampler:
         self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror
         # Over smooth faces no light vertex is connected: camera subpaths find those in volumes.
         self.passable = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
-        self.sharp = bool(mirrors[[lamp.face for lamp in scene.placed_lamps()]].any())
+        # Light from within the pad is straight but for what the lower face reflects.
+        passed = [LOWER if lamp.solid else lamp.face for lamp in scene.placed_lamps()]
+        self.sharp = bool(mirrors[passed].any())
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None

@@ -109,8 +109,11 @@ def trace_facet_subpath(
                 lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
             )  # fmt: skip
             lamps += dr.select(passed, 1.0, 0.0)
-            # Aimed subpaths pass delta faces alone.
-            segment.beta *= dr.select((ends == 0.0) & (glossies == 0.0), share, 1.0)
+            # Aimed subpaths pass delta faces alone, and not none.
+            straight = (ends == 0.0) & (glossies == 0.0)
+            if lamp.light.cast_in is not None:
+                straight &= segment.d_vcm == 0.0
+            segment.beta *= dr.select(straight, share, 1.0)
             met = dr.select(passed & (choose_lamp * lamps < 1.0), segment, met)
         else:
             v.terminal = v.terminal | (v.diffuse & behind)
@@ -172,8 +175,8 @@ def trace_facet_subpath(
             started.open, started.d_vcm = mi.Bool(True), mi.Float(state.d_vcm)
             chain = dr.select(is_facet, started, chain)
         if aimed is not None:
-            straight = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
-            share = dr.select(is_facet, straight, share)
+            own = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
+            share = dr.select(is_facet, own, share)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     glossy.weight = glossies
@@ -216,8 +219,10 @@ def radiance_per_node(
         path += 1
     if lamp is not None:
         found = [lamp.met(camera.met)]
-        # A bare coating sees the lamp; in a pad only its faces do.
+        # A bare coating sees the lamp, or one in the pad; otherwise only the pad's faces do.
         last_vertices = [camera.facet, camera.end] if lamp.bare else [camera.glossy]
+        if lamp.light.cast_in is not None and not lamp.bare:
+            last_vertices = [camera.facet, camera.end, camera.glossy]
         for i in range(len(last_vertices)):
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))

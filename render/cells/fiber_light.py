@@ -56,9 +56,13 @@ class FiberLight:
         # Lamps that turn stay clear of the silicone all around; others may be nearer than they are
         # wide, so that a segment inside passes by their center closely and never meets them.
         self.still = None if poses.turns.all() else mi.Bool(~poses.turns)
+        # Cast into the silicone: segments begin and end around them.
+        self.cast_in = mi.Bool(poses.inside) if poses.inside.any() else None
+        in_layer = poses.inside & (poses.layer > 0.0)
+        self.in_layer = mi.Bool(in_layer) if in_layer.any() else None
         self.center = mi.TensorXf(poses.position.astype(np.float32)).array
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
-        dr.make_opaque(self.center, self.beam, self.radius, self.still)
+        dr.make_opaque(self.center, self.beam, self.radius, self.still, self.cast_in, self.in_layer)
 
     def center_of(self, fiber: mi.UInt32) -> mi.Point3f:
         """Return the middle of the end of ``fiber``, mm."""
@@ -102,6 +106,15 @@ class FiberLight:
         share = 1.0 / (self.nodes * dr.pi * dr.square(radius))
         return LampRay(radiance, mixture * share, joined * share)
 
+    def medium(self, scene: mi.Scene, fiber: mi.UInt32) -> mi.MediumPtr:
+        """Return what is around the ends of lamps of a pad: a medium in the diffuser alone."""
+        clear = dr.zeros(mi.MediumPtr)
+        if self.in_layer is None:
+            return clear
+        inner = [shape.interior_medium() for shape in scene.shapes()]
+        (medium,) = {medium.id(): medium for medium in inner if medium is not None}.values()
+        return dr.select(dr.gather(mi.Bool, self.in_layer, fiber), mi.MediumPtr(medium), clear)
+
     def weights(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> list[mi.Float]:
         """Return, per node, radiance over mixture density for rays ``(o, d)``."""
         ray = self.ray(fiber, o, d)
@@ -133,6 +146,8 @@ class FiberLight:
         miss = dr.squared_norm(offset - ahead * d)
         within = dr.square(radius * 1.0001)
         near = (miss <= within) & (ahead > -radius) & (ahead < end)
+        if self.cast_in is not None:
+            near &= (ahead > 0) | ~dr.gather(mi.Bool, self.cast_in, fiber)
         if self.still is None:
             return near
         beam = self.beam_of(fiber, mi.UInt32(0))

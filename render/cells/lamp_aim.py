@@ -59,21 +59,23 @@ class LampAim:
     def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
         """Upload the lamps; ``bend`` in radians."""
         poses = fiber_poses(scene, bend)
-        from_below = poses.face == LOWER
+        # Lamps in the silicone are seen where they are.
+        inside, foot = poses.inside, np.where(poses.inside[:, None], poses.position, poses.foot)
+        from_below = (poses.face == LOWER) & ~inside
         far_axis = np.where(from_below[:, None], poses.face_up, poses.face_inward)
         # Where the walls beside a lamp are, along its face; planes for a flat pad only.
         low, high = scene.box.low * [1, 1, 0], scene.box.high * [1, 1, 0]
         walls = np.concatenate(
-            [_between(axis, low, high, poses.foot) for axis in (poses.face_along, far_axis)], axis=1
+            [_between(axis, low, high, foot) for axis in (poses.face_along, far_axis)], axis=1
         )
         self.walls = mi.Float(np.column_stack([walls, from_below]).astype(np.float32).ravel())
         self.mirror = mirror
         ends = poses.position[:, 2] - poses.radius
-        lowest = ends[~from_below].min(initial=np.inf) if bend == 0.0 else np.inf
+        lowest = ends[~from_below & ~inside].min(initial=np.inf) if bend == 0.0 else np.inf
         ways = [Way(0.4), Way(0.3, mirrored=True)]
         if not mirror.curved:
             both = (False, True)
-            sides = (-1, 1) if from_below.any() else (1,)
+            sides = (-1, 1) if (from_below | inside).any() else (1,)
             ways += [Way(0.05, wall=w, mirrored=m) for w in (-1, 1) for m in both]
             ways += [Way(0.02, w, s, mirrored=m) for s in sides for w in (-1, 0, 1) for m in both]
         if lowest < scene.box.low[2]:
@@ -81,8 +83,9 @@ class LampAim:
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
         self.main_ways = self.ways[:2]
+        self.inside = mi.Bool(inside) if inside.any() else None
         frames = np.stack(
-            [poses.foot, poses.face_along, poses.face_inward, poses.position, far_axis], axis=1
+            [foot, poses.face_along, poses.face_inward, poses.position, far_axis], axis=1
         )
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         slope = np.array([finish.roughness for finish in scene.finishes]) / np.sqrt(2.0)
@@ -93,9 +96,12 @@ class LampAim:
         # Where light enters through a window, Snell's law is that of its index.
         plate = scene.pad.index if scene.window is None else scene.window.index
         self.bonded = None if plate == scene.pad.index else (scene.pad.index, plate)
-        below_bond = (poses.foot[:, 2] < 0.0) | from_below
+        below_bond = (foot[:, 2] < 0.0) | from_below
         self.index = mi.Float(np.where(below_bond, plate, scene.pad.index).astype(np.float32))
-        dr.make_opaque(self.frames, self.walls, self.radius, self.slope, self.constants, self.index)
+        dr.make_opaque(
+            self.frames, self.walls, self.radius, self.slope, self.constants, self.index,
+            self.inside,
+        )  # fmt: skip
 
     def sample(
         self, fiber: mi.UInt32, a: mi.Point3f, pick: mi.Float, x: mi.Float, y: mi.Float
@@ -173,7 +179,7 @@ class LampAim:
         seen = dr.select(mirrored, image, seen)
         unfold = _Unfold([(along, by_wall), (far_axis, by_far), (normal, mirrored)])
         # ------------------------- Snell's law at the face -----------------------------
-        way = _refracted(seen, foot, inward, lamp, index)
+        way = self._way_to(fiber, seen, foot, inward, lamp, index)
         axis = way.axis
         if self.bonded is not None:
             # A layer of the other index bends as one of another thickness would: the aim with the
@@ -188,7 +194,7 @@ class LampAim:
                 height = dr.maximum(dr.square(other) - along, 1e-3)
                 thicker = dr.sqrt((dr.square(index) - along) / height) - 1.0
                 shifted = mi.Point3f(seen.x, seen.y, seen.z + thicker * layer)
-                way = _refracted(shifted, foot, inward, lamp, index)
+                way = self._way_to(fiber, shifted, foot, inward, lamp, index)
                 axis = way.axis
             # And at the bond itself, where the lamp is behind it.
             ratio = dr.select(in_window, plate / pad_index, 1.0)
@@ -198,6 +204,8 @@ class LampAim:
         inside, outside, before, after = way.inside, way.outside, way.before, way.after
         # ------------------------- Widths ----------------------------------------------
         cos_in, cos_out = inside / before, dr.maximum(outside / after, GRAZING_COSINE)
+        if self.inside is not None:
+            cos_out = dr.select(dr.gather(mi.Bool, self.inside, fiber), 1.0, cos_out)
         # What the lamp's plane moves by per angle, in and across the plane of incidence.
         moved_in = before * cos_out / cos_in + after * index * cos_in / cos_out
         moved_across = before + after * index
@@ -214,6 +222,19 @@ class LampAim:
             dr.maximum(wide, MIN_WIDTH), dr.maximum(narrow, MIN_WIDTH),
         )  # fmt: skip
         return lobe, unfold
+
+    def _way_to(
+        self, fiber: mi.UInt32, seen: mi.Point3f, foot: mi.Vector3f, inward: mi.Vector3f,
+        lamp: mi.Vector3f, index: mi.Float,
+    ) -> _Refracted:  # fmt: skip
+        """Return the way to a lamp before a face, or straight to one in the silicone."""
+        way = _refracted(seen, foot, inward, lamp, index)
+        if self.inside is None:
+            return way
+        span = lamp - mi.Vector3f(seen)
+        length = dr.maximum(dr.norm(span), 1e-3)
+        straight = _Refracted(span / length, length, mi.Float(0.0), length, mi.Float(0.0))
+        return dr.select(dr.gather(mi.Bool, self.inside, fiber), straight, way)
 
 
 @dataclass

@@ -93,7 +93,9 @@ class Lamp:
     ) -> list[mi.Float]:
         """Return, per direction node, the light of the lamp joined to camera vertex ``z``."""
         pick, x, y, _ = numbers
-        active = (z.weight > 0) & ~z.volume & ~z.delta
+        active = (z.weight > 0) & ~z.delta
+        if self.light.cast_in is None:
+            active &= ~z.volume
         point, _ = self.light.sample_position(self.fiber, pick, mi.Point2f(x, y))
         span = point - z.p
         w = span * dr.rsqrt(dr.maximum(dr.squared_norm(span), 1e-20))
@@ -101,6 +103,8 @@ class Lamp:
         active &= ray.joined > 0
         f, pdf, reverse = evaluate_scattering(z, w, mi.TransportMode.Radiance, active)
         pdf = dr.select(guiding.applies(z), guiding.mixture_pdf(z, w, pdf), pdf)
+        if self.light.cast_in is not None:
+            pdf = dr.select(z.terminal, 0.0, pdf)
         active &= dr.max(f) > 0
         end = empty_vertex()
         # No surface to step off: like a vertex in a volume.
@@ -171,6 +175,10 @@ class AimedSubpaths:
         active = active & (dr.max(value) > 0)
         met = MetLamp.none()
         count = mi.UInt32(1)
+        # Without a face between, a facet is joined to a lamp in the pad (s = 1).
+        late = mi.Bool(True)
+        if self.lamp.light.cast_in is not None:
+            late = ~dr.gather(mi.Bool, self.lamp.light.cast_in, self.lamp.fiber)
         while active:
             segment, begin = MetLamp.of(state, state.o), mi.Point3f(state.o)
             state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -180,8 +188,9 @@ class AimedSubpaths:
                 self.lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
             )
             # A subpath that comes back to the lamp is left to the camera subpath.
-            met = dr.select(passed & (met.weight == 0), segment, met)
+            met = dr.select(passed & late & (met.weight == 0), segment, met)
             going = arrived & v.delta
+            late |= going
             state, alive = sample_scattering(
                 state, v, mi.TransportMode.Radiance, stream.event(event + count), going
             )

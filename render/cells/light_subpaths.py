@@ -254,7 +254,7 @@ def _trace(
                 emitted = light.ray(fiber, o, d).emitted
                 d_vc = dr.select(emitted > 0, dr.rcp(emitted), 0.0)
             state = begin_subpath(
-                o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), d_vc, free
+                o, d, light.medium(scene, fiber), mi.Spectrum(1.0), mi.Float(0), d_vc, free
             )
             if passable:
                 state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(d_vc))

@@ -76,7 +76,8 @@ class FiberHolder:
         way = np.array([ALONG[lamp.edge] if lamp.edge else np.zeros(2) for lamp in lamps])
         place = (poses.position[:, :2] * way).sum(axis=1)
         hole = 2 * poses.radius + PLAY
-        held = [i for i, lamp in enumerate(lamps) if lamp.edge and lamp.turns]
+        # What is cast into the silicone needs no hole.
+        held = [i for i, lamp in enumerate(lamps) if lamp.edge and lamp.turns and not lamp.solid]
         base_wall = any(lamps[i].edge == "base" for i in held)
         borders, rims = [], dict(zip(EDGES, scene.box.rims, strict=True))
         for edge in ALONG:

@@ -28,8 +28,8 @@ class FiberPoses:
 
     The frame of the face that each one shines through: ``foot``, its point nearest to the lamp,
     ``face_along``, ``face_inward`` (its normal, into the pad) and ``face_up``; ``face`` is its
-    number in `render.scene.FACES`, ``gap`` the distance to it and ``layer`` the thickness of
-    diffuser behind it.
+    number in `render.scene.FACES`, ``gap`` the distance to it, below 0 where a lamp is cast into
+    the silicone, and ``layer`` the thickness of diffuser that is behind it or around the lamp.
     """
 
     position: Array
@@ -46,6 +46,16 @@ class FiberPoses:
     face_along: Array
     face_inward: Array
     face_up: Array
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Return which lamps are cast into the silicone, ``(fiber,)``."""
+        return self.gap < 0.0
+
+    @property
+    def milky(self) -> Array:
+        """Return the diffuser before each lamp (mm): all of it, or what a lamp in it has before."""
+        return self.layer + np.where(self.layer > 0.0, np.minimum(self.gap, 0.0), 0.0)
 
     def directions(self, phi: Array) -> Array:
         """Return unit beam directions ``(..., fiber, 3)`` for ``phi`` ``(..., fiber)`` radians."""
@@ -70,6 +80,7 @@ def flat_fiber_poses(scene: Scene) -> FiberPoses:
         foot[i] = lamp.position - gap[i] * OUTWARD[lamp.face]
     face = np.array([lamp.face for lamp in lamps])
     rim = np.array([*box.rims, 0.0])
+    clear = np.array([lamp.solid in ("pad", "window") for lamp in lamps])
     up = np.tile([0.0, 0.0, 1.0], (len(lamps), 1))
     return FiberPoses(
         position=np.array([lamp.position for lamp in lamps]),
@@ -81,7 +92,7 @@ def flat_fiber_poses(scene: Scene) -> FiberPoses:
         radius=np.array([lamp.diameter / 2 for lamp in lamps]),
         face=face,
         gap=gap,
-        layer=rim[face],
+        layer=np.where(clear, 0.0, rim[face]),
         foot=foot,
         face_along=np.where(np.isin(face, (0, 2))[:, None], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]),
         face_inward=-OUTWARD[face],

@@ -15,7 +15,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.geometry import camera_axes, camera_origin, fiber_poses
-from render.optics.pad_scene import pad_shapes
+from render.optics.pad_scene import pad_shapes, scattering_medium
 from render.scene import Profile, Scene
 
 UPRIGHT = 0.999
@@ -68,6 +68,8 @@ def fiber_disks(
 ) -> dict[str, Any]:
     """Return a black disk for each fiber in ``emitters``, with the emitter that is given for it.
 
+    One in the diffuser refers to the medium of `pad_shapes`.
+
     ``phi`` is ``(fiber,)`` rad and ``bend`` in rad. Load with ``optimize=False``: Mitsuba would
     merge equal emitters into one.
     """
@@ -75,6 +77,8 @@ def fiber_disks(
     beams = poses.directions(phi)
     transform = mi.ScalarTransform4f()
     disks = {}
+    medium: dict[str, Any] = {"type": "ref", "id": "diffuser"}
+    scatters = scattering_medium(scene) is not None
     for i, emitter in emitters.items():
         center, beam = poses.position[i], beams[i]
         frame = transform.look_at(
@@ -89,6 +93,8 @@ def fiber_disks(
             "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
             "emitter": emitter,
         }
+        if scatters and poses.inside[i] and poses.layer[i] > 0.0:
+            disks[f"fiber{i}"] |= {"interior": medium, "exterior": medium}
     return disks
 
 

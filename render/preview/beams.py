@@ -3,8 +3,8 @@
 A lamp in the air shines into the pad through every face that it lies before: the shader refracts
 its light there (Snell's law at the plane of the face) and asks whether it enters within the face.
 Clear and metal walls send light back: each image of the pad that its light reaches is one more
-light. Painted faces let none in. Where a window of another index lies under the pad, the light that
-enters the edges of either is a light of its own.
+light. Painted faces let none in. A lamp in the silicone shines from where it is. Where a window of
+another index lies under the pad, the light that enters the edges of either is a light of its own.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.geometry import FiberPoses, flat_fiber_poses
 from render.preview.bonded import Bond
-from render.preview.light_paths import Turns, reaches, single_turns
+from render.preview.diffuser.cache import slab_of
+from render.preview.diffuser.response import diffuse_albedo
+from render.preview.light_paths import Turns, reaches, single_turns, wall_images
 from render.scene import FACES, OUTWARD, Profile, Scene
 
 BEAM_MARK, TURN_MARKS, NO_TURNS = 8, (16, 256), 8
@@ -25,6 +27,8 @@ BEAM_MARK, TURN_MARKS, NO_TURNS = 8, (16, 256), 8
 light is reflected at walls along x and y (`WallImage.turns`), each counted from `NO_TURNS`."""
 WINDOW_MARK = 4096
 """Part of the mark of a beam that enters the edge of a window of another index than the pad's."""
+EMBEDDED_MARK = 8192
+"""Part of the mark of a beam that begins in the silicone."""
 STEEPEST_ENTRY = 6.0
 """Light that enters an edge from so many times higher or lower than it comes from afar is faint."""
 MOST_TURNS, TURNS_AHEAD = 7, 2
@@ -39,7 +43,6 @@ PROFILE_STEPS = 1025
 class Beams:
     """Lamps before the pad: seven points of each end, and one for each image of the pad."""
 
-    edge_albedo = 0.0
     nodes = None
 
     units = None
@@ -56,6 +59,11 @@ class Beams:
         profiles = [lamp.profile for lamp in scene.placed_lamps()]
         self._peak = np.array([profile.peak_intensity for profile in profiles])
         self._own = profile_texels(profiles)
+        milky = np.where(poses.inside, poses.milky, 0.0) if through_layers else np.zeros(1)
+        if milky.any():
+            # The optical depth before a lamp in the diffuser, as far as it is straight ahead.
+            depths = [slab_of(scene).optical_depth(length) for length in milky]
+            self._own = profile_texels(profiles, depths)
         self.profiles = profile_table(profiles)
         self.defines = {
             "BEAM": "1",
@@ -64,6 +72,12 @@ class Beams:
         }
         if self._own is not None:
             self.defines["PROFILES"] = "1"
+        # A diffuser sends back what lamps in the pad shine at it from inside.
+        self.edge_albedo = 0.0
+        if poses.inside.any():
+            self.defines["EMBEDDED"] = "1"
+            if scene.diffuser is not None:
+                self.edge_albedo = diffuse_albedo(slab_of(scene))
         clear = np.array([finish.paint is None for finish in scene.finishes])
         if not through_layers:
             clear &= ~scene.box.layered
@@ -151,6 +165,8 @@ def _lights_of(
         marks = (mark, above > -far), (mark + WINDOW_MARK, above < far)
         return [[*image, each, share] for each, enters in marks if enters]
 
+    if poses.inside[lamp]:
+        return _lights_within(scene, poses, lamp, through_layers=bool(clear[box.layered].any()))
     for point, share in zip(*end_points(poses, lamp), strict=True):
         for face in np.flatnonzero((box.distance(point) > 0.0) & clear):
             lights += seen(point, int(face), (0, 0), share)
@@ -161,13 +177,36 @@ def _lights_of(
     return lights
 
 
+def _lights_within(
+    scene: Scene, poses: FiberPoses, lamp: int, *, through_layers: bool
+) -> list[list[float]]:
+    """Return what `_lights_of` does for a lamp in the silicone: straight, and seen in walls."""
+    milky = poses.layer[lamp] > 0.0
+    if milky and not through_layers:
+        return []
+
+    def mark(turns: Turns) -> float:
+        turned = np.dot(np.add(turns, NO_TURNS), TURN_MARKS)
+        return float(poses.face[lamp] + BEAM_MARK + turned + EMBEDDED_MARK)
+
+    lights = [
+        [*point, mark((0, 0)), share] for point, share in zip(*end_points(poses, lamp), strict=True)
+    ]
+    images = [] if milky else wall_images(scene)
+    return lights + [[*poses.position[lamp], mark(image.turns), 1.0] for image in images]
+
+
 def shines_past_layers(scene: Scene) -> NDArray[np.bool_]:
-    """Return ``(lamp,)`` whether some of a lamp lies before a clear face: light without a glow."""
+    """Return ``(lamp,)`` whether some of a lamp lies before a clear face: light without a glow.
+
+    So is that of a lamp in the clear pad.
+    """
     poses, box = flat_fiber_poses(scene), scene.box
     clear = ~box.layered & [finish.paint is None for finish in scene.finishes]
     return np.array(
         [
-            any((box.distance(point)[clear] > 0.0).any() for point in end_points(poses, lamp)[0])
+            (poses.inside[lamp] and poses.layer[lamp] == 0.0)
+            or any((box.distance(point)[clear] > 0.0).any() for point in end_points(poses, lamp)[0])
             for lamp in range(len(poses.face))
         ]
     )
@@ -222,14 +261,21 @@ def end_points(poses: FiberPoses, lamp: int) -> tuple[Array, Array]:
     return points, np.array([0.25] + [0.125] * 6)
 
 
-def profile_texels(profiles: list[Profile]) -> Array | None:
+def profile_texels(profiles: list[Profile], depths: list[float] | None = None) -> Array | None:
     """Return kind and parameter of each lamp's profile ``(lamp, 4)``; None: one Gaussian for all.
+
+    The optical ``depths`` of diffuser before lamps in it, if any is, make each its own.
 
     Kind 0 is a Gaussian with 1 / (2 sigma_v), 1 a power of the cosine, 2 a row of `profile_table`.
     """
-    if len({profile.sigma_v for profile in profiles}) == 1 and profiles[0].sigma_v is not None:
+    if (
+        depths is None
+        and len({profile.sigma_v for profile in profiles}) == 1
+        and profiles[0].sigma_v is not None
+    ):
         return None
     rows, texels = 0, np.zeros((len(profiles), 4))
+    texels[:, 2] = depths or 0.0
     for i, profile in enumerate(profiles):
         if profile.sigma_v is not None:
             texels[i, :2] = 0.0, 1 / (2 * profile.sigma_v)

@@ -11,10 +11,10 @@ from render.arrays import Array
 from render.geometry import flat_fiber_poses
 from render.preview.beams import BEAM_MARK, NO_TURNS, TURN_MARKS, Beams, shines_past_layers
 from render.preview.bonded import Bond
-from render.preview.diffuser.cache import fiber_ends, slab_of, slab_response
+from render.preview.diffuser.cache import fiber_ends, hides_lamps, slab_of, slab_response
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
-from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS, SlabResponse
+from render.preview.diffuser.response import RAYS, SlabResponse
 from render.preview.glow import Glow
 from render.preview.light_paths import near_wall, wall_images
 from render.scene import EDGES, Scene
@@ -83,7 +83,7 @@ def point_lights(scene: Scene, cache: Path | None = None, bond: Bond | None = No
         if kind not in made:
             made[kind] = slab_response(scene, kind[0], edge=edge, cache=cache, rays=RAYS)
     glow = Glow(scene, [made[kind] for kind in kinds], behind)
-    opaque = slab_of(scene).optical_thickness >= OPAQUE_THICKNESS
+    opaque = hides_lamps(scene)
     if opaque and not shines_past_layers(scene).any():
         return glow
     return GlowAndBeams(glow, Beams(scene, through_layers=not opaque), behind)

@@ -39,8 +39,10 @@ def serves_all_lamps(scene: Scene, bend: float) -> bool:
 
 @lru_cache(maxsize=64)
 def _lit_all_over(scene: Scene) -> bool:
-    """Return whether all beams are wide, and no lamp is close under the pad."""
+    """Return whether all beams are wide, and no lamp is close under the pad or cast into it."""
     poses = flat_fiber_poses(scene)
+    if poses.inside.any():
+        return False
     near = (poses.face == LOWER) & (poses.gap < NEAR * 2 * poses.radius)
     profiles = dict.fromkeys(lamp.profile for lamp in scene.placed_lamps())
     return not near.any() and all(narrow_share(profile) < 0.5 for profile in profiles)

@@ -150,7 +150,7 @@ def painted_lamp_problems(
     """Yield which lamps shine at paint, one sentence for each row, list entry and face."""
     told = set()
     for lamp in lamps:
-        paint = finishes[lamp.face].paint
+        paint = None if lamp.solid else finishes[lamp.face].paint
         if paint is not None and (lamp.key, lamp.face) not in told:
             told.add((lamp.key, lamp.face))
             face = FACES[lamp.face]

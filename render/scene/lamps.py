@@ -2,8 +2,9 @@
 
 Lamps are numbered around the pad: left edge from base to tip, tip edge from left to right, right
 edge from tip to base, base from right to left, and then those of the list. Rows of one edge come
-one after the other. A lamp is the flat disk at the end of a fiber, or the face of an LED; it hides
-nothing from the camera.
+one after the other. A lamp is the flat disk at the end of a fiber, or the face of an LED, in the
+air or cast into the silicone; it hides nothing from the camera, nor from the light of others. Its
+power and its profile are those of the light that leaves the disk, in whatever is there.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ VERTICAL = 1e-9
 """Horizontal part of a unit direction below which a lamp cannot turn about z."""
 
 Diameter = Annotated[float, Quantity("mm", 0.05, 50.0)]
+Solid = Literal["pad", "diffuser", "window"]
+"""What a lamp can be cast into."""
 Vector = Annotated[tuple[float, ...], Quantity("", -1000.0, 1000.0, many=True)]
 
 
@@ -76,15 +79,15 @@ class Row(Part):
     """Lamps along one edge, evenly spaced, or ``at`` given places (mm from its middle).
 
     ``height`` is that of their centers above the camera-side face, ``gap`` the air before the pad
-    or its diffuser, ``tilt`` the fixed angle towards the coating. Lamps that do not ``turn`` shine
-    straight in.
+    or its diffuser, or below 0 how deep in them the lamps are cast in; ``tilt`` the fixed angle
+    towards the coating. Lamps that do not ``turn`` shine straight in.
     """
 
     edge: Edge
     count: Annotated[int, Count(1, 64)] | None = None
     at: Annotated[tuple[float, ...], Quantity("mm", -1000.0, 1000.0, many=True)] | None = None
     diameter: Diameter
-    gap: Annotated[float, Quantity("mm", 0.0, 100.0)]
+    gap: Annotated[float, Quantity("mm", -100.0, 100.0)]
     height: Annotated[float, Quantity("mm", -100.0, 100.0)]
     tilt: Annotated[float, Quantity("deg", -89.0, 89.0)] = 0.0
     profile: Profile
@@ -118,8 +121,10 @@ class PlacedLamp:
         edge: of its row; None where it is listed.
         position: of the center of its end.
         along, inward: where it shines at phi = 0 and pi/2, without ``tilt`` towards the coating.
-        face: index in `FACES` of the one that it shines through.
+        face: index in `FACES` of the one that it shines through; of one in ``solid``, that next
+            to it.
         diameter, profile, turns: of its end.
+        solid: what it is cast into; None in the air.
     """
 
     key: str
@@ -132,6 +137,7 @@ class PlacedLamp:
     diameter: float
     profile: Profile
     turns: bool
+    solid: Solid | None = None
 
     @property
     def beam(self) -> Array:
@@ -146,6 +152,13 @@ class PlacedLamp:
             return self.diameter / 2
         across = 1.0 - float(self.beam @ OUTWARD[self.face]) ** 2
         return self.diameter / 2 * math.sqrt(max(across, 0.0))
+
+    @property
+    def half_size(self) -> Array:
+        """How far ``(3,)`` its end reaches from its center along x, y and z, however it turns."""
+        if self.turns:
+            return np.full(3, self.diameter / 2)
+        return np.asarray(self.diameter / 2 * np.sqrt(np.maximum(1.0 - self.beam**2, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -185,9 +198,36 @@ class Box:
         low, high = self.low - position, position - self.high
         return np.array([low[0], high[1], high[0], low[1], low[2]])
 
+    def solid_at(self, position: Array) -> Solid | None:
+        """Return what is at a position; None beside the silicone, and on its faces."""
+        if (self.distance(position) >= 0.0).any() or position[2] >= self.thickness:
+            return None
+        if position[2] < 0.0:
+            return "window"
+        beside = np.abs(position[:2]) > [self.width / 2, self.length / 2]
+        return "diffuser" if beside.any() else "pad"
+
+    def room(self, position: Array, half_size: Array, *, refracts: bool) -> float:
+        """Return how far (mm) the bounds of a lamp's end are from those of the solid around it.
+
+        Below 0 they reach out of it. ``refracts`` is whether light bends between pad and window.
+        """
+        solid, pad = self.solid_at(position), np.array([self.width, self.length]) / 2
+        low, high = self.low.copy(), self.high.copy()
+        if solid == "pad":
+            low[:2], high[:2] = -pad, pad
+        if refracts:
+            (high if solid == "window" else low)[2] = 0.0
+        apart = np.minimum(position - half_size - low, high - position - half_size).min()
+        if solid == "diffuser":
+            apart = min(apart, float((np.abs(position[:2]) - half_size[:2] - pad).max()))
+        return float(apart)
+
     def entered(self, position: Array, beam: Array) -> int:
         """Return the face that a beam enters through, else the one it is farthest outside of."""
         outside = self.distance(position)
+        if self.solid_at(position) == "diffuser":
+            outside = np.where(self.layered, outside, -np.inf)
         if not (outside > 0).any():
             return int(outside.argmax())
         speed = -OUTWARD @ beam
@@ -236,17 +276,22 @@ def _row_lamps(box: Box, row: Row, key: str) -> Iterator[PlacedLamp]:
         profile=row.profile,
         turns=row.turns,
     )
-    gap = row.gap if row.turns else max(row.gap, turned.recess + AIR_FILM)
+    gap = row.gap
+    if not row.turns and gap >= 0.0:
+        gap = max(gap, turned.recess + AIR_FILM)
     offset = depth + (box.rims[number] + gap)
     for place in places:
         plane = place * way + offset * outward[:2]
         position = np.array([plane[0] + 0.0, plane[1] + 0.0, row.height])
-        face = box.entered(position, turned.beam) if row.height < box.low[2] else number
-        yield _moved(turned, position, face)
+        face = number
+        if row.height < box.low[2] or gap < 0.0:
+            face = box.entered(position, turned.beam)
+        yield _moved(turned, position, face, box)
 
 
-def _moved(lamp: PlacedLamp, position: Array, face: int) -> PlacedLamp:
-    return PlacedLamp(**{**vars(lamp), "position": position, "face": face})
+def _moved(lamp: PlacedLamp, position: Array, face: int, box: Box) -> PlacedLamp:
+    changed = {"position": position, "face": face, "solid": box.solid_at(position)}
+    return PlacedLamp(**{**vars(lamp), **changed})
 
 
 def _listed(box: Box, lamp: ListedLamp, key: str) -> PlacedLamp:
@@ -271,71 +316,7 @@ def _listed(box: Box, lamp: ListedLamp, key: str) -> PlacedLamp:
     missing = placed.recess + AIR_FILM - float(box.distance(position)[face])
     if not lamp.turns and 0 < missing <= AIR_FILM * (1 + 1e-6):
         position = position + missing * OUTWARD[face]
-    return _moved(placed, position, face)
-
-
-# ---------------------------------------- Problems -----------------------------------------------
-
-
-def row_problems(rows: tuple[Row, ...], width: float, length: float) -> Iterator[str]:
-    """Yield what is wrong with rows by themselves, one sentence each; the pad's size in mm."""
-    for number, row in enumerate(rows):
-        key = f"rows.{number}"
-        if (row.count is None) == (row.at is None):
-            yield f"{key}: needs either count or at, the places of its lamps along the edge"
-            continue
-        side = width if row.edge in ("tip", "base") else length
-        if row.at is not None:
-            if len(set(row.at)) < len(row.at):
-                yield f"{key}.at names a place twice, allowed: distinct places"
-            reach = max(abs(place) for place in row.at)
-            if reach > side / 2:
-                yield (
-                    f"{key}.at = {reach:g} mm lies beside the edge, allowed: "
-                    f"{-side / 2:g} to {side / 2:g} mm"
-                )
-        elif row.size * row.diameter > side:
-            yield (
-                f"{key}.count = {row.size} lamps need {row.size * row.diameter:g} mm, "
-                f"allowed: at most the edge of {side:g} mm"
-            )
-
-
-def listed_problems(lamps: tuple[ListedLamp, ...]) -> Iterator[str]:
-    """Yield what is wrong with listed lamps by themselves."""
-    for number, lamp in enumerate(lamps):
-        key = f"lamps.{number}"
-        for name in ("position", "direction"):
-            if len(getattr(lamp, name)) != 3:
-                yield f"{key}.{name} has {len(getattr(lamp, name))} numbers, allowed: x, y and z"
-        if not any(lamp.direction):
-            yield f"{key}.direction = 0, 0, 0 points nowhere, allowed: any other vector"
-        elif lamp.turns and not any(lamp.direction[:2]):
-            yield f"{key}: shines along z and cannot turn about it, leave out turns"
-
-
-def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
-    """Yield which lamps are where none can be: in the silicone, partly in it, or behind it."""
-    for lamp in lamps:
-        outside = float(box.distance(lamp.position)[lamp.face])
-        at = ", ".join(f"{value:g}" for value in lamp.position)
-        if lamp.position[2] > box.high[2]:
-            yield (
-                f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the pad, allowed: at most "
-                f"its thickness of {box.high[2]:g} mm"
-            )
-        elif outside <= 0.0:
-            low, high = (", ".join(f"{v:g}" for v in part) for part in (box.low, box.high))
-            yield (
-                f"{lamp.key} at ({at}) mm is inside the silicone, allowed: in the air outside the "
-                f"box from ({low}) to ({high}) mm"
-            )
-        elif lamp.recess >= outside:
-            yield (
-                f"{lamp.key} at ({at}) mm cuts {lamp.recess - outside:.3g} mm into the silicone"
-                f"{' when it turns' if lamp.turns else ''}, allowed: at least "
-                f"{lamp.recess:.3g} mm from its {FACES[lamp.face]} face"
-            )
+    return _moved(placed, position, face, box)
 
 
 # ------------------------------------------ CSV --------------------------------------------------

@@ -34,6 +34,13 @@ from render.scene.faces import (
     painted_lamp_problems,
 )
 from render.scene.free_ranges import FreeRanges
+from render.scene.lamp_problems import (
+    embedding_problems,
+    embedding_under_skin_problems,
+    listed_problems,
+    placement_problems,
+    row_problems,
+)
 from render.scene.lamps import (
     EDGES,
     FACES,
@@ -45,10 +52,7 @@ from render.scene.lamps import (
     PlacedLamp,
     Row,
     lamps_of_file,
-    listed_problems,
     placed_lamps,
-    placement_problems,
-    row_problems,
 )
 from render.scene.parts import (
     MIN_BONDED_INDEX,
@@ -158,6 +162,10 @@ class Scene(Part):
             problems += skin_problems(
                 self.skin, self.pad, self.bending, self.diffuser, lamps, self.sites, self.indenter
             )
+        if not problems and any(lamp.solid for lamp in self.placed_lamps()):
+            problems += embedding_under_skin_problems(
+                self.placed_lamps(), self.pad, self.skin, self.sites, self.indenter
+            )
         palette = self.palette
         problems += palette.problems()
         if self.constraints is not None:
@@ -176,12 +184,25 @@ class Scene(Part):
             for name in ("scattering", "diffuser_thickness"):
                 if getattr(self.tolerances, name) is not None:
                     problems.append(f"tolerances.{name}: the scene has no diffuser, leave it out")
+        problems += self._moving_layer_problems(problems)
         if self.free is not None:
             problems += self.free.problems(self.diffuser.free_values if self.diffuser else {})
         if problems:
             raise ValueError("; ".join(problems))
         # What is the same in all channels has one number, however the file says it.
         return self if self.by_channel else self.with_albedo(self.albedos[0])
+
+    def _moving_layer_problems(self, others: list[str]) -> Iterator[str]:
+        """Yield what would move the border of a diffuser to lamps that are cast in beside it."""
+        if others or self.diffuser is None:
+            return
+        cast = [number for number, lamp in enumerate(self.placed_lamps()) if lamp.solid]
+        for name, part in (("tolerances", self.tolerances), ("free", self.free)):
+            if cast and part is not None and part.diffuser_thickness is not None:
+                yield (
+                    f"{name}.diffuser_thickness: lamp {cast[0]} is cast into the silicone, and "
+                    "does not move with the diffuser, allowed: lamps in the air, or leave it out"
+                )
 
     def _window_problems(self) -> Iterator[str]:
         if self.window is None:
@@ -228,6 +249,8 @@ class Scene(Part):
         if not alone:
             placed = [lamp for lamp in self.placed_lamps() if fibers is None or lamp.edge is None]
             yield from placement_problems(tuple(placed), self.box)
+            refracts = self.window_refracts
+            yield from embedding_problems(tuple(placed), self.box, refracts=refracts)
             yield from painted_lamp_problems(self.placed_lamps(), self.finishes)
         edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
         yield from self.baseline.problems(edges, len(listed), fibers is not None)

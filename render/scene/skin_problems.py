@@ -50,7 +50,8 @@ def _lamps_above(skin: Skin, pad: Pad, lamps: tuple[PlacedLamp, ...]) -> Iterato
     for lamp in lamps:
         foot = np.clip(lamp.position[:2], -half, half)
         edge = pad.thickness + float(skin.rise(*foot))
-        if FACES[lamp.face] in EDGES and lamp.position[2] >= edge and lamp.key not in told:
+        above = lamp.solid is None and FACES[lamp.face] in EDGES and lamp.position[2] >= edge
+        if above and lamp.key not in told:
             told.add(lamp.key)
             yield (
                 f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the skin, which is "

@@ -178,7 +178,7 @@ def schema_2_lamp(scene: Scene, number: int, phi: float) -> Lamp:
         half = x if row.edge in ("tip", "base") else y
         places = row.at or tuple(half * (2 * i + 1 - size) / size for i in range(size))
         place = sorted(places)[number if row.edge in ("left", "tip") else size - 1 - number]
-        gap = row.gap if row.turns else max(row.gap, FILM)
+        gap = row.gap if row.turns or row.gap < 0.0 else max(row.gap, FILM)
         beyond = gap + rim_on(scene, row.edge)
         center = {
             "left": (-x - beyond, place), "tip": (place, y + beyond),

@@ -302,7 +302,15 @@ def meet_pyramids(pad: Pad, p: Floats, d: Floats, way: float) -> tuple[float, in
 
 @compiled
 def enter_pad(state: NDArray[np.uint64], pad: Pad, p: Floats, d: Floats, ends: Floats) -> float:
-    """Take a ray of weight 1 from the air into the box; return its weight, 0 where it ended."""
+    """Take a ray of weight 1 from the air into the box; return its weight, 0 where it ended.
+
+    One that begins inside is there already.
+    """
+    inside = True
+    for k in range(3):
+        inside &= pad.low[k] < p[k] < pad.high[k]
+    if inside:
+        return 1.0
     near, far, axis = 0.0, math.inf, -1
     for k in range(3):
         if d[k] == 0.0:

@@ -12,18 +12,22 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from render.geometry import camera_origin, fiber_poses
+from render.geometry import camera_origin, fiber_poses, flat_fiber_poses
 from render.geometry.meshes import pad_meshes
 from render.scene import Scene
-from tests.oracles.analog_cells import AnalogCells, face_paint, face_roughness, target_rays
+from tests.oracles.analog_cells import AnalogCells, face_paint, face_roughness, rim_on, target_rays
 from tests.oracles.analog_tracer import BASE, LEFT, LOWER, RIGHT, TIP, UPPER, Floats, Lamp
 from tests.oracles.mesh_tracer import (
+    AIR,
     BOND,
+    CLEAR,
     COATED,
     INTERFACE,
     OUTER_CLEAR,
     OUTER_RIM,
     OUTER_WINDOW,
+    RIM,
+    WINDOW,
     Integers,
     MeshPad,
     trace_photons_on_mesh,
@@ -199,6 +203,18 @@ class BentScene:
             lamp.profile.sigma_v or 1.0, lamp.profile.cosine_exponent or 0.0,
         )  # fmt: skip
 
+    def place(self, fiber: int) -> int:
+        """Return what a fiber is in: in the flat frame, by the scene's numbers."""
+        pad, plate = self.scene.pad, self.scene.window
+        x, y, z = flat_fiber_poses(self.scene).position[fiber]
+        out = np.array([-x, x, -y, y]) - np.repeat([pad.width / 2, pad.length / 2], 2)
+        rims = [rim_on(self.scene, edge) for edge in ("left", "right", "base", "tip")]
+        if (out >= rims).any() or z >= pad.thickness:
+            return AIR
+        if z > 0.0:
+            return CLEAR if (out < 0.0).all() else RIM
+        return WINDOW if plate and z > -plate.thickness else AIR
+
     def cells(self, fiber: int, phi: float, photons: int, batches: int = 16) -> AnalogCells:
         """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""
         if self.scene.coating.specular:
@@ -213,7 +229,7 @@ class BentScene:
                 @ (
                     per_area
                     * trace_photons_on_mesh(
-                        self.pad, lamp, photons // batches, first + batch, bins
+                        self.pad, lamp, self.place(fiber), photons // batches, first + batch, bins
                     )[0]
                 )
                 for batch in range(batches)

@@ -186,15 +186,15 @@ def follow(
     d: Floats,
     weight: float,
     last: int,
+    place: int,
     ends: Floats,
 ) -> tuple[float, int, int]:
     """Follow a ray to the coating; return weight, face and tally bin there.
 
-    ``last`` is the coated face that it leaves, or -1: then it begins in the air. Weight 0: it ended
-    elsewhere, and is accounted for in ``ends``.
+    ``last`` is the coated face that it leaves, or -1, and ``place`` what it begins in. Weight 0: it
+    ended elsewhere, and is accounted for in ``ends``.
     """
     extinction = pad.sigma_s + pad.sigma_a
-    place = AIR if last < 0 else CLEAR
     for _ in range(MAX_EVENTS):
         limit = math.inf
         if place == RIM and extinction > 0.0:
@@ -253,25 +253,26 @@ def follow(
 
 @compiled
 def trace_photons_on_mesh(
-    pad: MeshPad, lamp: Lamp, count: int, seed: int, bins: int
+    pad: MeshPad, lamp: Lamp, place: int, count: int, seed: int, bins: int
 ) -> tuple[Floats, Floats]:
     """Return the power that arrives in every bin ``(bin,)`` and where power ends ``(end,)``.
 
-    ``count`` photons share the lamp's power of 1; one that is reflected arrives again.
+    ``count`` photons share the lamp's power of 1; one that is reflected arrives again. ``place`` is
+    what the lamp is in.
     """
     state = np.full(1, seed, dtype=np.uint64) * np.uint64(0xD1342543DE82EF95)
     tally, ends = np.zeros(bins), np.zeros(ENDS + 1)
     p, d = np.zeros(3), np.zeros(3)
     for _ in range(count):
         emit(state, lamp, p, d)
-        weight, face, bin_ = follow(state, pad, p, d, 1.0, -1, ends)
+        weight, face, bin_ = follow(state, pad, p, d, 1.0, -1, place, ends)
         while weight > 0.0:
             tally[bin_] += weight
             if uniform(state) >= pad.albedo:
                 ends[COATING] += weight
                 break
             lambertian(state, d, pad.normal[face])
-            weight, face, bin_ = follow(state, pad, p, d, weight, face, ends)
+            weight, face, bin_ = follow(state, pad, p, d, weight, face, CLEAR, ends)
     return tally / count, ends / count
 
 
@@ -286,5 +287,5 @@ def trace_views_on_mesh(
     for ray in range(len(directions)):
         p[:] = origin
         d[:] = directions[ray]
-        weights[ray], _, bins[ray] = follow(state, pad, p, d, 1.0, -1, ends)
+        weights[ray], _, bins[ray] = follow(state, pad, p, d, 1.0, -1, AIR, ends)
     return weights, bins

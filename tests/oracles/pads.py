@@ -83,6 +83,11 @@ def lobe(specular: float, roughness: float) -> dict[str, Any]:
 BELOW_THE_PAD = {"rows": [row("left", 1, height=-1.5), row("tip", 2, height=-2.0, tilt=30.0)]}
 """Lamps before the edges of a window 3 mm thick."""
 
+CAST_IN = {
+    "lamps": [listed(-8, 2, 1.5, 1, 0.2, 0.3), listed(5, -9, 0.8, -0.3, 1, 0.8, 3.0)],
+}
+"""Lamps in the silicone, near two edges."""
+
 CASES: dict[str, dict[str, Any]] = {
     "smooth": {},
     "rough 0.01": {"pad.roughness": (0.01,)},
@@ -267,6 +272,33 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "thin rim": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}},
     "thin rim index 1.7": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "pad.index": (1.7,)},
+    "cast in": CAST_IN,
+    "cast in rough 0.1": {"pad.roughness": (0.1,), **CAST_IN},
+    "cast in no face": {"pad.index": (1.0,), **CAST_IN},
+    "cast in beside a rim rough 0.1": {"diffuser": RIM, "pad.roughness": (0.1,), **CAST_IN},
+    "cast in bent 45": {"bending.angles": ([45.0], DEG), **CAST_IN},
+    "cast in bent 45 rough 0.1": {
+        "bending.angles": ([45.0], DEG), "pad.roughness": (0.1,), **CAST_IN,
+    },
+    "cast into a rim rough 0.1": {
+        "diffuser": RIM, "pad.roughness": (0.1,),
+        "lamps": [listed(-11, 2, 1.5, 1, 0.2, 0.3), listed(5, 12.9, 2.2, 0.2, -1, 0, 3.0)],
+    },
+    "row cast in": {"rows": [row("left", 2, gap=-1.0), row("tip", 2, gap=-0.7, turns=False)]},
+    "cast in, black and mirror walls": {
+        **CAST_IN,
+        "faces": [
+            painted("black", "left", "base"), painted("mirror", "right", reflectance=0.9),
+        ],
+    },
+    "cast in over a window": {"window": window(1.49), **CAST_IN},
+    "cast into a window rough 0.1": {
+        "window": window(1.49), "pad.roughness": (0.1,),
+        "lamps": [listed(-8, 2, -1.5, 1, 0.2, 0.5)],
+    },
+    "cast into a dome": {
+        "skin": DOME, "pad.thickness": (6.0, MM), "lamps": [listed(-8, 2, 1.5, 1, 0.2, 0.3)],
+    },
     "thin rim narrow": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "fibers.sigma_v": (1.0, DEG)},
     "thin rim bent 45": {
         "diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "bending.angles": ([45.0], DEG),
@@ -339,15 +371,15 @@ def content_of_case(case: str) -> dict[str, Any]:
     newer = {"rows", "lamps", "faces", "skin", "window", "coating.specular"} & set(changes)
     newer = newer or "on" in changes.get("diffuser", {})
     schema = {"schema": 2 if newer else 1, "name": "case"}
-    return schema | dict(_in_file_form(content))
+    return schema | dict(in_file_form(content))
 
 
-def _in_file_form(value: Any) -> Any:
+def in_file_form(value: Any) -> Any:
     """Return ``value`` with each tuple of a number and a unit as a scene file has it."""
     if isinstance(value, dict):
-        return {name: _in_file_form(part) for name, part in value.items()}
+        return {name: in_file_form(part) for name, part in value.items()}
     if isinstance(value, list):
-        return [_in_file_form(part) for part in value]
+        return [in_file_form(part) for part in value]
     if not isinstance(value, tuple):
         return value
     unit = {"unit": value[1]} if len(value) > 1 else {}

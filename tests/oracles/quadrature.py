@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.integrate import quad
 
@@ -10,8 +12,16 @@ from render.scene import Scene
 from tests.oracles.analog_tracer import Lamp
 
 
-def irradiance(point: np.ndarray, normal: np.ndarray, source: Lamp) -> np.ndarray:
-    """Return power per area at ``point`` ``(..., 3)`` in 1/mm^2 by quadrature over the lamp."""
+def irradiance(
+    point: np.ndarray,
+    normal: np.ndarray,
+    source: Lamp,
+    passed: Callable[[np.ndarray], np.ndarray] = np.ones_like,
+) -> np.ndarray:
+    """Return power per area at ``point`` ``(..., 3)`` in 1/mm^2 by quadrature over the lamp.
+
+    ``passed`` is what is left on the way of light whose ``|cosine|`` to z it is given.
+    """
     flux, _ = quad(
         lambda t: np.exp(-((t / (2 * source.sigma_v)) ** 2)) * np.cos(t) * np.sin(t), 0, np.pi / 2
     )
@@ -27,6 +37,7 @@ def irradiance(point: np.ndarray, normal: np.ndarray, source: Lamp) -> np.ndarra
             off = np.clip(span @ source.frame[:, 2] / distance, -1, 1)
             arriving = np.maximum(-(span @ normal) / distance, 0) * np.maximum(off, 0)
             radiance = peak * np.exp(-((np.arccos(off) / (2 * source.sigma_v)) ** 2))
+            arriving = arriving * passed(np.abs(span[..., 2]) / distance)
             total += w / 16 * np.pi * source.radius**2 * radiance * arriving / distance**2
     return total
 

@@ -13,6 +13,7 @@ from tests.oracles.analog_cells import AnalogScene, analog_lamp
 from tests.oracles.analog_tracer import BACK, COATING, ENDS, MEDIUM, MICROFACETS
 from tests.oracles.mesh_cells import BentScene, mesh_bin_areas, mesh_pad
 from tests.oracles.mesh_tracer import (
+    AIR,
     COATED,
     LEAKED,
     trace_photons_on_mesh,
@@ -88,7 +89,7 @@ def test_a_smooth_plate_passes_what_fresnel_says_and_loses_nothing() -> None:
 def test_no_power_is_lost_in_a_bent_pad_and_none_leaks_between_its_triangles() -> None:
     scene = scene_of_case("rim rough 0.1")
     bent = BentScene(scene, np.pi / 2)
-    _, ends = trace_photons_on_mesh(bent.pad, bent.lamp(0, PHI), 100_000, 3, len(bent.area))
+    _, ends = trace_photons_on_mesh(bent.pad, bent.lamp(0, PHI), AIR, 100_000, 3, len(bent.area))
     assert len(ends) == ENDS + 1
     assert ends.sum() == pytest.approx(1.0, abs=1e-9)
     assert ends[LEAKED] == 0.0

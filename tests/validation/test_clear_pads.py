@@ -30,7 +30,7 @@ REPLICATES = 16
 FAST = (
     "smooth", "rough 0.03", "no face", "half below", "rim rough 0.1",
     "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
-    "row nearer than wide", "lobe", "lobe rough 0.1",
+    "row nearer than wide", "lobe", "lobe rough 0.1", "cast in", "cast into a rim rough 0.1",
 )  # fmt: skip
 WHOLE = (*CASES, *(f"random {number}" for number in range(24)))
 

@@ -169,6 +169,11 @@ def beam_intensity(scene: Scene, emission, direction, face: int, profile) -> np.
     return np.where(inside & (cosine > 0), ray, 0.0)
 
 
+def embedded_intensity(emission, direction, profile) -> np.ndarray:
+    towards = np.clip(direction @ emission[:3], -1, 1)
+    return emission[3] * profile.shape(np.arccos(towards))
+
+
 def unfolded(scene: Scene, target: np.ndarray, turns: tuple[int, int]):
     """Return where targets are after reflections at walls, one by one, and the signs turned."""
     target, flip = target.copy(), np.ones(3)
@@ -200,14 +205,15 @@ def irradiance(
     for fiber, light in itertools.product(range(len(phi)), range(lights.position.shape[1])):
         place, mark = lights.position[fiber, light, :3], int(lights.position[fiber, light, 3])
         face, beam = mark % 8, mark // 8 % 2
-        turns = (mark // 16 % 16 - 8, mark // 256 - 8) if beam else (0, 0)
+        turns = (mark // 16 % 16 - 8, mark // 256 % 16 - 8) if beam else (0, 0)
+        embedded = beam and mark >= 8192
         near = not beam and base.distance(place) < near_wall(scene)
         for way, in_base in itertools.product((straight, mirrored), (False, True)):
             source, target, factor = place, points.position, np.ones(len(points.position))
             if in_base and not near:
                 continue
             target, flip = unfolded(scene, target, turns)
-            if beam:
+            if beam and not embedded:
                 if way is mirrored and face == 4:
                     continue
                 aim = target * [1, 1, -1] if way is mirrored else target
@@ -233,7 +239,9 @@ def irradiance(
             for node in range(phi.shape[1]):
                 emission = emissions[fiber, node, light]
                 sent = (
-                    beam_intensity(scene, emission, local, face, lamps[fiber].profile)
+                    embedded_intensity(emission, local, lamps[fiber].profile)
+                    if embedded
+                    else beam_intensity(scene, emission, local, face, lamps[fiber].profile)
                     if beam
                     else glow_intensity(emission, local)
                 )
@@ -287,6 +295,8 @@ SCENES = (
             "base",
             "beside a corner",
             "mirror walls bent 45",
+            "cast in",
+            "cast in bent 45",
         )
         + PAINTED
     }

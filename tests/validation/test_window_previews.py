@@ -9,11 +9,10 @@ from __future__ import annotations
 import argparse
 import tomllib
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from render.preview import Preview
 from render.preview.converged import Effort, transport_at
@@ -22,12 +21,11 @@ from render.scene import Scene
 from tests.long import LONG
 from tests.oracles.mesh_cells import BentScene
 from tests.oracles.pads import scene_of_case
+from tests.validation.deviations import Deviation, deviation
 
 PHI = 1.2
 SCENES = resources.files("render") / "scenes"
 PHOTONS, ARRIVALS = (1_000_000, 6_000_000) if LONG else (200_000, 2_000_000)
-MEDIAN_OF_NORMAL = 0.6745
-"""Median of the absolute value, in standard deviations."""
 FAST = ("window lit at its edges rough 0.05",)
 PADS = ("digit 1.49", "digit 1.58", "gelsight-mini 1.49", "gelsight-mini 1.58")
 WHOLE = (*FAST, "window", "window lit from below", "window of low index", *PADS)
@@ -56,31 +54,6 @@ def scene_on_window(case: str) -> Scene:
         "index": {"value": float(index), "source": "assumed"},
     }
     return Scene.model_validate(content)
-
-
-class Deviation(NamedTuple):
-    """Of cells from the photons': ratio of sums and its error, |cell / truth - 1|, its noise."""
-
-    ratio: float
-    error: float
-    median: float
-    p95: float
-    noise: float
-
-
-def deviation(cells: np.ndarray, truth: np.ndarray) -> Deviation:
-    """Return that of ``(cell,)`` from ``(batch, cell)`` of photons."""
-    mean, se = truth.mean(axis=0), stats.sem(truth, axis=0)
-    known = np.isfinite(mean) & (mean > 0.0)
-    off = np.abs(cells[known] / mean[known] - 1.0)
-    whole = truth[:, known].sum(axis=1)
-    return Deviation(
-        float(cells[known].sum() / whole.mean()),
-        float(stats.sem(whole) / whole.mean()),
-        float(np.median(off)),
-        float(np.quantile(off, 0.95)),
-        float(MEDIAN_OF_NORMAL * np.median(se[known] / mean[known])),
-    )
 
 
 def deviations(

@@ -22,8 +22,7 @@ from render.preview.converged.walks import (
     Block,
     FaceGrid,
 )
-from render.preview.diffuser.cache import slab_of
-from render.preview.diffuser.response import OPAQUE_THICKNESS
+from render.preview.diffuser.cache import hides_lamps
 from render.scene import Scene
 
 FACES = ((LEFT, OUTER_LEFT), (TIP, END), (RIGHT, OUTER_RIGHT), (BASE, START), (LOWER,))
@@ -105,7 +104,7 @@ def wide_from(scene: Scene) -> int:
     ``g^n`` with ``n = 1 / (1 - g)``.
     """
     layer = scene.diffuser
-    if layer is None or slab_of(scene).optical_thickness >= OPAQUE_THICKNESS:
+    if layer is None or hides_lamps(scene):
         return 0
     return math.ceil(1.0 / (1.0 - abs(layer.g)))
 

@@ -694,7 +694,7 @@ def trace_lamp(
     Each is followed ``repeats`` times.
 
     ``weights`` ``(ray, node)``; ``out`` ``(cell, term, node)``. Light that enters the clear pad is
-    left out.
+    left out. Rays of a lamp in the layer begin there.
     """
     state, powers = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1))
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -703,14 +703,16 @@ def trace_lamp(
         begin_stream(state, key, ray)
         p[:] = origin[ray // repeats]
         d[:] = direction[ray // repeats]
-        face = enter_block(block, p, d)
-        if face == NONE or block.paint[face, 0] >= 0.0:
-            continue
-        face_normal(block, face, p, n)
-        u, v = uniform(state), uniform(state)
-        passed = refract_into(block, face, block.index, d, n, u, v, m)
-        if passed == 0.0:
-            continue
+        passed = 1.0
+        if not within(block, p):
+            face = enter_block(block, p, d)
+            if face == NONE or block.paint[face, 0] >= 0.0:
+                continue
+            face_normal(block, face, p, n)
+            u, v = uniform(state), uniform(state)
+            passed = refract_into(block, face, block.index, d, n, u, v, m)
+            if passed == 0.0:
+                continue
         if not in_layer(block, p):
             continue
         left, face, scattered = walk_layer(state, block, p, d, n, m)
@@ -824,7 +826,7 @@ def trace_arrivals(
     """Follow rays of a lamp ``(ray, 3)`` until they end on the coating of the untouched ``block``.
 
     A lobe of the coating sends them on. But for light that belongs to the exit field: it ends where
-    it leaves the layer.
+    it leaves the layer. Rays of a lamp in the block begin there.
 
     ``weights`` ``(ray, node)``; ``number`` is that of the first ray. The power that
     arrives is added to ``patches`` ``(patch, node)``, and the irradiance of receivers to
@@ -836,15 +838,19 @@ def trace_arrivals(
         begin_stream(state, key, number + ray)
         p[:] = origin[ray]
         d[:] = direction[ray]
-        face = enter_block(block, p, d)
-        if face == NONE:
-            continue
-        layer = in_layer(block, p)
-        if block.paint[face, 0] >= 0.0 or (face == UPPER and not layer):
-            continue  # on the back of paint or coating
-        face_normal(block, face, p, n)
-        below, u, v = p[2] > block.bond, uniform(state), uniform(state)
-        weight = refract_into(block, face, index_of(block, below), d, n, u, v, m)
+        weight, below = 1.0, p[2] > block.bond
+        if within(block, p):
+            layer = in_layer(block, p)
+        else:
+            face = enter_block(block, p, d)
+            if face == NONE:
+                continue
+            layer = in_layer(block, p)
+            if block.paint[face, 0] >= 0.0 or (face == UPPER and not layer):
+                continue  # on the back of paint or coating
+            face_normal(block, face, p, n)
+            below, u, v = p[2] > block.bond, uniform(state), uniform(state)
+            weight = refract_into(block, face, index_of(block, below), d, n, u, v, m)
         if weight > 0.0 and layer:
             left, face, scattered = walk_layer(state, block, p, d, n, m)
             weight *= left if scattered < block.wide else 0.0

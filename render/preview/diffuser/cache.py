@@ -17,7 +17,12 @@ from render.files import read_npz, write_npz
 from render.geometry import flat_fiber_poses
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
-from render.preview.diffuser.response import RAYS, SlabResponse, compute_response
+from render.preview.diffuser.response import (
+    OPAQUE_THICKNESS,
+    RAYS,
+    SlabResponse,
+    compute_response,
+)
 from render.scene import Edge, Scene
 
 VERSION = 3
@@ -53,6 +58,13 @@ def slab_response(
     except OSError as error:
         warnings.warn(f"the slab response cannot be cached: {error}", stacklevel=2)
     return response
+
+
+def hides_lamps(scene: Scene) -> bool:
+    """Return whether the diffuser is opaque between the pad and all lamps before it or in it."""
+    milky = flat_fiber_poses(scene).milky
+    before = milky[milky > 0.0].min(initial=slab_of(scene).thickness)
+    return slab_of(scene).optical_depth(float(before)) >= OPAQUE_THICKNESS
 
 
 def slab_of(scene: Scene, edge: Edge = "left") -> Slab:

@@ -21,7 +21,8 @@ from render.scene import Profile
 class FiberEnd:
     """A fiber end: ``diameter``, ``gap`` and ``height`` in mm, ``tilt`` in rad.
 
-    A disk normal to the beam with the radiance of ``profile``.
+    A disk normal to the beam with the radiance of ``profile``. Below 0 ``gap`` is how deep it is
+    in the layer.
     """
 
     diameter: float
@@ -65,6 +66,8 @@ def emit_from_fiber(
 ) -> tuple[Photons, Array]:
     """Return photons just inside the outer face and their weight per node ``(photon, node)``.
 
+    Photons of an end in the layer begin there.
+
     Per node the weights of ``count`` launched rays, times the photons' own, estimate a unit power;
     light that misses the layer or is reflected by its outer face is missing from the sum.
     """
@@ -80,6 +83,12 @@ def emit_from_fiber(
     origin = center + radius[:, None] * (
         np.cos(azimuth)[:, None] * s + np.sin(azimuth)[:, None] * t
     )
+    if fiber_end.gap < 0.0:
+        weight = radiance_of_nodes(fiber_end, axes, origin - center, direction)
+        weight /= weight.mean(axis=1, keepdims=True) * count
+        start, way = origin.astype(np.float32), direction.astype(np.float32)
+        one, straight = np.ones(count, np.float32), np.ones(count, dtype=bool)
+        return Photons(start, way, one, np.arange(count), straight), weight
     inward = direction[:, 1] > 1e-6
     distance = np.where(inward, -origin[:, 1], 0.0) / np.where(inward, direction[:, 1], 1.0)
     hit = origin + distance[:, None] * direction

@@ -50,7 +50,11 @@ class Slab:
     @property
     def optical_thickness(self) -> float:
         """Return the extinction times the thickness."""
-        return (self.sigma_s + self.sigma_a) * self.thickness
+        return self.optical_depth(self.thickness)
+
+    def optical_depth(self, length: float) -> float:
+        """Return the extinction times a ``length`` in mm."""
+        return (self.sigma_s + self.sigma_a) * length
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -124,19 +125,30 @@ def compute_response(
             field="diffuser",
         )
     offsets = _offsets(leaving, quantiles)
-    if slab.optical_thickness < OPAQUE_THICKNESS:
+    if slab.optical_depth(slab.thickness + min(fiber_end.gap, 0.0)) < OPAQUE_THICKNESS:
         leaving = [
             (exiting[~exiting.straight], power[~exiting.straight]) for exiting, power in leaving
         ]
     deposits = [_projected(exiting, power, offsets, height) for exiting, power in leaving]
-    back, _ = walk(slab, emit_diffuse(slab, min(DIFFUSE_RAYS, rays), rng), rng)
+    back = _returned(slab, min(DIFFUSE_RAYS, rays), rng)
     return SlabResponse(
         phi,
         offsets,
         height,
         nonnegative(_symmetric(np.mean(deposits, axis=0))),
-        float(back.weight.sum()),
+        back,
     )
+
+
+@lru_cache(maxsize=16)
+def diffuse_albedo(slab: Slab) -> float:
+    """Return the part of diffuse light that comes back when it enters through the inner face."""
+    return _returned(slab, DIFFUSE_RAYS, np.random.default_rng(0))
+
+
+def _returned(slab: Slab, rays: int, rng: np.random.Generator) -> float:
+    back, _ = walk(slab, emit_diffuse(slab, rays, rng), rng)
+    return float(back.weight.sum())
 
 
 def _offsets(leaving: list[tuple[Photons, Array]], quantiles: Sequence[float]) -> Array:

@@ -116,3 +116,41 @@ Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored) {
     arrive.z = -in_pad;
     return Path(depart, arrive / refractive_index, spread * refractive_index / in_pad);
 }
+
+#ifdef EMBEDDED
+
+// The way from a lamp in the pad or in the window, straight or by way of the window's lower face.
+// As `bonded_path`, with one component p of momentum along the faces; `spread` is per intensity in
+// what the lamp is in.
+Path embedded_path(vec3 lamp, vec3 target, bool mirrored) {
+    bool plate = lamp.z < bond;
+    if (!plate && !mirrored) return direct_path(lamp, target, vec2(0.0, 1.0));
+    float n1 = plate ? window_index : refractive_index;
+    float n2 = plate ? refractive_index : window_index;
+    float over = target.z - bond;
+    vec2 height = plate ? vec2(mirrored ? lamp.z + bond : bond - lamp.z, over)
+        : vec2(lamp.z - bond + over, 2.0 * bond);
+    vec2 to = target.xy - lamp.xy;
+    float reach = length(to), most = min(n1, n2);
+    float p = 0.98 * most * reach * inversesqrt(reach * reach + dot(height, vec2(1.0)) * dot(height, vec2(1.0)));
+    vec2 q;
+    float slope, stretch;
+    for (int i = 0; i < BOND_STEPS; ++i) {
+        q = sqrt(max(vec2(n1 * n1, n2 * n2) - p * p, 1e-7));
+        slope = height.x / q.x + height.y / q.y;
+        stretch = slope + p * p * (height.x / (q.x * q.x * q.x) + height.y / (q.y * q.y * q.y));
+        float next = p - (slope * p - reach) / stretch;
+        p = next >= most ? 0.5 * (p + most) : max(next, 0.0);
+    }
+    float in_pad = plate ? q.y : q.x, in_window = plate ? q.x : q.y;
+    float passed = passes(q.x, q.y, n1, n2);
+    if (!plate) passed *= passed;
+    if (mirrored && p < 1.0) passed *= 1.0 - passes(in_window, sqrt(1.0 - p * p), window_index, 1.0);
+    float spread = passed / (n1 * q.x * slope * stretch);
+    vec2 way = to / max(reach, 1e-9);
+    vec3 depart = vec3(p * way, mirrored ? -q.x : q.x) / n1;
+    return Path(depart, vec3(-p * way, -in_pad) / refractive_index,
+                spread * refractive_index / in_pad);
+}
+
+#endif

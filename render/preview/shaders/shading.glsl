@@ -5,7 +5,8 @@
 // right, base, lower), and for a beam + 8 + 16 (m + 8) + 256 (n + 8) with the numbers of its
 // reflections at walls along x and y, for a glow these too and + 4096 (i + 1) when it is the image
 // of light i in such walls; -1 behind the last light of a list. With a window of another index
-// (BONDED) positions are those in air, and + 4096 marks light that enters the window's edge.
+// (BONDED) positions are those in air, and + 4096 marks light that enters the window's edge. + 8192
+// marks a beam that begins in the silicone (EMBEDDED).
 uniform sampler2D lights;
 uniform sampler2D emissions;  // (light * EMISSION_TEXELS + texel, list * CHANNELS + channel)
 uniform int light_count;
@@ -79,6 +80,9 @@ float meets_edges(vec3 source, vec3 target, ivec2 turns, vec3 low, vec3 high) {
 #ifdef BONDED
 Path clear_path(vec3 lamp, vec3 target, int face);
 Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored);
+#ifdef EMBEDDED
+Path embedded_path(vec3 lamp, vec3 target, bool mirrored);
+#endif
 #endif
 
 #ifdef BEAM
@@ -158,6 +162,19 @@ vec3 seen_through(vec3 image, vec3 target, int face, out float factor) {
     return image;
 }
 
+#ifdef EMBEDDED
+
+// A lamp in the silicone: its profile about its beam there. `own.z` is the optical depth of the
+// diffuser that it is in, straight on into the pad.
+float embedded_intensity(vec3 axis, float peak, vec4 own, vec3 d) {
+    float towards = dot(d, axis);
+    float angle = atan(length(cross(d, axis)), towards);
+    float passed = own.z == 0.0 ? 1.0 : d.y <= 0.0 ? 0.0 : exp(-own.z / d.y);
+    return peak * profile_shape(angle, towards, own) * passed;
+}
+
+#endif
+
 // A lamp behind a smooth face: its profile about its beam in air, refracted into the pad, dimmed
 // by the diffuser. `axis` is the beam, `peak` that of the intensity in air.
 float beam_intensity(vec3 axis, float peak, vec4 own, vec3 d, int face) {
@@ -197,13 +214,17 @@ float glow_intensity(vec4 low, vec4 high, float last, vec3 d) {
 
 // What beam `i` of emission row `row` sends into two directions. Several channels share its shape
 // and have their peaks in `intensities`.
-vec2 beam_shape(int i, int row, int face, vec3 d, vec3 m) {
+vec2 beam_shape(int i, int row, int face, bool embedded, vec3 d, vec3 m) {
     ivec2 texel = ivec2(i * EMISSION_TEXELS, row);
     vec4 emission = texelFetch(emissions, texel, 0);
     float peak = CHANNELS == 1 ? emission.w : 1.0;
     vec4 own = vec4(0.0);
 #ifdef PROFILES
     own = texelFetchOffset(emissions, texel, 0, ivec2(1, 0));
+#endif
+#ifdef EMBEDDED
+    if (embedded) return vec2(embedded_intensity(emission.xyz, peak, own, d),
+                              embedded_intensity(emission.xyz, peak, own, m));
 #endif
     return vec2(beam_intensity(emission.xyz, peak, own, d, face),
                 beam_intensity(emission.xyz, peak, own, m, face));
@@ -273,6 +294,10 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         vec2 flip = vec2(1 - 2 * (turns & 1));
         vec3 target = position, straight = light.xyz, folded = light.xyz;
         vec2 factor = vec2(1.0);
+        bool embedded = false;
+#ifdef EMBEDDED
+        embedded = beam && (mark & 8192) != 0;
+#endif
 #ifdef BEAM
 #ifdef GLOW
         if (beam)
@@ -282,6 +307,9 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
             vec2 middle = 0.5 * (box_low + box_high).xy, step = (box_high - box_low).xy;
             target.xy = middle + flip * (target.xy - middle) + vec2(turns) * step;
 #ifndef BONDED
+#ifdef EMBEDDED
+            if (!embedded) {
+#endif
             straight = seen_through(light.xyz, target, face, factor.x);
             vec3 below = vec3(target.xy, -target.z);
             if (face == 4) factor.y = 0.0;
@@ -289,6 +317,9 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
             if (factor.x + factor.y == 0.0) continue;
             // What cannot be reflected in the lower face has no mirrored way.
             folded.z = max(folded.z, 1e-3 * thickness);
+#ifdef EMBEDDED
+            }
+#endif
 #endif
         }
 #endif
@@ -299,6 +330,12 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         else direct = clear_path(light.xyz, target, face);
         if (face == 4) mirrored = Path(direct.depart, direct.arrive, 0.0);
         else mirrored = bonded_path(light.xyz, target, face, plate, true);
+#ifdef EMBEDDED
+        if (embedded) {
+            direct = embedded_path(light.xyz, target, false);
+            mirrored = embedded_path(light.xyz, target, true);
+        }
+#endif
         vec2 spread = vec2(direct.spread, mirrored.spread);
         if (spread.x + spread.y == 0.0) continue;
 #else
@@ -369,7 +406,7 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
 #ifdef GLOW
         if (beam)
 #endif
-            shape = beam_shape(sender, CHANNELS * list, face, d, m);
+            shape = beam_shape(sender, CHANNELS * list, face, embedded, d, m);
 #endif
 #if CHANNELS == 3
         for (int c = 0; c < 3; ++c) {

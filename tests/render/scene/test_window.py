@@ -54,25 +54,6 @@ def test_lamps_below_the_pad_stand_before_the_window() -> None:
     np.testing.assert_allclose(poses.gap, 0.6)
 
 
-def test_a_lamp_in_the_plate_is_inside(tmp_path: Path) -> None:
-    head, _, rest = TEXT.partition("[[rows]]")
-    # The camera and all behind it, but for the rows' baseline.
-    rest = rest[rest.index("[camera]") : rest.index("[baseline]")]
-    path = tmp_path / "lamp.toml"
-    path.write_text(
-        f"{head}[window]\n"
-        'thickness = { value = 3.0, unit = "mm", source = "plate" }\n'
-        'index = { value = 1.49, source = "acrylic" }\n'
-        f'{rest}[baseline]\nlamps = ["green"]\n[[lamps]]\n'
-        'position = { value = [0.0, 0.0, -1.0], unit = "mm", source = "drawing" }\n'
-        'direction = { value = [0.0, 0.0, 1.0], source = "drawing" }\n'
-        'diameter = { value = 0.5, unit = "mm", source = "drawing" }\n'
-        'profile = "lambertian"\n'
-    )
-    with pytest.raises(SceneError, match="inside the silicone"):
-        load_scene(path)
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -1,0 +1,168 @@
+"""Where lamps cannot be, one sentence each.
+
+In the air an end stays out of the silicone. One that is cast in lies wholly in one solid: the clear
+pad, its window or the diffuser. It stays below the skin, which bends with it, and beside what is
+pressed in at the sites.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from render.arrays import Array
+from render.scene.lamps import FACES, OUTWARD, Box, ListedLamp, PlacedLamp, Row
+from render.scene.parts import Indenter, Pad, Sites
+from render.scene.skin import Skin
+
+EMBEDDING = 0.01
+"""mm of its own solid that there is around the end of a lamp, at least."""
+RIM_POINTS = 32
+"""Points of an end's rim that are asked whether they are free."""
+
+
+def row_problems(rows: tuple[Row, ...], width: float, length: float) -> Iterator[str]:
+    """Yield what is wrong with rows by themselves, one sentence each; the pad's size in mm."""
+    for number, row in enumerate(rows):
+        key = f"rows.{number}"
+        if (row.count is None) == (row.at is None):
+            yield f"{key}: needs either count or at, the places of its lamps along the edge"
+            continue
+        side = width if row.edge in ("tip", "base") else length
+        if row.at is not None:
+            if len(set(row.at)) < len(row.at):
+                yield f"{key}.at names a place twice, allowed: distinct places"
+            reach = max(abs(place) for place in row.at)
+            if reach > side / 2:
+                yield (
+                    f"{key}.at = {reach:g} mm lies beside the edge, allowed: "
+                    f"{-side / 2:g} to {side / 2:g} mm"
+                )
+        elif row.size * row.diameter > side:
+            yield (
+                f"{key}.count = {row.size} lamps need {row.size * row.diameter:g} mm, "
+                f"allowed: at most the edge of {side:g} mm"
+            )
+
+
+def listed_problems(lamps: tuple[ListedLamp, ...]) -> Iterator[str]:
+    """Yield what is wrong with listed lamps by themselves."""
+    for number, lamp in enumerate(lamps):
+        key = f"lamps.{number}"
+        for name in ("position", "direction"):
+            if len(getattr(lamp, name)) != 3:
+                yield f"{key}.{name} has {len(getattr(lamp, name))} numbers, allowed: x, y and z"
+        if not any(lamp.direction):
+            yield f"{key}.direction = 0, 0, 0 points nowhere, allowed: any other vector"
+        elif lamp.turns and not any(lamp.direction[:2]):
+            yield f"{key}: shines along z and cannot turn about it, leave out turns"
+
+
+def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
+    """Yield which lamps in the air are where none can be: partly in the silicone, or behind it."""
+    for lamp in lamps:
+        if lamp.solid is not None:
+            continue
+        outside = float(box.distance(lamp.position)[lamp.face])
+        at = ", ".join(f"{value:g}" for value in lamp.position)
+        if lamp.position[2] > box.high[2]:
+            yield (
+                f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the pad, allowed: at most "
+                f"its thickness of {box.high[2]:g} mm"
+            )
+        elif lamp.recess >= outside:
+            yield (
+                f"{lamp.key} at ({at}) mm cuts {lamp.recess - outside:.3g} mm into the silicone"
+                f"{' when it turns' if lamp.turns else ''}, allowed: at least "
+                f"{lamp.recess:.3g} mm from its {FACES[lamp.face]} face"
+            )
+
+
+def embedding_problems(lamps: tuple[PlacedLamp, ...], box: Box, *, refracts: bool) -> Iterator[str]:
+    """Yield which lamps in the silicone are not wholly in one solid, or shine out of a diffuser.
+
+    ``refracts`` is whether light bends between the pad and a window.
+    """
+    for lamp in lamps:
+        if lamp.solid is None:
+            continue
+        room = box.room(lamp.position, lamp.half_size, refracts=refracts)
+        if room < EMBEDDING * (1 - 1e-6):
+            yield (
+                f"{_place(lamp)} is inside the {lamp.solid}, but its end "
+                f"{'' if not lamp.turns else 'when it turns '}is less than {EMBEDDING:g} mm from "
+                f"the border of that, or crosses it, allowed: {EMBEDDING - room:.3g} mm farther "
+                "from that border, or wholly in the air"
+            )
+        elif lamp.solid == "diffuser" and lamp.turns:
+            yield (
+                f"{_place(lamp)} is inside the diffuser and turns, allowed: turns = false, as it "
+                "is cast in"
+            )
+        elif lamp.solid == "diffuser" and _outwards(lamp) > 1e-9:
+            yield (
+                f"{_place(lamp)} is inside the diffuser on the {FACES[lamp.face]} edge and shines "
+                "away from the pad, allowed: a direction into the pad, or along its edge"
+            )
+
+
+def embedding_under_skin_problems(
+    lamps: tuple[PlacedLamp, ...], pad: Pad, skin: Skin | None, sites: Sites, probe: Indenter
+) -> Iterator[str]:
+    """Yield which lamps in the silicone reach through the skin, or into a pyramid pressed in."""
+    x, y = sites.places.T
+    height = np.full(len(x), pad.thickness)
+    normal = np.tile([0.0, 0.0, 1.0], (len(x), 1))
+    if skin is not None:
+        height = height + skin.rise(x, y)
+        slope_x, slope_y = skin.slope(x, y)
+        normal = np.stack([-slope_x, -slope_y, np.ones_like(x)], axis=-1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    place = np.stack([x, y, height], axis=-1)
+    for lamp in lamps:
+        if lamp.solid is None:
+            continue
+        points = _end_points(lamp)
+        if skin is not None:
+            free = pad.thickness + skin.rise(points[:, 0], points[:, 1]) - points[:, 2]
+            if free.min() < EMBEDDING:
+                yield (
+                    f"{_place(lamp)} reaches {EMBEDDING - free.min():.3g} mm too high for the "
+                    f"skin, allowed: at least {EMBEDDING:g} mm below it"
+                )
+                continue
+        # The circular cone around the pyramid of a site.
+        offset = points[:, None] - place
+        depth = -(offset * normal).sum(axis=-1)
+        aside = np.linalg.norm(offset + depth[..., None] * normal, axis=-1)
+        free = depth - probe.depth * (1.0 - aside / probe.radius)
+        hit = np.flatnonzero(((free < EMBEDDING) & (aside < probe.radius)).any(axis=0))
+        for site in hit[:1]:
+            yield (
+                f"{_place(lamp)} is where the pyramid of site {site} is pressed in, "
+                f"{probe.depth:.3g} mm deep and {probe.radius:g} mm wide about "
+                f"({x[site]:g}, {y[site]:g}) mm, allowed: below or beside it; move the lamp or "
+                "the sites"
+            )
+
+
+def _end_points(lamp: PlacedLamp) -> Array:
+    """Return points ``(point, 3)`` of a lamp's end; of one that turns, of the ball it sweeps."""
+    azimuth = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1) * lamp.diameter / 2
+    normals = np.eye(3) if lamp.turns else lamp.beam[None]
+    rings = [lamp.position[None]]
+    for normal in normals:
+        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+        first = first / np.linalg.norm(first)
+        rings.append(lamp.position + circle @ np.stack([first, np.cross(normal, first)]))
+    return np.concatenate(rings)
+
+
+def _outwards(lamp: PlacedLamp) -> float:
+    return float(lamp.beam @ OUTWARD[lamp.face])
+
+
+def _place(lamp: PlacedLamp) -> str:
+    return f"{lamp.key} at ({', '.join(f'{value:g}' for value in lamp.position)}) mm"
