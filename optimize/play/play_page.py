@@ -216,7 +216,7 @@ def skin_light(scene: Scene, phi: Array) -> Array:
     from render.preview import Preview
 
     with Preview(scene, imprint=large_pyramid(scene)) as preview:
-        light = preview.skin(phi, np.array(scene.bending.angles))
+        light = preview.skin(phi, np.array(scene.state_axis))
     if not scene.by_channel:
         return light
     each = np.array([one.coating.reflectance for one in scene.one_albedo_scenes])

@@ -11,11 +11,22 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
+from render.errors import SceneError
 from render.scene import Scene
 
 
 def curvature(scene: Scene, bend: float) -> float:
-    """Return the curvature of the coating in 1/mm for a total bending angle in radians."""
+    """Return the curvature of the coating in 1/mm for a total bending angle in radians.
+
+    Raises:
+        SceneError: the skin does not bend, and ``bend`` is not 0.
+    """
+    if bend and scene.skin is not None:
+        raise SceneError(
+            f"{bend:g} is no bend of {scene.name}, whose skin is curved and does not bend: for the "
+            "number of a state take the sensor in that state (render.geometry.in_state)",
+            field="states" if scene.states is not None else "bending.angles",
+        )
     return bend / scene.pad.length
 
 
