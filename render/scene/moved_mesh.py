@@ -71,8 +71,8 @@ class MovedMesh(MeshHeights):
         """The mesh in words."""
         farthest = float(np.hypot(self.across, self.along).max())
         return (
-            f"{super().sentence}, its highest place {self.lift:+.3g} mm over that at rest, skin "
-            f"moved sideways by up to {farthest:.3g} mm"
+            f"mesh with its crown {self.lift:+.3g} mm over that at rest, skin moved aside by up to "
+            f"{farthest:.3g} mm"
         )
 
     @property

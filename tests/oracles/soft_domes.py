@@ -108,6 +108,7 @@ def scene_text_of(
         height = {_mm(1.5)}
         tilt = {_deg(10.0)}
         profile = "lambertian"
+        turns = false
         """
     for name in states:
         text += f"""

@@ -172,7 +172,7 @@ def test_lamps_and_camera_stay_where_they_are(scene: Scene) -> None:
 
 def test_a_site_that_one_state_hides_counts_in_none(scene: Scene, folder: Path) -> None:
     text = scene_text_of("pressed", "low")
-    for old, new in (("= 65.0", "= 28.0"), ("columns = 320", "columns = 120"), ("= 400", "= 150")):
+    for old, new in (("= 65.0", "= 29.0"), ("columns = 320", "columns = 160"), ("= 400", "= 200")):
         text = text.replace(old, new)
     scene = written(folder, text)
     seen = camera_coverage(scene).seen.all(axis=2)
