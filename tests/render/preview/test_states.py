@@ -43,6 +43,7 @@ def scene(folder: Path) -> Scene:
     return written(folder, scene_text_of("low", "twisted"))
 
 
+@pytest.mark.slow
 def test_every_state_has_the_light_of_a_plain_scene_of_its_mesh(scene: Scene, folder: Path) -> None:
     states = np.array(scene.state_axis)
     with Preview(scene) as preview:
@@ -87,6 +88,15 @@ def test_pixels_see_the_facets_of_sites_where_the_skin_has_carried_them(scene: S
     # Pixels whose middle lies within rounding of a facet's edge may differ.
     assert (seen == met).mean() > 0.995
     assert set(np.unique(sight.site[sight.facet >= 0])) == set(range(9))
+
+
+def test_two_previews_draw_their_pictures_in_turns(folder: Path) -> None:
+    plain = written(folder, scene_text_of())
+    with Preview(plain) as first, Preview(plain) as second:
+        pictures = [one.picture(PHI, POWER, 0.0, *SIZE) for one in (first, second, first)]
+    assert pictures[0].max() > 0.0
+    np.testing.assert_array_equal(pictures[1], pictures[0])
+    np.testing.assert_array_equal(pictures[2], pictures[0])
 
 
 def test_bodies_are_pressed_into_the_sensor_of_one_state(scene: Scene) -> None:
