@@ -7,7 +7,6 @@ from render.scene.faces import Finish
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamp_profile import Profile
 from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLamp, Row
-from render.scene.moved_mesh import MovedMesh
 from render.scene.parts import CarriedSites, Coating, Window
 from render.scene.quantities import Count, Quantity
 from render.scene.scene_file import load_scene, scene_text, shipped_scenes, sources
