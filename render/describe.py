@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from render.geometry import RULE, FiberHolder, camera_coverage, counted_sites
+from render.geometry import FiberHolder, camera_coverage, counted_sites, seen_rule
 from render.scene import (
     EDGES,
     RIM_EDGES,
@@ -45,9 +45,9 @@ class OmittedPart:
 class Description:
     """A scene in plain words.
 
-    ``axes`` is the size of every axis of the transport (fiber, bend, site, facet, and channel where
-    materials depend on it, as ``color_axis`` says); ``cells`` and ``background_cells`` count its
-    numbers per direction node. ``seen`` says which sites count.
+    ``axes`` is the size of every axis of the transport (fiber, bend or state, site, facet, and
+    channel where materials depend on it, as ``color_axis`` says); ``cells`` and
+    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count.
     """
 
     scene: str
@@ -84,7 +84,7 @@ class Description:
                 f"cells per direction node: {axes} = {self.cells}, "
                 f"and {self.background_cells} of the untouched pad",
                 *([f"color axis of the transport: {self.color_axis}"] if self.color_axis else []),
-                f"seen by the camera: {self.seen} ({RULE})",
+                f"seen by the camera: {self.seen} ({seen_rule('state' in self.axes)})",
                 "left out, and why:",
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
                 *_listed("limits of designs:", self.limits),
@@ -104,7 +104,7 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
     """
     axes = {
         "fiber": scene.lamp_count,
-        "bend": len(scene.bending.angles),
+        "bend" if scene.states is None else "state": len(scene.state_axis),
         "site": len(counted_sites(scene)),
         "facet": scene.indenter.faces,
     }
@@ -241,7 +241,13 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "lens distortion", f"images are dewarped, the camera is {kind}"
     if not scene.by_channel:
         yield "color axis of the transport", "no material depends on the color channel"
-    if len(scene.bending.angles) == 1:
+    if scene.states is not None:
+        yield (
+            "motion of the body",
+            "lower face, edges, lamps and camera stay where they are; between the edges the skin "
+            "alone moves from state to state",
+        )
+    elif len(scene.state_axis) == 1:
         yield "bend axis", "one bending angle is declared"
     for edge in RIM_EDGES if scene.fibers is not None else EDGES:
         if not any(row.edge == edge and row.size for row in scene.lamp_rows):

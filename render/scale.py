@@ -69,8 +69,8 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
 
         with Preview(scene) as preview:
             ahead = np.array([math.pi / 2])
-            transport, _ = preview.transport(ahead, np.array(scene.bending.angles))
-    bend0 = int(np.argmin(scene.bending.angles))
+            transport, _ = preview.transport(ahead, np.array(scene.state_axis))
+    bend0 = int(np.argmin(scene.state_axis))
     power = baseline_power(scene)
     return scale_of(transport[:, 0], power, bend0, config, one_hue=scene.palette.one_hue)
 
@@ -86,8 +86,8 @@ def scale_of(
     """Return the scale at which the light of ``power`` ``(fiber, channel)`` has 230 counts.
 
     ``transport`` is ``(fiber, bend, site, facet[, channel])`` 1/(mm^2 sr), ``power`` the
-    baseline's; counts at bend ``bend0`` set the exposure. With ``one_hue``, hue says nothing and
-    has no weight.
+    baseline's; counts at the bend or state ``bend0`` set the exposure. With ``one_hue``, hue says
+    nothing and has no weight.
     """
     exposure = choose_exposure(superposed(transport, power), bend0, config)
     counts = np.asarray(image_counts(transport, power, exposure, config))

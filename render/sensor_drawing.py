@@ -131,6 +131,9 @@ def _view(scene: Scene, axes: tuple[int, int]) -> View:
     camera = _drawn_camera(scene)
     if (np.abs(camera[:2]) < high[:2] + FAR).all():
         points.append(camera[None])
+    if scene.states is not None:
+        crowns = [scene.in_state(state).box.high for state in scene.state_axis]
+        points.append(np.stack(crowns))
     shown = np.concatenate(points)[:, list(axes)]
     first, last = shown.min(axis=0) - 1.5, shown.max(axis=0) + 1.5
     if axes[0] == 2:
@@ -163,6 +166,10 @@ def _drawn(
     yield from _faces(scene, view)
     yield from _camera_view(scene, view)
     if section:
+        for state in scene.state_axis[1:] if scene.states is not None else ():
+            moved = view.flat(_skin_line(scene.in_state(state), 0.0))
+            dashes = {"stroke-dasharray": ".8 .5"}
+            yield _path(moved, "lens", closed=False, **dashes)
         line = view.flat(_skin_line(scene, 0.0))
         yield _path(line, "skin", closed=False, **({} if scene.skin is None else {"fill": "none"}))
     counted = set(camera_coverage(scene).counted.tolist())

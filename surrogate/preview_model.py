@@ -95,7 +95,7 @@ def preview_checker(
         # As drawn, light that a window guides is missing: up to a third of all.
         drawn = corrected(grid, scene, transport_ahead(scene), AHEAD)
     session = PreviewSession(scene, drawn, scale, COARSE_ERRORS.color_spread)
-    bends = np.array(scene.bending.angles)
+    bends = np.array(scene.state_axis)
     phi, power = np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None]
     mean = float(design_score(session.outputs(phi, power, bends)["metric"]).mean[0])
     if coarse or not can_converge(scene):
@@ -144,6 +144,8 @@ class PreviewSession:
         phi, power = copied(self._scene, phi, axis=1), split_power(self._scene, power)
         low, high = float(grid.bends.min()), float(grid.bends.max())
         inside = np.clip(bends, low, high)
+        if self._scene.states is not None:
+            inside = np.round(inside)
         # Callers hand float32 on: what rounds to the same number there is inside.
         outside = np.float32(inside) != np.float32(bends)
         beyond = (outside * np.abs(inside - bends)).max() / ((high - low) or 1.0)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.chebyshev import interpolation_weights
-from render.errors import TableError
+from render.errors import SceneError, TableError
 from render.geometry import counted_sites
 from render.metric import THESIS, superposed
 from render.preview.converged import can_converge
@@ -132,8 +132,16 @@ def train(
         TableError: a table that does not fit the scene.
         RenderError, CompilerError, GraphicsError: from the renderers.
         ModelError: ``out`` holds files that are no model.
+        SceneError: the scene has states and lamps that turn.
     """
     config = config or TrainConfig()
+    if scene.states is not None and any(scene.turning):
+        raise SceneError(
+            f"{scene.name} has states, and {sum(scene.turning)} of its lamps turn, allowed in a "
+            "model of several states: lamps that do not; take the preview alone (--coarse), or set "
+            "turns = false",
+            field="states",
+        )
     run = run or out.parent / f"{out.name}-training"
     if table is not None:
         _check(scene, table)
@@ -160,7 +168,7 @@ def train(
             cells=cells,
             exposure=scale.exposure,
             lam=scale.lam,
-            bends=scene_bends(reference.tables[0], scene.bending.angles),
+            bends=scene_bends(reference.tables[0], scene.state_axis),
             seed=seed,
             config=config.fit,
             time=fit_time,
@@ -207,7 +215,7 @@ def train(
 def _baseline_counts(scene: Scene, table: TransportTable) -> float:
     """Return the 99.5th percentile of the baseline's counts in ``table`` at the least bend."""
     light = table.at(np.full(scene.lamp_count, np.pi / 2))
-    at_bend = interpolation_weights(table.bends, np.array([min(scene.bending.angles)]))[0]
+    at_bend = interpolation_weights(table.bends, np.array([min(scene.state_axis)]))[0]
     light = np.einsum("b,fbsk...->fsk...", at_bend, light)[:, None]
     counts = table.exposure * superposed(light, baseline_power(scene))
     return float(np.percentile(counts, THESIS.exposure_percentile))
@@ -242,7 +250,15 @@ def _preview(
 def _check(scene: Scene, table: TransportTable) -> None:
     """Refuse a table that the model cannot be made of, before anything is drawn."""
     check_reference(scene, table)
-    angles = np.degrees(scene.bending.angles)
+    if scene.states is not None:
+        if tuple(table.bends) != scene.state_axis:
+            raise TableError(
+                f"the reference table has the states {table.bends.tolist()}, allowed: the numbers "
+                f"of the scene's, 0 to {len(scene.state_axis) - 1}",
+                field="bends",
+            )
+        return
+    angles = np.degrees(scene.state_axis)
     low, high = np.degrees(table.bends.min()), np.degrees(table.bends.max())
     if angles.min() < low - 1e-6 or angles.max() > high + 1e-6:
         raise TableError(
@@ -328,7 +344,7 @@ def _golden_inputs(scene: Scene, seed: int) -> dict[str, NDArray[np.float32]]:
     inputs = {
         "phi": rng.uniform(0.0, np.pi, (3, fibers)).astype(np.float32),
         "power": rng.uniform(0.0, 1.0, (3, fibers, channels)).astype(np.float32),
-        "bend": np.tile(np.array(scene.bending.angles, dtype=np.float32), (3, 1)),
+        "bend": np.tile(np.array(scene.state_axis, dtype=np.float32), (3, 1)),
     }
     free = MaterialRange.of(scene)
     if free is not None:

@@ -54,6 +54,9 @@ def run(
     scene_name: SceneName = "finger20",
     design: DesignOption = None,
     bend: Bend = 0.0,
+    state: Annotated[
+        str | None, Option(help="State of the skin by its name, where the scene has states.")
+    ] = None,
     level: Annotated[
         Literal["preview", "reference"], Option(help="Which renderer draws.")
     ] = "preview",
@@ -104,14 +107,15 @@ def run(
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        path = Path(f"{scene.name}-{level}-{bend:g}deg.png") if out is None else out
+        posed, angle, pose = _posed(scene, state, bend)
+        path = Path(f"{scene.name}-{level}-{pose}.png") if out is None else out
         check_file(path, PICTURES + DATA)
-        imprint = probe(scene, press, depth, smooth)
+        imprint = probe(posed, press, depth, smooth)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         exposure = _scene_exposure(scene)
         if level == "preview":
             columns, rows = wanted or (scene.camera.columns, scene.camera.rows)
-            light = _preview(scene, lighting, math.radians(bend), columns, rows, press, imprint)
+            light = _preview(posed, lighting, angle, columns, rows, press, imprint)
             arrays, coated = {"radiance": light}, light.sum(axis=-1) > 0
         else:
             from render.reference import TimeBudget, ensure_llvm, render_image, smoothed
@@ -121,10 +125,10 @@ def run(
             columns, rows = wanted or (camera.columns // SHRINK, camera.rows // SHRINK)
             with ProgressBar("Render") as bar:
                 picture = render_image(
-                    scene,
+                    posed,
                     lighting.phi,
                     lighting.power,
-                    math.radians(bend),
+                    angle,
                     width=columns,
                     height=rows,
                     samples=samples or SAMPLES,
@@ -153,6 +157,30 @@ def run(
             content = _encoded(path, counts @ scene.palette.display / THESIS.count_max)
         write_result(path, content)
         stream.write(f"{path}\n")
+
+
+def _posed(scene: Scene, state: str | None, bend: float) -> tuple[Scene, float, str]:
+    """Return the sensor of one state, its bend in rad, and what files call it; ``bend`` in deg.
+
+    Raises:
+        BadParameter: the scene has no such state, or has states and does not bend.
+    """
+    from render.geometry import in_state
+
+    if scene.states is None:
+        if state is not None:
+            raise BadParameter(
+                f"--state {state}: {scene.name} has no states, allowed: a scene with [[states]]; "
+                "slabs have --bend"
+            )
+        return scene, math.radians(bend), f"{bend:g}deg"
+    if bend:
+        raise BadParameter(f"--bend {bend:g}: {scene.name} does not bend, allowed: --state")
+    name = scene.state_names[0] if state is None else state
+    if name not in scene.state_names:
+        raise BadParameter(f"--state {name}, allowed: {', '.join(scene.state_names)}")
+    posed, angle = in_state(scene, float(scene.state_names.index(name)))
+    return posed, angle, name
 
 
 def _scene_exposure(scene: Scene) -> float | None:

@@ -126,7 +126,7 @@ def explore(
     what its interpolation misses.
     """
     began = time.perf_counter()
-    baseline, bends = dimmed_baseline(scene), np.array(scene.bending.angles)
+    baseline, bends = dimmed_baseline(scene), np.array(scene.state_axis)
 
     def rated(step: SearchStep) -> None:
         if progress is not None:
@@ -158,7 +158,7 @@ def rate(
     checker: Checker, scene: Scene, key: str, title: str, change: str, design: Design
 ) -> Stage:
     """Return the stage of ``design`` with everything that its model says about it."""
-    output = predict_design(checker, design, np.array(scene.bending.angles))
+    output = predict_design(checker, design, np.array(scene.state_axis))
     score, half = float(output["score"]), checker.score_half_width
     parts = {name: float(part) for name, part in vars(design_score(output["metric"])).items()}
     rating = ScoreSettings(checker.exposure, checker.lam).rating(

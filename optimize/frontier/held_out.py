@@ -62,7 +62,7 @@ class HeldOutDesigns:
     @property
     def bends(self) -> Array:
         """The scene's bends in rad."""
-        return np.array(self.scene.bending.angles)
+        return np.array(self.scene.state_axis)
 
     @property
     def nodes(self) -> tuple[Array, np.ndarray]:

@@ -261,7 +261,7 @@ class ErrorCost:
 
 def surrogate_score(checker: Checker, scene: Scene) -> Callable[[Design], float]:
     """Return what rates designs on the surrogate, for `optimize.mounting.mount`."""
-    bends = np.array(scene.bending.angles)
+    bends = np.array(scene.state_axis)
     return lambda design: float(predict_design(checker, design, bends)["score"])
 
 

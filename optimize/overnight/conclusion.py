@@ -201,7 +201,7 @@ def timed_levels(
     ``render_seconds`` are those of renders as noisy as the ones that the model was trained with.
     """
     held = {str(row["level"]): row for row in checker.metadata.held_out}
-    bends = np.array(scene.bending.angles)
+    bends = np.array(scene.state_axis)
     phi = np.full((1, scene.lamp_count), np.pi / 2)
     power = np.ones((1, scene.lamp_count, 3))
     with Preview(scene) as preview:

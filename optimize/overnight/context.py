@@ -94,7 +94,7 @@ class RunContext:
     @property
     def bends(self) -> Array:
         """The scene's bends in rad."""
-        return np.array(self.scene.bending.angles)
+        return np.array(self.scene.state_axis)
 
     @property
     def least_seconds(self) -> float:

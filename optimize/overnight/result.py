@@ -224,7 +224,7 @@ class OvernightResult:
 def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     """Return the shape of every array of a finalist."""
     fibers = scene.lamp_count
-    sites = (len(scene.bending.angles), len(counted_sites(scene)))
+    sites = (len(scene.state_axis), len(counted_sites(scene)))
     colors, channels = scene.palette.matrix.shape
     cells = (*sites, scene.indenter.faces, channels)
     seen = dict.fromkeys(("counts", "counts_se", "predicted_counts"), cells)

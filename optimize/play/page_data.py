@@ -107,7 +107,7 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
             "axes": [(-right).tolist(), (-down).tolist(), ahead.tolist()],
             "pivot": camera.pivot,
         },
-        "bends": list(scene.bending.angles),
+        "bends": list(scene.state_axis),
         "limits": _limits(limits_of(scene)),
         "touches": list(_touches(scene)),
         "shadow": SHADOW_LENGTH,

@@ -183,8 +183,28 @@ class PlayPage:
         )
 
 
+def check_playable(scene: Scene) -> None:
+    """Refuse a scene with named states: a page draws one skin, bent or not.
+
+    Raises:
+        TableError: it has some.
+    """
+    if scene.states is not None:
+        raise TableError(
+            f"{scene.name} has the states {', '.join(scene.state_names)}, and a page draws one "
+            "skin, allowed: a scene without states; `tactilux explore` and `tactilux render "
+            "--state` serve all of them",
+            field="states",
+        )
+
+
 def write_play(path: Path, page: PlayPage) -> None:
-    """Write the page to ``path``."""
+    """Write the page to ``path``.
+
+    Raises:
+        TableError: the scene has named states, or its table is too large for a page.
+    """
+    check_playable(page.scene)
     write_result(path, page.html().encode())
 
 
@@ -216,7 +236,7 @@ def skin_light(scene: Scene, phi: Array) -> Array:
     from render.preview import Preview
 
     with Preview(scene, imprint=large_pyramid(scene)) as preview:
-        light = preview.skin(phi, np.array(scene.bending.angles))
+        light = preview.skin(phi, np.array(scene.state_axis))
     if not scene.by_channel:
         return light
     each = np.array([one.coating.reflectance for one in scene.one_albedo_scenes])

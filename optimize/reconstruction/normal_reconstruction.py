@@ -164,7 +164,7 @@ def compare_reconstruction(
 
 def predicted_colors(checker: Checker, scene: Scene, design: Design) -> tuple[Array, Array]:
     """Return what the surrogate says of facets and untouched pad, counts, without render noise."""
-    output = predict_design(checker, design, np.array(scene.bending.angles))
+    output = predict_design(checker, design, np.array(scene.state_axis))
     return output["counts"], output["background"]
 
 

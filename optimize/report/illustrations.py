@@ -29,6 +29,7 @@ from render.geometry import (
     declared_sites,
     flat_fiber_poses,
     flat_sites,
+    in_state,
     pyramid,
 )
 from render.scene import Scene
@@ -202,11 +203,11 @@ def _strip(scene: Scene) -> Iterator[tuple[Figure, list[Axes]]]:
     """Open one panel per bend, side by side and titled, in the shape of the field of sites."""
     left, right, bottom, top = _frame(scene)
     tall = min((top - bottom) / (right - left), 2.5)
-    bends = scene.bending.angles
+    bends = scene.state_names
     with drawing(PANEL * len(bends), PANEL * tall + 0.22) as figure:
         panels = list(figure.subplots(1, len(bends), squeeze=False)[0])
         for axes, bend in zip(panels, bends, strict=True):
-            axes.set_title(f"bend {np.degrees(bend):g}°")
+            axes.set_title(bend)
             axes.set(xticks=[], yticks=[])
         yield figure, panels
 
@@ -259,7 +260,7 @@ def camera_pictures(scene: Scene, stages: Sequence[Seen]) -> Iterator[tuple[str,
     height = round(PREVIEW_WIDTH * scene.camera.rows / scene.camera.columns)
     with Preview(scene) as preview:
         for stage in stages:
-            for index, bend in enumerate(scene.bending.angles):
+            for index, bend in enumerate(scene.state_axis):
                 radiance = preview.picture(
                     stage.design.phi, stage.design.power, bend, PREVIEW_WIDTH, height
                 )
@@ -285,17 +286,21 @@ def bolt_pictures(
     from render.preview import Preview
 
     width = round(BOLT_ROWS * scene.camera.columns / scene.camera.rows)
-    with Preview(scene, imprint=bolt(scene)) as preview:
-        drawn = np.array(
-            [
+    sensors, parts = [scene], []
+    if scene.states is not None:
+        sensors = [in_state(scene, state)[0] for state in scene.state_axis]
+    for sensor in sensors:
+        with Preview(sensor, imprint=bolt(sensor)) as preview:
+            parts.append(
                 [
-                    preview.picture(d.phi, d.power, bend, width, BOLT_ROWS)
-                    for bend in scene.bending.angles
+                    [
+                        preview.picture(d.phi, d.power, bend, width, BOLT_ROWS)
+                        for bend in sensor.state_axis
+                    ]
+                    for d in designs
                 ]
-                for d in designs
-            ],
-            dtype=np.float64,
-        )
+            )
+    drawn = np.concatenate(parts, axis=1, dtype=np.float64)
     lit = np.any(drawn, axis=(0, 1, 4))
     rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
     frame = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]

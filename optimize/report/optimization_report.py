@@ -161,7 +161,7 @@ def _page(
     context = {
         "scene": scene.name,
         "scene_hash": scene.hash,
-        "bends": scene.bending.angles,
+        "bends": scene.state_axis,
         "lam": f"{outcome.finalists.settings.lam:.4g}",
         "conclusions": conclusions(outcome),
         "sensor": sensor_figure(scene),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 
 from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
@@ -57,8 +56,8 @@ def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
 
 
 def bend_titles(scene: Scene) -> list[str]:
-    """Return what each bend of the scene is called."""
-    return [f"bend {np.degrees(bend):g}°" for bend in scene.bending.angles]
+    """Return what each bend or state of the scene is called."""
+    return list(scene.state_names)
 
 
 Steps = list[tuple[str, str]]

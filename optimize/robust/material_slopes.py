@@ -88,7 +88,7 @@ def material_slopes(
 
     Of ``tolerances``, those of the material are looked at; ``phi`` is ``(phi_node,)`` rad.
     """
-    bends, slopes = np.array(scene.bending.angles), {}
+    bends, slopes = np.array(scene.state_axis), {}
     names = [name for name in MATERIALS if name in tolerances]
     clock = Clock(2 * len(names), progress)
     for name in names:

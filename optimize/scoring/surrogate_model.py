@@ -160,7 +160,7 @@ def open_model(
         return checker
     checker = Checker.for_scene(folder, scene, threads=threads)
     unlit = np.zeros((1, scene.lamp_count, len(scene.palette.channels)))
-    dark = np.full(unlit.shape[:2], np.pi / 2), unlit, np.array(scene.bending.angles)
+    dark = np.full(unlit.shape[:2], np.pi / 2), unlit, np.array(scene.state_axis)
     excess = float(checker.run(*dark)["domain_excess"][0])
     if excess > 0.0:
         free = checker.metadata.material

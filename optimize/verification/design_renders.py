@@ -143,7 +143,7 @@ def reference_renders(
     It goes on from ``checkpoint``; a ``runner`` runs the jobs elsewhere and keeps its own.
     ``per_pass`` is that of ``render_transport``.
     """
-    bends = np.array(scene.bending.angles)
+    bends = np.array(scene.state_axis)
 
     def render(
         designs: Sequence[Design],

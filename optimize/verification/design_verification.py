@@ -119,7 +119,7 @@ def verify(
         title="baseline and design",
         allocation=pair_allocation(candidate, model),
     )
-    bends = np.array(candidate.scene.bending.angles)
+    bends = np.array(candidate.scene.state_axis)
     predicted = predict_design(model, design, bends)
     return paired_comparison(
         candidate.settings,
@@ -210,7 +210,7 @@ def verification_within(
         "seeds": list(seeds),
     }
     phi, _ = distinct_directions([candidate.baseline, candidate.design])
-    bends = np.array(scene.bending.angles)
+    bends = np.array(scene.state_axis)
 
     def make() -> VerificationPlan:
         each = samples_per_pass(scene, budget.left(), len(bends) * len(seeds))

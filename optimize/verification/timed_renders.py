@@ -97,7 +97,7 @@ class TimedRenders:
         """Return the renders; ``samples`` are not asked for."""
         end = self._end(title)
         phi, _ = distinct_directions(designs)
-        bends = np.array(self.scene.bending.angles)
+        bends = np.array(self.scene.state_axis)
         wanted: dict[str, Any] = {
             "scene_hash": self.scene.hash,
             "minutes": self.budget.seconds / 60.0,

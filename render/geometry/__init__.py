@@ -34,18 +34,19 @@ from render.geometry.lamp_poses import (
     flat_fiber_poses,
     mirror_twins,
 )
-from render.geometry.layout import declared_sites, facet_normals, facets, pyramid
+from render.geometry.layout import declared_sites, facet_normals, facets, pyramid, site_frames
 from render.geometry.microfacets import Floats, fresnel, sample_rough_face
 from render.geometry.probes import PROBES, probe
 from render.geometry.refraction import aim_at, distance_to_coating, refract_into_pad
 from render.geometry.seen_sites import (
-    RULE,
     camera_coverage,
     check_seen,
     counted_sites,
     flat_sites,
+    seen_rule,
     seen_targets,
 )
+from render.geometry.states import StateChart, in_state
 from render.geometry.symmetry import (
     camera_is_symmetric,
     is_mirror_symmetric,

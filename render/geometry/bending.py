@@ -8,14 +8,33 @@ coating above the camera, so that light and camera stay where they are.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from render.arrays import Array
+from render.errors import SceneError
 from render.scene import Scene
 
 
 def curvature(scene: Scene, bend: float) -> float:
-    """Return the curvature of the coating in 1/mm for a total bending angle in radians."""
+    """Return the curvature of the coating in 1/mm for a total bending angle in radians.
+
+    Raises:
+        SceneError: the skin does not bend, and ``bend`` is not 0.
+    """
+    if bend and scene.states is not None:
+        raise SceneError(
+            f"{bend:g} is no bend of {scene.name}, whose body is rigid: for the number of a state "
+            "take the sensor in that state (render.geometry.in_state)",
+            field="states",
+        )
+    if bend and scene.skin is not None:
+        raise SceneError(
+            f"bend = {math.degrees(bend):g} deg: a skin of skin.shape = {scene.skin.shape} does "
+            "not bend, allowed with one: 0",
+            field="bend",
+        )
     return bend / scene.pad.length
 
 

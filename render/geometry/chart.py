@@ -10,7 +10,8 @@ the skin, what stands on it and what looks at it ask the chart of a state, here 
 
 The pad's body (lamps, lower face, edges) is carried by `render.geometry.bending`. A skin that is
 not flat is a height over the flat block (`render.scene.skin`, which says how to add a shape), and
-does not bend.
+does not bend. Where it has named states, this is the chart of the skin in one of them; by the
+coordinates that its points have at rest it is `render.geometry.states.StateChart`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from render.arrays import Array
 from render.errors import SceneError
 from render.geometry.chart import SkinChart
 from render.geometry.height_map import HeightMap, map_lines
-from render.geometry.layout import declared_sites, facet_normals, pyramid
+from render.geometry.layout import declared_sites, facet_normals, pyramid, site_frames
 from render.scene import Scene
 
 SHADOW_LENGTH = 4.0
@@ -60,7 +60,7 @@ def pyramids(scene: Scene) -> Imprint:
     normal, corners = facet_normals(scene), pyramid(scene)
     return Imprint(
         center=declared_sites(scene),
-        turn=SkinChart(scene, 0.0).frames(scene.sites.places),
+        turn=site_frames(scene, 0.0),
         columns=scene.sites.columns,
         rows=scene.sites.rows,
         spacing=scene.sites.spacing,

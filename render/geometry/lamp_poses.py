@@ -101,8 +101,10 @@ def flat_fiber_poses(scene: Scene) -> FiberPoses:
 
 
 def fiber_poses(scene: Scene, bend: float) -> FiberPoses:
-    """Return the lamps in the world at ``bend`` radians."""
+    """Return the lamps in the world at ``bend`` radians; states of a skin leave them alone."""
     flat = flat_fiber_poses(scene)
+    if scene.states is not None:
+        return flat
     turn = bend_frames(scene, flat.position[:, 1], bend)
     names = ("along", "inward", "up", "face_along", "face_inward", "face_up")
     turned = {name: np.einsum("fij,fj->fi", turn, getattr(flat, name)) for name in names}

@@ -24,6 +24,22 @@ def declared_sites(scene: Scene) -> Array:
     return SkinChart(scene, 0.0).flat(scene.sites.places)
 
 
+def site_frames(scene: Scene, bend: float) -> Array:
+    """Return rotations ``(site, 3, 3)`` from the frames of declared sites, see `SkinChart.frames`.
+
+    Where a state turns the skin about its normal, sites turn with it.
+    """
+    turn = SkinChart(scene, bend).frames(declared_sites(scene)[:, :2])
+    return turn if scene.sites.carried is None else turned_about_normal(turn, scene.sites.turns)
+
+
+def turned_about_normal(frames: Array, angle: Array) -> Array:
+    """Return frames ``(..., 3, 3)`` turned about their last axis by ``angle`` ``(...)`` rad."""
+    cos, sin, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    rows = [[cos, -sin, zero], [sin, cos, zero], [zero, zero, zero + 1.0]]
+    return np.asarray(frames @ np.stack([np.stack(row, axis=-1) for row in rows], axis=-2))
+
+
 def facet_normals(scene: Scene) -> Array:
     """Return the facet normals in the flat site frame, ``(facet, 3)``, eq. (4.2) with -z up."""
     azimuth = 2 * np.pi * np.arange(scene.indenter.faces) / scene.indenter.faces
@@ -64,9 +80,16 @@ class Facets:
 
 
 def facets(scene: Scene, bend: float) -> Facets:
-    """Return the facets at ``bend`` radians; each pyramid is rigid in its site's frame."""
-    uv, chart = declared_sites(scene)[:, :2], SkinChart(scene, bend)
-    position, turn = chart.points(uv), chart.frames(uv)
+    """Return the facets at ``bend`` radians; each pyramid is rigid in its site's frame.
+
+    Of a scene with ``states``, ``bend`` is the number of one.
+    """
+    if scene.states is not None:
+        return facets(scene.in_state(bend), 0.0)
+    position, turn = (
+        SkinChart(scene, bend).points(declared_sites(scene)[:, :2]),
+        site_frames(scene, bend),
+    )
     corners = position[:, None, None] + np.einsum("sij,fcj->sfci", turn, pyramid(scene))
     normal = np.einsum("sij,fj->sfi", turn, facet_normals(scene))
     return Facets(corners, corners.mean(axis=2), normal, position, -turn[..., 2])

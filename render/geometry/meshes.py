@@ -315,8 +315,9 @@ def _site_faces(scene: Scene, grid: PadGrid, site: int) -> Index:
     center = declared_sites(scene)[site]
     border = _border(grid, center, scene.indenter.clearance)
     outline = grid.points[border] - center
-    polygon = pyramid(scene)[:, 1]
-    joined = _triangulated_ring(_azimuth(outline), _azimuth(polygon))
+    # Azimuths run from +y to +x, the other way round than turns.
+    polygon = _azimuth(pyramid(scene)[:, 1]) - scene.sites.turns[site]
+    joined = _triangulated_ring(_azimuth(outline), polygon % (2 * np.pi))
     ring = np.concatenate([border, base])[joined]
     sides = np.stack([np.full_like(base, apex), base, np.roll(base, -1)], axis=-1)
     return np.concatenate([ring, sides])

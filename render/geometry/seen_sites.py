@@ -9,6 +9,7 @@ they are no part of the score.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,10 +24,6 @@ from render.geometry.refraction import aim_at, refract_into_pad
 from render.geometry.visibility import facet_masks, first_facet, shown_targets
 from render.scene import Scene
 
-RULE = (
-    "a site counts where each of its facets and its untouched spot has a pixel for itself at every "
-    "bend"
-)
 OUTSIDE, HIDDEN, SMALL = "outside the picture", "hidden", "smaller than a pixel"
 
 WIDEST = 170.0
@@ -40,10 +37,12 @@ class CameraCoverage:
     Arguments:
         seen: ``(bend, site, facet + 1)``; the last is the untouched spot of the site.
         unseen: number of facets that are not seen, over all bends, by cause.
+        of: what the first axis has, bends or states.
     """
 
     seen: NDArray[np.bool_]
     unseen: dict[str, int]
+    of: str = "bends"
 
     @property
     def counted(self) -> NDArray[np.int64]:
@@ -57,7 +56,7 @@ class CameraCoverage:
         facets_seen = self.seen[..., :-1]
         text = (
             f"{len(self.counted)} of {sites} sites count, and {facets_seen.sum()} of "
-            f"{facets_seen.size} facets are seen (over {len(self.seen)} bends)"
+            f"{facets_seen.size} facets are seen (over {len(self.seen)} {self.of})"
         )
         if self.seen.all():
             return text
@@ -70,12 +69,18 @@ class CameraCoverage:
 def camera_coverage(scene: Scene) -> CameraCoverage:
     """Return what the camera sees at the bends of ``scene``; nothing is drawn for it."""
     seen, unseen = [], dict.fromkeys((OUTSIDE, HIDDEN, SMALL), 0)
-    for bend in scene.bending.angles:
-        shown = seen_targets(scene, bend)
+    for one, bend in _states(scene):
+        shown = seen_targets(one, bend)
         seen.append(shown)
-        for cause, number in _causes(scene, bend, shown).items():
+        for cause, number in _causes(one, bend, shown).items():
             unseen[cause] += number
-    return CameraCoverage(np.stack(seen), unseen)
+    return CameraCoverage(np.stack(seen), unseen, "bends" if scene.states is None else "states")
+
+
+def _states(scene: Scene) -> Iterator[tuple[Scene, float]]:
+    """Yield what the camera sees: the scene at each of its bends, or in each of its states."""
+    for value in scene.state_axis:
+        yield (scene, value) if scene.states is None else (scene.in_state(value), 0.0)
 
 
 def counted_sites(scene: Scene) -> NDArray[np.int64]:
@@ -84,17 +89,32 @@ def counted_sites(scene: Scene) -> NDArray[np.int64]:
     Raises:
         SceneError: there is none.
     """
+    carried = scene.sites.carried
+    if carried is not None and carried.counted:
+        return np.array(carried.counted)
     coverage = camera_coverage(scene)
     if len(coverage.counted):
         return coverage.counted
     facets_seen = coverage.seen[..., :-1]
     causes = ", ".join(f"{n} {cause}" for cause, n in coverage.unseen.items() if n)
     raise SceneError(
-        f"the camera sees none of {coverage.seen.shape[1]} sites whole at every bend, and "
-        f"{facets_seen.sum()} of {facets_seen.size} facets ({causes}), at least one site is "
-        f"needed: {_remedy(scene, coverage)}",
+        f"the camera sees none of {coverage.seen.shape[1]} sites whole "
+        f"{_everywhere(scene.states is not None)}, and {facets_seen.sum()} of {facets_seen.size} "
+        f"facets ({causes}), at least one site is needed: {_remedy(scene, coverage)}",
         field="camera",
     )
+
+
+def seen_rule(named_states: bool) -> str:
+    """Return which sites count, where states have names or are bends."""
+    return (
+        "a site counts where each of its facets and its untouched spot has a pixel for itself "
+        f"{_everywhere(named_states)}"
+    )
+
+
+def _everywhere(named_states: bool) -> str:
+    return "in every state" if named_states else "at every bend"
 
 
 def _remedy(scene: Scene, coverage: CameraCoverage) -> str:
@@ -106,8 +126,8 @@ def _remedy(scene: Scene, coverage: CameraCoverage) -> str:
         return f"move the camera, or lower indenter.slope = {slope:g} deg"
     if cause == SMALL:
         return f"raise camera.columns = {camera.columns} and camera.rows = {camera.rows}"
-    corners = [(bend, facets(scene, bend).corners) for bend in scene.bending.angles]
-    position = np.stack([_image_of(scene, bend, at.reshape(-1, 3))[0] for bend, at in corners])
+    corners = [(*state, facets(*state).corners.reshape(-1, 3)) for state in _states(scene)]
+    position = np.stack([_image_of(*corner)[0] for corner in corners])
     widest = np.abs(2 * position / [camera.columns, camera.rows] - 1).max()  # NaN stays
     half = widest * half_view(scene, camera.columns, camera.rows)[1]
     needed = 2 * np.degrees(half if camera.fisheye else np.arctan(half))
@@ -122,11 +142,13 @@ def _remedy(scene: Scene, coverage: CameraCoverage) -> str:
 def check_seen(scene: Scene, bends: Array) -> None:
     """Refuse ``bends`` (rad) at which the camera does not see a site that counts.
 
+    The states of a scene are all that it has: others are refused too.
+
     Raises:
         SceneError: names the bend, the site and what to do.
     """
     counted = counted_sites(scene)
-    for bend in set(bends.tolist()) - set(scene.bending.angles):
+    for bend in set(bends.tolist()) - set(scene.state_axis):
         hidden = np.argwhere(~seen_targets(scene, bend)[counted])
         if len(hidden):
             raise SceneError(

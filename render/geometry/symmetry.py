@@ -11,6 +11,7 @@ import numpy as np
 from render.arrays import Array
 from render.geometry.lamp_poses import MirrorTwins, mirror_twins
 from render.geometry.seen_sites import counted_sites
+from render.geometry.states import in_state
 from render.scene import Scene
 
 
@@ -50,11 +51,25 @@ def skin_is_symmetric(scene: Scene) -> bool:
 
 
 def _twins(scene: Scene) -> MirrorTwins | None:
+    if scene.states is not None:
+        each = [_twins(in_state(scene, state)[0]) for state in scene.state_axis]
+        return None if None in each else each[0]
     if not camera_is_symmetric(scene) or not skin_is_symmetric(scene):
+        return None
+    if not _sites_are_symmetric(scene):
         return None
     counted = counted_sites(scene)
     alike = scene.sites.centre_x == 0.0 and np.isin(_mirrored_sites(scene)[counted], counted).all()
     return mirror_twins(scene) if alike else None
+
+
+def _sites_are_symmetric(scene: Scene) -> bool:
+    """Return whether a state carries sites and their mirror images to mirrored places."""
+    if scene.sites.carried is None:
+        return True
+    twin, [x, y] = _mirrored_sites(scene), scene.sites.places.T
+    both = np.stack([x + x[twin], y - y[twin], scene.sites.turns + scene.sites.turns[twin]])
+    return bool(np.abs(both).max() < 1e-9)
 
 
 def _mirrored_sites(scene: Scene) -> np.ndarray:

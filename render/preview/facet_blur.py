@@ -27,6 +27,7 @@ from render.geometry import (
     pixel_directions,
     pyramid,
     refract_into_pad,
+    site_frames,
 )
 from render.scene import Scene, Window
 
@@ -124,8 +125,9 @@ def _targets(scene: Scene, bend: float) -> Iterator[tuple[int, int, _Lines | Non
     if scene.window is not None:
         entry, directions, weight = _past_bond(scene, scene.window, entry, directions, weight)
     faces = masks.facets
+    frames = site_frames(scene, bend)
     for index, site in enumerate(counted_sites(scene)):
-        turn = SkinChart(scene, bend).frames(declared_sites(scene)[site, :2])
+        turn = frames[site]
         for target in range(faces + 1):
             chosen = owner == site * (faces + 1) + target
             if not chosen.any():

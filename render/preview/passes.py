@@ -141,9 +141,9 @@ class ShaderPasses:
     def sight(self, bend: float, size: tuple[int, int], indented: bool) -> Sight:
         """Return what the pixels of a picture see of the pad, pressed by the imprint or not."""
         lobe = self._scene.coating.lobe is not None
-        shader_pass = self._pass("sight.frag", bend, 0, indented, lobe=lobe)
         uniforms = self._uniforms(bend, 0) | self._view(size)
         with self._context:
+            shader_pass = self._pass("sight.frag", bend, 0, indented, lobe=lobe)
             drawn = [
                 shader_pass.draw(size, 4, uniforms | {"part": part}, self._kept).reshape(-1, 4)
                 for part in range(4 if lobe else 3)
@@ -275,6 +275,8 @@ class ShaderPasses:
                 parts.append("height_map.glsl")
             elif indented and isinstance(self._imprint, Imprint):
                 defines["FACES"] = str(len(self._imprint.normal))
+                if self._scene.sites.carried is not None and len(self._imprint.center) > 1:
+                    defines["CARRIED"] = "1"
                 parts.append("pyramid.glsl")
             parts.append("shading.glsl" if shades else "sight.glsl")
             if shades and self._bond is not None:

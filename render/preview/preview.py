@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from render.geometry import (
     SkinChart,
     counted_sites,
     declared_sites,
+    in_state,
     pyramids,
 )
 from render.preview.bonded import bond_of, with_bonded_window
@@ -57,7 +59,8 @@ class Preview:
     Nothing in it is fitted to the reference.
 
     Arguments:
-        scene: the sensor; the shader is specialized to what it declares.
+        scene: the sensor; the shader is specialized to what it declares. Each of its states has a
+            context of its own.
         backend: ``osmesa`` or ``egl``; None takes the first that works.
         cache: folder of cached slab responses; None is the user's cache.
         lights: what the fibers make of the scene, instead of the cached response.
@@ -79,6 +82,16 @@ class Preview:
         imprint: Imprint | HeightMap | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
+        self._whole = scene
+        self._others: dict[float, Preview] = {}
+        if scene.states is not None:
+            if imprint is not None:
+                raise GraphicsError(
+                    f"{scene.name} has states, and what is pressed in stands on the skin of one: "
+                    "make the preview of that (render.geometry.in_state)"
+                )
+            scene, _ = in_state(scene, 0.0)
+        self._given: dict[str, Any] = {"backend": backend, "cache": cache, "lights": lights}
         # Lines of sight are those of the scene; light is in a pad that the window is part of.
         bond = bond_of(scene)
         self._seen_in = scene if bond is not None else with_bonded_window(scene)
@@ -109,8 +122,18 @@ class Preview:
         """Free the OpenGL context."""
         self.close()
 
+    def _of(self, state: float) -> tuple[Preview, float]:
+        """Return the preview of a state, made when it is first asked for, and its bend in rad."""
+        if self._whole.states is None or state == 0.0:
+            return self, state
+        if state not in self._others:
+            self._others[state] = Preview(in_state(self._whole, state)[0], **self._given)
+        return self._others[state], 0.0
+
     def close(self) -> None:
         """Free the OpenGL context; nothing can be drawn afterwards."""
+        for other in self._others.values():
+            other.close()
         if self._passes is not None:
             self._passes.release()
             self._passes = None
@@ -120,7 +143,7 @@ class Preview:
 
         Arguments:
             phi: ``(node,)`` rad, the same for all fibers, or ``(fiber, node)``.
-            bends: ``(bend,)`` rad in [0, pi].
+            bends: ``(bend,)`` rad in [0, pi], or numbers of the scene's states.
 
         Returns:
             T ``(fiber, node, bend, site, facet)`` and background ``(fiber, node, bend, site)``;
@@ -133,7 +156,8 @@ class Preview:
         self._check(phi, np.asarray(bends))
         if not self._measures:
             raise GraphicsError("only the pyramids have transport: make a preview without imprint")
-        seen = np.stack([self._seen(phi, float(bend)) for bend in bends], axis=2)
+        each = (self._of(float(bend)) for bend in bends)
+        seen = np.stack([preview._seen(phi, bend) for preview, bend in each], axis=2)
         return seen[:, :, :, :, :-1], seen[:, :, :, :, -1]
 
     def _seen(self, phi: Array, bend: float) -> Array:
@@ -158,21 +182,28 @@ class Preview:
 
         Arguments:
             phi: ``(node,)`` rad.
-            bends: ``(bend,)`` rad.
+            bends: ``(bend,)`` rad, or the number of one of the scene's states, whose skin moves
+                through the cells.
         """
-        points = self._points
         every = np.tile(np.asarray(phi, dtype=np.float64), (self.scene.lamp_count, 1))
         self._check(every, np.asarray(bends))
-        seen = []
-        for bend in bends:
-            direct = self.direct_irradiance(every, float(bend)).reshape(every.size, -1, 2)[..., 0]
-            parts = []
-            for radiosity in self._radiosity_at(float(bend)):
-                added = radiosity.added(direct)
-                total = (direct[:, : points.first_edge] + added)[:, points.first_patch :]
-                parts.append(total.reshape(*every.shape, points.rows, points.columns))
-            seen.append(self._by_channel(parts))
-        return np.stack(seen, axis=2)
+        if self._whole.states is not None and len(bends) > 1:
+            raise GraphicsError(
+                f"states of {self._whole.name} have cells of their own: ask for one state at a time"
+            )
+        each = (self._of(float(bend)) for bend in bends)
+        return np.stack([preview._on_skin(every, bend) for preview, bend in each], axis=2)
+
+    def _on_skin(self, phi: Array, bend: float) -> Array:
+        """Return `skin` at one bend for ``phi`` ``(fiber, node)``."""
+        points = self._points
+        direct = self.direct_irradiance(phi, bend).reshape(phi.size, -1, 2)[..., 0]
+        parts = []
+        for radiosity in self._radiosity_at(bend):
+            added = radiosity.added(direct)
+            total = (direct[:, : points.first_edge] + added)[:, points.first_patch :]
+            parts.append(total.reshape(*phi.shape, points.rows, points.columns))
+        return self._by_channel(parts)
 
     def draw(self, phi: Array, bend: float) -> Array:
         """Draw all cells at one bend: ``(fiber, node, site, facet + 1)``, the last the background.
@@ -263,7 +294,7 @@ class Preview:
         Arguments:
             phi: ``(fiber,)`` rad.
             power: ``(fiber, channel)``, what fibers give to the channels.
-            bend: rad in [0, pi].
+            bend: rad in [0, pi], or the number of one of the scene's states.
             width: columns of pixels.
             height: rows of pixels, over which the camera's field of view spreads.
             indented: pressed by the imprint, or untouched.
@@ -278,6 +309,9 @@ class Preview:
                 f"power has shape {power.shape}, allowed: finite numbers, ({len(phi)}, {channels})",
                 field="power",
             )
+        one, bend = self._of(bend)
+        if one is not self:
+            return one.picture(phi, power, bend, width, height, indented)
         picture = np.empty((height, width, channels), dtype=np.float32)
         for albedo in range(len(self.scene.albedos)):
             alike = [c for c, seen in enumerate(self._of_channel) if seen == albedo]
@@ -292,7 +326,8 @@ class Preview:
     def sight(self, bend: float, width: int, height: int, indented: bool = True) -> Sight:
         """Return which places of the skin the pixels of `picture` see, whatever the light."""
         self._check(np.zeros((self.scene.lamp_count, 1)), np.array([bend]))
-        return self._view(bend, (width, height), indented).sight
+        one, bend = self._of(bend)
+        return one._view(bend, (width, height), indented).sight
 
     def _picture(
         self,
@@ -361,6 +396,10 @@ class Preview:
                 f"phi has shape {phi.shape}, allowed: one row for each of {fibers} fibers",
                 field="phi",
             )
+        if self._whole.states is not None:
+            for state in set(bends.tolist()) - set(self._whole.state_axis):
+                self._whole.in_state(state)  # says what there is
+            bends = np.zeros(1)
         for name, values in (("phi", phi), ("bend", bends)):
             bad = ~((values >= 0) & (values <= np.pi))
             if bad.any():

@@ -23,7 +23,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry import counted_sites, facet_masks
+from render.geometry import counted_sites, facet_masks, in_state
 from render.reference.llvm import VARIANT, mitsuba
 from render.reference.shared_lamps import STRATA, serves_all_lamps
 from render.scene import Scene, scene_content, scene_of
@@ -52,7 +52,7 @@ class RenderJob:
     Arguments:
         scene: content of the sensor (``render.scene.serialization``).
         phi: direction nodes ``(fiber, node)`` in rad.
-        bend: rad.
+        bend: rad, or the number of one of the scene's states.
         indented: pressed by the pyramids, or untouched.
         seed: of all random numbers.
         chains: paths at once.
@@ -92,12 +92,12 @@ class RenderJob:
     @cached_property
     def key(self) -> str:
         """A hash of everything that the result depends on, 64 hex digits."""
-        scene = scene_of(self.scene)
-        content = asdict(self) | {"scene": scene.hash}
+        scene, bend = in_state(scene_of(self.scene), self.bend)
+        content = asdict(self) | {"scene": scene.hash, "bend": bend}
         if self.slots is None:
             del content["slots"]
         programs = [version("mitsuba"), version("drjit")]
-        shared = self.sampler == "monte-carlo" and serves_all_lamps(scene, self.bend)
+        shared = self.sampler == "monte-carlo" and serves_all_lamps(scene, bend)
         marks = [SHARED_VERSION] if shared else []
         text = json.dumps([VERSION, programs, content, *marks], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -106,7 +106,10 @@ class RenderJob:
     def name(self) -> str:
         """What a person may call it; with the first digits of the key, so no two are the same."""
         pad = "pressed" if self.indented else "untouched"
-        return f"bend{math.degrees(self.bend):.0f}-{pad}-seed{self.seed}-{self.key[:16]}"
+        scene, state = scene_of(self.scene), f"bend{math.degrees(self.bend):.0f}"
+        if scene.states is not None:
+            state = scene.state_names[int(self.bend)]
+        return f"{state}-{pad}-seed{self.seed}-{self.key[:16]}"
 
     def to_json(self) -> str:
         """Return the job as text."""
@@ -172,9 +175,10 @@ def run_job(
         RenderError: no light found.
     """
     mitsuba(VARIANT)
-    scene, phi = scene_of(job.scene), np.array(job.phi)
+    phi = np.array(job.phi)
+    scene, bend = in_state(scene_of(job.scene), job.bend)
     slots = None if job.slots is None else np.array(job.slots)
-    cells = pad_cells(scene, phi, job.bend, job.indented, job.sampler, slots)
+    cells = pad_cells(scene, phi, bend, job.indented, job.sampler, slots)
     began = last = time.monotonic()
     run, spent = _start(scene, cells, job, None if state is None else read_or_drop(state))
     began -= spent

@@ -11,7 +11,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.geometry import FacetMasks, counted_sites, facet_masks
+from render.geometry import FacetMasks, counted_sites, facet_masks, in_state
 from render.reference.llvm import mitsuba
 from render.scene import Scene
 
@@ -28,7 +28,8 @@ class PathTracer:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.masks = [facet_masks(scene, bend) for bend in scene.bending.angles]
+        self.states = [in_state(scene, state) for state in scene.state_axis]
+        self.masks = [facet_masks(*state) for state in self.states]
 
     def radiance(self, phi: Array, power: Array, spp: int, seed: int) -> Array:
         """Return radiance ``(bend, site, facet, channel)`` of one design; ``spp`` is per pixel.
@@ -48,10 +49,8 @@ class PathTracer:
         mi = mitsuba(VARIANT)
         _register_tinted_fiber()
         radiance = []
-        for number, (bend, masks) in enumerate(
-            zip(self.scene.bending.angles, self.masks, strict=True)
-        ):
-            scene, crop = self._lit(mi, phi, power, bend, masks)
+        for number, ((sensor, bend), masks) in enumerate(zip(self.states, self.masks, strict=True)):
+            scene, crop = _lit(mi, sensor, phi, power, bend, masks)
             film = np.full((masks.rows, masks.columns, 3), np.nan)
             film[crop] = _traced(mi, scene, film[crop][..., 0].size, spp, (seed, number))
             pixels = film.reshape(-1, 3)
@@ -59,47 +58,48 @@ class PathTracer:
             radiance.append([[pixels[masks.of(s, f)].mean(axis=0) for f in facets] for s in sites])
         return np.array(radiance)
 
-    def _lit(
-        self, mi: Any, phi: Array, power: Array, bend: float, masks: FacetMasks
-    ) -> tuple[Any, tuple[slice, slice]]:
-        """Return the lit Mitsuba scene with its sensor, and the part of the film it records."""
-        from render.optics.lit_scene import camera_sensor, fiber_disks
-        from render.optics.pad_scene import pad_shapes
 
-        row, column = masks.pixel // masks.columns, masks.pixel % masks.columns
-        top, left = int(row.min()), int(column.min())
-        height, width = int(row.max()) + 1 - top, int(column.max()) + 1 - left
-        lamps = self.scene.placed_lamps()
-        if any(lamp.profile.sigma_v is None for lamp in lamps):
-            raise RenderError(
-                "a lamp's profile is not Gaussian, which this path tracer cannot draw: leave "
-                "Mitsuba's own levels out",
-                field="profile",
-            )
-        emitters = {
-            fiber: {
-                "type": "tinted_fiber",
-                "sigma_v": float(np.degrees(lamp.profile.sigma_v or 0.0)),
-                **dict(zip(("red", "green", "blue"), color.tolist(), strict=True)),
-            }
-            for fiber, (lamp, color) in enumerate(zip(lamps, power, strict=True))
-        }
-        sensor = camera_sensor(
-            self.scene,
-            masks.columns,
-            masks.rows,
-            crop_offset_x=left,
-            crop_offset_y=top,
-            crop_width=width,
-            crop_height=height,
-            pixel_format="rgb",
+def _lit(
+    mi: Any, scene: Scene, phi: Array, power: Array, bend: float, masks: FacetMasks
+) -> tuple[Any, tuple[slice, slice]]:
+    """Return the lit Mitsuba scene with its sensor, and the part of the film it records."""
+    from render.optics.lit_scene import camera_sensor, fiber_disks
+    from render.optics.pad_scene import pad_shapes
+
+    row, column = masks.pixel // masks.columns, masks.pixel % masks.columns
+    top, left = int(row.min()), int(column.min())
+    height, width = int(row.max()) + 1 - top, int(column.max()) + 1 - left
+    lamps = scene.placed_lamps()
+    if any(lamp.profile.sigma_v is None for lamp in lamps):
+        raise RenderError(
+            "a lamp's profile is not Gaussian, which this path tracer cannot draw: leave "
+            "Mitsuba's own levels out",
+            field="profile",
         )
-        disks = fiber_disks(self.scene, phi, bend, emitters)
-        with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
-            pad = pad_shapes(self.scene, bend, True, Path(folder))
-            content = {"type": "scene", "sensor": sensor, **disks, **pad}
-            crop = (slice(top, top + height), slice(left, left + width))
-            return mi.load_dict(content, optimize=False), crop
+    emitters = {
+        fiber: {
+            "type": "tinted_fiber",
+            "sigma_v": float(np.degrees(lamp.profile.sigma_v or 0.0)),
+            **dict(zip(("red", "green", "blue"), color.tolist(), strict=True)),
+        }
+        for fiber, (lamp, color) in enumerate(zip(lamps, power, strict=True))
+    }
+    sensor = camera_sensor(
+        scene,
+        masks.columns,
+        masks.rows,
+        crop_offset_x=left,
+        crop_offset_y=top,
+        crop_width=width,
+        crop_height=height,
+        pixel_format="rgb",
+    )
+    disks = fiber_disks(scene, phi, bend, emitters)
+    with tempfile.TemporaryDirectory(prefix="tactilux-") as folder:
+        pad = pad_shapes(scene, bend, True, Path(folder))
+        content = {"type": "scene", "sensor": sensor, **disks, **pad}
+        crop = (slice(top, top + height), slice(left, left + width))
+        return mi.load_dict(content, optimize=False), crop
 
 
 def _traced(mi: Any, scene: Any, pixels: int, spp: int, seed: tuple[int, int]) -> Array:

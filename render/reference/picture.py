@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.geometry import HeightMap, Imprint, camera_rays, refract_into_pad
+from render.geometry import HeightMap, Imprint, camera_rays, in_state, refract_into_pad
 from render.geometry.meshes import imprinted_coating, pad_meshes
 from render.progress import Clock, OnProgress, in_stage
 from render.reference.budget import TimeBudget
@@ -87,7 +87,7 @@ def render_image(
         scene: the sensor.
         phi: ``(fiber,)`` rad.
         power: ``(fiber, channel)``, what fibers give to the channels.
-        bend: rad.
+        bend: rad, or the number of one of the scene's states.
         width: pixels per row.
         height: rows, which span the camera's vertical field of view.
         samples: per pixel.
@@ -107,6 +107,13 @@ def render_image(
             scene, phi, power, bend, width=width, height=height, samples=samples, seed=seed,
             indented=indented, imprint=imprint, budget=budget, progress=progress,
         )  # fmt: skip
+    if scene.states is not None and imprint is not None:
+        raise RenderError(
+            f"{scene.name} has states, and what is pressed in stands on the skin of one: render "
+            "that (render.geometry.in_state)",
+            field="imprint",
+        )
+    scene, bend = in_state(scene, bend)
     mitsuba(VARIANT)
     from render.cells.cell_sampler import PictureSampler
     from render.sampling.monte_carlo import MonteCarlo

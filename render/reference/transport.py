@@ -21,7 +21,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
-from render.geometry import check_seen, counted_sites, is_mirror_symmetric, mirror_image
+from render.geometry import check_seen, counted_sites, in_state, is_mirror_symmetric, mirror_image
 from render.progress import Clock, OnProgress
 from render.reference.allocation import EVERYTHING, PadShares, SampleAllocation, pad_shares
 from render.reference.convergence import doubt
@@ -98,7 +98,7 @@ def render_transport(
     Arguments:
         scene: the sensor.
         phi: direction nodes in rad, ``(node,)`` for all fibers or ``(fiber, node)``.
-        bends: ``(bend,)`` rad, within [0, pi].
+        bends: ``(bend,)`` rad, within [0, pi], or numbers of the scene's states.
         samples: proposed samples per (fiber, facet) pair and seed, on average.
         seeds: independent runs; the same seeds give common random numbers between designs.
         replicates: independent chain groups per seed, for the error bars.
@@ -191,7 +191,7 @@ def transport_jobs(
         for bend, indented, shares in pads:
             count = samples * (1 if indented else UNTOUCHED_SAMPLES)
             effort, slots = (1.0, None) if shares is None else (shares.effort, shares.slots)
-            if sampler == "monte-carlo" and serves_all_lamps(scene, bend):
+            if sampler == "monte-carlo" and serves_all_lamps(*in_state(scene, bend)):
                 # Every sample serves all lamps: there is nothing to share out among them.
                 each = None if per_pass is None else per_pass * count // samples
                 chains, iterations = shared_shape(scene, count, replicates, each, indented=indented)
@@ -359,7 +359,11 @@ def _validated(
             f"phi has shape {phi.shape}, allowed: (node,) or ({scene.lamp_count}, node)",
             field="phi",
         )
-    for name, values in (("phi", phi), ("bends", bends)):
+    if scene.states is not None:
+        for state in set(bends.ravel().tolist()) - set(scene.state_axis):
+            scene.in_state(state)  # says what there is
+    angles = bends if scene.states is None else np.zeros(bends.size)
+    for name, values in (("phi", phi), ("bends", angles)):
         bad = ~((values >= 0.0) & (values <= np.pi))
         if bad.any() or not values.size:
             raise RenderError(f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name)

@@ -7,7 +7,7 @@ from render.scene.faces import Finish
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamp_profile import Profile
 from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLamp, Row
-from render.scene.parts import Coating, Window
+from render.scene.parts import CarriedSites, Coating, Window
 from render.scene.quantities import Count, Quantity
 from render.scene.scene_file import load_scene, scene_text, shipped_scenes, sources
 from render.scene.schema import Scene
@@ -15,4 +15,5 @@ from render.scene.serialization import scene_content, scene_of
 from render.scene.skin import SHAPES, Skin
 from render.scene.skin_mesh import MeshHeights
 from render.scene.standalone import standalone
+from render.scene.states import REST, State
 from render.scene.tolerances import Spread, Tolerances

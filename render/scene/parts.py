@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
 from render.arrays import Array
@@ -192,6 +193,24 @@ class Bending(Part):
         return not any(self.angles)
 
 
+class CarriedSites(Part):
+    """Sites as a state of the skin carries them, ``(site,)`` each; no file names them.
+
+    ``x`` and ``y`` in mm, ``turn`` in rad about the skin's normal. ``counted`` are the numbers of
+    those that count in all states; None where that is up to this one.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    turn: tuple[float, ...]
+    counted: tuple[int, ...] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _not_in_files(cls, raw: Any) -> Any:
+        raise ValueError("no scene file has this key, allowed: none")
+
+
 class Sites(Part):
     """The grid of test contacts on the coating: ``columns`` across x, ``rows`` along y."""
 
@@ -200,6 +219,7 @@ class Sites(Part):
     spacing: Millimeters
     centre_x: Coordinate
     centre_y: Coordinate
+    carried: SkipJsonSchema[CarriedSites | None] = None
 
     @property
     def count(self) -> int:
@@ -209,10 +229,17 @@ class Sites(Part):
     @property
     def places(self) -> Array:
         """Flat x and y of the sites, ``(site, 2)`` mm, row by row from the base."""
+        if self.carried is not None:
+            return np.stack([self.carried.x, self.carried.y], axis=-1)
         x = self.centre_x + (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing
         y = self.centre_y + (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing
         grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
         return np.stack([grid_x.ravel(), grid_y.ravel()], axis=-1)
+
+    @property
+    def turns(self) -> Array:
+        """Rotation of the sites about the skin's normal, ``(site,)`` rad."""
+        return np.zeros(self.count) if self.carried is None else np.array(self.carried.turn)
 
 
 class Indenter(Part):

@@ -37,7 +37,7 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
     """
     raw = _parsed(text, origin)
     try:
-        context = {"colors": colors_in(raw), "folder": folder}
+        context = {"colors": colors_in(raw), "folder": folder, "rest_mesh": _mesh_file(raw)}
         return Scene.model_validate(raw, context=context)
     except ValidationError as error:
         # A list all of whose entries are refused is not empty besides.
@@ -50,6 +50,13 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
             f"{origin} is not a valid scene: " + "; ".join(map(_sentence, problems)),
             field=".".join(str(part) for part in problems[0]["loc"]),
         ) from None
+
+
+def _mesh_file(raw: dict[str, Any]) -> str | None:
+    """Return the file of the skin at rest that a scene names, which its states follow."""
+    mesh = raw["skin"].get("mesh") if isinstance(raw.get("skin"), dict) else None
+    file = mesh.get("file") if isinstance(mesh, dict) else None
+    return file if isinstance(file, str) else None
 
 
 def sources(name_or_path: str | Path) -> dict[str, str]:
@@ -139,6 +146,6 @@ def _instead(place: tuple[int | str, ...]) -> str:
                 part = part_class(part.model_fields[step].annotation)
     except (KeyError, TypeError):
         return ""
-    known = [field.alias or name for name, field in part.model_fields.items()]
+    known = [field.alias or name for name, field in part.model_fields.items() if name != "carried"]
     near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.7)
     return f", did you mean {near[0]}?" if near else f", allowed: {', '.join(known)}"

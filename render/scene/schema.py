@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, model_validator
 
+from render.errors import SceneError
 from render.scene.camera import Camera
 from render.scene.colors import (
     DEFAULT_CHANNELS,
@@ -68,6 +69,7 @@ from render.scene.parts import (
 from render.scene.quantities import Part, keys_of_schema_2, since_schema_2
 from render.scene.skin import Skin
 from render.scene.skin_problems import skin_problems
+from render.scene.states import REST, State, site_problems, state_problems
 from render.scene.tolerances import Tolerances
 
 
@@ -81,6 +83,7 @@ class Scene(Part):
     window: Window | None = since_schema_2()
     coating: Coating
     skin: Skin | None = since_schema_2()
+    states: tuple[State, ...] | None = since_schema_2()
     fibers: Fibers | None = None
     faces: tuple[NamedFaces, ...] | None = since_schema_2()
     rows: tuple[Row, ...] | None = since_schema_2()
@@ -114,7 +117,7 @@ class Scene(Part):
                 raw["lamps"] = lamps_of_file(folder / name)
             except ValueError as error:
                 raise ValueError(f"lamps_file = {name}: {error}") from error
-        for key in ("faces", "rows", "lamps"):
+        for key in ("faces", "rows", "lamps", "states"):
             if isinstance(raw.get(key), list):
                 raw[key] = tuple(raw[key])
         return raw
@@ -157,15 +160,12 @@ class Scene(Part):
                 f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
+        if self.states is not None:
+            problems += state_problems(self.states, self.skin, angles)
         if not problems and self.skin is not None:
-            lamps = self.placed_lamps()
-            problems += skin_problems(
-                self.skin, self.pad, self.bending, self.diffuser, lamps, self.sites, self.indenter
-            )
-        if not problems and any(lamp.solid for lamp in self.placed_lamps()):
-            problems += embedding_under_skin_problems(
-                self.placed_lamps(), self.pad, self.skin, self.sites, self.indenter
-            )
+            problems += self._skin_problems()
+        elif not problems:
+            problems += self._embedding_problems()
         palette = self.palette
         problems += palette.problems()
         if self.constraints is not None:
@@ -203,6 +203,41 @@ class Scene(Part):
                     f"{name}.diffuser_thickness: lamp {cast[0]} is cast into the silicone, and "
                     "does not move with the diffuser, allowed: lamps in the air, or leave it out"
                 )
+
+    def _skin_problems(self) -> Iterator[str]:
+        """Yield what is wrong with the skin, and in each of its states."""
+        for number, name in zip(self.state_axis, self.state_names, strict=True):
+            one = self if self.states is None else self.in_state(number)
+            assert one.skin is not None
+            alone = list(
+                skin_problems(
+                    one.skin,
+                    one.pad,
+                    one.bending,
+                    one.diffuser,
+                    one.placed_lamps(),
+                    one.sites,
+                    one.indenter,
+                )
+            )
+            if not alone:
+                alone += one._embedding_problems()
+            if name == REST or self.states is None:
+                yield from alone
+                if alone:  # states follow a skin that is right
+                    return
+                continue
+            yield from (f"states: in {name} {problem}" for problem in alone)
+            if one.sites.carried is not None:
+                yield from site_problems(one.sites, one.pad, one.indenter.clearance, name)
+
+    def _embedding_problems(self) -> Iterator[str]:
+        """Yield which lamps in the silicone reach through the skin, or into a pyramid."""
+        lamps = self.placed_lamps()
+        if any(lamp.solid for lamp in lamps):
+            yield from embedding_under_skin_problems(
+                lamps, self.pad, self.skin, self.sites, self.indenter
+            )
 
     def _window_problems(self) -> Iterator[str]:
         if self.window is None:
@@ -275,6 +310,45 @@ class Scene(Part):
                     f"fibers.{row.edge} = {row.size} fibers need {needed:g} mm, "
                     f"allowed: at most the edge of {side:g} mm"
                 )
+
+    @property
+    def state_axis(self) -> tuple[float, ...]:
+        """What the axis of states has: bends in rad, or the numbers of `state_names` from 0."""
+        if self.states is None:
+            return self.bending.angles
+        return tuple(float(number) for number in range(1 + len(self.states)))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states on their axis, for people."""
+        if self.states is None:
+            return tuple(f"bend {math.degrees(angle):g}°" for angle in self.bending.angles)
+        return (REST, *(state.name for state in self.states))
+
+    def in_state(self, number: float) -> Scene:
+        """Return the sensor whose skin stays in one state, by its number on `state_axis`.
+
+        Which sites count is up to that state alone; `render.geometry.in_state` knows of the others.
+
+        Raises:
+            SceneError: there is no such state.
+        """
+        if self.states is None or number not in self.state_axis:
+            raise SceneError(
+                f"state {number:g} of {self.name}, allowed: a number of its states "
+                f"({', '.join(self.state_names)}), from 0",
+                field="states",
+            )
+        name = self.state_names[int(number)]
+        changed: dict[str, Any] = {"name": f"{self.name}-{name}", "states": None}
+        if number > 0 and self.skin is not None:
+            state = self.states[int(number) - 1]
+            crown, carried = state.crown_of(self.skin, self.pad), state.carried(self.sites)
+            changed["skin"] = state.skin_of(self.skin)
+            changed["pad"] = self.pad.model_copy(update={"thickness": crown})
+            if carried is not None:
+                changed["sites"] = self.sites.model_copy(update={"carried": carried})
+        return self.model_copy(update=changed)
 
     def baseline_colors(self) -> tuple[str, ...]:
         """Return the color of each lamp in the design that others are compared with."""
@@ -407,6 +481,8 @@ class Scene(Part):
                 content["coating"].pop(key, None)
         for color in content.get("colors", ()):
             color.pop("ink", None)
+        for state in content.get("states", ()):
+            state.pop("name")
         # However the file groups them, and only those that are not like the rest of the pad.
         plain = Finish(self.pad.roughness)
         content["faces"] = {

@@ -8,17 +8,22 @@ What is finer than a cell of that grid, facets of the mesh among it, is rounded.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import GetJsonSchemaHandler, ValidationInfo, model_validator
 from pydantic_core import CoreSchema
 
 from render.arrays import Array
 from render.mesh_file import read_mesh
 from render.scene.quantities import Part, quantity_form
+
+if TYPE_CHECKING:
+    import trimesh
 
 GRID = 65
 """Samples along each side of the outline."""
@@ -42,12 +47,11 @@ class MeshHeights(Part):
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, raw: Any, info: ValidationInfo) -> Any:
-        keys = set(raw) if isinstance(raw, dict) else set()
-        if keys != {"file", "source"} or not all(isinstance(raw[key], str) for key in keys):
-            raise ValueError(f"must be {FORM}")
-        path = (info.context or {}).get("folder", Path()) / raw["file"]
-        sides, heights = _sampled(*_closed_body(path))
-        return {"sides": tuple(sides.tolist()), "heights": tuple(heights.ravel().tolist())}
+        samples = MeshSamples.of(closed_body(named_file(raw, info)))
+        return {
+            "sides": tuple(samples.sides.tolist()),
+            "heights": tuple(samples.heights.ravel().tolist()),
+        }
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -65,15 +69,20 @@ class MeshHeights(Part):
             f"mesh of {side:g} x {other:g} mm, down to {-min(self.heights):.3g} mm under its crown"
         )
 
+    @property
+    def crown(self) -> float:
+        """Height of the crown over the highest sample, mm."""
+        return _crown(self.sides, self.heights)
+
     def rise(self, x: Array, y: Array) -> Array:
         """Return the height (mm) at ``x, y`` (mm) over that of the crown; outside, the border's."""
-        spline, crown = _spline(self.sides, self.heights)
+        spline = spline_through(self.sides, self.heights)
         x, y = self._inside(x, y)
-        return np.asarray(spline.ev(y, x) - crown)
+        return np.asarray(spline.ev(y, x) - self.crown)
 
     def slope(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return the derivatives of `rise` along x and y, on its outline and within."""
-        spline, _ = _spline(self.sides, self.heights)
+        spline = spline_through(self.sides, self.heights)
         x, y = self._inside(x, y)
         return np.asarray(spline.ev(y, x, dy=1)), np.asarray(spline.ev(y, x, dx=1))
 
@@ -83,14 +92,28 @@ class MeshHeights(Part):
         return np.clip(x, -half_x, half_x), np.clip(y, -half_y, half_y)
 
 
-@lru_cache(maxsize=8)
-def _spline(sides: tuple[float, ...], heights: tuple[float, ...]) -> tuple[Any, float]:
-    """Return the spline over y and x, and its greatest height."""
+def named_file(raw: Any, info: ValidationInfo) -> Path:
+    """Return the path that a file and its source name in a scene file."""
+    keys = set(raw) if isinstance(raw, dict) else set()
+    if keys != {"file", "source"} or not all(isinstance(raw[key], str) for key in keys):
+        raise ValueError(f"must be {FORM}")
+    folder: Path = (info.context or {}).get("folder", Path())
+    return folder / str(raw["file"])
+
+
+@lru_cache(maxsize=64)
+def spline_through(sides: tuple[float, ...], samples: tuple[float, ...]) -> Any:
+    """Return the bicubic spline over y and x through samples on the grid of a body."""
     from scipy.interpolate import RectBivariateSpline  # a robot that checks needs none
 
     x, y = (np.linspace(-0.5, 0.5, GRID) * side for side in sides)
-    spline = RectBivariateSpline(y, x, np.reshape(heights, (GRID, GRID)), s=0)
-    half = 0.5 * np.array(sides)
+    return RectBivariateSpline(y, x, np.reshape(samples, (GRID, GRID)), s=0)
+
+
+@lru_cache(maxsize=32)
+def _crown(sides: tuple[float, ...], heights: tuple[float, ...]) -> float:
+    """Return the greatest height of the spline."""
+    spline, half = spline_through(sides, heights), 0.5 * np.array(sides)
     middle, reach, crown = np.zeros(2), half, -math.inf
     for _ in range(ZOOMS):
         near = [
@@ -101,11 +124,11 @@ def _spline(sides: tuple[float, ...], heights: tuple[float, ...]) -> tuple[Any, 
         row, column = np.unravel_index(int(found.argmax()), found.shape)
         middle = np.array([np.unique(x)[column], np.unique(y)[row]])
         crown, reach = max(crown, float(found.max())), reach / PART
-    return spline, crown
+    return crown
 
 
-def _closed_body(path: Path) -> tuple[Array, Array]:
-    """Return the triangles ``(n, 3, 3)`` and bounds ``(2, 3)`` of a closed mesh, mm."""
+def closed_body(path: Path) -> trimesh.Trimesh:
+    """Return a closed mesh, mm."""
     mesh = read_mesh(path)
     if not mesh.is_watertight:
         _, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)
@@ -125,45 +148,77 @@ def _closed_body(path: Path) -> tuple[Array, Array]:
             f"{path.name} has its middle {aside:.3g} mm beside the origin, allowed: x = y = 0 in "
             f"the middle of the pad, to {OUTLINE:g} mm"
         )
-    return np.asarray(mesh.triangles, dtype=np.float64), np.asarray(mesh.bounds)
+    return mesh
 
 
-def _sampled(triangles: Array, bounds: Array) -> tuple[Array, Array]:
-    """Return the sides ``(2,)`` of the outline, and the heights ``(row, column)`` over the highest.
+@dataclass(frozen=True, eq=False)
+class MeshSamples:
+    """The upper side of a body on the grid: rows along y.
 
-    Rounded to nanometers, so that they are the same on every machine.
+    Arguments:
+        sides: ``(2,)`` of its outline, mm.
+        places: ``(row, column, 2)`` x and y, mm.
+        heights: ``(row, column)`` over the highest, mm; that is at ``highest``.
+        triangle: ``(row, column)`` number of the one that is met from above.
+        weights: ``(row, column, 2)`` of its second and third corner there.
     """
-    low, high = bounds
-    sides = (high - low)[:2]
-    middle = 0.5 * (low + high)[:2]
-    # A little within: places on the outline itself may miss its triangles by rounding.
-    x, y = (
-        np.linspace(-0.5, 0.5, GRID) * s * (1 - 1e-9) + m
-        for s, m in zip(sides, middle, strict=True)
-    )
-    top = np.full((GRID, GRID), -np.inf)
-    (ax, ay), (bx, by), (cx, cy) = np.moveaxis(triangles[..., :2], 0, -1)
-    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    least, most = triangles[..., :2].min(axis=1) - 1e-9, triangles[..., :2].max(axis=1) + 1e-9
-    starts, ends = (
-        np.stack([np.searchsorted(x, edge[:, 0]), np.searchsorted(y, edge[:, 1])], axis=-1)
-        for edge in (least, most)
-    )
-    # Those that face up, and have places over them.
-    for k in np.flatnonzero((area > 0.0) & (starts < ends).all(axis=1)):
-        a, b, c = triangles[k]
-        i, j = slice(starts[k, 0], ends[k, 0]), slice(starts[k, 1], ends[k, 1])
-        dx, dy = x[None, i] - a[0], y[j, None] - a[1]
-        u = (dx * (c[1] - a[1]) - (c[0] - a[0]) * dy) / area[k]
-        v = ((b[0] - a[0]) * dy - dx * (b[1] - a[1])) / area[k]
-        inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
-        height = a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2])
-        top[j, i] = np.where(inside, np.maximum(top[j, i], height), top[j, i])
-    missing = ~np.isfinite(top)
-    if missing.any():
-        row, column = np.argwhere(missing)[0]
-        raise ValueError(
-            f"the upper side ends within the outline, at x = {x[column]:.3g}, y = {y[row]:.3g} mm, "
-            "allowed: the rectangle of the pad, all of it"
+
+    sides: Array
+    places: Array
+    heights: Array
+    highest: float
+    triangle: NDArray[np.int64]
+    weights: Array
+
+    @classmethod
+    def of(cls, mesh: trimesh.Trimesh) -> MeshSamples:
+        """Return the samples of a closed body.
+
+        Sides and heights are rounded to nanometers, so that they are the same on every machine.
+        """
+        triangles = np.asarray(mesh.triangles, dtype=np.float64)
+        low, high = np.asarray(mesh.bounds)
+        sides = (high - low)[:2]
+        middle = 0.5 * (low + high)[:2]
+        # A little within: places on the outline itself may miss its triangles by rounding.
+        x, y = (
+            np.linspace(-0.5, 0.5, GRID) * s * (1 - 1e-9) + m
+            for s, m in zip(sides, middle, strict=True)
         )
-    return np.round(sides, 6), np.round(top - top.max(), 6)
+        top = np.full((GRID, GRID), -np.inf)
+        met, weights = np.zeros((GRID, GRID), dtype=np.int64), np.zeros((GRID, GRID, 2))
+        (ax, ay), (bx, by), (cx, cy) = np.moveaxis(triangles[..., :2], 0, -1)
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        least, most = triangles[..., :2].min(axis=1) - 1e-9, triangles[..., :2].max(axis=1) + 1e-9
+        starts, ends = (
+            np.stack([np.searchsorted(x, edge[:, 0]), np.searchsorted(y, edge[:, 1])], axis=-1)
+            for edge in (least, most)
+        )
+        # Those that face up, and have places over them.
+        for k in np.flatnonzero((area > 0.0) & (starts < ends).all(axis=1)):
+            a, b, c = triangles[k]
+            i, j = slice(starts[k, 0], ends[k, 0]), slice(starts[k, 1], ends[k, 1])
+            dx, dy = x[None, i] - a[0], y[j, None] - a[1]
+            u = (dx * (c[1] - a[1]) - (c[0] - a[0]) * dy) / area[k]
+            v = ((b[0] - a[0]) * dy - dx * (b[1] - a[1])) / area[k]
+            inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
+            height = a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2])
+            above = inside & (height > top[j, i])
+            top[j, i] = np.where(above, height, top[j, i])
+            met[j, i] = np.where(above, k, met[j, i])
+            weights[j, i] = np.where(above[..., None], np.stack([u, v], axis=-1), weights[j, i])
+        missing = ~np.isfinite(top)
+        if missing.any():
+            row, column = np.argwhere(missing)[0]
+            raise ValueError(
+                f"the upper side ends within the outline, at x = {x[column]:.3g}, y = {y[row]:.3g} "
+                "mm, allowed: the rectangle of the pad, all of it"
+            )
+        return cls(
+            sides=np.round(sides, 6),
+            places=np.stack(np.meshgrid(x, y), axis=-1),
+            heights=np.round(top - top.max(), 6),
+            highest=float(top.max()),
+            triangle=met,
+            weights=weights,
+        )

@@ -1,7 +1,7 @@
 """A scene with every file that it names, so that a copy of them is read again from there alone.
 
 A scene file may name a CSV file of lamps, and it or that file may name measured profiles, and the
-mesh of its skin, each relative to the scene file.
+meshes of its skin, each relative to the scene file.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
     raw, folder = tomllib.loads(text), Path(name_or_path).parent
     table = raw.get("lamps_file")
     listed = lamps_of_file(folder / table) if table is not None else []
-    mesh = raw.get("skin", {}).get("mesh", {}).get("file")
+    bodies = [raw.get("skin", {}), *raw.get("states", ())]
+    meshes = [body["mesh"]["file"] for body in bodies if "mesh" in body]
     named = [*_profiles(raw.get("rows", ())), *_profiles(raw.get("lamps", ()))]
-    named += [] if mesh is None else [mesh]
+    named = list(dict.fromkeys([*named, *meshes]))
     names = dict.fromkeys([*named, *_profiles(listed)])
     kept = {name: _kept_name(name, number) for number, name in enumerate(names)}
     files = {kept[name]: (folder / name).read_bytes() for name in names}

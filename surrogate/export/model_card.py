@@ -70,7 +70,11 @@ def describe_model(
         },
         renderer={
             "phi_nodes": len(table.phi),
-            "bends_deg": [round(x, 4) for x in np.degrees(table.bends).tolist()],
+            **(
+                {"states": list(scene.state_names)}
+                if scene.states is not None
+                else {"bends_deg": [round(x, 4) for x in np.degrees(table.bends).tolist()]}
+            ),
             **reference.renderer,
         },
         training_data_hash=reference.hash,
@@ -158,7 +162,6 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
         if checked
         else "not checked: one direction node only"
     )
-    low, high = metadata.bounds["bend"]
     settings = [f"- {key}: {value}" for key, value in metadata.renderer.items()]
     return "\n".join(
         [
@@ -224,8 +227,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             "## Limits",
             "",
-            f"- Trained for phi 0 to 180 deg, power 0 to 1 and bend {_degrees(low)} to "
-            f"{_degrees(high)} deg of this scene. Outside, inputs are moved to the edge of the "
+            f"- Trained for phi 0 to 180 deg, power 0 to 1 and {_states(metadata)} "
+            "of this scene. Outside, inputs are moved to the edge of the "
             "range and `domain_excess` is positive; inputs that are not finite give NaN.",
             "- Random designs set the intervals. A search that picks the best of very many "
             "designs finds errors too: verify its result with `tactilux verify`.",
@@ -235,6 +238,14 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
         ]
     )
+
+
+def _states(metadata: ModelMetadata) -> str:
+    """Return what the axis of bends or states covers."""
+    if metadata.states:
+        return "the states " + ", ".join(f"{k} {name}" for k, name in enumerate(metadata.states))
+    low, high = metadata.bounds["bend"]
+    return f"bend {_degrees(low)} to {_degrees(high)} deg"
 
 
 def _made_of(fit: Fit) -> str:

@@ -159,6 +159,7 @@ class CheckerModule(nn.Module):
         self.exposure, self.lam, self.spread = exposure, lam, spread
         self.channels = len(scene.palette.channels)
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
+        self.states = scene.states is not None
         self.copies, self.free = len(scene.albedos), grid.free
         if scene.by_channel:
             store_constants(self, {"seen": channel_mask(scene).T[..., None]})
@@ -173,7 +174,7 @@ class CheckerModule(nn.Module):
         Arguments:
             phi: ``(batch, fiber)`` rad.
             power: ``(batch, fiber, channel)`` in [0, 1].
-            bend: ``(batch, bend)`` rad.
+            bend: ``(batch, bend)`` rad, or numbers of named states.
             material: ``(batch, quantity)``, where the scene leaves it free, in the units of
                 :mod:`surrogate.model.materials`.
 
@@ -185,9 +186,12 @@ class CheckerModule(nn.Module):
         fibers, width = phi.shape[1], self.bends[1] - self.bends[0]
         lights = fibers + self.channels * fibers
         free = lights + (0 if material is None else material.shape[1])
+        bends = inside[:, free:] * width + self.bends[0]
+        if self.states:
+            bends = torch.round(bends[:, : bend.shape[1]])
         log_preview, residual, spread = self.transport(
             torch.cat([inside[:, :fibers]] * self.copies, dim=1) * math.pi,
-            inside[:, free:] * width + self.bends[0],
+            bends,
             None if material is None else 2.0 * inside[:, lights:free] - 1.0,
         )
         weight = inside[:, fibers:lights].reshape(-1, self.channels, fibers)
@@ -219,6 +223,10 @@ class CheckerModule(nn.Module):
         else:
             # Any other bend than the one is outside, on the one side that is below 0.
             level = -torch.relu(torch.abs(bend - low) - SAME_BEND)
+        if self.states:
+            # There is nothing between states: what is no whole number is outside, below 0 too.
+            between = -torch.relu(torch.abs(bend - torch.round(bend)) - SAME_BEND)
+            level = torch.cat([level, between], dim=1)
         colors = power.transpose(1, 2).flatten(1)
         if material is None or self.free is None:
             return torch.cat([phi / math.pi, colors, level], dim=1)

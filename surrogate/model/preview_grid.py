@@ -84,7 +84,12 @@ def draw_grid(
 
 
 def grid_nodes(scene: Scene, phi_count: int, bend_count: int) -> tuple[Array, Array]:
-    """Return the nodes in phi and bend (rad) that :func:`draw_grid` draws at."""
+    """Return the nodes in phi and bend (rad) that :func:`draw_grid` draws at.
+
+    Named states are what a model knows, and there is nothing between them: the nodes are theirs.
+    """
+    if scene.states is not None:
+        return direction_nodes(scene, phi_count), np.array(scene.state_axis)
     low, high = bend_range(scene)
     bends = np.array([high]) if low == high else chebyshev_nodes(bend_count, low, high)
     return direction_nodes(scene, phi_count), bends
@@ -96,7 +101,10 @@ def direction_nodes(scene: Scene, count: int) -> Array:
 
 
 def is_one_node(scene: Scene) -> bool:
-    """Return whether all of ``scene`` is known at one direction, bend and material."""
+    """Return whether all of ``scene`` is known at its nodes: one direction, bend and material.
+
+    A bend, or any number of named states.
+    """
     return not any(scene.turning) and len(set(scene.bending.angles)) == 1 and scene.free is None
 
 
@@ -147,7 +155,8 @@ def interpolation_error(scene: Scene, grid: PreviewGrid) -> InterpolationError:
     """Draw the preview halfway (in Chebyshev angle) between the nodes and compare."""
     from render.preview import Preview
 
-    phi, bends = _between(grid.phi), _between(grid.bends)
+    phi = _between(grid.phi)
+    bends = _between(grid.bends) if scene.states is None else grid.bends
     with Preview(scene) as preview:
         drawn = preview.transport(phi, bends)
     transport, background = (split_channels(scene, part) for part in drawn)

@@ -24,9 +24,10 @@ def scene_facts(scene: Scene, grid: PreviewGrid) -> dict[str, Any]:
         "fibers": scene.lamp_count,
         "sites": len(counted_sites(scene)),
         "facets": scene.indenter.faces,
-        "scene_bends": list(scene.bending.angles),
+        "scene_bends": list(scene.state_axis),
         "axes": axes_of(scene.palette.channels),
         "by_channel": scene.by_channel,
+        "states": [] if scene.states is None else list(scene.state_names),
         "bounds": {
             "phi": [0.0, math.pi],
             "power": [0.0, 1.0],

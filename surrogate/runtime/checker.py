@@ -134,7 +134,8 @@ class Checker:
             phi: ``(N, fiber)`` rad in [0, pi].
             power: ``(N, fiber, channel)`` in [0, 1], what fibers give to the channels.
             bends: ``(bend,)`` rad, the same for all designs, in [0, pi]; beyond the trained
-                bends ``domain_excess`` is positive.
+                bends ``domain_excess`` is positive. Where ``metadata.states`` names some, their
+                numbers instead.
 
         Returns:
             ``counts``, ``counts_spread`` ``(N, bend, site, facet, channel)``, ``background``
@@ -154,7 +155,9 @@ class Checker:
             raise _shape_error("bends", bends, "(bends,)")
         _check_range("phi", phi, math.pi, "rad")
         _check_range("power", power, 1.0, "of full power")
-        _check_range("bends", bends, math.pi, "rad")
+        states = self.metadata.states
+        _check_range("bends", bends, max(len(states) - 1, 1) if states else math.pi,
+                     "(a state's number)" if states else "rad")  # fmt: skip
         bend = np.tile(bends.astype(np.float32), (len(phi), 1))
         feeds = {"phi": phi.astype(np.float32), "power": power.astype(np.float32), "bend": bend}
         if len(self.material):

@@ -61,7 +61,7 @@ def axes_of(channels: Sequence[str]) -> dict[str, str]:
     return AXES | {"channel": ", ".join(channels)}
 
 
-_LATER = {"material", "axes", "by_channel"}
+_LATER = {"material", "axes", "by_channel", "states"}
 """Properties that models of an earlier version lack, and that have a default."""
 
 
@@ -92,6 +92,8 @@ class ModelMetadata:
             empty where nothing is free.
         by_channel: whether a fiber's light differs from channel to channel by more than its power,
             as the skin's albedo depends on the channel.
+        states: names of the scene's states, whose numbers are what ``bend`` takes then; empty where
+            its states are bends.
         axes, units, licence, schema: constants of this format.
     """
 
@@ -116,6 +118,7 @@ class ModelMetadata:
     units: dict[str, str]
     material: dict[str, Any] = field(default_factory=dict)
     by_channel: bool = False
+    states: list[str] = field(default_factory=list)
     axes: dict[str, str] = field(default_factory=AXES.copy)
     licence: str = LICENCE
     schema: str = SCHEMA
@@ -125,6 +128,8 @@ class ModelMetadata:
         content = asdict(self)
         if not self.by_channel:
             del content["by_channel"]
+        if not self.states:
+            del content["states"]
         return {
             key: value if isinstance(value, str) else json.dumps(value, allow_nan=False)
             for key, value in content.items()

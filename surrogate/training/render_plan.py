@@ -86,7 +86,12 @@ class RenderTime:
 
 
 def training_bends(scene: Scene, count: int) -> Array:
-    """Return the bends (rad) to render: ``count`` Chebyshev nodes and the scene's own."""
+    """Return the bends (rad) to render: ``count`` Chebyshev nodes and the scene's own.
+
+    Of a scene with named states, their numbers.
+    """
+    if scene.states is not None:
+        return np.array(scene.state_axis)
     low, high = bend_range(scene)
     nodes = np.array([high]) if low == high else chebyshev_nodes(count, low, high)
     extra = [a for a in scene.bending.angles if np.abs(nodes - a).min() > 1e-6]

@@ -18,6 +18,19 @@ mat3 frame_of(int site) {
                 texelFetch(site_frames, ivec2(2, site), 0).xyz,
                 texelFetch(site_frames, ivec2(3, site), 0).xyz);
 }
+
+#ifdef CARRIED
+// Sites that a state of the skin carries out of their grid.
+int nearest_site(vec2 place) {
+    int nearest = 0;
+    for (int site = 1; site < textureSize(site_frames, 0).y; ++site) {
+        if (distance(place, center_of(site).xy) < distance(place, center_of(nearest).xy)) {
+            nearest = site;
+        }
+    }
+    return nearest;
+}
+#endif
 #endif
 
 // 1 where the way from a point of the coating towards a light passes the body, 0 behind it. Its

@@ -146,8 +146,12 @@ bool look(vec2 image, out Seen seen) {
     vec3 facing = vec3(0.0, 0.0, -1.0);
 #endif
 #ifdef FACES
+#ifdef CARRIED
+    seen.site = nearest_site(target.xy);
+#else
     vec2 number = clamp(round((target.xy - site_first.xy) / site_step), vec2(0.0), site_count - 1.0);
     seen.site = int(number.y * site_count.x + number.x);
+#endif
 #ifdef CURVED
     mat3 frame = frame_of(seen.site);
     vec3 from_site = (target - center_of(seen.site)) * frame;
