@@ -90,27 +90,43 @@ def preview_checker(
         TableError: the preview is black or not finite.
     """
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
-    drawn = grid
-    if scene.window_refracts:
-        # As drawn, light that a window guides is missing: up to a third of all.
-        drawn = corrected(grid, scene, transport_ahead(scene), AHEAD)
-    session = PreviewSession(scene, drawn, scale, COARSE_ERRORS.color_spread)
+    if coarse or not can_converge(scene):
+        first = _first_answer(scene, grid)
+        session = PreviewSession(scene, first, scale, COARSE_ERRORS.color_spread)
+        half_width = preview_half_width(scene, scale, grid)
+        return Checker(session, _about(scene, first, scale, COARSE_ERRORS, half_width))
+    following = in_stage(progress, "following light")
+    followed = corrected(grid, scene, converged_transport(scene, following))
+    half_width = preview_half_width(scene, scale, grid, followed)
+    session = PreviewSession(scene, followed, scale, CONVERGED_ERRORS.color_spread)
+    return Checker(session, _about(scene, followed, scale, CONVERGED_ERRORS, half_width))
+
+
+def preview_half_width(
+    scene: Scene, scale: ScoreScale, drawn: PreviewGrid, converged: PreviewGrid | None = None
+) -> float:
+    """Return the half-width of scores, counts, of the converged grid, or of the drawn one alone."""
+    first = PreviewSession(scene, _first_answer(scene, drawn), scale, COARSE_ERRORS.color_spread)
     bends = np.array(scene.state_axis)
     phi, power = np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None]
-    mean = float(design_score(session.outputs(phi, power, bends)["metric"]).mean[0])
-    if coarse or not can_converge(scene):
-        half_width = drawn_half_width(scene, mean)
-        return Checker(session, _about(scene, drawn, scale, COARSE_ERRORS, half_width))
-    following = in_stage(progress, "following light")
-    grid = corrected(grid, scene, converged_transport(scene, following))
-    converged = PreviewSession(scene, grid, scale, CONVERGED_ERRORS.color_spread)
+    mean = float(design_score(first.outputs(phi, power, bends)["metric"]).mean[0])
+    if converged is None:
+        return drawn_half_width(scene, mean)
+    second = PreviewSession(scene, converged, scale, CONVERGED_ERRORS.color_spread)
     difference = preview_difference(
         scene,
-        lambda phi, power: session.outputs(phi, power, bends)["score"],
-        lambda phi, power: converged.outputs(phi, power, bends)["score"],
+        lambda phi, power: first.outputs(phi, power, bends)["score"],
+        lambda phi, power: second.outputs(phi, power, bends)["score"],
     )
-    half_width = converged_half_width(scene, mean, difference)
-    return Checker(converged, _about(scene, grid, scale, CONVERGED_ERRORS, half_width))
+    return converged_half_width(scene, mean, difference)
+
+
+def _first_answer(scene: Scene, drawn: PreviewGrid) -> PreviewGrid:
+    """Return the drawn grid, with the light that a window guides."""
+    if not scene.window_refracts:
+        return drawn
+    # As drawn, up to a third of all light is missing.
+    return corrected(drawn, scene, transport_ahead(scene), AHEAD)
 
 
 class PreviewSession:

@@ -33,6 +33,7 @@ from surrogate.model.preview_grid import (
     interpolation_error,
     is_one_node,
 )
+from surrogate.preview_model import preview_half_width
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
@@ -153,7 +154,7 @@ def train(
         fit_time = _fit_time(scene, run, seed, config, began)
         report(Progress(0, 1, stage="preview", note=fit_time.warning()))
     scale = scene_scale(scene)
-    preview = _preview(scene, run / "fit", config, fit_time, progress)
+    preview = _preview(scene, run / "fit", config, scale, fit_time, progress)
     report(Progress(1, 1, stage="preview"))
 
     before = rendered_seconds(run)
@@ -174,6 +175,7 @@ def train(
             time=fit_time,
             folder=run / "fit",
             networks=networks,
+            preview_half_width=preview.half_width,
         )
         if is_one_node(scene) and cells.half_difference is not None:
             fit, grid = fit_table(task)
@@ -225,6 +227,7 @@ def _preview(
     scene: Scene,
     folder: Path,
     config: TrainConfig,
+    scale: ScoreScale,
     fit_time: FitTime | None,
     progress: OnProgress | None,
 ) -> TrainingPreview:
@@ -234,15 +237,19 @@ def _preview(
     preview = TrainingPreview.load(parts, MaterialRange.of(scene))
     if preview is None:
         told = in_stage(progress, "preview")
-        grid, left_out = draw_material_grid(
+        drawn, left_out = draw_material_grid(
             scene, *config.preview_nodes, materials=config.preview_materials, progress=told
         )
-        preview = TrainingPreview(grid, interpolation_error(scene, grid), left_out)
-        if grid.free is None and not config.coarse and can_converge(scene):
+        preview = TrainingPreview(drawn, interpolation_error(scene, drawn), left_out)
+        if drawn.free is None and not config.coarse and can_converge(scene):
             following = in_stage(progress, "following light")
             within = None if fit_time is None else fit_time.budget.seconds
-            grid = followed_grid(grid, scene, within, following)
-            preview = replace(preview, grid=grid, converged=grid is not preview.grid)
+            grid = followed_grid(drawn, scene, within, following)
+            preview = replace(preview, grid=grid, converged=grid is not drawn)
+        if drawn.free is None:
+            followed = preview.grid if preview.converged else None
+            half_width = preview_half_width(scene, scale, drawn, followed)
+            preview = replace(preview, half_width=half_width)
         preview.save(parts)
     return preview
 

@@ -162,7 +162,9 @@ class HeldOutReference:
     Arguments:
         designs: what was rendered; settings: of the scores.
         counts, counts_se: ``(design, bend, site, facet, channel)`` and one standard error.
-        scores, scores_se: ``(design,)``, freed of the noise's bias by the jackknife.
+        scores, scores_se: ``(design,)``. What the jackknife says of the noise's bias is a part of
+            the error bar and not taken off: hues of neighboring facets that are nearly alike make
+            S too rough for it, and it doubled the error on a clear pad whose bias was small.
         replicates: independent groups of chains behind the error bars.
         seconds: of the render.
     """
@@ -183,13 +185,16 @@ class HeldOutReference:
         """Return counts and scores of ``renders`` with error bars from its replicates."""
         colors = [renders.counts(settings, i) for i in range(len(designs))]
         scores = [renders.score(settings, i).score for i in range(len(designs))]
+        factor = student_factor(len(renders.replicates), NOMINAL)
         return cls(
             designs,
             settings,
             counts=np.stack([counts for counts, _ in colors]),
             counts_se=np.stack([se for _, se in colors]),
-            scores=np.array([score.value for score in scores]),
-            scores_se=np.array([score.se for score in scores]),
+            scores=np.array([score.plain for score in scores]),
+            scores_se=np.array(
+                [np.hypot(score.se, (score.value - score.plain) / factor) for score in scores]
+            ),
             replicates=len(renders.replicates),
             seconds=renders.seconds,
         )

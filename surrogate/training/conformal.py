@@ -9,7 +9,7 @@ better one does not break them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from render.arrays import Array
 from surrogate.training.evaluation import HeldOutEvaluation
 
 COVERAGE = 0.9
+NORMAL = 1.645
+"""Normal errors of deviation 1 are within this as often as `COVERAGE` says."""
 NOISE_DRAWS = 16
 MIN_MODEL_FRACTION = 0.25
 """Least share of the mean square error of scores that is held against the model, not the noise."""
@@ -151,14 +153,24 @@ class Quantiles:
         return self.score_factor * self.score_spread
 
 
-def conformal(comparison: Comparison) -> Quantiles:
-    """Return the factors that cover the comparison's designs."""
+def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
+    """Return the factors that cover the comparison's designs.
+
+    ``known`` is the half-width of a score's interval before anything was rendered, counts: that of
+    the preview, which other sensors calibrated. Renders whose noise reaches as far say nothing of
+    the model, and scores of few lamps are few, however many designs: then it is still what is
+    known. What renders bear out is no worse than the preview (`surrogate.training.halves`).
+    """
     total = np.hypot(comparison.score_spread, comparison.score_noise)
-    return Quantiles(
+    found = Quantiles(
         counts=_quantile(np.abs(comparison.error) / np.hypot(comparison.spread, comparison.noise)),
         score_factor=_quantile(np.abs(comparison.score_error) / total),
         score_spread=comparison.score_spread,
     )
+    noise = NORMAL * float(np.sqrt(np.mean(comparison.score_noise**2)))
+    if known is None or noise < known:
+        return found
+    return replace(found, score_factor=NORMAL, score_spread=known / NORMAL)
 
 
 @dataclass(frozen=True)

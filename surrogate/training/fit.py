@@ -125,7 +125,9 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
         kind=kind,
         spread=(b0, b1),
         quantiles=task.parts.value(
-            f"quantiles-{made}", Quantiles, lambda: conformal(compared(evaluation))
+            f"quantiles-{made}",
+            Quantiles,
+            lambda: conformal(compared(evaluation), task.preview_half_width),
         ),
         coverage=_coverage(task, made, compared),
         levels=tuple(levels),
@@ -195,7 +197,11 @@ def _coverage(
             compared(task.evaluation(task.designs(half, 2), everywhere, task.bends))
             for half in (white, ~white)
         )
-        tried = coverage(second, conformal(first)), coverage(first, conformal(second))
+        known = task.preview_half_width
+        tried = (
+            coverage(second, conformal(first, known)),
+            coverage(first, conformal(second, known)),
+        )
         counts, score = np.mean([(part.counts, part.score) for part in tried], axis=0).tolist()
         return Coverage(counts, score)
 

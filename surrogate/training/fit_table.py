@@ -95,12 +95,16 @@ def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
         ]
         levels.append(_mean_errors(found))
     first, second = compared
-    tried = coverage(second, conformal(first)), coverage(first, conformal(second))
+    known = task.preview_half_width
+    tried = (
+        coverage(second, conformal(first, known)),
+        coverage(first, conformal(second, known)),
+    )
     fit = Fit(
         residual=NoResidual(SIZE),
         kind=TABLE if kept else NONE,
         spread=spread,
-        quantiles=conformal(_joined(first, second)),
+        quantiles=conformal(_joined(first, second), known),
         coverage=replace(
             tried[0],
             counts=float(np.mean([part.counts for part in tried])),

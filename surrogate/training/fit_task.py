@@ -27,7 +27,7 @@ from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit_time import FitTime
 from surrogate.training.mlp import NetworkConfig
 
-VERSION = 2
+VERSION = 3
 """Of the fit: finished parts of another one are made anew."""
 SPLIT_FOLDS = 3
 """Folds when whole fiber positions, directions or bends are left out."""
@@ -76,6 +76,8 @@ class FitTask:
         time: what the networks' steps have to fit into; all of them without.
         folder: where finished parts are kept, so that a fit goes on; None keeps none.
         networks: whether they are tried.
+        preview_half_width: of the interval of scores of the preview, counts; None where it is not
+            known.
     """
 
     scene: Scene
@@ -89,6 +91,7 @@ class FitTask:
     time: FitTime | None = None
     folder: Path | None = None
     networks: bool = True
+    preview_half_width: float | None = None
 
     @cached_property
     def parts(self) -> FinishedParts:
@@ -100,7 +103,8 @@ class FitTask:
         for array in given:
             digest.update(np.ascontiguousarray(array).tobytes())
         versions = torch.__version__, np.__version__, VERSION
-        about = self.scene.hash, self.exposure, self.lam, self.seed, self.config, versions
+        scale = self.exposure, self.lam, self.preview_half_width
+        about = self.scene.hash, *scale, self.seed, self.config, versions
         digest.update(repr(about).encode())
         return FinishedParts(self.folder, digest.hexdigest())
 

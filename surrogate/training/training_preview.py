@@ -30,12 +30,15 @@ class TrainingPreview:
         error: of the interpolation between them.
         left_out: error at materials that it was not drawn for, where the scene leaves it free.
         converged: whether light was followed to every facet, or as the shader draws it.
+        half_width: of the interval of its scores, counts (`surrogate.preview_interval`); None where
+            the scene leaves its material free.
     """
 
     grid: PreviewGrid
     error: InterpolationError
     left_out: InterpolationError | None
     converged: bool = False
+    half_width: float | None = None
 
     def save(self, parts: FinishedParts) -> None:
         """Keep it in ``parts``."""
@@ -49,6 +52,8 @@ class TrainingPreview:
         }
         if self.grid.slopes is not None and self.left_out is not None:
             named |= {"slopes": self.grid.slopes, "left_out": np.array(astuple(self.left_out))}
+        if self.half_width is not None:
+            named["half_width"] = np.array(self.half_width)
         parts.save("preview", named)
 
     @classmethod
@@ -57,7 +62,7 @@ class TrainingPreview:
         kept = parts.load("preview")
         if kept is None:
             return None
-        left_out = kept.get("left_out")
+        left_out, half_width = kept.get("left_out"), kept.get("half_width")
         return cls(
             PreviewGrid(
                 kept["log_transport"],
@@ -70,6 +75,7 @@ class TrainingPreview:
             InterpolationError(*kept["error"]),
             None if left_out is None else InterpolationError(*left_out),
             bool(kept["converged"]),
+            None if half_width is None else float(half_width),
         )
 
 

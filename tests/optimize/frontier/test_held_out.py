@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimize.design import ScoreSettings
+from optimize.design import Design, ScoreSettings
 from optimize.frontier.held_out import HeldOutDesigns, HeldOutReference
+from optimize.scoring import student_factor
+from optimize.verification import DesignRenders
 from render.geometry import is_mirror_symmetric
 from render.metric import design_score, site_metric
 from render.scene import Scene, load_scene
@@ -196,3 +198,28 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
     assert held.score == pytest.approx(0.9, abs=0.1)
     far = replace(reference, counts=reference.counts + 100.0 + 10 * noise)
     assert far.coverage(checker).counts < 0.1
+
+
+def test_error_bars_of_scores_hold_the_truth_where_neighbors_have_nearly_one_hue(
+    finger20: Scene,
+) -> None:
+    # Twelve sites whose facets differ by 3 % per lamp, rendered with an error of 4 %.
+    designs, rng = HeldOutDesigns.of(finger20, 1, 3), np.random.default_rng(4)
+    settings, lamps, count = ScoreSettings(200.0, 300.0), finger20.lamp_count, 8
+    truth = 0.1 * (1.0 + 0.03 * rng.standard_normal((lamps, 1, 12, 8)))
+    scored = settings.parts(truth, designs.power[0])[0]
+    off, se, corrected = [], [], []
+    for _ in range(60):
+        noise = 0.04 * np.sqrt(count) * rng.standard_normal((count, 1, *truth.shape))
+        replicates = truth * (1.0 + noise)
+        design = Design(designs.phi[0], np.eye(3)[designs.colors[0]])
+        renders = DesignRenders((design,), replicates, replicates[..., 0], truth[None], 1.0)
+        found = HeldOutReference.of(designs, renders, settings)
+        off.append(found.scores[0] - scored)
+        se.append(found.scores_se[0])
+        corrected.append(renders.score(settings, 0).score.value - scored)
+    held = np.abs(off) <= student_factor(count, 0.9) * np.array(se)
+    print(
+        held.mean(), np.mean(off), np.std(off), np.mean(corrected), np.std(corrected), np.mean(se)
+    )
+    assert held.mean() > 0.8

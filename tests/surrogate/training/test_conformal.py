@@ -99,3 +99,35 @@ def test_disagreement_and_residual_add_in_quadrature() -> None:
     np.testing.assert_allclose(
         counts_spread(unclipped, guess, apart, 0 * cell), np.sqrt(2) * 0.1 * total
     )
+
+
+@pytest.mark.parametrize(("noise", "known", "kept"), [(0.3, 0.02, True), (0.0, 0.02, False)])
+def test_renders_that_are_noisier_than_the_preview_leave_its_interval(
+    noise: float, known: float, kept: bool
+) -> None:
+    found = _compare(*_evaluation(5, noise))
+    plain, told = conformal(found), conformal(found, known)
+    assert (told.score == pytest.approx(known)) is kept
+    assert (told == plain) is not kept
+    assert told.counts == plain.counts
+    # Of renders in which everything is noise, a quarter of it would be held against the model.
+    assert not kept or plain.score > 5 * known
+
+
+def test_designs_of_few_scores_do_not_narrow_an_interval_below_what_noise_tells() -> None:
+    # Three lamps have five scores, whatever the number of designs: each is off by a common error,
+    # which renders of this noise do not show.
+    rng, held = np.random.default_rng(8), []
+    for _ in range(400):
+        model, noise = 1.0 * rng.standard_normal(5), 3.0
+        seen = model + noise * rng.standard_normal(5)
+        pick = rng.integers(0, 5, 300)
+        off, quiet = seen[pick], np.full(300, noise)
+        found = Comparison(off, np.ones(300), quiet, off, quiet)
+        held.append(
+            [np.abs(model[pick]) <= conformal(found, known).score for known in (None, 1.645)]
+        )
+    by_designs, by_sensors = np.mean(held, axis=2).T
+    # A few of the 2,000 errors of deviation 1 lie beyond 1.645 of it; of hardly a sensor most do.
+    assert 0.87 < by_sensors.mean() < 0.93
+    assert (by_sensors < 0.5).mean() < 0.02 < (by_designs < 0.5).mean()
