@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from render.sampling.pssmlt import MarkovChains
 
 VERSION = 9
-SHARED_VERSION = 1
+SHARED_VERSION = 2
 """Of renders of all lamps at once (``render.reference.shared_lamps``)."""
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5

@@ -133,7 +133,7 @@ def test_the_density_of_joining_is_that_of_an_area_over_what_refraction_spreads(
             hits.append(end.exit + distance * end.outside)
         area = np.linalg.norm(np.cross(hits[0] - hits[2], hits[1] - hits[3])) / (2 * step) ** 2
         radius = float(np.array(ways.light.radius)[lamp])
-        stated = float(np.array(ways.along(mono.UInt32(lamp), found.line)[1])[0])
+        stated = float(np.array(ways.along(mono.UInt32(lamp), found.line).joined)[0])
         if stated > 0 and np.array(found.line.outside_cos)[0] > 0.1:
             known += 1
             assert stated == pytest.approx(area / (np.pi * radius**2), rel=2e-3)
