@@ -24,14 +24,16 @@ from numpy.typing import NDArray
 from render.arrays import Array
 from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
 from render.cells.lamp_aim import face_crossing
-from render.geometry import LOWER, fiber_poses
+from render.geometry import fiber_poses
 from render.scene import FACES, OUTWARD, Scene
 
 CELL_MAX = 2
 """Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
 CELLS = 2 * CELL_MAX + 1
-CODES = len(FACES) * CELLS**2 * 2
-"""Ways, numbered by face, cell in x and y, and whether the lower face reflects."""
+DEPTHS = 3
+"""Cells in z, 0 to -2: the lower face may reflect, and the top of a clear rim before it."""
+CODES = len(FACES) * CELLS**2 * DEPTHS
+"""Ways, numbered by face and cell in x, y and z."""
 MAIN_SHARE = 0.05
 """Part of a lamp's light from which a way is evaluated at every facet, not now and then."""
 LEAST_SHARE = 1e-5
@@ -88,6 +90,8 @@ class LampWays:
         self.light, self.index = light, scene.pad.index
         self.lamps = scene.lamp_count
         self.low, self.high = scene.box.low, scene.box.high
+        # Beside the skin, over a clear rim.
+        self._strip = bool(scene.box.layered.any())
         metal = np.array([-1.0 if f.metal is None else f.metal for f in scene.finishes])
         self._mirror = np.array([f.smooth or f.metal is not None for f in scene.finishes])
         self._smooth = np.array([f.smooth for f in scene.finishes])
@@ -119,7 +123,7 @@ class LampWays:
                 for face in exits
                 for x in range(-CELL_MAX, CELL_MAX + 1)
                 for y in range(-CELL_MAX, CELL_MAX + 1)
-                for z in ((0,) if face == LOWER else (0, -1))
+                for z in ((0, -1, -2) if self._strip else (0, -1))
             ]
             found.append([way for way in ways if self._possible(way)])
         return found
@@ -130,6 +134,7 @@ class LampWays:
         if cell and _travel(way) != (cell > 0):
             return False
         reflects = np.zeros(6, dtype=bool)
+        reflects[5] = self._strip
         for face, there in enumerate(self._mirror):
             reflects[side_of(face)] = there
         counts = wall_reflections(way.cells)
@@ -354,10 +359,10 @@ class LampWays:
         face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
         face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
         x, y = (dr.select(up[i] > 0, CELL_MAX + counts[i], CELL_MAX - counts[i]) for i in range(2))
-        known = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z < 2)
-        # Beside the skin, over a clear rim, the far side reflects and lets light out as well.
+        known = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z < DEPTHS)
+        # Over a clear rim the far side lets light out as well.
         known &= (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
-        number = ((face * CELLS + x) * CELLS + y) * 2 + counts.z
+        number = ((face * CELLS + x) * CELLS + y) * DEPTHS + counts.z
         return dr.select(known, number, CODES)
 
 
@@ -372,7 +377,7 @@ class _Way:
     def code(self) -> int:
         """Number among CODES."""
         x, y, z = self.cells
-        return ((self.face * CELLS + x + CELL_MAX) * CELLS + y + CELL_MAX) * 2 - z
+        return ((self.face * CELLS + x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z
 
 
 def wall_reflections(cells: tuple[int, int, int]) -> NDArray[np.int64]:
