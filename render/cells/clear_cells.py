@@ -25,6 +25,7 @@ from render.cells.fiber_light import FiberLight
 from render.cells.lamp_spots import LampSpots, Spots, survival_of
 from render.cells.lamp_ways import LampLine, LampWays, wrapped
 from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.geometry import counted_sites
 from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import CellSplat
 from render.sampling.streams import Stream
@@ -71,7 +72,10 @@ class ClearCells:
         self.surfaces = PadSurfaces(self.pad)
         self.light = FiberLight(scene, phi, 0.0)
         self.ways = LampWays(scene, self.light)
-        self.spots = LampSpots(scene, self.surfaces, self.light, self.ways, strata)
+        self.sites = len(counted_sites(scene))
+        self.faces = max(1, targets.count // self.sites)
+        paths = self.sites * strata
+        self.spots = LampSpots(scene, self.surfaces, self.light, self.ways, strata, paths)
         self.index = scene.pad.index
         self.fibers, self.channels = phi.shape
         self.bins = self.fibers * targets.count
@@ -95,16 +99,19 @@ class ClearCells:
             subpath = wide // lanes
             start = mi.UInt32(begin * self.strata)
             dr.make_opaque(start)
-            values = self._values(
-                subpath + start, camera.of_lanes(wide - subpath * lanes), spots, wide
-            )
+            lane = wide - subpath * lanes
+            subpath += start
+            # All facets of a site share its light subpaths, those of other sites have others.
+            site = dr.minimum(subpath // self.strata // self.faces, self.sites - 1)
+            spot = (site * self.strata + subpath % self.strata) * lanes + lane
+            values = self._values(subpath, camera.of_lanes(lane), spots, spot)
             shape = (*kinds, here, self.strata, lanes)
             found[:, :, begin : begin + here] = np.array(values).reshape(shape).mean(axis=3)
         return [CellSplat(found.swapaxes(1, 2).reshape(self.bins, self.channels, lanes))]
 
     @dr.syntax
     def _values(
-        self, subpath: mi.UInt32, stream: Stream, spots: Spots, wide: mi.UInt32
+        self, subpath: mi.UInt32, stream: Stream, spots: Spots, spot: mi.UInt32
     ) -> mi.Float:
         """Return radiances per fiber, node and lane, flat, of one camera subpath per lane."""
         width = dr.width(subpath)
@@ -140,7 +147,7 @@ class ClearCells:
                 known = (vertex > 0) & self.spots.known(chain.counts, chain.up)
                 kappa = self.spots.likelihood(last, last_n, survived, a, hit.n, survival, known)
                 last, last_n, survived = a, hit.n, survival
-                self._connect(spotted, lane, wide, spots, a, hit.n, scale, survival, stream, base)
+                self._connect(spotted, lane, spots, spot, a, hit.n, scale, survival, stream, base)
                 self._join(
                     joined, lane, a, hit.n, scale, survival, kappa, vertex == 0, stream, base
                 )
@@ -254,19 +261,18 @@ class ClearCells:
 
     @dr.syntax
     def _connect(
-        self, sums: mi.Float, lane: mi.UInt32, wide: mi.UInt32, spots: Spots, a: mi.Point3f,
+        self, sums: mi.Float, lane: mi.UInt32, spots: Spots, number: mi.UInt32, a: mi.Point3f,
         n: mi.Normal3f, scale: mi.Float, survival: mi.Float, stream: Stream, base: mi.UInt32,
     ) -> None:  # fmt: skip
-        """Add the light of spots of all lamps that diffuse vertices ``a`` are connected to."""
+        """Add the light of each lamp's spot ``number``, connected to diffuse vertices ``a``."""
         size = dr.width(spots.others) // self.fibers
-        number = stream.event(base + (VERTEX_EVENTS - 1))[0]
-        at = wide % size
+        random = stream.event(base + (VERTEX_EVENTS - 1))[0]
         lamp = dr.zeros(mi.UInt32, dr.width(lane))
         while lamp < self.fibers:
-            spot = dr.gather(Spots, spots, lamp * size + at)
+            spot = dr.gather(Spots, spots, lamp * size + number)
             sends = spot.others > 0
             if sends:
-                pick = wrapped(number + mi.Float(lamp) * 0.7320508075688772)
+                pick = wrapped(random + mi.Float(lamp) * 0.7320508075688772)
                 found = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
                 lit = sends & (found.total > 0)
                 if lit:

@@ -84,10 +84,12 @@ class LampSpots:
     """Light subpaths of all lamps, and their connections over images."""
 
     def __init__(
-        self, scene: Scene, surfaces: PadSurfaces, light: FiberLight, ways: LampWays, strata: int
-    ) -> None:
-        """List the images that the pad's faces have of a point."""
-        self.surfaces, self.light, self.ways, self.strata = surfaces, light, ways, strata
+        self, scene: Scene, surfaces: PadSurfaces, light: FiberLight, ways: LampWays, strata: int,
+        paths: int,
+    ) -> None:  # fmt: skip
+        """List the images of a point; ``strata`` of the ``paths`` of a lane divide the nodes."""
+        self.surfaces, self.light, self.ways = surfaces, light, ways
+        self.strata, self.paths = strata, paths
         self.index, self.lamps = scene.pad.index, scene.lamp_count
         self._images(scene)
 
@@ -115,11 +117,11 @@ class LampSpots:
 
     @dr.syntax
     def trace(self, stream: Stream, lanes: int) -> Spots:
-        """Return the spots of ``strata`` light subpaths of every lamp and lane, lanes innermost."""
-        index = dr.arange(mi.UInt32, self.lamps * self.strata * lanes)
+        """Return the spots of ``paths`` light subpaths of every lamp and lane, lanes innermost."""
+        index = dr.arange(mi.UInt32, self.lamps * self.paths * lanes)
         number = index // lanes
-        lamp = number // self.strata
-        stratum = number - lamp * self.strata
+        lamp = number // self.paths
+        stratum = number % self.strata
         numbers = stream.of_lanes(index - number * lanes)
         first = number * EVENTS
         pick, u, v, _ = numbers.event(first)
