@@ -91,6 +91,8 @@ class LampSpots:
         self.surfaces, self.light, self.ways = surfaces, light, ways
         self.strata, self.paths = strata, paths
         self.index, self.lamps = scene.pad.index, scene.lamp_count
+        # The lower face reflects before and after the top of a clear rim.
+        self.deepest = 3 if scene.box.layered.any() else 1
         self._images(scene)
 
     def _images(self, scene: Scene) -> None:
@@ -103,7 +105,9 @@ class LampSpots:
                 metal[at] = -1.0
         rows = []
         span = range(-CELL_MAX, CELL_MAX + 1)
-        for cell in itertools.product(span, span, (0, -1)):
+        if self.deepest > 1:
+            metal[5] = -1.0
+        for cell in itertools.product(span, span, range(-self.deepest, 1)):
             counts = wall_reflections(cell)
             if np.isnan(metal[counts > 0]).any():
                 continue
@@ -197,10 +201,9 @@ class LampSpots:
         kappa = (self.index * dr.pi) ** 2 / (survival * spot_survival * total)
         return dr.select(known & (total > 0), kappa, 0.0)
 
-    @staticmethod
-    def known(counts: mi.Vector3u, up: mi.Vector3u) -> mi.Bool:
+    def known(self, counts: mi.Vector3u, up: mi.Vector3u) -> mi.Bool:
         """Return whether a chain of reflections between diffuse vertices is one of the images."""
-        inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z < 2)
+        inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z <= self.deepest)
         return inside & ((counts.z == 0) | (up.z == 0))
 
     @dr.syntax
@@ -224,8 +227,8 @@ class LampSpots:
             weight = leaving * arriving / squared
             for i in range(3):
                 reflected = mi.fresnel(dr.abs(direction[i]), 1.0 / self.index)[0]
-                twice = dr.select(row[6 + i] > 1.5, reflected, 1.0)
-                weight *= dr.select(row[6 + i] > 0.5, reflected * twice, 1.0)
+                for times in range(self.deepest if i == 2 else CELL_MAX):
+                    weight *= dr.select(row[6 + i] > times + 0.5, reflected, 1.0)
             found.total += weight
             chance = dr.select(weight > 0, weight / found.total, 0.0)
             chosen = left < chance
