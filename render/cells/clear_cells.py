@@ -3,9 +3,10 @@
 Without a medium the skin and white paint scatter light, and nothing else. Camera subpaths go from
 one such vertex to the next, over smooth faces that reflect by chance. At each they are joined to
 lamps over the faces (``render.cells.lamp_ways``), to all of them at the facet: a camera subpath
-does not know its lamp, so it serves all. What it meets behind the faces counts as well, by the
-balance heuristic (Veach 1997, sec. 9.2). A sample is of all cells: every facet of every site gets
-a few camera subpaths, spread over its pixels.
+does not know its lamp, so it serves all. They are connected to where light subpaths met skin or
+paint first as well (``render.cells.lamp_spots``), and what they meet behind the faces counts too,
+all by the balance heuristic (Veach 1997, sec. 9.2). A sample is of all cells: every facet of every
+site gets a few camera subpaths, spread over its pixels.
 
 Radiances are *basic*: over the square of the index, so that refraction leaves them as they are.
 """
@@ -21,8 +22,10 @@ import numpy as np
 from render.arrays import Array
 from render.cells.cell_sampler import Targets, pixel_rays
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_ways import CELL_MAX, CELLS, CODES, LampLine, LampWays, wrapped
+from render.cells.lamp_spots import LampSpots, Spots, survival_of
+from render.cells.lamp_ways import LampLine, LampWays, wrapped
 from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.geometry import counted_sites
 from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import CellSplat
 from render.sampling.streams import Stream
@@ -36,8 +39,6 @@ VERTEX_EVENTS = 32
 """Events by which those of two diffuse vertices are apart: as many faces may reflect between."""
 VERTEX_MAX = 100
 """Diffuse vertices of a camera subpath."""
-SURVIVAL_MIN, SURVIVAL_MAX = 0.2, 0.95
-"""Of Russian roulette, behind the facet: the reflectance between these."""
 STEP = (0.7548776662466927, 0.5698402909980532)
 """By which the points on lamps' ends differ from one way to the next (R2 sequence)."""
 
@@ -48,13 +49,15 @@ class _Chain:
 
     ``before`` is the length since then, ``density`` that of its direction there times the chance of
     all that happened since, ``counts`` how often each axis reflected and ``up`` whether the
-    direction goes up the axis.
+    direction goes up the axis. ``kappa`` is how likely light subpaths find the vertex, as in
+    ``render.cells.lamp_spots``.
     """
 
     before: mi.Float
     density: mi.Float
     counts: mi.Vector3u
     up: mi.Vector3u
+    kappa: mi.Float
 
 
 class ClearCells:
@@ -69,6 +72,10 @@ class ClearCells:
         self.surfaces = PadSurfaces(self.pad)
         self.light = FiberLight(scene, phi, 0.0)
         self.ways = LampWays(scene, self.light)
+        self.sites = len(counted_sites(scene))
+        self.faces = max(1, targets.count // self.sites)
+        paths = self.sites * strata
+        self.spots = LampSpots(scene, self.surfaces, self.light, self.ways, strata, paths)
         self.index = scene.pad.index
         self.fibers, self.channels = phi.shape
         self.bins = self.fibers * targets.count
@@ -81,6 +88,8 @@ class ClearCells:
         """Return what one sample per lane adds to all cells: radiance per direction node."""
         lanes = dr.width(camera.event(mi.UInt32(0)))
         count, kinds = self.targets.count, (self.fibers, self.channels)
+        spots = self.spots.trace(light, lanes)
+        dr.eval(spots)
         found = np.zeros((*kinds, count, lanes))
         each = min(count, max(1, MAX_VALUES // (lanes * self.strata * self.bins // count)))
         for begin in range(0, count, each):
@@ -90,24 +99,34 @@ class ClearCells:
             subpath = wide // lanes
             start = mi.UInt32(begin * self.strata)
             dr.make_opaque(start)
-            values = self._values(subpath + start, camera.of_lanes(wide - subpath * lanes))
+            lane = wide - subpath * lanes
+            subpath += start
+            # All facets of a site share its light subpaths, those of other sites have others.
+            site = dr.minimum(subpath // self.strata // self.faces, self.sites - 1)
+            spot = (site * self.strata + subpath % self.strata) * lanes + lane
+            values = self._values(subpath, camera.of_lanes(lane), spots, spot)
             shape = (*kinds, here, self.strata, lanes)
             found[:, :, begin : begin + here] = np.array(values).reshape(shape).mean(axis=3)
         return [CellSplat(found.swapaxes(1, 2).reshape(self.bins, self.channels, lanes))]
 
     @dr.syntax
-    def _values(self, subpath: mi.UInt32, stream: Stream) -> mi.Float:
+    def _values(
+        self, subpath: mi.UInt32, stream: Stream, spots: Spots, spot: mi.UInt32
+    ) -> mi.Float:
         """Return radiances per fiber, node and lane, flat, of one camera subpath per lane."""
         width = dr.width(subpath)
         # Dr.Jit 1.5 adds to one array from one place only.
-        joined, met = (dr.zeros(mi.Float, self.fibers * self.channels * width) for _ in range(2))
+        size = self.fibers * self.channels * width
+        joined, met, spotted = (dr.zeros(mi.Float, size) for _ in range(3))
         lane = dr.arange(mi.UInt32, width)
         first = subpath * EVENTS
         p, d, beta = self._camera_ray(subpath, stream, first)
         # --------------------------- Configure loop state ----------------------------
         vertex = mi.UInt32(0)  # diffuse vertices so far
         reflections = mi.UInt32(0)  # since the last of them
-        chain = _Chain(mi.Float(0), mi.Float(0), mi.Vector3u(0), mi.Vector3u(0))
+        chain = _Chain(mi.Float(0), mi.Float(0), mi.Vector3u(0), mi.Vector3u(0), mi.Float(0))
+        # The diffuse vertex before, and its chance to survive.
+        last, last_n, survived = dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(1)
         active = beta > 0
         while active:
             hit = self.surfaces.hit(p, d, active)
@@ -123,9 +142,15 @@ class ClearCells:
             if diffuse:
                 a = step_off(hit.p, hit.n)
                 scale = beta * hit.reflectance / dr.pi
-                survival = dr.clip(hit.reflectance, SURVIVAL_MIN, SURVIVAL_MAX)
+                survival = survival_of(hit.reflectance)
                 survival = dr.select(vertex == 0, 1.0, survival)
-                self._join(joined, lane, a, hit.n, scale, survival, vertex == 0, stream, base)
+                known = (vertex > 0) & self.spots.known(chain.counts, chain.up)
+                kappa = self.spots.likelihood(last, last_n, survived, a, hit.n, survival, known)
+                last, last_n, survived = a, hit.n, survival
+                self._connect(spotted, lane, spots, spot, a, hit.n, scale, survival, stream, base)
+                self._join(
+                    joined, lane, a, hit.n, scale, survival, kappa, vertex == 0, stream, base
+                )
                 # ------------------------- Go on by the cosine ------------------------
                 free, _, x, y = stream.event(event)
                 local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(x, y))
@@ -136,8 +161,9 @@ class ClearCells:
                 reflections = mi.UInt32(0)
                 up = mi.Vector3u(*(dr.select(d[i] > 0, mi.UInt32(1), 0) for i in range(3)))
                 chain = _Chain(
-                    mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi, mi.Vector3u(0), up
-                )
+                    mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi, mi.Vector3u(0), up,
+                    kappa,
+                )  # fmt: skip
                 active = active & (free < survival) & (hit.reflectance > 0)
                 active = active & (vertex < VERTEX_MAX)
             else:
@@ -163,7 +189,7 @@ class ClearCells:
                 d = dr.select(active, d - 2.0 * hit.cosine * mi.Vector3f(hit.n), d)
                 reflections += 1
                 active = active & ~leaves & (reflections < VERTEX_EVENTS - 1)
-        return joined + met
+        return joined + met + spotted
 
     def _camera_ray(
         self, subpath: mi.UInt32, stream: Stream, first: mi.UInt32
@@ -196,7 +222,7 @@ class ClearCells:
     @dr.syntax
     def _join(
         self, sums: mi.Float, lane: mi.UInt32, a: mi.Point3f, n: mi.Normal3f, scale: mi.Float,
-        survival: mi.Float, facet: mi.Bool, stream: Stream, base: mi.UInt32,
+        survival: mi.Float, kappa: mi.Float, facet: mi.Bool, stream: Stream, base: mi.UInt32,
     ) -> None:  # fmt: skip
         """Add the light of lamps joined to diffuse vertices ``a``."""
         ways = self.ways
@@ -215,13 +241,15 @@ class ClearCells:
             cosine = dr.dot(n, found.direction)
             valid = going & found.valid & (cosine > 0)
             if valid:
-                radiance, density = ways.along(lamp, found.line)
-                density *= ways.probability(entry, facet)
+                carried = ways.along(lamp, found.line)
+                radiance = carried.radiance
+                density = carried.joined * ways.probability(entry, facet)
                 by_chance = survival * cosine / dr.pi * found.chance
+                by_chance *= 1.0 + kappa * carried.emitted
                 value = scale * cosine * found.through / (density + by_chance)
                 lit = valid & (density > 0)
                 if lit:
-                    lit = ~self._blocked(a, found.direction, found.line.before, lit)
+                    lit = ~self.surfaces.blocked(a, found.direction, found.line.before, lit)
                 for j in range(self.channels):
                     at = (lamp * self.channels + j) * dr.width(lane) + lane
                     dr.scatter_reduce(
@@ -232,24 +260,32 @@ class ClearCells:
             going = going & (step < last)
 
     @dr.syntax
-    def _blocked(
-        self, a: mi.Point3f, direction: mi.Vector3f, length: mi.Float, active: mi.Bool
-    ) -> mi.Bool:
-        """Return whether skin is in the way of lines from ``a`` through the unfolded pad."""
-        o, d, left = mi.Point3f(a), mi.Vector3f(direction), mi.Float(length)
-        blocked = mi.Bool(False)
-        going = mi.Bool(active)
-        while going:
-            hit = self.surfaces.hit(o, d, going)
-            run = dr.norm(hit.p - o)
-            going = going & hit.valid
-            blocked |= going & (hit.kind == DIFFUSE) & (run < left - 1e-3)
-            left -= run
-            going = going & ~blocked & (left > 1e-2)
-            inner = dr.select(hit.kind == DIELECTRIC, -1.0, 1.0) * hit.n
-            o = step_off(hit.p, inner)
-            d = d - 2.0 * hit.cosine * mi.Vector3f(hit.n)
-        return blocked
+    def _connect(
+        self, sums: mi.Float, lane: mi.UInt32, spots: Spots, number: mi.UInt32, a: mi.Point3f,
+        n: mi.Normal3f, scale: mi.Float, survival: mi.Float, stream: Stream, base: mi.UInt32,
+    ) -> None:  # fmt: skip
+        """Add the light of each lamp's spot ``number``, connected to diffuse vertices ``a``."""
+        size = dr.width(spots.others) // self.fibers
+        random = stream.event(base + (VERTEX_EVENTS - 1))[0]
+        lamp = dr.zeros(mi.UInt32, dr.width(lane))
+        while lamp < self.fibers:
+            spot = dr.gather(Spots, spots, lamp * size + number)
+            sends = spot.others > 0
+            if sends:
+                pick = wrapped(random + mi.Float(lamp) * 0.7320508075688772)
+                found = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
+                lit = sends & (found.total > 0)
+                if lit:
+                    lit = ~self.surfaces.blocked(a, found.direction, found.clear, lit)
+                value = scale * found.metal * found.total
+                value /= 1.0 + survival * found.total * spot.others
+                for j in range(self.channels):
+                    dr.scatter_reduce(
+                        dr.ReduceOp.Add, sums, value * spot.sent[j],
+                        (lamp * self.channels + j) * dr.width(lane) + lane,
+                        lit & (spot.sent[j] > 0), mode=dr.ReduceMode.NoConflicts,
+                    )  # fmt: skip
+            lamp += 1
 
     @dr.syntax
     def _meet(
@@ -257,13 +293,15 @@ class ClearCells:
         beta: mi.Float, facet: mi.Bool,
     ) -> None:  # fmt: skip
         """Add the light of lamps that subpaths meet behind a face with normal ``n``."""
-        code = self._code(chain, n)
+        code = self.ways.code(chain.counts, chain.up, n)
         lamp = dr.zeros(mi.UInt32, dr.width(lane))
         while lamp < self.fibers:
-            radiance, density = self.ways.along(lamp, line)
+            carried = self.ways.along(lamp, line)
+            radiance = carried.radiance
             entry = self.ways.entry(lamp, code)
-            joined = density * self.ways.probability(entry, facet)
-            value = beta * chain.density / (chain.density + joined)
+            joined = carried.joined * self.ways.probability(entry, facet)
+            by_light = chain.density * chain.kappa * carried.emitted
+            value = beta * chain.density / (chain.density + joined + by_light)
             for j in range(self.channels):
                 at = (lamp * self.channels + j) * dr.width(lane) + lane
                 dr.scatter_reduce(
@@ -271,17 +309,3 @@ class ClearCells:
                     mode=dr.ReduceMode.NoConflicts,
                 )  # fmt: skip
             lamp += 1
-
-    def _code(self, chain: _Chain, n: mi.Normal3f) -> mi.UInt32:
-        """Return the number of the way that the chain has gone, CODES where it has none."""
-        face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
-        face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
-        x, y = (
-            dr.select(chain.up[i] > 0, CELL_MAX + chain.counts[i], CELL_MAX - chain.counts[i])
-            for i in range(2)
-        )
-        known = (chain.counts.x <= CELL_MAX) & (chain.counts.y <= CELL_MAX) & (chain.counts.z < 2)
-        # Beside the skin, over a clear rim, the far side reflects and lets light out as well.
-        known &= (n.z < 0.5) & ((chain.counts.z == 0) | (chain.up.z == 0))
-        code = ((face * CELLS + x) * CELLS + y) * 2 + chain.counts.z
-        return dr.select(known, code, CODES)

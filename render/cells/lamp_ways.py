@@ -22,16 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.cells.fiber_light import COSINE_MIN, FiberLight
+from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
 from render.cells.lamp_aim import face_crossing
-from render.geometry import LOWER, fiber_poses
+from render.geometry import fiber_poses
 from render.scene import FACES, OUTWARD, Scene
 
 CELL_MAX = 2
 """Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
 CELLS = 2 * CELL_MAX + 1
-CODES = len(FACES) * CELLS**2 * 2
-"""Ways, numbered by face, cell in x and y, and whether the lower face reflects."""
+DEPTHS = 3
+"""Cells in z, 0 to -2: the lower face may reflect, and the top of a clear rim before it."""
+CODES = len(FACES) * CELLS**2 * DEPTHS
+"""Ways, numbered by face and cell in x, y and z."""
 MAIN_SHARE = 0.05
 """Part of a lamp's light from which a way is evaluated at every facet, not now and then."""
 LEAST_SHARE = 1e-5
@@ -88,6 +90,8 @@ class LampWays:
         self.light, self.index = light, scene.pad.index
         self.lamps = scene.lamp_count
         self.low, self.high = scene.box.low, scene.box.high
+        # Beside the skin, over a clear rim.
+        self._strip = bool(scene.box.layered.any())
         metal = np.array([-1.0 if f.metal is None else f.metal for f in scene.finishes])
         self._mirror = np.array([f.smooth or f.metal is not None for f in scene.finishes])
         self._smooth = np.array([f.smooth for f in scene.finishes])
@@ -96,7 +100,7 @@ class LampWays:
         if (metal >= 0).any():
             by_side = np.full(6, -1.0, dtype=np.float32)
             for face, value in enumerate(metal):
-                by_side[_side(face)] = value
+                by_side[side_of(face)] = value
             self.metal = mi.Float(by_side)
         candidates = self._candidates(scene)
         self._upload([(lamp, way) for lamp, ways in enumerate(candidates) for way in ways])
@@ -119,20 +123,21 @@ class LampWays:
                 for face in exits
                 for x in range(-CELL_MAX, CELL_MAX + 1)
                 for y in range(-CELL_MAX, CELL_MAX + 1)
-                for z in ((0,) if face == LOWER else (0, -1))
+                for z in ((0, -1, -2) if self._strip else (0, -1))
             ]
             found.append([way for way in ways if self._possible(way)])
         return found
 
     def _possible(self, way: _Way) -> bool:
         """Return whether the faces on the way reflect, and it leaves the pad where it ends."""
-        cell = way.cells[_side(way.face) // 2]
+        cell = way.cells[side_of(way.face) // 2]
         if cell and _travel(way) != (cell > 0):
             return False
         reflects = np.zeros(6, dtype=bool)
+        reflects[5] = self._strip
         for face, there in enumerate(self._mirror):
-            reflects[_side(face)] = there
-        counts = way.reflections()
+            reflects[side_of(face)] = there
+        counts = wall_reflections(way.cells)
         return bool(reflects[np.nonzero(counts)[0]].all())
 
     def _upload(self, entries: list[tuple[int, _Way]]) -> None:
@@ -142,17 +147,13 @@ class LampWays:
         counts = np.zeros((len(entries), 6), dtype=np.float32)
         codes = np.zeros(len(entries), dtype=np.uint32)
         for row, (_, way) in enumerate(entries):
-            cell = np.array(way.cells)
-            odd = cell % 2 != 0
-            axis = _side(way.face) // 2
+            axis = side_of(way.face) // 2
             travel = 1.0 if _travel(way) else -1.0
-            sign = np.where(odd, -1.0, 1.0)
-            # Image of a point: sign * p + shift.
-            shift = np.where(odd, 2 * low + (cell + 1) * size, cell * size)
-            begin = low + cell * size
+            sign, shift = box_image(low, self.high, way.cells)
+            begin = low + np.array(way.cells) * size
             plane = begin[axis] + (size[axis] if travel > 0 else 0.0)
             rows[row] = [*sign, *shift, *begin, *size, axis, travel, plane, 0.0]
-            counts[row] = way.reflections()
+            counts[row] = wall_reflections(way.cells)
             codes[row] = way.code
         self.entries = len(entries)
         self.rows, self.counts = mi.Float(rows.ravel()), mi.Float(counts.ravel())
@@ -179,14 +180,14 @@ class LampWays:
         # Each with a point of the lamp's end of its own (R3 sequence).
         pick, u, v = (wrapped(mi.Float(at) * step) for step in (0.8191725, 0.6710436, 0.5497005))
         found = self.join(entry, lamp, p, pick, mi.Point2f(u, v))
-        radiance, density = self.along(lamp, found.line)
+        carried = self.along(lamp, found.line)
         peak = self.light.profiles.radiance(lamp, mi.Float(0.0))
         mean = mi.Float(0.0)
-        for value in radiance:
-            mean += value / len(radiance)
+        for value in carried.radiance:
+            mean += value / len(carried.radiance)
         level = dr.maximum(mean, PROFILE_FLOOR * peak) * found.through
         sent = level * dr.maximum(found.direction.z * -1.0, 0.05)
-        sent = dr.select(found.valid & (density > 0), sent / density, 0.0)
+        sent = dr.select(found.valid & (carried.joined > 0), sent / carried.joined, 0.0)
         strength = np.array(sent, dtype=np.float64).reshape(self.entries, points).mean(axis=1)
         # ------------------------- Probabilities ----------------------------------------
         facet, later = np.zeros(self.entries), np.zeros(self.entries)
@@ -319,10 +320,10 @@ class LampWays:
         line = LampLine(mi.Point3f(folded), sign * beyond, before, inside_cos, outside_cos)
         return Joined(direction, line, through, chance, valid)
 
-    def along(self, lamp: mi.UInt32, line: LampLine) -> tuple[list[mi.Float], mi.Float]:
-        """Return, per direction node, what ``line`` carries, and the density of joining to it.
+    def along(self, lamp: mi.UInt32, line: LampLine) -> LampRay:
+        """Return what ``line`` carries; all of it is 0 where it misses the lamp.
 
-        Per solid angle at the point in the pad where it began; 0 where it misses the lamp.
+        The density of joining to it is per solid angle at the point in the pad where it began.
         """
         light, n = self.light, self.index
         radius = dr.gather(mi.Float, light.radius, lamp)
@@ -330,7 +331,7 @@ class LampWays:
         ratio_in, ratio_out = cos_out / line.inside_cos, line.inside_cos / cos_out
         offset = line.exit - light.center_of(lamp)
         towards = -line.outside
-        radiance, joined = [], mi.Float(0.0)
+        radiance, joined, emitted = [], mi.Float(0.0), mi.Float(0.0)
         for j in range(light.nodes):
             beam = light.beam_of(lamp, mi.UInt32(j))
             cos = dr.dot(beam, towards)
@@ -346,7 +347,25 @@ class LampWays:
             theta = dr.unit_angle(mi.Vector3f(beam), towards)
             radiance.append(dr.select(inside, light.profiles.radiance(lamp, theta), 0.0))
             joined += dr.select(crossed & (dr.abs(cos) > COSINE_MIN), spread / dr.abs(cos), 0.0)
-        return radiance, joined / (light.nodes * dr.pi * dr.square(radius))
+            emitted += dr.select(inside, light.profiles.density(lamp, theta) / cos, 0.0)
+        share = 1.0 / (light.nodes * dr.pi * dr.square(radius))
+        return LampRay(radiance, emitted * share, joined * share)
+
+    @staticmethod
+    def code(counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f) -> mi.UInt32:
+        """Return the number of the way of a chain of reflections, CODES where it has none.
+
+        Along each axis it was reflected ``counts`` times, having begun ``up`` it or down; it ends
+        at a face with the outward normal ``n``.
+        """
+        face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
+        face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
+        x, y = (dr.select(up[i] > 0, CELL_MAX + counts[i], CELL_MAX - counts[i]) for i in range(2))
+        known = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z < DEPTHS)
+        # Over a clear rim the far side lets light out as well.
+        known &= (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
+        number = ((face * CELLS + x) * CELLS + y) * DEPTHS + counts.z
+        return dr.select(known, number, CODES)
 
 
 @dataclass(frozen=True)
@@ -360,19 +379,27 @@ class _Way:
     def code(self) -> int:
         """Number among CODES."""
         x, y, z = self.cells
-        return ((self.face * CELLS + x + CELL_MAX) * CELLS + y + CELL_MAX) * 2 - z
-
-    def reflections(self) -> NDArray[np.int64]:
-        """Return how often each side reflects, ``(axis and side,)``."""
-        counts = np.zeros((3, 2), dtype=np.int64)
-        for axis, cell in enumerate(self.cells):
-            first = abs(cell) - abs(cell) // 2
-            counts[axis, int(cell > 0)] = first
-            counts[axis, int(cell <= 0)] = abs(cell) - first
-        return counts.ravel()
+        return ((self.face * CELLS + x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z
 
 
-def _side(face: int) -> int:
+def wall_reflections(cells: tuple[int, int, int]) -> NDArray[np.int64]:
+    """Return how often each side reflects on the way to a cell, ``(axis and side,)``."""
+    counts = np.zeros((3, 2), dtype=np.int64)
+    for axis, cell in enumerate(cells):
+        first = abs(cell) - abs(cell) // 2
+        counts[axis, int(cell > 0)] = first
+        counts[axis, int(cell <= 0)] = abs(cell) - first
+    return counts.ravel()
+
+
+def box_image(low: Array, high: Array, cells: tuple[int, int, int]) -> tuple[Array, Array]:
+    """Return ``sign`` and ``shift`` (mm) of a cell: the image of p is sign * p + shift."""
+    cell, size = np.array(cells), high - low
+    odd = cell % 2 != 0
+    return np.where(odd, -1.0, 1.0), np.where(odd, 2 * low + (cell + 1) * size, cell * size)
+
+
+def side_of(face: int) -> int:
     """Return twice the axis of a face, and one more for the upper side."""
     axis = int(np.abs(OUTWARD[face]).argmax())
     return 2 * axis + int(OUTWARD[face][axis] > 0)
@@ -380,7 +407,7 @@ def _side(face: int) -> int:
 
 def _travel(way: _Way) -> bool:
     """Return whether the unfolded line goes up the axis of the face that it crosses."""
-    side = _side(way.face)
+    side = side_of(way.face)
     cell = way.cells[side // 2]
     upper = side % 2 == 1
     return upper if cell % 2 == 0 else not upper
@@ -388,7 +415,7 @@ def _travel(way: _Way) -> bool:
 
 def _outside(low: Array, high: Array, face: int, p: Array) -> float:
     """Return how far (mm) ``p`` is outside of a face."""
-    axis, upper = divmod(_side(face), 2)
+    axis, upper = divmod(side_of(face), 2)
     return float(p[axis] - high[axis] if upper else low[axis] - p[axis])
 
 

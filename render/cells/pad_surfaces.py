@@ -68,6 +68,26 @@ class PadSurfaces:
             reflectance=dr.gather(mi.Float, self.reflectance, shape, valid), valid=valid,
         )  # fmt: skip
 
+    @dr.syntax
+    def blocked(
+        self, a: mi.Point3f, direction: mi.Vector3f, length: mi.Float, active: mi.Bool
+    ) -> mi.Bool:
+        """Return whether skin is in the way of lines from ``a`` through the unfolded pad."""
+        o, d, left = mi.Point3f(a), mi.Vector3f(direction), mi.Float(length)
+        blocked = mi.Bool(False)
+        going = mi.Bool(active)
+        while going:
+            hit = self.hit(o, d, going)
+            run = dr.norm(hit.p - o)
+            going = going & hit.valid
+            blocked |= going & (hit.kind == DIFFUSE) & (run < left - 1e-3)
+            left -= run
+            going = going & ~blocked & (left > 1e-2)
+            inner = dr.select(hit.kind == DIELECTRIC, -1.0, 1.0) * hit.n
+            o = step_off(hit.p, inner)
+            d = d - 2.0 * hit.cosine * mi.Vector3f(hit.n)
+        return blocked
+
 
 def step_off(p: mi.Point3f, n: mi.Vector3f) -> mi.Point3f:
     """Return ``p`` a little to the side that ``n`` points to, where rays do not meet it again."""

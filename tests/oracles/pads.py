@@ -106,6 +106,12 @@ CASES: dict[str, dict[str, Any]] = {
     "narrow": {"fibers.sigma_v": (1.0, DEG), "fibers.tilt": (35.0, DEG)},
     "narrow rough 0.03": {"fibers.sigma_v": (1.0, DEG), "fibers.tilt": (35.0, DEG),
                           "pad.roughness": (0.03,)},
+    "narrow 3 deg": {"fibers.sigma_v": (3.0, DEG), "fibers.tilt": (20.0, DEG)},
+    "narrow 6 deg": {"fibers.sigma_v": (6.0, DEG), "fibers.tilt": (35.0, DEG)},
+    "narrow 10 deg": {"fibers.sigma_v": (10.0, DEG)},
+    "narrow, clear rim": {
+        "fibers.sigma_v": (1.0, DEG), "fibers.tilt": (35.0, DEG), "diffuser": CLEAR_RIM,
+    },
     "wide": {"fibers.sigma_v": (89.0, DEG)},
     "wide no face": {"fibers.sigma_v": (89.0, DEG), "pad.index": (1.0,)},
     "half below": {"fibers.height": (0.0, MM), "fibers.sigma_v": (60.0, DEG),
@@ -142,6 +148,9 @@ CASES: dict[str, dict[str, Any]] = {
     "row nearer than wide": {"rows": [row("left", 2, diameter=1.6, gap=0.2, turns=False)]},
     "row touching": {"rows": [row("tip", 2, gap=0.0, tilt=0.0, turns=False)]},
     "below": {"lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)]},
+    "narrow from below": {
+        "lamps": [listed(-6, -3, -4, 1, 0.5, 2, 16.0), listed(3, 8, -8, 0, -1, 3, 16.0)],
+    },
     "below rough 0.1": {
         "lamps": [listed(-6, -3, -4, 1, 0.5, 2), listed(3, 8, -8, 0, -1, 3, 6.0)],
         "pad.roughness": (0.1,),

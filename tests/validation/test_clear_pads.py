@@ -28,7 +28,7 @@ PHOTONS = 64_000_000 if LONG else 3_000_000
 REPLICATES = 16
 
 FAST = (
-    "smooth", "rough 0.03", "no face", "half below", "rim rough 0.1",
+    "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
     "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
     "row nearer than wide", "lobe", "lobe rough 0.1", "cast in", "cast into a rim rough 0.1",
 )  # fmt: skip

@@ -1,0 +1,249 @@
+"""Where lamps light the skin: light subpaths on a flat pad of smooth faces, one vertex each.
+
+A narrow beam lights a spot of the skin, and most facets see that spot alone, in the lower face and
+the walls. Camera subpaths meet it rarely; light subpaths end in it. So a light subpath goes from
+the lamp through the faces to the first diffuse vertex, the *spot*, and every diffuse vertex of the
+camera subpaths is connected to it: over one of its images in the box that the pad is, drawn in
+proportion to what it would send if nothing were in the way (virtual point lights, Keller 1997).
+Camera subpaths that come to the same point find the same light, so the balance heuristic weighs
+both (Veach 1997, sec. 9.2).
+
+With p the densities per area and solid angle at the spot, a the camera's vertex, S the sum of the
+geometry terms of all images times the chance of their reflections, s the chances to survive, E the
+density of emission per area and solid angle in the air and n the index, the light subpath is
+
+    kappa E = p(light) / p(camera subpath meets the lamp) = (n pi)^2 E / (s_a s_spot S)
+
+times as likely as the camera subpath that goes on by the cosine twice.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from render.cells.fiber_light import FiberLight
+from render.cells.lamp_ways import (
+    BEHIND,
+    CELL_MAX,
+    LampLine,
+    LampWays,
+    box_image,
+    side_of,
+    wall_reflections,
+)
+from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.sampling.streams import Stream
+from render.scene import Scene
+
+REFLECTIONS = 30
+"""Faces that may reflect between the lamp and the spot, as behind a diffuse vertex."""
+EVENTS = 2 + REFLECTIONS
+"""Events by which light subpaths are apart."""
+SURVIVAL_MIN, SURVIVAL_MAX = 0.2, 0.95
+"""Of Russian roulette, behind the facet: the reflectance between these."""
+SLACK = 1e-2
+"""mm above a spot from which it is not hidden: rays step off the faces that reflect them."""
+NEAREST = 1e-6
+"""mm^2 that squared distances are at least."""
+
+
+@dataclass
+class Spots:
+    """Ends of light subpaths (a Dr.Jit PyTree).
+
+    ``p`` and unit ``n`` of the surface; ``sent`` is what they send per direction node, as radiance
+    per geometry term, and ``others`` what the other ways to find them are worth, over s_a S.
+    """
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    sent: list[mi.Float]
+    others: mi.Float
+
+
+@dataclass
+class SpotConnection:
+    """A camera vertex connected to one image of a spot (a Dr.Jit PyTree).
+
+    ``total`` is S; ``direction`` leads to the image, which nothing may hide within ``clear`` mm and
+    ``metal`` is what mirrors on the way leave of the light.
+    """
+
+    total: mi.Float
+    direction: mi.Vector3f
+    clear: mi.Float
+    metal: mi.Float
+
+
+class LampSpots:
+    """Light subpaths of all lamps, and their connections over images."""
+
+    def __init__(
+        self, scene: Scene, surfaces: PadSurfaces, light: FiberLight, ways: LampWays, strata: int,
+        paths: int,
+    ) -> None:  # fmt: skip
+        """List the images of a point; ``strata`` of the ``paths`` of a lane divide the nodes."""
+        self.surfaces, self.light, self.ways = surfaces, light, ways
+        self.strata, self.paths = strata, paths
+        self.index, self.lamps = scene.pad.index, scene.lamp_count
+        # The lower face reflects before and after the top of a clear rim.
+        self.deepest = 3 if scene.box.layered.any() else 1
+        self._images(scene)
+
+    def _images(self, scene: Scene) -> None:
+        """Upload signs, shifts, counts of reflections in clear faces and the mirrors' part."""
+        metal = np.full(6, np.nan)
+        for face, finish in enumerate(scene.finishes):
+            at = side_of(face)
+            metal[at] = finish.metal if finish.metal is not None else metal[at]
+            if finish.smooth:
+                metal[at] = -1.0
+        rows = []
+        span = range(-CELL_MAX, CELL_MAX + 1)
+        if self.deepest > 1:
+            metal[5] = -1.0
+        for cell in itertools.product(span, span, range(-self.deepest, 1)):
+            counts = wall_reflections(cell)
+            if np.isnan(metal[counts > 0]).any():
+                continue
+            clear = np.where(metal < 0, counts, 0).reshape(3, 2).sum(axis=1)
+            mirrored = float(np.prod(np.where(metal >= 0, metal, 1.0) ** counts))
+            sign, shift = box_image(scene.box.low, scene.box.high, cell)
+            rows.append([*sign, *shift, *clear, mirrored])
+        self.count = len(rows)
+        self.rows = mi.Float(np.array(rows, dtype=np.float32).ravel())
+        dr.make_opaque(self.rows)
+
+    @dr.syntax
+    def trace(self, stream: Stream, lanes: int) -> Spots:
+        """Return the spots of ``paths`` light subpaths of every lamp and lane, lanes innermost."""
+        index = dr.arange(mi.UInt32, self.lamps * self.paths * lanes)
+        number = index // lanes
+        lamp = number // self.paths
+        stratum = number % self.strata
+        numbers = stream.of_lanes(index - number * lanes)
+        first = number * EVENTS
+        pick, u, v, _ = numbers.event(first)
+        x, y, enters, _ = numbers.event(first + 1)
+        node = (mi.Float(stratum) + pick) / self.strata
+        o, d = self.light.sample(lamp, node, (u, v), mi.Point2f(x, y))
+        # Lamps may touch the face.
+        entry = self.surfaces.hit(o - 2.0 * BEHIND * d, d, dr.full(mi.Bool, True, dr.width(lamp)))
+        outside = -entry.cosine
+        fresnel, _, _, _ = mi.fresnel(outside, self.index)
+        active = entry.valid & (entry.kind == DIELECTRIC) & (outside > 0) & (enters >= fresnel)
+        inside = dr.sqrt(1.0 - (1.0 - dr.square(outside)) / self.index**2)
+        # --------------------------- Configure loop state ----------------------------
+        onward = mi.Vector3f(d / self.index + (outside / self.index - inside) * entry.n)
+        onward = dr.normalize(onward)
+        begin = step_off(entry.p, -entry.n)
+        before, chance, metal = mi.Float(0), 1.0 - fresnel, mi.Float(1)
+        counts = mi.Vector3u(0)
+        reflections = mi.UInt32(0)
+        spot, n = dr.zeros(mi.Point3f, dr.width(lamp)), dr.zeros(mi.Normal3f, dr.width(lamp))
+        reflectance, cosine = mi.Float(0), mi.Float(0)
+        while active:
+            hit = self.surfaces.hit(begin, onward, active)
+            active = active & hit.valid
+            before += dr.select(active, dr.norm(hit.p - begin), 0.0)
+            arrived = active & (hit.kind == DIFFUSE)
+            # Behind paint and skin it is dark.
+            lit = arrived & (hit.cosine < 0)
+            spot = dr.select(lit, step_off(hit.p, hit.n), spot)
+            n = dr.select(lit, hit.n, n)
+            cosine = dr.select(lit, -hit.cosine, cosine)
+            reflectance = dr.select(lit, hit.reflectance, reflectance)
+            active = active & ~arrived
+            boundary = hit.kind == DIELECTRIC
+            reflected, _, _, _ = mi.fresnel(dr.abs(hit.cosine), 1.0 / self.index)
+            chance *= dr.select(active & boundary, reflected, 1.0)
+            metal *= dr.select(active & ~boundary, hit.reflectance, 1.0)
+            draw = numbers.event(first + 2 + reflections)[0]
+            active = active & (~boundary | (draw < reflected))
+            for i in range(3):
+                counts[i] += dr.select(active & (dr.abs(hit.n[i]) > 0.5), mi.UInt32(1), 0)
+            inner = dr.select(boundary, -1.0, 1.0) * hit.n
+            begin = dr.select(active, step_off(hit.p, inner), begin)
+            onward = dr.select(active, onward - 2.0 * hit.cosine * mi.Vector3f(hit.n), onward)
+            reflections += 1
+            active = active & (reflections < REFLECTIONS)
+        # --------------------------- What the spot sends -----------------------------
+        line = LampLine(entry.p, -d, before, inside, outside)
+        carried = self.ways.along(lamp, line)
+        up = mi.Vector3u(*(dr.select(onward[i] < 0, mi.UInt32(1), 0) for i in range(3)))
+        way = self.ways.entry(lamp, self.ways.code(counts, up, entry.n))
+        joined = carried.joined * self.ways.probability(way, mi.Bool(False))
+        known = (cosine > 0) & (reflectance > 0) & (carried.emitted > 0)
+        emitted = dr.select(known, carried.emitted, 1.0)
+        cosine = dr.select(known, cosine, 1.0)
+        per_index = 1.0 / (dr.pi * self.index**2)
+        sent = [
+            dr.select(known, per_index * reflectance * metal * value / emitted, 0.0)
+            for value in carried.radiance
+        ]
+        by_camera = survival_of(reflectance) / dr.pi + joined / (cosine * chance)
+        return Spots(spot, n, sent, dr.select(known, per_index * by_camera / emitted, 0.0))
+
+    def likelihood(
+        self, a: mi.Point3f, n: mi.Normal3f, survival: mi.Float, spot: mi.Point3f,
+        spot_n: mi.Normal3f, spot_survival: mi.Float, known: mi.Bool,
+    ) -> mi.Float:  # fmt: skip
+        """Return kappa of camera subpaths that went from ``a`` to ``spot``.
+
+        0 where not ``known``: over no image, or the spot is what the camera sees.
+        """
+        total = self.connect(a, n, spot, spot_n, mi.Float(0.5), known).total
+        kappa = (self.index * dr.pi) ** 2 / (survival * spot_survival * total)
+        return dr.select(known & (total > 0), kappa, 0.0)
+
+    def known(self, counts: mi.Vector3u, up: mi.Vector3u) -> mi.Bool:
+        """Return whether a chain of reflections between diffuse vertices is one of the images."""
+        inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z <= self.deepest)
+        return inside & ((counts.z == 0) | (up.z == 0))
+
+    @dr.syntax
+    def connect(
+        self, a: mi.Point3f, n: mi.Normal3f, spot: mi.Point3f, spot_n: mi.Normal3f,
+        number: mi.Float, active: mi.Bool,
+    ) -> SpotConnection:  # fmt: skip
+        """Return the connection to an image of ``spot`` that the uniform ``number`` draws."""
+        image = mi.UInt32(0)
+        going = mi.Bool(active)
+        left = mi.Float(number)
+        found = SpotConnection(mi.Float(0), mi.Vector3f(0, 0, 1), mi.Float(0), mi.Float(0))
+        while going:
+            row = [dr.gather(mi.Float, self.rows, 10 * image + i) for i in range(10)]
+            sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
+            span = sign * mi.Vector3f(spot) + shift - mi.Vector3f(a)
+            squared = dr.maximum(dr.squared_norm(span), NEAREST)
+            direction = span * dr.rsqrt(squared)
+            leaving = dr.maximum(dr.dot(n, direction), 0.0)
+            arriving = dr.maximum(-dr.dot(spot_n, sign * direction), 0.0)
+            weight = leaving * arriving / squared
+            for i in range(3):
+                reflected = mi.fresnel(dr.abs(direction[i]), 1.0 / self.index)[0]
+                for times in range(self.deepest if i == 2 else CELL_MAX):
+                    weight *= dr.select(row[6 + i] > times + 0.5, reflected, 1.0)
+            found.total += weight
+            chance = dr.select(weight > 0, weight / found.total, 0.0)
+            chosen = left < chance
+            left = dr.select(
+                chosen, left / chance, (left - chance) / dr.maximum(1.0 - chance, 1e-9)
+            )
+            found.direction = dr.select(chosen, direction, found.direction)
+            clear = dr.sqrt(squared) - SLACK / arriving
+            found.clear = dr.select(chosen, clear, found.clear)
+            found.metal = dr.select(chosen, row[9], found.metal)
+            image += 1
+            going = going & (image < self.count)
+        return found
+
+
+def survival_of(reflectance: mi.Float) -> mi.Float:
+    """Return the chance of camera subpaths to go on from a diffuse vertex behind the facet."""
+    return dr.clip(reflectance, SURVIVAL_MIN, SURVIVAL_MAX)
