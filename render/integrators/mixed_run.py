@@ -11,8 +11,11 @@ samples,
 
 with correlated mutations counted as what they are. Inverse variances of independent estimates add
 up, and each grows with the work that is done; so all further work goes to the less inefficient one,
-decided anew after every part of it. Where chains got more than their pilot, the mean weighs both by
-their inverse variance.
+decided anew after every part of it. Short chains look better than they are: of rare bright light
+they have seen nothing, so that their variance does not fall as they go on, and their inefficiency
+grows. So it is reckoned with as it would be with all work of the run, growing on with every
+doubling as it did with the last one. Where chains got more than their pilot, the mean weighs both
+by their inverse variance.
 
 Costs are constants, not measured times: a seed gives the same picture on any machine. The picture
 is consistent: it is unbiased for a fixed division of the work, and the division follows the
@@ -37,10 +40,10 @@ LANES = 1 << 18
 """Lanes of one pass; every pass is traced anew."""
 PILOT_MIN = 1 << 21
 """Samples below which a pilot of chains would cost too much of the time."""
-PILOT_MUTATIONS = 4
-"""Mutations of each chain in a pilot."""
-PILOT_FRACTION = 1 / 256
-"""Chains per sample of the whole run, at most: a pilot then takes about a tenth of it."""
+PILOT_MUTATIONS = 32
+"""Mutations of each chain in a pilot, made in two halves: from one to the next they double."""
+PILOT_FRACTION = 1 / 16
+"""Part of the whole run's work that a pilot takes, at most."""
 STARTS_PER_CHAIN = 4
 """Bootstrap samples for each chain."""
 MUTATION_COST = 1.2
@@ -65,6 +68,8 @@ class MixedRun:
         self.sampler, self.settings, self.paths = sampler, settings, paths
         self.plain = self._plain_run(paths)
         self.chains: MarkovChains | None = None
+        self._half: Array | None = None
+        """Cells of the chains when they were half as long."""
         row, column = np.divmod(np.arange(sampler.bins), sampler.width)
         rows, columns = min(sampler.height, CELLS_MAX), min(sampler.width, CELLS_MAX)
         self.cell = row * rows // sampler.height * columns + column * columns // sampler.width
@@ -83,28 +88,32 @@ class MixedRun:
                 self.plain.sample(1)
             return self.plain.estimate()
         self.plain.sample(1)
-        count = max(self.settings.replicates, int(self.paths * PILOT_FRACTION))
+        work = MUTATION_COST * PILOT_MUTATIONS + STARTS_PER_CHAIN
+        count = max(self.settings.replicates, int(self.paths * PILOT_FRACTION / work))
         self.settings = replace(self.settings, chains=min(self.settings.chains, count))
         try:
             self.chains = self._started_chains()
-            self.chains.sample(PILOT_MUTATIONS)
+            self.chains.sample(PILOT_MUTATIONS // 2)
+            self._double(self.chains)
         except RenderError as error:
             # No path of the bootstrap carries light: plain samples find what there is.
             if error.field != "luminance_samples":
                 raise
         lanes = len(self.plain.group)
         while (left := self.paths - self.plain_samples() - self._chain_work()) > 0.5 * lanes:
+            afford = int(left / (MUTATION_COST * self.settings.chains))
             if self.chains is not None and self._chains_pay(self.chains):
-                # As much as they have had: the next decision knows of longer correlations.
-                afford = int(left / (MUTATION_COST * self.settings.chains))
-                self.chains.sample(max(1, min(self.chains.done, afford)))
+                # The next decision knows of longer correlations.
+                self._double(self.chains, afford)
             else:
                 self.plain.sample(1)
         if self.chains is None or self.chains.done <= PILOT_MUTATIONS:
             # A pilot that lost says too little of its own error to be weighed in: on finger20 its
             # inverse variance made the picture worse.
             return self.plain.estimate()
-        plain, chains = self._variances(self.chains)
+        plain, chains = self._variances(
+            self._cells(self.plain.estimate()), self._cells(self.chains.estimate())
+        )
         weight = plain / (plain + chains) if plain + chains > 0 else 0.0
         return np.asarray((1.0 - weight) * self.plain.estimate() + weight * self.chains.estimate())
 
@@ -130,18 +139,28 @@ class MixedRun:
             return 0.0
         return (MUTATION_COST * self.chains.done + STARTS_PER_CHAIN) * self.settings.chains
 
+    def _double(self, chains: MarkovChains, most: int | None = None) -> None:
+        """Make chains twice as long, by at most so many mutations each."""
+        self._half = self._cells(chains.estimate())
+        chains.sample(chains.done if most is None else max(1, min(chains.done, most)))
+
     def _chains_pay(self, chains: MarkovChains) -> bool:
         """Return whether further work lowers the error more in chains than in plain samples."""
-        plain, mutated = self._variances(chains)
-        return GAIN_MIN * mutated * self._chain_work() < plain * self.plain_samples()
+        assert self._half is not None
+        plain, mutated = (self._cells(run.estimate()) for run in (self.plain, chains))
+        of_plain, half, whole = self._variances(plain, self._half, mutated)
+        work = self._chain_work()
+        expected = final_inefficiency(half, whole, work, self.paths)
+        return bool(GAIN_MIN * expected < of_plain * self.plain_samples())
 
-    def _variances(self, chains: MarkovChains) -> tuple[float, float]:
-        """Return the squared errors relative to the level, summed over cells, of both estimates."""
-        pictures = [self._cells(images) for images in (self.plain.estimate(), chains.estimate())]
-        level = np.mean([picture.mean(axis=0) for picture in pictures], axis=0)
+    def _variances(self, *estimates: Array) -> list[float]:
+        """Return squared errors of cells ``(replicate, cell)``, relative to the level, summed.
+
+        The level is the mean of the first estimate and the last.
+        """
+        level = 0.5 * (estimates[0].mean(axis=0) + estimates[-1].mean(axis=0))
         level = np.maximum(level, LEVEL_MIN * level.mean()) + np.finfo(np.float64).tiny
-        plain, mutated = (float((p / level).var(axis=0, ddof=1).sum()) for p in pictures)
-        return plain, mutated
+        return [float((cells / level).var(axis=0, ddof=1).sum()) for cells in estimates]
 
     def _cells(self, images: Array) -> Array:
         """Return sums over channels and cells of the film ``(replicate, cell)``."""
@@ -159,6 +178,16 @@ class MixedRun:
         worth = PLAIN_WORTH * self.plain_samples() / self.settings.replicates
         chains.add_estimates(np.einsum("rpc,pc->r", images, flat), worth)
         return chains
+
+
+def final_inefficiency(half: float, whole: float, work: float, total: float) -> float:
+    """Return what an inefficiency will be after the ``total`` work of a run.
+
+    ``half`` and ``whole`` are variances of a half and of all of the ``work`` done. One that halves
+    leaves the inefficiency as it is; else that grows with every doubling as with the last one.
+    """
+    growth = max(1.0, 2.0 * whole / half) if half > 0 else 1.0
+    return float(whole * work * growth ** max(0.0, np.log2(total / work)))
 
 
 def smoothed_level(pilot: Array, samples: float) -> Array:

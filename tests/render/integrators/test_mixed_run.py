@@ -22,7 +22,6 @@ def small(mono: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(mixed_run, "PILOT_MIN", 1 << 14)
     monkeypatch.setattr(mixed_run, "LANES", 1 << 14)
-    monkeypatch.setattr(mixed_run, "PILOT_FRACTION", 1 / 64)
 
 
 def run(scene: Any, spp: int, seed: int = 1, chains: int = 4096) -> tuple[Any, np.ndarray]:
@@ -88,25 +87,42 @@ def test_where_plain_samples_do_well_chains_get_no_more_than_their_pilot_and_cou
 
 
 @pytest.mark.usefixtures("small")
-def test_where_light_is_hard_to_find_chains_get_more_work_and_the_picture_is_that_of_bdpt(
+def test_short_chains_that_have_not_seen_the_rare_light_get_no_more_than_their_pilot(
     mono: ModuleType,
 ) -> None:
     from render.integrators.mixed_run import PILOT_MUTATIONS
     from render.integrators.vertex_cache import SHARED_PATHS
     from render.sampling.monte_carlo import monte_carlo_replicates
 
-    mixed, images = run(under_glass(mono), 4096)
+    mixed, images = run(under_glass(mono), 16384)
     assert mixed.chains is not None
-    assert mixed.chains.done > PILOT_MUTATIONS
+    plain, whole = mixed._variances(
+        mixed._cells(mixed.plain.estimate()), mixed._cells(mixed.chains.estimate())
+    )
+    # They look less than half as inefficient as plain samples, by what they have seen.
+    assert whole * mixed._chain_work() < 0.5 * plain * mixed.plain_samples()
+    assert mixed.chains.done == PILOT_MUTATIONS
+    np.testing.assert_array_equal(images, mixed.plain.estimate())
 
-    plain = monte_carlo_replicates(
+    truth = monte_carlo_replicates(
         mixed.sampler.sharing(1 << 18, REPLICATES, SHARED_PATHS), lanes=1 << 18, passes=2,
         replicates=REPLICATES, seed=7,
     )  # fmt: skip
-    ours, truth = (x.mean(axis=(1, 2)) for x in (images, plain))
-    bar = np.hypot(ours.std(ddof=1), truth.std(ddof=1)) / np.sqrt(REPLICATES)
-    assert abs(ours.mean() - truth.mean()) < 4 * bar
-    assert bar < 0.1 * truth.mean()
+    ours, others = (x.mean(axis=(1, 2)) for x in (images, truth))
+    bar = np.hypot(ours.std(ddof=1), others.std(ddof=1)) / np.sqrt(REPLICATES)
+    assert abs(ours.mean() - others.mean()) < 4 * bar
+    assert bar < 0.1 * others.mean()
+
+
+def test_an_inefficiency_grows_with_every_doubling_as_with_the_last_one() -> None:
+    from render.integrators.mixed_run import final_inefficiency
+
+    # A variance that halves: samples are as good as independent.
+    assert final_inefficiency(2.0, 1.0, work=10, total=1000) == pytest.approx(10)
+    # One that stays: what is rare was not seen yet.
+    assert final_inefficiency(1.0, 1.0, work=10, total=80) == pytest.approx(80)
+    # With a variance in proportion to the work to the power of -0.5.
+    assert final_inefficiency(2**0.5, 1.0, work=10, total=1000) == pytest.approx(100)
 
 
 @pytest.mark.usefixtures("small")
