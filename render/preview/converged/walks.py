@@ -33,6 +33,9 @@ State = NDArray[np.uint64]
 straight, and meets an outer one behind it."""
 MAX_EVENTS = 100_000
 """Events after which a path counts as lost: only light that circles without loss gets there."""
+TRAPPED_EVENTS = 500
+"""Faces of a window that light of a lamp in it meets in a row, after which it is taken to be lost:
+between smooth faces much of it circles without loss."""
 BLOCK_TOLERANCE = 1e-7
 """mm by which rounding may move a point out of the block."""
 
@@ -838,8 +841,9 @@ def trace_arrivals(
         begin_stream(state, key, number + ray)
         p[:] = origin[ray]
         d[:] = direction[ray]
-        weight, below = 1.0, p[2] > block.bond
+        weight, below, most = 1.0, p[2] > block.bond, MAX_EVENTS
         if within(block, p):
+            most = TRAPPED_EVENTS
             layer = in_layer(block, p)
         else:
             face = enter_block(block, p, d)
@@ -854,8 +858,10 @@ def trace_arrivals(
         if weight > 0.0 and layer:
             left, face, scattered = walk_layer(state, block, p, d, n, m)
             weight *= left if scattered < block.wide else 0.0
+        trapped = 0
         for _ in range(MAX_EVENTS):
-            if weight == 0.0:
+            trapped = trapped + 1 if below else 0
+            if weight == 0.0 or trapped > most:
                 break
             way, face, _, _ = cross_clear(block, below, p, d)
             if not below:
