@@ -14,7 +14,7 @@ import numpy as np
 from render.arrays import Array
 from render.geometry.chart import SkinChart
 from render.geometry.layout import turned_about_normal
-from render.geometry.seen_sites import camera_coverage
+from render.geometry.seen_sites import camera_coverage, counted_sites
 from render.scene import CarriedSites, Scene, State
 
 
@@ -27,11 +27,11 @@ def in_state(scene: Scene, value: float) -> tuple[Scene, float]:
     count that count in all states.
 
     Raises:
-        SceneError: there is no such state.
+        SceneError: there is no such state, or no site that counts in all of them.
     """
     if scene.states is None:
         return scene, value
-    one, counted = scene.in_state(value), camera_coverage(scene).counted
+    one, counted = scene.in_state(value), counted_sites(scene)
     if np.array_equal(camera_coverage(one).counted, counted):
         return one, 0.0
     (x, y), turn = one.sites.places.T.tolist(), one.sites.turns.tolist()

@@ -185,6 +185,17 @@ def test_a_site_that_one_state_hides_counts_in_none(scene: Scene, folder: Path) 
     np.testing.assert_array_equal(counted_sites(scene), counted)
 
 
+def test_sites_that_no_state_shares_raise_one_clear_error(folder: Path) -> None:
+    text = scene_text_of("pressed")
+    for old, new in (
+        ("= 65.0", "= 20.0"),
+        ("camera.y = { value = 0.0", "camera.y = { value = 60.0"),
+    ):
+        text = text.replace(old, new)
+    with pytest.raises(SceneError, match="none of 9 sites whole in every state"):
+        in_state(written(folder, text), 0.0)
+
+
 def test_symmetry_is_that_of_all_states(folder: Path) -> None:
     phi = np.full((6, 1), np.pi / 2)
     assert is_mirror_symmetric(written(folder, round_scene_text(60.0, crown=5.0)), phi)
