@@ -91,8 +91,8 @@ class LampSpots:
         self.surfaces, self.light, self.ways = surfaces, light, ways
         self.strata, self.paths = strata, paths
         self.index, self.lamps = scene.pad.index, scene.lamp_count
-        # The lower face reflects before and after the top of a clear rim.
-        self.deepest = 3 if scene.box.layered.any() else 1
+        # The lower face reflects in turn with the top of a clear rim, and last.
+        self.deepest = 5 if scene.box.layered.any() else 1
         self._images(scene)
 
     def _images(self, scene: Scene) -> None:

@@ -30,8 +30,8 @@ from render.scene import FACES, OUTWARD, Scene
 CELL_MAX = 2
 """Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
 CELLS = 2 * CELL_MAX + 1
-DEPTHS = 3
-"""Cells in z, 0 to -2: the lower face may reflect, and the top of a clear rim before it."""
+DEPTHS = 5
+"""Cells in z, 0 to -4: the lower face may reflect, and in turn with it the top of a clear rim."""
 CODES = len(FACES) * CELLS**2 * DEPTHS
 """Ways, numbered by face and cell in x, y and z."""
 MAIN_SHARE = 0.05
@@ -123,7 +123,7 @@ class LampWays:
                 for face in exits
                 for x in range(-CELL_MAX, CELL_MAX + 1)
                 for y in range(-CELL_MAX, CELL_MAX + 1)
-                for z in ((0, -1, -2) if self._strip else (0, -1))
+                for z in ((0, -1, -2, -3, -4) if self._strip else (0, -1))
             ]
             found.append([way for way in ways if self._possible(way)])
         return found
