@@ -4,7 +4,8 @@ The preview as the shader draws it and the converged one are made in ways that s
 they are far apart, light goes ways that are hard to follow, and the converged one is less sure too.
 So its half-width for 90 % coverage is ``hypot(DIFFERENCE_SHARE D, floor M)`` with D the same
 quantile of the differences of the two previews' scores over random designs of the very scene, and M
-the mean metric of its baseline; the floor is that of flat pads, or of pads that bend. The drawn
+the mean metric of its baseline; the floor is that of flat pads, of flat pads with a diffuser, whose
+light both previews miss alike, or of pads that bend. The drawn
 preview answers before the converged one is there and has a fraction of M alone.
 
 The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
@@ -31,9 +32,9 @@ DRAWN_FRACTION = 0.085
 """Half-width of the preview as drawn over the baseline's mean M."""
 WINDOW_FRACTION = 0.16
 """The same where a window refracts, whose guided light it has of few paths."""
-FLAT_FLOOR, BENT_FLOOR = 0.004, 0.035
-"""Half-width of the converged preview over M where both previews agree: of flat pads, and of pads
-that bend, whose light both previews lose alike."""
+FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.01, 0.025, 0.035
+"""Half-width of the converged preview over M where both previews agree: of flat clear pads, of flat
+pads with a diffuser, and of pads that bend, whose light both previews lose alike."""
 DIFFERENCE_SHARE = 0.2
 """Half-width of the converged preview over D where they differ."""
 
@@ -51,7 +52,8 @@ def converged_half_width(scene: Scene, mean: float, difference: float) -> float:
 
     ``mean`` is M of its baseline, ``difference`` D of `preview_difference`.
     """
-    floor = BENT_FLOOR if any(scene.bending.angles) else FLAT_FLOOR
+    flat = FLAT_FLOOR if scene.diffuser is None else DIFFUSER_FLOOR
+    floor = BENT_FLOOR if any(scene.bending.angles) else flat
     return math.hypot(DIFFERENCE_SHARE * difference, floor * mean)
 
 

@@ -11,6 +11,7 @@ from surrogate.preview_interval import (
     COVERAGE,
     DESIGNS,
     DIFFERENCE_SHARE,
+    DIFFUSER_FLOOR,
     FLAT_FLOOR,
     converged_half_width,
     preview_difference,
@@ -52,6 +53,12 @@ def test_designs_have_the_scenes_lamps_and_one_color_each(scene: Scene) -> None:
     assert (power.sum(axis=-1) > 0).all()
     np.testing.assert_array_equal(seen[2], phi)
     np.testing.assert_array_equal(seen[3], power)
+
+
+def test_flat_pads_with_a_diffuser_have_a_floor_of_their_own() -> None:
+    bent = load_scene("finger20")
+    flat = bent.model_copy(update={"bending": bent.bending.model_copy(update={"angles": (0.0,)})})
+    assert converged_half_width(flat, 200.0, 0.0) == pytest.approx(200.0 * DIFFUSER_FLOOR)
 
 
 def test_the_interval_grows_from_its_floor_to_a_share_of_the_difference(scene: Scene) -> None:
