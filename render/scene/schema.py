@@ -17,6 +17,14 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, model_validator
 
 from render.errors import SceneError
+from render.scene.built_geometry import (
+    embedding_problems,
+    embedding_under_skin_problems,
+    listed_problems,
+    placement_problems,
+    row_problems,
+    skin_problems,
+)
 from render.scene.camera import Camera
 from render.scene.colors import (
     DEFAULT_CHANNELS,
@@ -35,13 +43,6 @@ from render.scene.faces import (
     painted_lamp_problems,
 )
 from render.scene.free_ranges import FreeRanges
-from render.scene.lamp_problems import (
-    embedding_problems,
-    embedding_under_skin_problems,
-    listed_problems,
-    placement_problems,
-    row_problems,
-)
 from render.scene.lamps import (
     EDGES,
     FACES,
@@ -68,7 +69,6 @@ from render.scene.parts import (
 )
 from render.scene.quantities import Part, keys_of_schema_2, since_schema_2
 from render.scene.skin import Skin
-from render.scene.skin_problems import skin_problems
 from render.scene.states import REST, State, site_problems, state_problems
 from render.scene.tolerances import Tolerances
 
