@@ -14,7 +14,7 @@ the value and what is allowed.
 >>> baseline.color_names[:2], float(np.degrees(baseline.phi[0]))
 (['red', 'red'], 90.0)
 >>> checker = tactilux.load_model(scene)
->>> bends = np.array(scene.bending.angles)
+>>> bends = np.array(scene.state_axis)  # rad, or numbers of states
 >>> said = checker.run(baseline.phi[None], baseline.power[None], bends)
 >>> said["counts"].shape  # (design, bend, site, facet, channel)
 (1, 3, 15, 10, 3)

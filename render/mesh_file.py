@@ -19,6 +19,8 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     """
     import trimesh  # only for scenes and pictures with such a file
 
+    if not path.is_file():
+        raise ValueError(f"{path} is no body: there is no such file, allowed: one beside the scene")
     try:
         mesh = trimesh.load_mesh(path)
         if not len(mesh.triangles) or not np.isfinite(mesh.triangles).all():

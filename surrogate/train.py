@@ -39,7 +39,7 @@ from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, fit_residual
 from surrogate.training.fit_table import fit_table
-from surrogate.training.fit_task import FitConfig, FitTask
+from surrogate.training.fit_task import VERSION, FitConfig, FitTask
 from surrogate.training.fit_time import MIN_STEPS, FitTime, TrainingCost
 from surrogate.training.render_plan import (
     ReferenceData,
@@ -139,8 +139,8 @@ def train(
     if scene.states is not None and any(scene.turning):
         raise SceneError(
             f"{scene.name} has states, and {sum(scene.turning)} of its lamps turn, allowed in a "
-            "model of several states: lamps that do not; take the preview alone (--coarse), or set "
-            "turns = false",
+            "model of several states: lamps that do not (turns = false); `tactilux explore` and "
+            "`tactilux score` answer on the preview as drawn without a model",
             field="states",
         )
     run = run or out.parent / f"{out.name}-training"
@@ -232,7 +232,10 @@ def _preview(
     progress: OnProgress | None,
 ) -> TrainingPreview:
     """Return the preview; what is finished of it is kept in ``folder``."""
-    about = scene.hash, scene.free, config.preview_nodes, config.preview_materials, config.coarse
+    about = (
+        VERSION, scene.hash, scene.free, config.preview_nodes, config.preview_materials,
+        config.coarse,
+    )  # fmt: skip
     parts = FinishedParts(folder, hashlib.sha256(repr(about).encode()).hexdigest())
     preview = TrainingPreview.load(parts, MaterialRange.of(scene))
     if preview is None:

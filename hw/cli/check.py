@@ -74,6 +74,12 @@ def run(
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         require_color_photos(scene)
+        if bend and scene.states is not None:
+            raise CaptureError(
+                f"--bend {bend:g}: {scene.name} does not bend, allowed: 0, as the check looks at "
+                "the skin at rest; leave --bend out",
+                field="bend",
+            )
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         if (capture is None) == (camera is None):
             problem = "nothing to look at" if camera is None else "two things to look at"

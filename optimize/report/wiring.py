@@ -98,10 +98,14 @@ def _ends(scene: Scene) -> list[str]:
         tilt = np.degrees(row.tilt)
         side = "towards the coating" if tilt >= 0 else "towards the camera"
         behind = "diffuser" if row.edge in scene.diffuser_edges else "pad"
+        place = (
+            f"{row.gap:g} mm from the {behind}" if row.gap >= 0.0
+            else f"cast in, {-row.gap:g} mm behind the face of the {behind}"
+        )  # fmt: skip
         who = "Every fiber" if scene.fibers else f"Every lamp of the {row.edge} edge's row"
         sentences.append(
             f"{who}: {row.diameter:g} mm in diameter, the center of its end at z = "
-            f"{row.height:g} mm and {row.gap:g} mm from the {behind}; its beam is tilted "
+            f"{row.height:g} mm and {place}; its beam is tilted "
             f"{abs(tilt):g}° {side}."
         )
     if scene.lamps:
@@ -158,7 +162,7 @@ def wiring_drawing(mounting: Mounting) -> Figure:
     back = position - beams * holder.thickness / sine
     label = back - 1.5 * poses.inward[:, :2]
     half = np.array([scene.pad.width, scene.pad.length]) / 2
-    gap = max((row.gap for row in scene.lamp_rows), default=0.0)
+    gap = max((row.gap for row in scene.lamp_rows if row.gap > 0.0), default=0.0)
     near, far = scene.box.low[:2] - gap, scene.box.high[:2] + gap
     left, right = near - holder.thickness, far + holder.thickness
     low = np.minimum(label.min(axis=0), left) - 1.2

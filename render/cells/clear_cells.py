@@ -103,8 +103,13 @@ class ClearCells:
             subpath += start
             # All facets of a site share its light subpaths, those of other sites have others.
             site = dr.minimum(subpath // self.strata // self.faces, self.sites - 1)
-            spot = (site * self.strata + subpath % self.strata) * lanes + lane
-            values = self._values(subpath, camera.of_lanes(lane), spots, spot)
+            # Strata of light subpaths divide directions and those of camera subpaths pixels: each
+            # pair of them must be as likely as any other, so one is turned against the other.
+            numbers = camera.of_lanes(lane)
+            first = subpath // self.strata * (self.strata * EVENTS)
+            turn = mi.UInt32(numbers.event(first + 1)[0] * self.strata)
+            spot = (site * self.strata + (subpath + turn) % self.strata) * lanes + lane
+            values = self._values(subpath, numbers, spots, spot)
             shape = (*kinds, here, self.strata, lanes)
             found[:, :, begin : begin + here] = np.array(values).reshape(shape).mean(axis=3)
         return [CellSplat(found.swapaxes(1, 2).reshape(self.bins, self.channels, lanes))]

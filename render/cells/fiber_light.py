@@ -19,6 +19,7 @@ import numpy as np
 from render.arrays import Array
 from render.geometry import fiber_poses
 from render.optics.lamp_profiles import LampProfiles
+from render.optics.pad_scene import scattering_medium
 from render.scene import Scene
 
 COSINE_MIN = 1e-4
@@ -58,8 +59,10 @@ class FiberLight:
         self.still = None if poses.turns.all() else mi.Bool(~poses.turns)
         # Cast into the silicone: segments begin and end around them.
         self.cast_in = mi.Bool(poses.inside) if poses.inside.any() else None
+        # A rim that neither scatters nor absorbs has no medium.
         in_layer = poses.inside & (poses.layer > 0.0)
-        self.in_layer = mi.Bool(in_layer) if in_layer.any() else None
+        scatters = scattering_medium(scene) is not None
+        self.in_layer = mi.Bool(in_layer) if scatters and in_layer.any() else None
         self.center = mi.TensorXf(poses.position.astype(np.float32)).array
         self.beam = mi.TensorXf(beams.astype(np.float32)).array
         dr.make_opaque(self.center, self.beam, self.radius, self.still, self.cast_in, self.in_layer)

@@ -17,7 +17,10 @@ MAX_SUBPATHS = 1 << 18
 
 
 def serves_all_lamps(scene: Scene, bend: float) -> bool:
-    """Return whether this pad is one: flat, clear, of smooth or painted faces; ``bend`` in rad."""
+    """Return whether this pad is one: flat, clear, of smooth or painted faces, lamps in the air.
+
+    ``bend`` in rad.
+    """
     layer = scene.diffuser
     clear = layer is None or layer.sigma_s + layer.sigma_a == 0.0
     smooth = all(finish.smooth or finish.paint is not None for finish in scene.finishes)

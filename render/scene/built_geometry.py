@@ -62,6 +62,19 @@ def listed_problems(lamps: tuple[ListedLamp, ...]) -> Iterator[str]:
             yield f"{key}: shines along z and cannot turn about it, leave out turns"
 
 
+def deep_row_problems(rows: tuple[Row, ...], lamps: tuple[PlacedLamp, ...]) -> Iterator[str]:
+    """Yield which rows are said to be cast in, by a gap below 0, and have lamps in the air."""
+    in_air = {lamp.key for lamp in lamps if lamp.solid is None}
+    for number, row in enumerate(rows):
+        key = f"rows.{number}"
+        if row.gap < 0.0 and key in in_air:
+            yield (
+                f"{key}.gap = {row.gap:g} mm is how deep its lamps are cast in, but at height = "
+                f"{row.height:g} mm they are in the air there, allowed: a depth and a height "
+                "within the silicone, or a gap of 0 or more"
+            )
+
+
 def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
     """Yield which lamps in the air are where none can be: partly in the silicone, or behind it."""
     for lamp in lamps:
@@ -145,8 +158,8 @@ def embedding_under_skin_problems(
             yield (
                 f"{_place(lamp)} is where the pyramid of site {site} is pressed in, "
                 f"{probe.depth:.3g} mm deep and {probe.radius:g} mm wide about "
-                f"({x[site]:g}, {y[site]:g}) mm, allowed: below or beside it; move the lamp or "
-                "the sites"
+                f"({round(x[site], 3) + 0.0:g}, {round(y[site], 3) + 0.0:g}) mm, allowed: below "
+                "or beside it; move the lamp or the sites"
             )
 
 

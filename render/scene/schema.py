@@ -18,6 +18,7 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from render.errors import SceneError
 from render.scene.built_geometry import (
+    deep_row_problems,
     embedding_problems,
     embedding_under_skin_problems,
     listed_problems,
@@ -220,6 +221,8 @@ class Scene(Part):
                     one.indenter,
                 )
             )
+            if not alone and name != REST:
+                alone += placement_problems(one.placed_lamps(), one.box)
             if not alone:
                 alone += one._embedding_problems()
             if name == REST or self.states is None:
@@ -286,6 +289,7 @@ class Scene(Part):
             yield from placement_problems(tuple(placed), self.box)
             refracts = self.window_refracts
             yield from embedding_problems(tuple(placed), self.box, refracts=refracts)
+            yield from deep_row_problems(self.rows or (), tuple(placed))
             yield from painted_lamp_problems(self.placed_lamps(), self.finishes)
         edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
         yield from self.baseline.problems(edges, len(listed), fibers is not None)

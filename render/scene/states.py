@@ -179,7 +179,7 @@ def state_problems(
             "states: the skin is flat, allowed: with a [skin]; the states of a slab are its "
             "bending.angles"
         )
-    if any(angles):
+    if skin is not None and any(angles):
         shown = ", ".join(f"{math.degrees(angle):g}" for angle in angles)
         yield f"states: bending.angles = {shown} deg, allowed beside states: 0 deg alone"
     names = [REST, *(state.name for state in states)]
@@ -213,7 +213,7 @@ def site_problems(sites: Sites, pad: Pad, clearance: float, name: str) -> Iterat
         )
     room = np.array([pad.width, pad.length]) / 2 - clearance - np.abs(places)
     for site in np.flatnonzero(room.min(axis=1) < 0)[:1]:
-        at = ", ".join(f"{value:.3g}" for value in places[site])
+        at = ", ".join(f"{round(value, 3) + 0.0:g}" for value in places[site])
         yield (
             f"states: in {name} site {site} is at ({at}) mm, where its pyramid leaves the pad, "
             "allowed: within it; move the sites"

@@ -19,6 +19,8 @@ from surrogate.training.evaluation import HeldOutEvaluation
 COVERAGE = 0.9
 NORMAL = 1.645
 """Normal errors of deviation 1 are within this as often as `COVERAGE` says."""
+REFUTED = 3.0
+"""Errors of so many times what noise and preview explain together refute the preview's interval."""
 NOISE_DRAWS = 16
 MIN_MODEL_FRACTION = 0.25
 """Least share of the mean square error of scores that is held against the model, not the noise."""
@@ -167,8 +169,11 @@ def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
         score_factor=_quantile(np.abs(comparison.score_error) / total),
         score_spread=comparison.score_spread,
     )
-    noise = NORMAL * float(np.sqrt(np.mean(comparison.score_noise**2)))
-    if known is None or noise < known:
+    noise = float(np.sqrt(np.mean(comparison.score_noise**2)))
+    seen = float(np.sqrt(np.mean(comparison.score_error**2)))
+    if known is None or NORMAL * noise < known:
+        return found
+    if seen > REFUTED * math.hypot(noise, known / NORMAL):
         return found
     return replace(found, score_factor=NORMAL, score_spread=known / NORMAL)
 

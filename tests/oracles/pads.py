@@ -293,6 +293,9 @@ CASES: dict[str, dict[str, Any]] = {
         "diffuser": RIM, "pad.roughness": (0.1,),
         "lamps": [listed(-11, 2, 1.5, 1, 0.2, 0.3), listed(5, 12.9, 2.2, 0.2, -1, 0, 3.0)],
     },
+    "cast into a clear rim": {
+        "diffuser": CLEAR_RIM, "lamps": [listed(-11, 2, 1.5, 1, 0.2, 0.3)],
+    },
     "row cast in": {"rows": [row("left", 2, gap=-1.0), row("tip", 2, gap=-0.7, turns=False)]},
     "cast in, black and mirror walls": {
         **CAST_IN,

@@ -108,3 +108,19 @@ def test_black_walls_send_nothing(mono: ModuleType, monkeypatch: pytest.MonkeyPa
     at = np.array(spots.p)[:, np.array(spots.others) > 0]
     assert at.shape[1] > 1000
     assert at[2].min() > 4.4
+
+
+def test_each_direction_is_seen_from_all_pixels_of_a_target(mono: ModuleType) -> None:
+    """Its cells do not depend on its place among the directions."""
+    scene = scene_of_case("narrow 3 deg")
+    phi = np.array([0.6, 1.2, 1.8, 2.4])
+    found = []
+    for seed, nodes in ((1, phi), (2, phi[::-1])):
+        sampler = pad_cells(scene, np.tile(nodes, (scene.lamp_count, 1)), 0.0, False)
+        run = MonteCarlo(sampler, 1024, REPLICATES, seed)
+        run.sample(2)
+        found.append(run.estimate())
+    one, other = found[0], found[1][..., ::-1]
+    bar = np.sqrt((one.var(axis=0, ddof=1) + other.var(axis=0, ddof=1)) / REPLICATES)
+    z = (one.mean(axis=0) - other.mean(axis=0)) / bar
+    assert np.sqrt((z**2).mean()) < 1.6

@@ -114,6 +114,28 @@ def test_short_chains_that_have_not_seen_the_rare_light_get_no_more_than_their_p
     assert bar < 0.1 * others.mean()
 
 
+@pytest.mark.usefixtures("small")
+def test_where_chains_are_carried_on_the_picture_is_that_of_bdpt(
+    mono: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from render.integrators.mixed_run import PILOT_MUTATIONS, MixedRun
+    from render.integrators.vertex_cache import SHARED_PATHS
+    from render.sampling.monte_carlo import monte_carlo_replicates
+
+    monkeypatch.setattr(MixedRun, "_chains_pay", lambda *_: True)
+    mixed, images = run(under_glass(mono), 16384)
+    assert mixed.chains is not None
+    assert mixed.chains.done > PILOT_MUTATIONS
+    truth = monte_carlo_replicates(
+        mixed.sampler.sharing(1 << 18, REPLICATES, SHARED_PATHS), lanes=1 << 18, passes=2,
+        replicates=REPLICATES, seed=7,
+    )  # fmt: skip
+    ours, others = (x.mean(axis=(1, 2)) for x in (images, truth))
+    bar = np.hypot(ours.std(ddof=1), others.std(ddof=1)) / np.sqrt(REPLICATES)
+    assert abs(ours.mean() - others.mean()) < 4 * bar
+    assert bar < 0.15 * others.mean()
+
+
 def test_an_inefficiency_grows_with_every_doubling_as_with_the_last_one() -> None:
     from render.integrators.mixed_run import final_inefficiency
 

@@ -80,6 +80,8 @@ def test_rows_are_cast_in_by_a_gap_below_0() -> None:
     np.testing.assert_allclose(poses.position[2:, 1], 11.3)
     assert poses.inside.all()
     assert "its end when it turns is less than" in refusal(rows=[row("left", 2, gap=-0.4)])
+    # Out of the silicone again, beyond the other edge.
+    assert "rows.0.gap = -60 mm is how deep" in refusal(rows=[row("left", 2, gap=-60.0)])
 
 
 def test_a_row_cast_into_a_diffuser_has_the_rest_of_it_before() -> None:

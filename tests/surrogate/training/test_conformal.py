@@ -131,3 +131,13 @@ def test_designs_of_few_scores_do_not_narrow_an_interval_below_what_noise_tells(
     # A few of the 2,000 errors of deviation 1 lie beyond 1.645 of it; of hardly a sensor most do.
     assert 0.87 < by_sensors.mean() < 0.93
     assert (by_sensors < 0.5).mean() < 0.02 < (by_designs < 0.5).mean()
+
+
+def test_renders_refute_the_interval_of_a_preview_that_is_far_off() -> None:
+    rng = np.random.default_rng(9)
+    noise = np.full(200, 2.0)
+    for off, refuted in ((0.0, False), (20.0, True)):
+        error = off + noise * rng.standard_normal(200)
+        found = Comparison(error, np.ones(200), noise, error, noise)
+        assert (conformal(found, 3.0) == conformal(found)) is refuted
+        assert conformal(found, 3.0).score >= (off if refuted else 3.0) - 1e-9
