@@ -11,6 +11,7 @@ import pytest
 
 from surrogate.runtime import Checker
 from surrogate.runtime.model_file import OUTPUTS
+from surrogate.training.conformal import NORMAL
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 FOLDERS = sorted(path.parent for path in MODELS.glob("*/checker.onnx"))
@@ -117,7 +118,11 @@ def test_intervals_hold_what_they_promise_on_cells_that_had_no_part_in_them(
     # Of lamps that cannot turn a few colorings differ, some five scores: too few for a coverage.
     turns = checker.metadata.renderer["phi_nodes"] > 1
     for kind in ("counts", "score") if turns else ("counts",):
-        assert 0.87 <= conformal["checked"][kind] <= 0.93
+        # Where the renders' noise hides the model's own error, the interval of scores is that of
+        # its preview, which other sensors calibrated: it may hold more of these designs.
+        of_preview = conformal["score"] == pytest.approx(NORMAL * conformal["score_spread"])
+        most = 1.0 if kind == "score" and of_preview else 0.93
+        assert 0.87 <= conformal["checked"][kind] <= most
 
 
 def test_held_out_errors_are_within_their_bounds(checker: Checker) -> None:
