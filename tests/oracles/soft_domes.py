@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 
 from render.arrays import Array
+from render.scene import Scene, load_scene
 from tests.oracles.skin_bodies import body_under
 
 SIDES, CROWN, RADIUS = (20.0, 24.0), 6.0, 40.0
@@ -66,6 +67,12 @@ def write_files(folder: Path, steps: int = STEPS) -> None:
     rest_body(steps).export(folder / "rest.stl")
     for name in MOVES:
         moved_body(name, steps).export(folder / f"{name}.stl")
+
+
+def written(folder: Path, text: str) -> Scene:
+    """Return the scene of ``text``, written beside its meshes."""
+    (folder / "scene.toml").write_text(text)
+    return load_scene(folder / "scene.toml")
 
 
 def scene_text_of(

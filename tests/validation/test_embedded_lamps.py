@@ -8,8 +8,6 @@ From the command line, with full effort:
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,12 @@ from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene
 from tests.oracles.mesh_cells import BentScene
 from tests.oracles.pads import CASES, scene_of_case
-from tests.validation.deviations import Deviation, deviation
+from tests.validation.deviations import (
+    Deviation,
+    assert_converged_is_near,
+    deviations_of_lamps,
+    print_deviations,
+)
 
 PHI = 1.2
 PHOTONS, ARRIVALS = (2_000_000, 6_000_000) if LONG else (300_000, 1_000_000)
@@ -47,14 +50,8 @@ def deviations(case: str, photons: int, arrivals: int) -> dict[str, list[Deviati
     pad = AnalogScene(scene) if planes else BentScene(scene, bend, True, 4000)
     lamps = range(scene.lamp_count)
     truth = [pad.cells(lamp, PHI, photons).replicates for lamp in lamps]
-    told = {}
-    for name, level in cells.items():
-        rows = [level[lamp].ravel() for lamp in lamps]
-        told[name] = [
-            deviation(row, rep)
-            for row, rep in zip([*rows, sum(rows)], [*truth, sum(truth)], strict=True)
-        ]
-    return told
+    levels = {name: [level[lamp] for lamp in lamps] for name, level in cells.items()}
+    return deviations_of_lamps(levels, truth)
 
 
 @pytest.mark.parametrize("case", WHOLE if LONG else FAST)
@@ -63,30 +60,8 @@ def test_previews_are_near_the_light_of_lamps_in_the_silicone(case: str) -> None
     drawn = told["as drawn"][-1]
     assert drawn.median < drawn.noise + DRAWN_BOUND
     if "converged" in told:
-        *lamps, together = told["converged"]
-        assert abs(together.ratio - 1.0) < 3.0 * together.error + 0.02
-        assert together.median < together.noise + 0.05
-        for lamp in lamps:
-            assert abs(lamp.ratio - 1.0) < 3.5 * lamp.error + 0.04
-
-
-def main() -> None:
-    """Print the deviations of the cases that are named, or of all."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(WHOLE))
-    parser.add_argument("--photons", type=int, default=PHOTONS)
-    parser.add_argument("--arrivals", type=int, default=ARRIVALS)
-    chosen = parser.parse_args()
-    for case in chosen.cases or WHOLE:
-        for name, rows in deviations(case, chosen.photons, chosen.arrivals).items():
-            for number, row in enumerate(rows):
-                which = "all" if number == len(rows) - 1 else f"lamp {number}"
-                print(
-                    f"{case:34s} {name:9s} {which:6s} ratio {row.ratio:.3f} +- {row.error:.3f}, "
-                    f"off by {row.median:.1%} (95 %: {row.p95:.1%}), noise {row.noise:.1%}",
-                    flush=True,
-                )
+        assert_converged_is_near(told["converged"])
 
 
 if __name__ == "__main__":
-    main()
+    print_deviations(WHOLE, deviations, PHOTONS, ARRIVALS)

@@ -6,7 +6,6 @@ From the command line, with full effort:
 
 from __future__ import annotations
 
-import argparse
 import tomllib
 from importlib import resources
 from typing import Any
@@ -21,7 +20,12 @@ from render.scene import Scene
 from tests.long import LONG
 from tests.oracles.mesh_cells import BentScene
 from tests.oracles.pads import scene_of_case
-from tests.validation.deviations import Deviation, deviation
+from tests.validation.deviations import (
+    Deviation,
+    assert_converged_is_near,
+    deviations_of_lamps,
+    print_deviations,
+)
 
 PHI = 1.2
 SCENES = resources.files("render") / "scenes"
@@ -71,42 +75,14 @@ def deviations(
     chosen = np.unique(np.linspace(0, scene.lamp_count - 1, lamps).astype(int))
     pad = BentScene(scene, 0.0, True, 4000)
     truth = [pad.cells(int(lamp), PHI, photons).replicates for lamp in chosen]
-    told = {}
-    for name, cells in (("converged", found), ("as drawn", drawn)):
-        rows = [cells[lamp].ravel() for lamp in chosen]
-        told[name] = [
-            deviation(row, rep)
-            for row, rep in zip([*rows, sum(rows)], [*truth, sum(truth)], strict=True)
-        ]
-    return told
+    levels = {"converged": list(found[chosen]), "as drawn": list(drawn[chosen])}
+    return deviations_of_lamps(levels, truth)
 
 
 @pytest.mark.parametrize("case", WHOLE if LONG else FAST)
 def test_converged_previews_are_right_through_a_window(case: str) -> None:
-    *lamps, together = deviations(case)["converged"]
-    assert abs(together.ratio - 1.0) < 3.0 * together.error + 0.02
-    assert together.median < together.noise + 0.05
-    for lamp in lamps:
-        assert abs(lamp.ratio - 1.0) < 3.5 * lamp.error + 0.04
-
-
-def main() -> None:
-    """Print the deviations of the cases that are named, or of all."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(WHOLE))
-    parser.add_argument("--photons", type=int, default=PHOTONS)
-    parser.add_argument("--arrivals", type=int, default=ARRIVALS)
-    chosen = parser.parse_args()
-    for case in chosen.cases or WHOLE:
-        for name, rows in deviations(case, chosen.photons, chosen.arrivals).items():
-            for number, row in enumerate(rows):
-                which = "all" if number == len(rows) - 1 else f"lamp {number}"
-                print(
-                    f"{case:34s} {name:9s} {which:6s} ratio {row.ratio:.3f} +- {row.error:.3f}, "
-                    f"off by {row.median:.1%} (95 %: {row.p95:.1%}), noise {row.noise:.1%}",
-                    flush=True,
-                )
+    assert_converged_is_near(deviations(case)["converged"])
 
 
 if __name__ == "__main__":
-    main()
+    print_deviations(WHOLE, deviations, PHOTONS, ARRIVALS)

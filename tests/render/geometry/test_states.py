@@ -21,7 +21,7 @@ from render.geometry import (
     is_mirror_symmetric,
 )
 from render.geometry.meshes import pad_meshes
-from render.scene import Scene, load_scene
+from render.scene import Scene
 from tests.oracles.soft_domes import (
     LOW,
     MOVES,
@@ -30,6 +30,7 @@ from tests.oracles.soft_domes import (
     round_scene_text,
     scene_text_of,
     write_files,
+    written,
 )
 
 CHORD = 3.5e-3
@@ -48,11 +49,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def scene(folder: Path) -> Scene:
     return written(folder, scene_text_of(*MOVES))
-
-
-def written(folder: Path, text: str) -> Scene:
-    (folder / "scene.toml").write_text(text)
-    return load_scene(folder / "scene.toml")
 
 
 def carried_by_triangles(name: str, folder: Path) -> np.ndarray:

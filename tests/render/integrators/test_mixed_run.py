@@ -37,6 +37,21 @@ def run(scene: Any, spp: int, seed: int = 1, chains: int = 4096) -> tuple[Any, n
     return mixed, mixed.sample()
 
 
+def assert_brightness_is_that_of_bdpt(mixed: Any, images: np.ndarray, most: float) -> None:
+    """Hold the mean to that of plain samples of another seed; its error is below ``most`` of it."""
+    from render.integrators.vertex_cache import SHARED_PATHS
+    from render.sampling.monte_carlo import monte_carlo_replicates
+
+    truth = monte_carlo_replicates(
+        mixed.sampler.sharing(1 << 18, REPLICATES, SHARED_PATHS), lanes=1 << 18, passes=2,
+        replicates=REPLICATES, seed=7,
+    )  # fmt: skip
+    ours, others = (x.mean(axis=(1, 2)) for x in (images, truth))
+    bar = np.hypot(ours.std(ddof=1), others.std(ddof=1)) / np.sqrt(REPLICATES)
+    assert abs(ours.mean() - others.mean()) < 4 * bar
+    assert bar < most * others.mean()
+
+
 def under_glass(mono: ModuleType) -> Any:
     """Return a floor under a smooth pane, lit by a small disk: only a lucky camera finds it."""
     transform = mono.ScalarTransform4f()
@@ -91,8 +106,6 @@ def test_short_chains_that_have_not_seen_the_rare_light_get_no_more_than_their_p
     mono: ModuleType,
 ) -> None:
     from render.integrators.mixed_run import PILOT_MUTATIONS
-    from render.integrators.vertex_cache import SHARED_PATHS
-    from render.sampling.monte_carlo import monte_carlo_replicates
 
     mixed, images = run(under_glass(mono), 16384)
     assert mixed.chains is not None
@@ -103,15 +116,7 @@ def test_short_chains_that_have_not_seen_the_rare_light_get_no_more_than_their_p
     assert whole * mixed._chain_work() < 0.5 * plain * mixed.plain_samples()
     assert mixed.chains.done == PILOT_MUTATIONS
     np.testing.assert_array_equal(images, mixed.plain.estimate())
-
-    truth = monte_carlo_replicates(
-        mixed.sampler.sharing(1 << 18, REPLICATES, SHARED_PATHS), lanes=1 << 18, passes=2,
-        replicates=REPLICATES, seed=7,
-    )  # fmt: skip
-    ours, others = (x.mean(axis=(1, 2)) for x in (images, truth))
-    bar = np.hypot(ours.std(ddof=1), others.std(ddof=1)) / np.sqrt(REPLICATES)
-    assert abs(ours.mean() - others.mean()) < 4 * bar
-    assert bar < 0.1 * others.mean()
+    assert_brightness_is_that_of_bdpt(mixed, images, 0.1)
 
 
 @pytest.mark.usefixtures("small")
@@ -119,21 +124,12 @@ def test_where_chains_are_carried_on_the_picture_is_that_of_bdpt(
     mono: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from render.integrators.mixed_run import PILOT_MUTATIONS, MixedRun
-    from render.integrators.vertex_cache import SHARED_PATHS
-    from render.sampling.monte_carlo import monte_carlo_replicates
 
     monkeypatch.setattr(MixedRun, "_chains_pay", lambda *_: True)
     mixed, images = run(under_glass(mono), 16384)
     assert mixed.chains is not None
     assert mixed.chains.done > PILOT_MUTATIONS
-    truth = monte_carlo_replicates(
-        mixed.sampler.sharing(1 << 18, REPLICATES, SHARED_PATHS), lanes=1 << 18, passes=2,
-        replicates=REPLICATES, seed=7,
-    )  # fmt: skip
-    ours, others = (x.mean(axis=(1, 2)) for x in (images, truth))
-    bar = np.hypot(ours.std(ddof=1), others.std(ddof=1)) / np.sqrt(REPLICATES)
-    assert abs(ours.mean() - others.mean()) < 4 * bar
-    assert bar < 0.15 * others.mean()
+    assert_brightness_is_that_of_bdpt(mixed, images, 0.15)
 
 
 def test_an_inefficiency_grows_with_every_doubling_as_with_the_last_one() -> None:

@@ -18,8 +18,8 @@ from render.geometry import (
 )
 from render.geometry.visibility import first_facet
 from render.preview import Preview
-from render.scene import Scene, load_scene
-from tests.oracles.soft_domes import CROWN, LOW, scene_text_of, write_files
+from render.scene import Scene
+from tests.oracles.soft_domes import CROWN, LOW, scene_text_of, write_files, written
 
 AHEAD = np.array([np.pi / 2])
 PHI, POWER = np.full(6, np.pi / 2), np.eye(3)[[0, 0, 1, 1, 2, 2]]
@@ -31,11 +31,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dome")
     write_files(folder)
     return folder
-
-
-def written(folder: Path, text: str) -> Scene:
-    (folder / "scene.toml").write_text(text)
-    return load_scene(folder / "scene.toml")
 
 
 @pytest.fixture(scope="module")

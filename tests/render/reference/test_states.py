@@ -12,8 +12,8 @@ from render.geometry import ball
 from render.reference import render_image, render_transport
 from render.reference.job import RenderJob
 from render.reference.transport import transport_jobs
-from render.scene import Scene, load_scene
-from tests.oracles.soft_domes import CROWN, LOW, scene_text_of, write_files
+from render.scene import Scene
+from tests.oracles.soft_domes import CROWN, LOW, scene_text_of, write_files, written
 
 AHEAD = np.array([np.pi / 2])
 
@@ -23,11 +23,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dome")
     write_files(folder)
     return folder
-
-
-def written(folder: Path, text: str) -> Scene:
-    (folder / "scene.toml").write_text(text)
-    return load_scene(folder / "scene.toml")
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,6 @@ import trimesh
 from render.describe import describe
 from render.errors import SceneError
 from render.scene import (
-    Scene,
-    load_scene,
     scene_content,
     scene_of,
     scene_text,
@@ -31,6 +29,7 @@ from tests.oracles.soft_domes import (
     round_scene_text,
     scene_text_of,
     write_files,
+    written,
 )
 
 
@@ -39,11 +38,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dome")
     write_files(folder, steps=16)
     return folder
-
-
-def written(folder: Path, text: str) -> Scene:
-    (folder / "scene.toml").write_text(text)
-    return load_scene(folder / "scene.toml")
 
 
 def refusal(folder: Path, text: str) -> str:
