@@ -6,11 +6,11 @@ Lengths are mm, angles radians and coefficients 1/mm, all float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
@@ -32,6 +32,21 @@ def _known_color(value: str, info: ValidationInfo) -> str:
 
 
 KnownColor = Annotated[str, AfterValidator(_known_color)]
+
+
+def _edge_colors(value: Any, info: ValidationInfo) -> str | tuple[str, ...]:
+    """Return the color of all lamps on an edge, or one for each of them."""
+    alone = isinstance(value, str)
+    if not alone and not (isinstance(value, list | tuple) and all(type(c) is str for c in value)):
+        raise PydanticCustomError(
+            "edge_colors", "allowed: a color, or a list of one for each lamp of the edge"
+        )
+    for color in [value] if alone else value:
+        _known_color(color, info)
+    return value if alone else tuple(value)
+
+
+EdgeColors = Annotated[str | tuple[str, ...], BeforeValidator(_edge_colors)]
 
 
 ROUNDING = 1e-9
@@ -261,25 +276,33 @@ class Indenter(Part):
 
 
 class Baseline(Part):
-    """The color of every edge in the design that others are compared with (thesis 5.1).
+    """The colors of the design that others are compared with (thesis 5.1).
 
-    ``lamps`` are the colors of listed lamps, one by one.
+    An edge has one color, or a list of one for each of its lamps, in the order of their numbers:
+    ``left`` from base to tip, ``tip`` from left to right, ``right`` from tip to base, ``base`` from
+    right to left. ``lamps`` are the colors of listed lamps, one by one.
     """
 
-    left: KnownColor | None = None
-    tip: KnownColor | None = None
-    right: KnownColor | None = None
-    base: KnownColor | None = since_schema_2()
+    left: EdgeColors | None = None
+    tip: EdgeColors | None = None
+    right: EdgeColors | None = None
+    base: EdgeColors | None = since_schema_2()
     lamps: Annotated[tuple[KnownColor, ...], Field(strict=False)] | None = since_schema_2()
 
-    def problems(self, edges: set[str], listed: int, every_edge: bool) -> Iterator[str]:
-        """Yield what is missing or too much for rows on ``edges`` and ``listed`` lamps."""
-        needed = edges | {"left", "tip", "right"} if every_edge else edges
+    def problems(self, lit: Mapping[str, int], listed: int, every_edge: bool) -> Iterator[str]:
+        """Yield what is missing or too much for lamps on ``lit`` edges and ``listed`` ones."""
+        needed = {*lit, "left", "tip", "right"} if every_edge else {*lit}
         for edge in EDGES:
-            if edge in needed and getattr(self, edge) is None:
+            colors, count = getattr(self, edge), lit.get(edge, 0)
+            if edge in needed and colors is None:
                 yield f"missing key baseline.{edge}"
-            elif edge not in needed and getattr(self, edge) is not None:
+            elif edge not in needed and colors is not None:
                 yield f"baseline.{edge}: no row of lamps is on that edge, leave it out"
+            elif isinstance(colors, tuple) and len(colors) != count:
+                yield (
+                    f"baseline.{edge} names {len(colors)} colors, allowed: {count}, one for each "
+                    "lamp of the edge, or one color alone"
+                )
         if len(self.lamps or ()) != listed:
             yield (
                 f"baseline.lamps names {len(self.lamps or ())} colors, allowed: {listed}, one for "

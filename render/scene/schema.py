@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -291,8 +292,10 @@ class Scene(Part):
             yield from embedding_problems(tuple(placed), self.box, refracts=refracts)
             yield from deep_row_problems(self.rows or (), tuple(placed))
             yield from painted_lamp_problems(self.placed_lamps(), self.finishes)
-        edges: set[str] = {row.edge for row in self.lamp_rows if row.size}
-        yield from self.baseline.problems(edges, len(listed), fibers is not None)
+        lit = Counter[str]()
+        for row in self.lamp_rows:
+            lit[row.edge] += row.size
+        yield from self.baseline.problems(+lit, len(listed), fibers is not None)
 
     def _fiber_problems(self, fibers: Fibers) -> Iterator[str]:
         if fibers.height > self.pad.thickness:
@@ -356,11 +359,13 @@ class Scene(Part):
 
     def baseline_colors(self) -> tuple[str, ...]:
         """Return the color of each lamp in the design that others are compared with."""
-        listed = iter(self.baseline.lamps or ())
-        return tuple(
-            getattr(self.baseline, lamp.edge) if lamp.edge else next(listed)
-            for lamp in self.placed_lamps()
-        )
+        named: dict[str | None, Iterator[str]] = {None: iter(self.baseline.lamps or ())}
+        for edge in EDGES:
+            colors = getattr(self.baseline, edge)
+            named[edge] = (
+                itertools.repeat(colors) if isinstance(colors, str) else iter(colors or ())
+            )
+        return tuple(next(named[lamp.edge]) for lamp in self.placed_lamps())
 
     def with_sigma_v(self, factor: float) -> Scene:
         """Return the scene with every Gaussian profile ``factor`` times as wide."""

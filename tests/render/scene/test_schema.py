@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from render.errors import SceneError
 from render.scene import load_scene, shipped_scenes, sources
+from render.scene.serialization import scene_content, scene_of
 
 TEXT = (Path(__file__).parents[3] / "render" / "scenes" / "finger20.toml").read_text()
 SCENE = load_scene("finger20")
@@ -111,6 +112,23 @@ def test_several_problems_are_told_at_once(tmp_path: Path) -> None:
     for key in ("pad.width = -18.0", "fibers.tip = 4.5", "baseline.left = purple", "schema = 3"):
         assert key in text
     assert "unknown key sites.depth" in text
+
+
+def test_an_edge_of_the_baseline_may_have_a_color_for_each_of_its_lamps(tmp_path: Path) -> None:
+    mixed = ["red", "green", "green", "blue"]
+    scene = load_scene(write(tmp_path, ('tip = "blue"', f"tip = {mixed}")))
+    assert scene.baseline_colors() == ("red",) * 8 + tuple(mixed) + ("green",) * 8
+    assert scene_of(scene_content(scene)).baseline_colors() == scene.baseline_colors()
+
+
+def test_colors_of_a_baseline_are_of_the_palette_and_as_many_as_lamps(tmp_path: Path) -> None:
+    for wrong, sentence in {
+        '["red", "green", "blue"]': "baseline.tip names 3 colors, allowed: 4, one for each lamp",
+        '["red", "pink", "red", "red"]': "baseline.tip = ['red', 'pink', 'red', 'red']: allowed: ",
+        '["red", "red", "red", 3]': "allowed: a color, or a list of one for each lamp of the edge",
+        "[]": "baseline.tip names 0 colors, allowed: 4",
+    }.items():
+        assert sentence in refusal(tmp_path, ('tip = "blue"', f"tip = {wrong}"))
 
 
 def test_the_error_names_field_value_and_allowed_range(tmp_path: Path) -> None:
