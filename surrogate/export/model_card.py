@@ -210,8 +210,8 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             f"{_held_out(fit, metadata)} The reference's own noise is part of all numbers but one: "
             "with noise of this size in both, even the reference rendered again would show the "
-            "first row. Colors: length of the difference over length of the reference's color. Scores "
-            "in counts.",
+            "first row. Colors: length of the difference over length of the reference's color. "
+            "Scores in counts.",
             "",
             *_table(fit.levels),
             "",
