@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.chebyshev import interpolation_weights
-from render.errors import SceneError, TableError
+from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS, superposed
 from render.preview.converged import can_converge
@@ -133,16 +133,8 @@ def train(
         TableError: a table that does not fit the scene.
         RenderError, CompilerError, GraphicsError: from the renderers.
         ModelError: ``out`` holds files that are no model.
-        SceneError: the scene has states and lamps that turn.
     """
     config = config or TrainConfig()
-    if scene.states is not None and any(scene.turning):
-        raise SceneError(
-            f"{scene.name} has states, and {sum(scene.turning)} of its lamps turn, allowed in a "
-            "model of several states: lamps that do not (turns = false); `tactilux explore` and "
-            "`tactilux score` answer on the preview as drawn without a model",
-            field="states",
-        )
     run = run or out.parent / f"{out.name}-training"
     if table is not None:
         _check(scene, table)
@@ -300,7 +292,7 @@ def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost
         directions=directions,
         rows=directions * bends * fibers * copies * len(counted_sites(scene)),
         normals=scene.indenter.faces + 1,
-        splits=2 + (bends > 2),
+        splits=2 + (bends > 2 and scene.states is None),
         members=config.fit.members,
         network=network,
     )

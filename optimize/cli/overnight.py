@@ -50,19 +50,11 @@ def run(
     from optimize.overnight.job import overnight
     from optimize.overnight.run_directory import check_run_directory
     from optimize.ui.process import Stopped
-    from render.errors import SceneError
     from render.reference import ensure_llvm
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        if scene.states is not None:
-            raise SceneError(
-                f"{scene.name} has the states {', '.join(scene.state_names)}, allowed in a night: "
-                "a scene without states; `tactilux explore` and `tactilux optimize` serve all of "
-                "them",
-                field="states",
-            )
         target = out or Path("runs") / f"{scene.name}-overnight"
         check_run_directory(target)
         if dask is None:

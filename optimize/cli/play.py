@@ -27,7 +27,7 @@ def run(
 ) -> None:
     """Make a page on which to move lamps and see what changes."""
     from optimize.design import load_layout
-    from optimize.play import PlayPage, check_playable, write_play
+    from optimize.play import PlayPage, write_play
     from optimize.scoring import open_model
     from optimize.ui.output import check_file
     from render.scene import load_scene
@@ -38,7 +38,6 @@ def run(
             sensor, start = load_layout(Path(what), scene)
         else:
             sensor = load_scene(scene or what)
-        check_playable(sensor)
         path = out or Path(f"{sensor.name}-play.html")
         check_file(path, (".html", ".htm"))
         checker = open_model(sensor, model, coarse=coarse)

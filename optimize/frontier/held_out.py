@@ -61,7 +61,7 @@ class HeldOutDesigns:
 
     @property
     def bends(self) -> Array:
-        """The scene's bends in rad."""
+        """The scene's bends in rad, or the numbers of its states."""
         return np.array(self.scene.state_axis)
 
     @property

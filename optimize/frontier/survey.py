@@ -147,11 +147,6 @@ def surveyed_scenes(names: Sequence[str]) -> dict[str, Scene]:
             except SceneError as error:
                 problems.append(str(error))
                 continue
-            if scene.states is not None:
-                problems.append(
-                    f"{file} has the states {', '.join(scene.state_names)}, allowed in a frontier: "
-                    "scenes without states; `tactilux verify` compares designs over all of them"
-                )
             if scene.name in found:
                 problems.append(
                     f"{file} is a second scene of the name {scene.name}, allowed: one of each; "

@@ -36,7 +36,7 @@ def conclude(
     winner = evaluation.best("winner")
     replicates = len(evaluation.renders.replicates)
     verdict = [
-        *outcome(finalists, winner, replicates),
+        *outcome(context.scene, finalists, winner, replicates),
         *(
             evaluation.comparison(other, winner)
             for other in ("winner", "runner-up", "thesis", "colors")
@@ -90,7 +90,7 @@ def _finalist(
     )
 
 
-def outcome(finalists: Sequence[Finalist], winner: str, replicates: int) -> list[str]:
+def outcome(scene: Scene, finalists: Sequence[Finalist], winner: str, replicates: int) -> list[str]:
     """Return how much better the design is that is handed over, and what that is made of."""
     entries = {entry.key: entry for entry in finalists}
     first, last, colors = entries["baseline"], entries[winner], entries.get("colors")
@@ -118,7 +118,8 @@ def outcome(finalists: Sequence[Finalist], winner: str, replicates: int) -> list
             f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
         )
     before, after = first.rating, last.rating
-    over_bends = f" and over bends from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
+    axis = "bends" if scene.states is None else "states"
+    over_bends = f" and over {axis} from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
     over_bends = over_bends if len(last.metric) > 1 else ""
     sentences.append(
         f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "

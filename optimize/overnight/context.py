@@ -93,7 +93,7 @@ class RunContext:
 
     @property
     def bends(self) -> Array:
-        """The scene's bends in rad."""
+        """The scene's bends in rad, or the numbers of its states."""
         return np.array(self.scene.state_axis)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -25,6 +26,7 @@ from render.geometry import (
     flat_fiber_poses,
     flat_sites,
     half_view,
+    in_state,
     pyramids,
     straight_edge,
 )
@@ -59,9 +61,14 @@ def packed(tables: Mapping[str, Array]) -> tuple[str, dict[str, dict[str, float]
 
 
 def sensor_facts(scene: Scene) -> dict[str, Any]:
-    """Return where everything is, in mm and rad: what the page draws and what its limits are."""
-    bond, counted = bond_of(scene), counted_sites(scene)
-    scene = with_bonded_window(scene)
+    """Return where everything is, in mm and rad: what the page draws and what its limits are.
+
+    Named states share all of it but ``skins``, one for each, and none of them is bent.
+    """
+    bond, counted, axis = bond_of(scene), counted_sites(scene), _axis(scene)
+    sensors = [in_state(scene, state) for state in scene.state_axis]
+    skins = [with_bonded_window(one) for one, _ in sensors]
+    scene = skins[0]
     poses = flat_fiber_poses(scene)
     fibers = [
         {
@@ -83,7 +90,6 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
         "pad": {
             "width": pad.width,
             "length": pad.length,
-            "thickness": pad.thickness,
             "index": pad.index,
             "rims": list(scene.box.rims),
             "bond": bond._asdict() if bond else None,
@@ -107,18 +113,32 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
             "axes": [(-right).tolist(), (-down).tolist(), ahead.tolist()],
             "pivot": camera.pivot,
         },
-        "bends": list(scene.state_axis),
+        "axis": axis,
+        "bends": [bend for _, bend in sensors],
         "limits": _limits(limits_of(scene)),
         "touches": list(_touches(scene)),
         "shadow": SHADOW_LENGTH,
-        "surface": None if scene.skin is None else _surface(scene),
+        "skins": [_skin(one) for one in (skins if axis["word"] == "state" else skins[:1])],
     }
 
 
-def _surface(scene: Scene) -> dict[str, Any]:
-    """Return a skin that is not flat: normals into the pad and heights (mm) on an even grid."""
-    texels = skin_surface(scene, SURFACE_STEPS)
-    return {"steps": SURFACE_STEPS, "texels": texels.round(5).ravel().tolist()}
+def _axis(scene: Scene) -> dict[str, Any]:
+    """Return what the axis of bends or named states is called, and its values for people."""
+    if scene.states is not None:
+        return {"word": "state", "titles": list(scene.state_names)}
+    return {"word": "bend", "titles": [f"{round(math.degrees(a))}°" for a in scene.state_axis]}
+
+
+def _skin(scene: Scene) -> dict[str, Any]:
+    """Return the height of the skin's crown, mm, and its surface where it is not flat.
+
+    That is normals into the pad and heights (mm) on an even grid.
+    """
+    surface = None
+    if scene.skin is not None:
+        texels = skin_surface(scene, SURFACE_STEPS)
+        surface = {"steps": SURFACE_STEPS, "texels": texels.round(5).ravel().tolist()}
+    return {"thickness": scene.pad.thickness, "surface": surface}
 
 
 def palette_facts(palette: Palette) -> dict[str, Any]:
@@ -149,7 +169,7 @@ def large_pyramid(scene: Scene) -> Imprint:
     return pyramids(
         scene.model_copy(
             update={
-                "sites": scene.sites.model_copy(update={"columns": 1, "rows": 1}),
+                "sites": scene.sites.model_copy(update={"columns": 1, "rows": 1, "carried": None}),
                 "indenter": scene.indenter.model_copy(update={"radius": min(depth / unit, room)}),
             }
         )

@@ -36,6 +36,7 @@ from optimize.ui.output import write_result
 from optimize.ui.provenance import package_versions
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
+from render.geometry import in_state
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
@@ -116,7 +117,7 @@ class PlayPage:
         if len(html.encode()) >= MAX_BYTES:
             raise TableError(
                 f"the page would have {len(html.encode()) / 1e6:.1f} MB, allowed: below "
-                f"{MAX_BYTES / 1e6:g} MB; a scene with fewer sites, facets or bends fits",
+                f"{MAX_BYTES / 1e6:g} MB; a scene with fewer sites, facets, bends or states fits",
                 field="page",
             )
         return html
@@ -165,6 +166,7 @@ class PlayPage:
             baseline_score=scores[0],
             optimum_score=scores[1],
             facets=scorer.facets,
+            word=facts["axis"]["word"],
             turns=any(lamp.turns for lamp in self.scene.placed_lamps()),
             letters=", ".join(facts["palette"]["letters"]),
             colors=", ".join(facts["palette"]["names"]),
@@ -183,28 +185,12 @@ class PlayPage:
         )
 
 
-def check_playable(scene: Scene) -> None:
-    """Refuse a scene with named states: a page draws one skin, bent or not.
-
-    Raises:
-        TableError: it has some.
-    """
-    if scene.states is not None:
-        raise TableError(
-            f"{scene.name} has the states {', '.join(scene.state_names)}, and a page draws one "
-            "skin, allowed: a scene without states; `tactilux explore` and `tactilux render "
-            "--state` serve all of them",
-            field="states",
-        )
-
-
 def write_play(path: Path, page: PlayPage) -> None:
     """Write the page to ``path``.
 
     Raises:
-        TableError: the scene has named states, or its table is too large for a page.
+        TableError: its table is too large for a page.
     """
-    check_playable(page.scene)
     write_result(path, page.html().encode())
 
 
@@ -231,17 +217,42 @@ def by_color(values: Array, table: TransportTable) -> Array:
 def skin_light(scene: Scene, phi: Array) -> Array:
     """Return the preview's irradiance on the untouched coating, see `Preview.skin`.
 
-    Where albedos differ by channel it is that on a coating of the brightest that looks the same.
+    That of named states is on the same grid of the pad, through which the skin moves. Where albedos
+    differ by channel it is that on a coating of the brightest that looks the same.
     """
     from render.preview import Preview
 
-    with Preview(scene, imprint=large_pyramid(scene)) as preview:
-        light = preview.skin(phi, np.array(scene.state_axis))
+    # The preview of one sensor draws all bends, and that of each state its own.
+    sensors: dict[Scene, list[float]] = {}
+    for state in scene.state_axis:
+        one, bend = in_state(scene, state)
+        sensors.setdefault(one, []).append(bend)
+    drawn = []
+    for one, bends in sensors.items():
+        with Preview(one, imprint=large_pyramid(one)) as preview:
+            drawn.append(preview.skin(phi, np.array(bends)))
+    # Patches are as large as the crown is high: all states are shown on the finest of their grids.
+    finest = tuple(max(part.shape[axis] for part in drawn) for axis in (3, 4))
+    light = np.concatenate([_resampled(part, finest) for part in drawn], axis=2)
     if not scene.by_channel:
         return light
     each = np.array([one.coating.reflectance for one in scene.one_albedo_scenes])
     reflected = each[list(scene.albedo_of_channel)]
     return np.asarray(light * reflected / reflected.max())
+
+
+def _resampled(light: Array, shape: tuple[int, ...]) -> Array:
+    """Return ``(fiber, node, bend, row, column, ...)`` with ``shape`` rows and columns.
+
+    Linear between the middles of cells, and constant beyond the outer ones, as the page draws it.
+    """
+    if light.shape[3:5] == shape:
+        return light
+    along = []
+    for old, new in zip(light.shape[3:5], shape, strict=True):
+        at, to = ((np.arange(count) + 0.5) / count for count in (old, new))
+        along.append(np.stack([np.interp(to, at, one) for one in np.eye(old)], axis=-1))
+    return np.asarray(np.einsum("ar,bc,fnkrc...->fnkab...", *along, light))
 
 
 def page_error(checker: Checker, scorer: TableScorer) -> float:

@@ -153,15 +153,9 @@ def open_model(
         with ProgressBar("Making the preview") as bar:
             checker = preview_checker(scene, bar, coarse=coarse)
         if not coarse:
-            stuck = scene.states is not None and any(scene.turning)
             note(
                 f"There is no model for scene {scene.name}, hash {scene.hash}: this is level 0, "
-                f"the {checker.level} alone; "
-                + (
-                    "states with lamps that turn have none"
-                    if stuck
-                    else "tactilux train makes a model"
-                )
+                f"the {checker.level} alone; tactilux train makes a model"
             )
         return checker
     checker = Checker.for_scene(folder, scene, threads=threads)

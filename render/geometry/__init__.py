@@ -51,6 +51,7 @@ from render.geometry.symmetry import (
     camera_is_symmetric,
     is_mirror_symmetric,
     mirror_image,
+    states_are_symmetric,
     with_mirror_images,
 )
 from render.geometry.visibility import FacetMasks, facet_masks

@@ -50,6 +50,14 @@ def skin_is_symmetric(scene: Scene) -> bool:
     return bool(np.allclose(heights, heights[:, ::-1], atol=1e-9))
 
 
+def states_are_symmetric(scene: Scene) -> bool:
+    """Return whether the mirror maps skin and sites onto themselves in every named state."""
+    if scene.states is None:
+        return True
+    sensors = [in_state(scene, state)[0] for state in scene.state_axis]
+    return all(skin_is_symmetric(one) and _sites_are_symmetric(one) for one in sensors)
+
+
 def _twins(scene: Scene) -> MirrorTwins | None:
     if scene.states is not None:
         each = [_twins(in_state(scene, state)[0]) for state in scene.state_axis]

@@ -119,6 +119,15 @@ def _unreadable(origin: str, error: Exception) -> SceneError:
     return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
 
 
+def _in_words(pattern: str) -> str:
+    """Return what a pattern of a scene's texts allows, for people."""
+    if pattern.startswith("^#"):
+        return "# and six digits 0-9 or a-f"
+    start = "a letter or a digit" if pattern.startswith("^[a-z0-9]") else "a letter"
+    most = 1 + int(pattern.rpartition(",")[2].removesuffix("}$"))
+    return f"1 to {most} of a-z, 0-9, _ and -, the first {start}"
+
+
 def _sentence(problem: Any) -> str:
     """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
     key = ".".join(str(part) for part in problem["loc"])
@@ -134,6 +143,8 @@ def _sentence(problem: Any) -> str:
     if isinstance(value, dict) and "value" in value:
         unit = f" {value['unit']}" if "unit" in value else ""
         value = f"{value['value']}{unit}"
+    if kind == "string_pattern_mismatch":
+        return f"{key} = {value}, allowed: {_in_words(problem['ctx']['pattern'])}"
     return f"{key} = {value}: {message}"
 
 

@@ -163,7 +163,7 @@ class Scene(Part):
                 f"allowed: at most {self.pad.width / 2:g} x {self.pad.length / 2:g} mm"
             )
         if self.states is not None:
-            problems += state_problems(self.states, self.skin, angles)
+            problems += state_problems(self.states, self.skin, self.pad, angles)
         if not problems and self.skin is not None:
             problems += self._skin_problems()
         elif not problems:

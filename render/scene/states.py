@@ -169,7 +169,7 @@ class State(Part):
 
 
 def state_problems(
-    states: tuple[State, ...], skin: Skin | None, angles: tuple[float, ...]
+    states: tuple[State, ...], skin: Skin | None, pad: Pad, angles: tuple[float, ...]
 ) -> Iterator[str]:
     """Yield what is wrong with the list of states, whatever their shapes, one sentence each."""
     if not states:
@@ -198,6 +198,39 @@ def state_problems(
                     yield f"{key}.{name}: a mesh has its own, leave it out"
         elif state.radius is None:
             yield f"missing key {key}.radius"
+    if skin is not None:
+        yield from _equal_shapes(states, skin, pad)
+
+
+def _equal_shapes(states: tuple[State, ...], skin: Skin, pad: Pad) -> Iterator[str]:
+    """Yield which states are one shape under two names: it would count twice in every score."""
+    shapes: dict[Any, list[str]] = {}
+    for name, state in [(REST, None), *((state.name, state) for state in states)]:
+        shape = _shape_at_rest(skin, pad) if state is None else _shape_of(state, pad)
+        if shape is not None:
+            shapes.setdefault(shape, []).append(name)
+    for names in shapes.values():
+        if len(names) > 1:
+            yield (
+                f"states: {' and '.join(names)} have one shape, allowed: distinct shapes, since "
+                "each counts in the score; leave one out"
+            )
+
+
+def _shape_at_rest(skin: Skin, pad: Pad) -> Any:
+    """Return what the shape at rest is equal by, in the form of `_shape_of`."""
+    if skin.mesh is None:
+        return skin.radius, pad.thickness
+    still = (0.0,) * len(skin.mesh.heights)
+    return skin.mesh.sides, skin.mesh.heights, 0.0, still, still
+
+
+def _shape_of(state: State, pad: Pad) -> Any:
+    """Return what the shape of a state is equal by; None where it names none."""
+    mesh = state.mesh
+    if mesh is not None:
+        return mesh.sides, mesh.heights, mesh.lift, mesh.across, mesh.along
+    return None if state.radius is None else (state.radius, state.thickness or pad.thickness)
 
 
 def site_problems(sites: Sites, pad: Pad, clearance: float, name: str) -> Iterator[str]:

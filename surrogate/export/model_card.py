@@ -208,14 +208,14 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             "## Errors on held-out designs",
             "",
-            f"{_held_out(fit)} The reference's own noise is part of all numbers but one: with "
-            "noise of this size in both, even the reference rendered again would show the first "
-            "row. Colors: length of the difference over length of the reference's color. Scores "
-            "in counts.",
+            f"{_held_out(fit, metadata)} The reference's own noise is part of all numbers but one: "
+            "with noise of this size in both, even the reference rendered again would show the "
+            "first row. Colors: length of the difference over length of the reference's color. "
+            "Scores in counts.",
             "",
             *_table(fit.levels),
             "",
-            *_splits(fit),
+            *_splits(fit, metadata),
             "## Intervals",
             "",
             "For the reference without its noise; compared with a render, the render's own error "
@@ -254,7 +254,7 @@ def _made_of(fit: Fit) -> str:
     return "the preview and a residual that was learned from renders"
 
 
-def _held_out(fit: Fit) -> str:
+def _held_out(fit: Fit, metadata: ModelMetadata) -> str:
     if fit.by_paths:
         return (
             "No lamp of this sensor turns, and it does not bend: a design superposes cells that "
@@ -264,15 +264,17 @@ def _held_out(fit: Fit) -> str:
         )
     return (
         "Every cell of these random designs was predicted by a member that did not see its fiber "
-        "position, direction and bend together."
+        f"position, direction and {'state' if metadata.states else 'bend'} together."
     )
 
 
-def _splits(fit: Fit) -> list[str]:
+def _splits(fit: Fit, metadata: ModelMetadata) -> list[str]:
     if not fit.splits:
         return []
+    # A named state is no value between others: none is left out.
+    parts = "positions or directions" if metadata.states else "positions, directions or bends"
     return [
-        "The same with whole fiber positions, directions or bends left out (fitted with half the "
+        f"The same with whole fiber {parts} left out (fitted with half the "
         "steps and a third of the data missing):",
         "",
         *_table(fit.splits),

@@ -24,7 +24,12 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry import camera_is_symmetric, facet_normals, flat_sites
+from render.geometry import (
+    camera_is_symmetric,
+    facet_normals,
+    flat_sites,
+    states_are_symmetric,
+)
 from render.scene import Scene
 from surrogate.model.lamp_copies import copied_poses
 
@@ -54,10 +59,12 @@ def facet_harmonics(scene: Scene) -> Array:
 def mirror_signs(scene: Scene) -> Array:
     """Return -1 for the fibers that stand at x > 0 and are seen in the mirror, else 1.
 
-    All are 1 where the camera stands or looks askew: the light that it sees has no mirror image.
+    All are 1 where the camera stands or looks askew, or a state moves the skin to one side: the
+    light that it sees has no mirror image.
     """
     mirrored = copied_poses(scene).position[:, 0] > 1e-9
-    return np.where(mirrored & camera_is_symmetric(scene), -1.0, 1.0)
+    symmetric = camera_is_symmetric(scene) and states_are_symmetric(scene)
+    return np.where(mirrored & symmetric, -1.0, 1.0)
 
 
 def turning(scene: Scene) -> tuple[Array, Array]:

@@ -47,11 +47,25 @@ FEATURE_NAMES = (
     "second harmonic of the log preview, cosine",
     "second harmonic of the log preview, sine",
 )
+BEND = FEATURE_NAMES.index("bend")
 BRIGHTNESS = FEATURE_NAMES.index("log preview of the untouched pad")
 
 
+def feature_names(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the inputs of a scene's cells, without those of a free material.
+
+    Named states have no order: instead of the bend there is one input for every state but the
+    rest, 1 in that state and 0 in all others. The first takes the place of the bend, the others
+    are the last.
+    """
+    if scene.states is None:
+        return FEATURE_NAMES
+    first, *others = (f"in state {name}" for name in scene.state_names[1:])
+    return (*FEATURE_NAMES[:BEND], first, *FEATURE_NAMES[BEND + 1 :], *others)
+
+
 class CellFeatures(nn.Module):
-    """Inputs of the residual, ``(20, batch, fiber, bend, site)``, in the order of FEATURE_NAMES.
+    """Inputs of the residual, ``(20, batch, fiber, bend, site)``, in the order of `feature_names`.
 
     A free material adds its quantities, in [-1, 1], at the end.
 
@@ -101,6 +115,7 @@ class CellFeatures(nn.Module):
         same, other = (np.moveaxis(part[..., 1:5], -1, 0) for part in turning(scene))
         partner = PARTNER[1:5] - 1
         self.bends = (float(grid.bends.min()), float(grid.bends.max()))
+        self.states = 0 if scene.states is None else len(scene.states)
         constants = {
             "fixed": fixed[:, None, :, None],
             "turn": turn * poses.turns,
@@ -119,7 +134,7 @@ class CellFeatures(nn.Module):
 
         Arguments:
             phi: ``(batch, fiber)`` rad.
-            bend: ``(batch, bend)`` rad.
+            bend: ``(batch, bend)`` rad, or numbers of named states.
             log_preview: ``(normal, batch, fiber, bend, site)``, the untouched pad last.
             material: ``(batch, quantity)`` in [-1, 1], where it is free.
         """
@@ -132,8 +147,7 @@ class CellFeatures(nn.Module):
         # (fiber, batch, 4) x (fiber, 4, 6 site) -> (6, batch, fiber, 1, site)
         angles = torch.matmul(waves.transpose(0, 1), self.angles)
         angles = angles.reshape(angles.shape[0], angles.shape[1], 6, -1).permute(2, 1, 0, 3)
-        low, high = self.bends
-        level = (2 * bend - low - high) / max(high - low, 1e-9) if high > low else 0 * bend
+        level, *others = self._levels(bend)
         shape = torch.matmul(self.columns, log_preview.reshape(log_preview.shape[0], -1))
         shape = shape.reshape(-1, *log_preview.shape[1:]) * self.turned
         parts = [
@@ -142,10 +156,21 @@ class CellFeatures(nn.Module):
             zero + level[None, :, None, :, None],
             (flat - self.center) / self.scale,
             shape[:4] + shape[4:],
+            *(zero + other[None, :, None, :, None] for other in others),
         ]
         if material is not None:
             parts.append(zero + material.t()[:, :, None, None, None])
         return torch.cat(parts)
+
+    def _levels(self, bend: Tensor) -> list[Tensor]:
+        """Return what ``bend`` ``(batch, bend)`` is to the residual, one input of its shape each.
+
+        That is the bend in [-1, 1], or which of the named states but the rest it is.
+        """
+        if self.states:
+            return [torch.relu(1.0 - torch.abs(bend - k)) for k in range(1, 1 + self.states)]
+        low, high = self.bends
+        return [(2 * bend - low - high) / max(high - low, 1e-9) if high > low else 0 * bend]
 
 
 def _angles(ahead: Array, aside: Array) -> Array:

@@ -120,7 +120,10 @@ class FitTask:
 
     @cached_property
     def splits(self) -> tuple[Split, ...]:
-        """Folds of whole fiber positions, inner directions, bends and materials, where several."""
+        """Folds of whole fiber positions, inner directions, bends and materials, where several.
+
+        A named state is no value between others, so that none is left out.
+        """
         cells = self.cells
         groups = (
             ("fiber position", cells.fiber_group, False),
@@ -131,6 +134,7 @@ class FitTask:
         splits = (
             Split(name, interior_folds(group, SPLIT_FOLDS, self.seed, inner))
             for name, group, inner in groups
+            if name != "bend" or self.scene.states is None
         )
         return tuple(split for split in splits if split.members > 1)
 

@@ -27,7 +27,7 @@ class Ring {
     this.aim = new Float64Array(this.size);
   }
 
-  /* `facets` (site, facet, color) and `flat` (site, color) are unclipped counts at one bend. */
+  /* `facets` (site, facet, color) and `flat` (site, color) are unclipped counts at one bend or state. */
   fit(facets, flat) {
     const { size, see, gram, sent, aim, faces } = this;
     for (let cell = 0, at = 0; cell < flat.length; cell++, at += size) {
@@ -69,10 +69,8 @@ class Camera {
     gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
     this.textures = {
       light: this.texture(0, gl.TEXTURE_2D), ring: this.texture(1, gl.TEXTURE_2D_ARRAY),
-      skin: this.texture(2, gl.TEXTURE_2D),
+      skins: page.skins.map(({ surface }) => surface && this.surface(surface)),
     };
-    if (page.surface) gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, page.surface.steps,
-      page.surface.steps, 0, gl.RGBA, gl.FLOAT, new Float32Array(page.surface.texels));
   }
 
   texture(unit, kind) {
@@ -84,6 +82,12 @@ class Camera {
     return made;
   }
 
+  surface({ steps, texels }) {
+    const { gl } = this, made = this.texture(2, gl.TEXTURE_2D);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, steps, steps, 0, gl.RGBA, gl.FLOAT, new Float32Array(texels));
+    return made;
+  }
+
   /* One program per touch and bend: curvature and number of faces are constants in it. */
   program(touch, bend) {
     const key = `${touch ? touch.name : ""} ${bend}`;
@@ -92,11 +96,11 @@ class Camera {
   }
 
   build(touch, bend) {
-    const { gl, page } = this, kappa = bend / page.pad.length;
+    const { gl, page } = this, kappa = bend / page.pad.length, curved = page.skins[0].surface;
     const fragment = ["#version 300 es", "precision highp float;", "precision highp sampler2D;",
       "precision highp sampler2DArray;", "#define SOFT_RADIUS 1.0",
-      page.pad.bond ? "#define BONDED" : "", page.surface ? "#define CURVED" : "",
-      page.shader.paths, page.surface ? page.shader.skin : "",
+      page.pad.bond ? "#define BONDED" : "", curved ? "#define CURVED" : "",
+      page.shader.paths, curved ? page.shader.skin : "",
       bend > 0 ? `#define BENT\n#define kappa ${Math.max(kappa, 1e-5).toExponential(12)}` : "",
       page.camera.fisheye ? "#define FISHEYE" : "",
       touch ? `#define FACES ${touch.planes.length}` : "", `#define RING ${this.ring.size}`,
@@ -129,8 +133,9 @@ class Camera {
     return { program, at: (name) => gl.getUniformLocation(program, name) };
   }
 
-  /* Draws one bend. `skin` (row, column, color), `facets` and `flat` are unclipped counts. */
-  draw({ skin, facets, flat, bend, touch, center }) {
+  /* Draws one bend or state. `skin` (row, column, color), `facets` and `flat` are unclipped counts;
+     `shape` is the number of the skin among those of the page. */
+  draw({ skin, facets, flat, bend, shape, touch, center }) {
     const { gl, page, canvas } = this;
     if (!gl || gl.isContextLost()) return;
     const { program, at } = this.program(touch, bend);
@@ -145,12 +150,16 @@ class Camera {
     gl.activeTexture(gl.TEXTURE1);
     gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA16F, page.grid.columns, page.grid.rows, size, 0,
       gl.RGBA, gl.FLOAT, texels);
-    const { camera, pad } = page, half = [pad.width / 2, pad.length / 2];
+    if (this.textures.skins[shape]) {
+      gl.activeTexture(gl.TEXTURE2);
+      gl.bindTexture(gl.TEXTURE_2D, this.textures.skins[shape]);
+    }
+    const { thickness, surface } = page.skins[shape], { camera, pad } = page, half = [pad.width / 2, pad.length / 2];
     const place = center || [0, 0];
     gl.uniform1i(at("skin_light"), 0);
     gl.uniform1i(at("ring"), 1);
     gl.uniform1i(at("skin"), 2);
-    gl.uniform1f(at("thickness"), pad.thickness);
+    gl.uniform1f(at("thickness"), thickness);
     gl.uniform1f(at("refractive_index"), pad.index);
     if (pad.bond) {
       gl.uniform1f(at("bond"), pad.bond.height);
@@ -165,7 +174,7 @@ class Camera {
     gl.uniform1f(at("pivot"), camera.pivot);
     gl.uniform2fv(at("half_pad"), half);
     gl.uniform2fv(at("skin_half"), half);
-    gl.uniform3f(at("site_first"), place[0], place[1], pad.thickness);
+    gl.uniform3f(at("site_first"), place[0], place[1], thickness);
     gl.uniform2f(at("site_step"), 1, 1);
     gl.uniform2f(at("site_count"), 1, 1);
     gl.uniform2fv(at("ring_first"), page.grid.first);
@@ -173,15 +182,14 @@ class Camera {
     gl.uniform2f(at("ring_count"), page.grid.columns, page.grid.rows);
     gl.uniform3fv(at("ring_direction"), this.ring.directions.flat());
     if (touch) gl.uniform4fv(at("facet_planes"), touch.planes.flat());
-    if (touch && page.surface) gl.uniform3fv(at("touch_frame"), skinFrame(page, place).flat());
+    if (touch && surface) gl.uniform3fv(at("touch_frame"), skinFrame(pad, surface, place).flat());
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 }
 
 /* The skin at a place of the pad: position, across, towards the tip, out of the pad; bilinear. */
-function skinFrame({ pad, surface }, [x, y]) {
-  const { steps, texels } = surface;
+function skinFrame(pad, { steps, texels }, [x, y]) {
   const [u, v] = [x / pad.width, y / pad.length].map((at) => (at + 0.5) * (steps - 1));
   const [i, j] = [u, v].map((at) => Math.min(Math.max(Math.floor(at), 0), steps - 2));
   const at = (row, column, c) => texels[4 * (row * steps + column) + c];

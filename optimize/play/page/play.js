@@ -245,8 +245,8 @@ const checkShow = choices(find("show"), "show", ["Yours", "Baseline", "Optimum"]
   redraw();
   announce();
 });
-const checkBend = choices(find("bend"), "bend", page.bends.map((b) => `${Math.round(b / DEGREE)}°`),
-  (i) => { state.bend = i; redraw(); });
+const checkBend = choices(find("bend"), "bend", page.axis.titles,
+  (i) => { state.bend = i; redraw(); announce(); });
 const checkTouch = choices(find("touch"), "touch", [...page.touches.map((t) => t.title), "Nothing"],
   (i) => { state.touch = i; act.move(state.center); redraw(); });
 const checkColor = choices(find("color"), "color", [...page.palette.letters, "Off"],
@@ -297,7 +297,7 @@ find("no-camera").hidden = Boolean(camera.gl);
 let waiting = 0;
 function redraw() { waiting ||= requestAnimationFrame(() => { waiting = 0; draw(); }); }
 
-/* What there is to see of a design at one bend, in unclipped counts (the skin: irradiance), as red,
+/* What there is to see of a design at one bend or state, in unclipped counts (the skin: irradiance), as red,
    green and blue of a screen. */
 function seen(design, bend, touch, center) {
   const { display } = page.palette, channels = display.length;
@@ -311,7 +311,7 @@ function seen(design, bend, touch, center) {
     facets: at(model.light.sum(design), model.sites * model.facets),
     flat: at(model.flat.sum(design), model.sites),
     skin: at(model.skin.sum(design), page.skinShape[0] * page.skinShape[1]),
-    bend: page.bends[bend], touch, center,
+    bend: page.bends[bend], shape: Math.min(bend, page.skins.length - 1), touch, center,
   };
 }
 
@@ -385,7 +385,7 @@ function announce() {
     find("spoken").textContent = `Score ${one(rated.score)}, ${one(Math.abs(gain))} `
       + `${gain < 0 ? "below" : "above"} the baseline.`;
     find("heat").setAttribute("aria-label", `Metric M over the sites, from ${Math.round(Math.min(...metric))} `
-      + `to ${Math.round(Math.max(...metric))} counts at this bend`);
+      + `to ${Math.round(Math.max(...metric))} counts ${page.axis.word === "state" ? "in" : "at"} this ${page.axis.word}`);
   }, 300);
 }
 

@@ -18,7 +18,8 @@ const int STEPS = 32, HALVINGS = 16;
 // Way to `sunk` mm below the skin's height: the first step in which a ray crosses it; negative where
 // it passes.
 float way_to_skin(vec3 start, vec3 way, float sunk) {
-    vec2 ends = (sign(way.xy) * half_pad - start.xy) / way.xy;
+    // A ray parallel to an edge has that edge at infinity; sign() would make it 0 / 0.
+    vec2 ends = ((2.0 * step(0.0, way.xy) - 1.0) * half_pad - start.xy) / way.xy;
     float last = min((thickness - start.z) / way.z, min(ends.x, ends.y));
     float before = 0.0, after = -1.0;
     for (int i = 1; i <= STEPS; ++i) {

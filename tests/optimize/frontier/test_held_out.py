@@ -12,10 +12,11 @@ from optimize.design import Design, ScoreSettings
 from optimize.frontier.held_out import HeldOutDesigns, HeldOutReference
 from optimize.scoring import student_factor
 from optimize.verification import DesignRenders
-from render.geometry import is_mirror_symmetric
+from render.geometry import in_state, is_mirror_symmetric
 from render.metric import design_score, site_metric
 from render.scene import Scene, load_scene
 from surrogate.runtime import Checker
+from tests.oracles.soft_domes import scene_text_of, write_files, written
 
 MODEL = Path(__file__).resolve().parents[3] / "models" / "finger20"
 DESIGNS, LAM = 40, 30.0
@@ -223,3 +224,25 @@ def test_error_bars_of_scores_hold_the_truth_where_neighbors_have_nearly_one_hue
         held.mean(), np.mean(off), np.std(off), np.mean(corrected), np.std(corrected), np.mean(se)
     )
     assert held.mean() > 0.8
+
+
+@pytest.mark.slow
+def test_every_state_has_the_light_of_the_plain_sensor_of_that_skin(tmp_path: Path) -> None:
+    write_files(tmp_path, steps=16)
+    scene = written(
+        tmp_path, scene_text_of("low", "twisted").replace("turns = false", "turns = true")
+    )
+    designs = HeldOutDesigns.of(scene, 2, 0)
+
+    def render(designs: HeldOutDesigns, folder: str) -> DesignRenders:
+        return designs.render("designs", 2, 7, tmp_path / folder, lambda _: None)
+
+    every = render(designs, "states")
+    reference = HeldOutReference.of(designs, every, ScoreSettings(1e5, LAM))
+    assert reference.counts.shape == (2, 3, 9, 6, 3)
+    for number, state in enumerate(scene.state_axis):
+        plain, bend = in_state(scene, state)
+        alone = render(replace(designs, scene=plain), plain.name)
+        assert bend == 0.0
+        np.testing.assert_array_equal(every.replicates[:, :, :, [number]], alone.replicates)
+        np.testing.assert_array_equal(every.background[:, :, :, [number]], alone.background)

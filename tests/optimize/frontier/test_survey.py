@@ -18,6 +18,7 @@ from optimize.frontier.plot import survey_png
 from optimize.frontier.survey import KEPT, SceneFrontier
 from render.errors import RenderError, SceneError
 from render.scene import Scene, load_scene
+from tests.oracles.soft_domes import round_scene_text
 
 NAMES = ["digit", "gelsight-flat"]
 
@@ -163,3 +164,10 @@ def test_what_noise_hides_is_drawn_at_the_lower_end(tmp_path: Path) -> None:
         1.0,
     )
     assert survey_png(Survey((scene,)))[:4] == b"\x89PNG"
+
+
+def test_a_survey_takes_scenes_with_states(tmp_path: Path) -> None:
+    path = tmp_path / "soft.toml"
+    path.write_text(round_scene_text(60.0))
+    found = surveyed_scenes(["digit", str(path)])
+    assert [scene.state_axis for scene in found.values()] == [(0.0,), (0.0, 1.0)]

@@ -45,7 +45,7 @@ def drawn_of(scene: object, entries: Sequence[Finalist]) -> list[tuple[str, byte
 
 def summary(night: OvernightResult) -> list[str]:
     return [
-        *outcome(night.finalists, night.winner, night.replicates),
+        *outcome(night.scene, night.finalists, night.winner, night.replicates),
         surrogate_sentence(night.finalists, night.winner),
     ]
 

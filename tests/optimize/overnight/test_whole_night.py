@@ -22,7 +22,7 @@ from optimize.overnight.store import RENDERS
 from tests.long import LONG
 from tests.optimize.overnight.conftest import SAMPLES, TinyNight
 from tests.optimize.overnight.tiny import outcome
-from tests.optimize.overnight.warm import FIT_STEPS, WarmProgram, WarmRun
+from tests.optimize.overnight.warm import FIT_STEPS, WarmProgram, WarmRun, wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -97,16 +97,6 @@ def test_a_finished_night_with_a_damaged_file_is_mended_from_its_renders(
     assert mended.code == 0, mended.err
     assert "night.npz is no finished night" in mended.err
     assert outcome(run) == outcome(tiny_night.run)
-
-
-def wait_for(run: Path, stage: str, process: WarmRun, known: int = 0) -> None:
-    """Wait until the log names ``stage`` behind its first ``known`` characters."""
-    log = run / "log.txt"
-    while process.poll() is None:
-        if log.is_file() and f"{stage} ..." in log.read_text()[known:]:
-            return
-        time.sleep(0.02)
-    raise AssertionError(f"it ended before {stage}: {process.err.read_text()}")
 
 
 def test_interrupts_kills_and_a_jumping_clock_change_nothing(

@@ -85,6 +85,16 @@ class WarmProgram:
         self.process.stdout.close()
 
 
+def wait_for(run: Path, stage: str, process: WarmRun, known: int = 0) -> None:
+    """Wait until the log names ``stage`` behind its first ``known`` characters."""
+    log = run / "log.txt"
+    while process.poll() is None:
+        if log.is_file() and f"{stage} ..." in log.read_text()[known:]:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"it ended before {stage}: {process.err.read_text()}")
+
+
 def _run(question: dict[str, Any]) -> None:
     """Be the program."""
     import optimize.overnight.context

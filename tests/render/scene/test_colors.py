@@ -66,6 +66,14 @@ def test_new_keys_need_schema_2(tmp_path: Path) -> None:
     assert "off needs schema = 2" in refusal(tmp_path, fixed, schema=1)
 
 
+def test_texts_of_other_characters_raise_one_clear_error(tmp_path: Path) -> None:
+    text = refusal(tmp_path, WHITE.replace('"white"', '"White"') + 'ink = "red"\n')
+    assert (
+        "colors.0.name = White, allowed: 1 to 32 of a-z, 0-9, _ and -, the first a letter" in text
+    )
+    assert "colors.0.ink = red, allowed: # and six digits 0-9 or a-f" in text
+
+
 def test_pictures_of_all_channels_full_are_white() -> None:
     for count in (1, 2, 4, 6):
         channels = tuple(f"c{i}" for i in range(count))

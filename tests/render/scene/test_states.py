@@ -190,6 +190,37 @@ def test_lists_that_are_none_raise_one_clear_error(folder: Path) -> None:
     assert "states.0.thickness: a mesh has its own, leave it out" in refusal(folder, text)
 
 
+def test_states_of_one_shape_are_told_with_their_names(folder: Path) -> None:
+    """Angles of bends must be distinct, too: what is there twice would count twice in S."""
+    shutil.copy(folder / "low.stl", folder / "again.stl")
+    said = refusal(folder, scene_text_of("low", "again", "pressed"))
+    assert "states: low and again have one shape, allowed: distinct shapes" in said
+    assert "pressed" not in said
+    said = refusal(folder, scene_text_of("still").replace("still.stl", "rest.stl"))
+    assert "states: rest and still have one shape" in said
+    said = refusal(folder, round_scene_text(60.0, 40.0))
+    assert "states: rest and r40 have one shape" in said
+    assert "r60" not in said
+    lower = round_scene_text(40.0, crown=5.5)
+    assert written(folder, lower).state_names == ("rest", "r40")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"soft-dome"', '"Soft dome"', "name = Soft dome, allowed: 1 to 64 of a-z, 0-9, _ and -"),
+        ('name = "low"', 'name = "-"', "states.0.name = -, allowed: 1 to 32 of a-z, 0-9, _ and -,"
+                                       " the first a letter or a digit"),
+    ],
+)  # fmt: skip
+def test_a_name_of_other_characters_raises_one_clear_error(
+    folder: Path, old: str, new: str, sentence: str
+) -> None:
+    said = refusal(folder, scene_text_of("low").replace(old, new))
+    assert sentence in said
+    assert "pattern" not in said
+
+
 def test_round_states_too_tight_for_the_pad_raise_one_clear_error(folder: Path) -> None:
     said = refusal(folder, round_scene_text(60.0, 12.0, crown=5.0))
     assert "states: in r12 skin.radius = 12 mm is too tight" in said

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from render.errors import ModelError, SceneError, TableError
+from render.errors import ModelError, TableError
 from render.metric import THESIS, image_counts
 from render.preview import Preview
 from render.scale import ScoreScale
@@ -94,10 +94,7 @@ def test_a_checker_names_its_states_and_refuses_numbers_of_none(scene: Scene) ->
         checker.run(PHI, POWER, np.array([2.0]))
 
 
-def test_models_that_cannot_be_made_raise_one_clear_error(scene: Scene, tmp_path: Path) -> None:
-    turning = dome(tmp_path, ("turns = false", "turns = true"))
-    with pytest.raises(SceneError, match="has states, and 6 of its lamps turn, allowed"):
-        train(turning, tmp_path / "model")
+def test_a_table_of_other_states_raises_one_clear_error(scene: Scene, tmp_path: Path) -> None:
     table = TransportTable(
         T=np.ones((6, 1, 3, 9, 6)),
         se=np.ones((6, 1, 3, 9, 6)),
