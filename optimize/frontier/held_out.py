@@ -162,9 +162,9 @@ class HeldOutReference:
     Arguments:
         designs: what was rendered; settings: of the scores.
         counts, counts_se: ``(design, bend, site, facet, channel)`` and one standard error.
-        scores, scores_se: ``(design,)``. What the jackknife says of the noise's bias is a part of
-            the error bar and not taken off: hues of neighboring facets that are nearly alike make
-            S too rough for it, and it doubled the error on a clear pad whose bias was small.
+        scores, scores_se: ``(design,)``, freed of the noise's bias; what that may be off by is a
+            part of the error.
+        scores_noise: ``(design,)`` standard error by the noise of replicates alone.
         replicates: independent groups of chains behind the error bars.
         seconds: of the render.
     """
@@ -175,6 +175,7 @@ class HeldOutReference:
     counts_se: Array
     scores: Array
     scores_se: Array
+    scores_noise: Array
     replicates: int
     seconds: float
 
@@ -185,16 +186,14 @@ class HeldOutReference:
         """Return counts and scores of ``renders`` with error bars from its replicates."""
         colors = [renders.counts(settings, i) for i in range(len(designs))]
         scores = [renders.score(settings, i).score for i in range(len(designs))]
-        factor = student_factor(len(renders.replicates), NOMINAL)
         return cls(
             designs,
             settings,
             counts=np.stack([counts for counts, _ in colors]),
             counts_se=np.stack([se for _, se in colors]),
-            scores=np.array([score.plain for score in scores]),
-            scores_se=np.array(
-                [np.hypot(score.se, (score.value - score.plain) / factor) for score in scores]
-            ),
+            scores=np.array([score.value for score in scores]),
+            scores_se=np.array([score.se for score in scores]),
+            scores_noise=np.array([score.sampling for score in scores]),
             replicates=len(renders.replicates),
             seconds=renders.seconds,
         )
@@ -253,7 +252,7 @@ class HeldOutReference:
         design has its own.
         """
         rng = np.random.default_rng(14)
-        noise = self.scores_se * rng.standard_normal((NOISE_DRAWS, len(self.scores)))
+        noise = self.scores_noise * rng.standard_normal((NOISE_DRAWS, len(self.scores)))
         return float(np.mean([kendall_tau(self.scores, self.scores + one) for one in noise]))
 
     def _noisy(self, rng: np.random.Generator) -> Array:
@@ -264,7 +263,7 @@ class HeldOutReference:
         """Return what a perfect level would show: the reference against itself, noise once more."""
         rng = np.random.default_rng([seed, 12])
         noisy = self._noisy(rng)
-        scores = self.scores + self.scores_se * rng.standard_normal(len(self.scores))
+        scores = self.scores + self.scores_noise * rng.standard_normal(len(self.scores))
         seconds = self.seconds / len(self.scores)
         row = self.row("noise of the reference", noisy, seconds, scores=scores)
         return replace(row, kendall_tau=self.noise_tau)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.design import PARTS, Array, Rating, ScoreSettings
-from optimize.scoring.jackknife import JackknifeEstimate, jackknife
+from optimize.scoring.jackknife import JackknifeEstimate, jackknife, jackknife_parts
 from render.metric import clipped_fraction
 
 ROUNDING = 1e-12
@@ -45,13 +45,8 @@ class RenderedScore:
 
 def rendered_score(settings: ScoreSettings, replicates: Array, power: Array) -> RenderedScore:
     """Jackknife every part of the score of ``replicates`` ``(R, F, B, S, K)``."""
-    parts = {}
-    for index, name in enumerate(PARTS):
-
-        def part(transport: Array, index: int = index) -> float:
-            return float(settings.parts(transport, power)[index])
-
-        parts[name] = jackknife(part, replicates)
+    found = jackknife_parts(lambda transport: settings.parts(transport, power), replicates)
+    parts = dict(zip(PARTS, found, strict=True))
     counts = settings.counts(replicates.mean(axis=0), power)
     return RenderedScore(parts, float(clipped_fraction(counts, settings.conventions)), settings)
 

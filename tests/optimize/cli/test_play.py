@@ -43,7 +43,7 @@ def test_a_dome_has_a_page(tactilux: Run, tmp_path: Path) -> None:
     (page,) = tmp_path.glob("*.html")
     found = re.search(r'id="page">(.*?)</script>', page.read_text(), re.DOTALL)
     assert found is not None
-    surface, dome = json.loads(found[1])["surface"], load_scene("digit-dome")
+    surface, dome = json.loads(found[1])["skins"][0]["surface"], load_scene("digit-dome")
     # Its crown is in the middle, and its corners lie lower by the sphere's sag.
     heights = np.array(surface["texels"]).reshape(surface["steps"], surface["steps"], 4)[..., 3]
     radius, reach = dome.skin.radius, np.hypot(dome.pad.width, dome.pad.length) / 2

@@ -86,7 +86,15 @@ def noisy_reference(counts: np.ndarray, noise: float, seed: int = 1) -> HeldOutR
     designs = HeldOutDesigns.of(load_scene("finger20"), DESIGNS, 0)
     settings = ScoreSettings(1.0, LAM)
     return HeldOutReference(
-        designs, settings, noisy, error, scores, np.full(DESIGNS, 0.5), replicates=8, seconds=60.0
+        designs,
+        settings,
+        noisy,
+        error,
+        scores,
+        np.full(DESIGNS, 0.5),
+        np.full(DESIGNS, 0.5),
+        8,
+        60.0,
     )
 
 
@@ -143,9 +151,11 @@ def test_intervals_of_short_renders_hold_a_longer_one_as_often_as_they_state(
 
 def test_noise_of_scores_alone_lowers_tau(truth: np.ndarray) -> None:
     exact = noisy_reference(truth, 0.0)
-    assert replace(exact, scores_se=np.zeros(DESIGNS)).noise_tau == 1.0
+    assert replace(exact, scores_noise=np.zeros(DESIGNS)).noise_tau == 1.0
     spread = exact.scores.std()
-    close, far = (replace(exact, scores_se=np.full(DESIGNS, part * spread)) for part in (0.1, 1.0))
+    close, far = (
+        replace(exact, scores_noise=np.full(DESIGNS, part * spread)) for part in (0.1, 1.0)
+    )
     assert 1.0 > close.noise_tau > far.noise_tau > 0.2
 
 
@@ -189,6 +199,7 @@ def test_intervals_hold_what_they_promise_whatever_the_noise_of_the_reference(
         counts_se=np.full(truth.shape, noise),
         scores=scores + noise * rng.standard_normal(60),
         scores_se=np.full(60, noise),
+        scores_noise=np.full(60, noise),
         replicates=10_000,
         seconds=1.0,
     )

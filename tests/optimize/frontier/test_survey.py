@@ -37,7 +37,7 @@ def frontier(scene: Scene, *rows: FrontierRow) -> Frontier:
     counts = np.ones((2, 1, 3, 4, 3))
     reference = HeldOutReference(
         designs, ScoreSettings(1.0, 1.0), counts, 0.1 * counts, np.array([1.0, 2.0]),
-        np.array([0.1, 0.1]), 8, 60.0,
+        np.array([0.1, 0.1]), np.array([0.1, 0.1]), 8, 60.0,
     )  # fmt: skip
     plan = FrontierPlan(scene.hash, 0, 2, 3.0, 64, 32, False, [2, 8])
     noise = row("noise of the reference", 0.01, held=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.scoring import jackknife
+from optimize.scoring import jackknife, pooled_estimate
 from render.errors import RenderError
 
 CELLS = np.linspace(1.0, 2.0, 24).reshape(4, 6)
@@ -47,6 +47,42 @@ def test_the_interval_covers_the_truth_as_often_as_it_says() -> None:
         low, high = jackknife(mean_minus_spread, noisy(rng, 5, 0.2)).interval()
         hits += low <= truth <= high
     assert hits / 600 == pytest.approx(0.95, abs=0.04)
+
+
+def steps_of_hue(colors: np.ndarray) -> float:
+    """Return a score like M_phi of eq. (4.6), of ``(facet, 3)``: how neighbors differ in hue."""
+    hue = colors / np.linalg.norm(colors, axis=-1, keepdims=True)
+    steps = np.linalg.norm(np.roll(hue, -1, axis=0) - hue, axis=-1)
+    return float(300 * (steps.mean() - steps.std()))
+
+
+@pytest.mark.parametrize("replicates", [8, 16])
+@pytest.mark.parametrize("noise", [0.01, 0.03, 0.06])
+def test_facets_of_nearly_one_hue_are_held_as_often_as_the_interval_says(
+    noise: float, replicates: int
+) -> None:
+    """``noise`` is that of the mean; neighbors differ by 0.03 to 0.11 of a hue."""
+    rng = np.random.default_rng(5)
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    colors = np.stack([1 + 0.3 * np.sin(angle), np.ones(24), 1 + 0.2 * np.cos(2 * angle)], axis=-1)
+    truth, spread = steps_of_hue(colors), noise * np.sqrt(replicates)
+    found = []
+    for _ in range(300):
+        drawn = rng.gamma(spread**-2, spread**2, (replicates, 24, 3))
+        found.append(jackknife(steps_of_hue, colors * drawn))
+    held = np.mean([low <= truth <= high for low, high in (f.interval(0.9) for f in found)])
+    assert 0.85 < held < 0.995
+    one_left_out = [abs(f.pseudo.mean() - truth) < 1.9 * f.sampling for f in found]
+    assert noise < 0.06 or np.mean(one_left_out) < held - 0.05
+
+
+def test_errors_of_the_corrections_do_not_average_out_over_runs() -> None:
+    rng = np.random.default_rng(6)
+    runs = [jackknife(mean_minus_spread, noisy(rng, 8, 0.8)) for _ in range(9)]
+    together = pooled_estimate(runs)
+    assert together.value == pytest.approx(np.mean([run.value for run in runs]))
+    assert together.sampling < 0.5 * np.mean([run.sampling for run in runs])
+    assert together.bias_error == pytest.approx(np.mean([run.bias_error for run in runs]))
 
 
 def test_common_noise_cancels_in_a_joint_difference() -> None:
