@@ -90,7 +90,7 @@ def cost_of(
         rendered_score(settings, second, high).score,
     )
     seconds = time.process_time() - began
-    return Cost(*(score.se**2 for score in scores), seconds)
+    return Cost(*(score.sampling**2 for score in scores), seconds)
 
 
 @pytest.mark.slow
