@@ -36,6 +36,8 @@ MAX_EVENTS = 100_000
 TRAPPED_EVENTS = 500
 """Faces of a window that light of a lamp in it meets in a row, after which it is taken to be lost:
 between smooth faces much of it circles without loss."""
+SKIMMING = 1e-3
+"""Sine of the angle to a bent coating below which light is left out where it is received."""
 BLOCK_TOLERANCE = 1e-7
 """mm by which rounding may move a point out of the block."""
 
@@ -791,6 +793,93 @@ def receive(
 
 
 @compiled
+def receive_along_bend(
+    pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
+    scale: float, weights: Array, received: Array, squares: Array,
+) -> None:  # fmt: skip
+    """Do as `receive` in a bent pad, whose coating is convex seen from within.
+
+    Light is taken to be alike under motions along the coating: a rotation about the bend's axis and
+    a shift across. So it is carried over to a point of the receiver from where its ray is as deep
+    below the coating, in the same direction relative to it. Light that skims the coating is that
+    deep twice, and meets pyramids on its way off the coating, too.
+    """
+    e, y = np.empty(3), np.empty(3)
+    share = 1.0 / (math.pi * receivers.radius * receivers.radius)
+    faces, axis = pressed.normal.shape[1], 1.0 / pressed.kappa
+    across = d[1] * d[1] + d[2] * d[2]
+    if across < 1e-12:
+        return
+    nearing = (p[1] * d[1] + (p[2] + axis) * d[2]) / across
+    reach = receivers.reach + receivers.radius
+    for site in range(len(receivers.site)):
+        along = squared = 0.0
+        for k in range(3):
+            to = receivers.site[site, k] - p[k]
+            along += to * d[k]
+            squared += to * to
+        if squared - along * along > reach * reach or along < -reach or along > way + reach:
+            continue
+        for part in range(receivers.center.shape[1]):
+            u, v = uniform(state), uniform(state)
+            if u + v > 1.0:
+                u, v = 1.0 - u, 1.0 - v
+            for k in range(3):
+                a = receivers.corners[site, part, 0, k]
+                b = receivers.corners[site, part, 1, k]
+                c = receivers.corners[site, part, 2, k]
+                y[k] = a + u * (b - a) + v * (c - a)
+            # Chords of the coating lie a hair beyond it.
+            level = max(level_of(pressed, y), 0.0)
+            radius = math.hypot(y[1], y[2] + axis)
+            sin, cos = y[1] / radius, (y[2] + axis) / radius
+            over = 2.0 * axis * (level_of(pressed, p) - level) / across
+            root = nearing * nearing - over
+            if root <= 0.0:
+                continue
+            root = math.sqrt(root)
+            for sign in (-1.0, 1.0):
+                to = -nearing + sign * root
+                if to < 0.0 or to > way + BLOCK_TOLERANCE:
+                    continue
+                x = p[0] + to * d[0] - y[0]
+                q, r = p[1] + to * d[1], p[2] + axis + to * d[2]
+                # The angle about the axis from there to the receiver's point.
+                turned_sin = (r * sin - q * cos) / radius
+                turned_cos = (r * cos + q * sin) / radius
+                arc = radius * math.atan2(turned_sin, turned_cos)
+                if x * x + arc * arc > receivers.radius * receivers.radius:
+                    continue
+                e[0] = d[0]
+                e[1] = d[1] * turned_cos + d[2] * turned_sin
+                e[2] = d[2] * turned_cos - d[1] * turned_sin
+                down = -(e[1] * sin + e[2] * cos)
+                facing = down
+                if part < faces:
+                    facing = 0.0
+                    for k in range(3):
+                        facing -= receivers.normal[site, part, k] * e[k]
+                if facing <= 0.0 or abs(down) < SKIMMING:
+                    continue
+                factor = scale * share * facing / abs(down)
+                sights = receivers.sights.shape[2]
+                if sights > 0:
+                    sight = min(sights - 1, int(uniform(state) * sights))
+                    seen, normal = receivers.sights[site, part, sight], receivers.normal[site, part]
+                    factor *= sent_to(pressed, e, seen, normal)
+                if receivers.shaded[part]:
+                    for k in range(3):
+                        e[k] = -e[k]
+                    _, hidden, _ = meet_pyramids(pressed, y, e, to)
+                    if hidden >= 0:
+                        continue
+                for weight in range(len(weights)):
+                    added = factor * weights[weight]
+                    received[site, part, weight] += added
+                    squares[weight] += added * added
+
+
+@compiled
 def receive_from_coating(
     pressed: Block, receivers: Receivers, p: Array, d: Array, scale: float, weights: Array,
     received: Array, squares: Array,
@@ -864,7 +953,11 @@ def trace_arrivals(
             if weight == 0.0 or trapped > most:
                 break
             way, face, _, _ = cross_clear(block, below, p, d)
-            if not below:
+            if block.kappa > 0.0:
+                receive_along_bend(
+                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares
+                )
+            elif not below:
                 receive(
                     pressed, receivers, state, p, d, way, weight, weights[ray], received, squares
                 )

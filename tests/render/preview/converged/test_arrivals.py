@@ -16,6 +16,8 @@ from render.preview.diffuser.emission import radiance_of_nodes
 from render.progress import Clock
 from render.scene import Scene
 from tests.oracles.analog_cells import AnalogScene
+from tests.oracles.mesh_cells import BentScene
+from tests.oracles.random_scenes import random_scene
 from tests.surrogate.conftest import small_scene
 
 AHEAD = np.array([np.pi / 2])
@@ -101,6 +103,22 @@ def test_cells_of_a_clear_rough_pad_are_those_of_analog_photons() -> None:
         assert cells.sum() == pytest.approx(truth.sum(), abs=3 * spread + 0.02 * truth.sum())
         error = (cells - truth) / np.hypot(noise, 0.02 * truth)
         assert np.sqrt(np.mean(error**2)) < 1.5
+
+
+@pytest.mark.slow
+def test_light_that_skims_a_bent_coating_meets_the_pyramids_as_photons_do() -> None:
+    # The coating bends away from the light: half of what gets to facets goes up from it again.
+    scene, bend = random_scene(71), np.pi / 3
+    found = transport_at(scene, bend, AHEAD, Effort(paths=2048, arrivals=3_000_000), quiet())
+    photons = BentScene(scene, bend)
+    for lamp in (0, 4):
+        batches = photons.cells(lamp, np.pi / 2, 60_000).replicates
+        seen = np.isfinite(batches).all(axis=0)
+        whole = batches[:, seen].sum(axis=1)
+        cells = found.cells[lamp, 0, :, :-1].ravel()[seen].sum()
+        # Six percent more for light that is not alike within a pyramid of a third of the pad.
+        allowed = 2 * float(stats.sem(whole)) + 0.06 * whole.mean()
+        assert cells == pytest.approx(whole.mean(), abs=allowed)
 
 
 def test_the_grain_is_the_variance_of_a_cell_over_the_cell() -> None:
