@@ -20,8 +20,8 @@ from render.scene.quantities import Part, Quantity
 
 OFF = "off"
 """What a fiber without light is called, so no LED may be."""
-NAME = r"^[a-z][a-z0-9_-]{0,31}$"
-ColorName = Annotated[str, Field(pattern=NAME)]
+COLOR_NAME, INK = r"^[a-z][a-z0-9_-]{0,31}$", r"^#[0-9a-f]{6}$"
+ColorName = Annotated[str, Field(pattern=COLOR_NAME)]
 MAX_CHANNELS = 16
 _INKS = {
     "amber": "#b9770e",
@@ -46,7 +46,7 @@ class LedColor(Part):
 
     name: ColorName
     response: Annotated[tuple[float, ...], Quantity("", 0.0, 1.0, many=True)]
-    ink: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] | None = None
+    ink: Annotated[str, Field(pattern=INK)] | None = None
 
 
 @dataclass(frozen=True)

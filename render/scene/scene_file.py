@@ -12,10 +12,19 @@ from typing import Any
 from pydantic import ValidationError
 
 from render.errors import SceneError
-from render.scene.colors import colors_in
+from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.quantities import Part
-from render.scene.schema import Scene
+from render.scene.schema import SCENE_NAME, Scene
 from render.scene.serialization import part_class
+from render.scene.states import STATE_NAME
+
+_TEXTS = {
+    SCENE_NAME: "1 to 64 of a-z, 0-9, _ and -, the first a letter or a digit",
+    STATE_NAME: "1 to 32 of a-z, 0-9, _ and -, the first a letter or a digit",
+    COLOR_NAME: "1 to 32 of a-z, 0-9, _ and -, the first a letter",
+    INK: "# and six digits 0-9 or a-f",
+}
+"""What the patterns of a file's texts allow, for people."""
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -119,15 +128,6 @@ def _unreadable(origin: str, error: Exception) -> SceneError:
     return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
 
 
-def _in_words(pattern: str) -> str:
-    """Return what a pattern of a scene's texts allows, for people."""
-    if pattern.startswith("^#"):
-        return "# and six digits 0-9 or a-f"
-    start = "a letter or a digit" if pattern.startswith("^[a-z0-9]") else "a letter"
-    most = 1 + int(pattern.rpartition(",")[2].removesuffix("}$"))
-    return f"1 to {most} of a-z, 0-9, _ and -, the first {start}"
-
-
 def _sentence(problem: Any) -> str:
     """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
     key = ".".join(str(part) for part in problem["loc"])
@@ -144,7 +144,7 @@ def _sentence(problem: Any) -> str:
         unit = f" {value['unit']}" if "unit" in value else ""
         value = f"{value['value']}{unit}"
     if kind == "string_pattern_mismatch":
-        return f"{key} = {value}, allowed: {_in_words(problem['ctx']['pattern'])}"
+        return f"{key} = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"
     return f"{key} = {value}: {message}"
 
 

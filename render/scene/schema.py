@@ -74,12 +74,14 @@ from render.scene.skin import Skin
 from render.scene.states import REST, State, site_problems, state_problems
 from render.scene.tolerances import Tolerances
 
+SCENE_NAME = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+
 
 class Scene(Part):
     """One sensor, completely: what every level of the fidelity ladder is built from."""
 
     schema_version: Annotated[Literal[1, 2], Field(alias="schema")]
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
+    name: Annotated[str, Field(pattern=SCENE_NAME)]
     pad: Pad
     diffuser: Diffuser | None = None
     window: Window | None = since_schema_2()

@@ -35,6 +35,7 @@ from render.scene.skin_mesh import (
 if TYPE_CHECKING:
     import trimesh
 
+STATE_NAME = r"^[a-z0-9][a-z0-9_-]{0,31}$"
 REST = "rest"
 """Name of the state that ``skin`` and ``pad.thickness`` are of, the first of all."""
 NEWTON_STEPS = 12
@@ -123,7 +124,7 @@ class State(Part):
     straight up or down, and ``thickness`` the height of its crown, that of the pad unless given.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
+    name: Annotated[str, Field(pattern=STATE_NAME)]
     mesh: MovedMesh | None = None
     radius: Annotated[float, Quantity("mm", 1.0, 10000.0)] | None = None
     thickness: Annotated[float, Quantity("mm", 0.1, 1000.0)] | None = None

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +14,7 @@ import numpy as np
 from matplotlib.image import imread
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page
 
 SMALLEST = 11.0  # CSS pixels of text
 # Width and height in CSS pixels, device pixels per CSS pixel, and whether a finger does the work.
@@ -111,6 +114,30 @@ def look(browser: Browser, path: Path, screen: str) -> Look:
         shot = imread(io.BytesIO(page.screenshot()))
     outside = [url for url in requests if not url.startswith("data:") and url != path.as_uri()]
     return Look(**found, requests=outside, complaints=complaints, shot=shot)
+
+
+@contextmanager
+def opened(browser: Browser, path: Path) -> Iterator[Page]:
+    """Open a file on a desk, without a network; its scripts must not fail meanwhile."""
+    with browser.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
+        context.set_default_timeout(120_000)  # of a busy machine
+        page = context.new_page()
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(path.as_uri())
+        yield page
+        assert not errors
+
+
+def camera_picture(
+    play: Page, touch: int, bend: int, center: Sequence[float], size: tuple[int, int]
+) -> np.ndarray:
+    """Return the camera's picture on a page to play with, in 8 bits; ``bend`` is its number.
+
+    A ``touch`` that the page does not know is none.
+    """
+    url = play.evaluate("(a) => tactilux.picture(...a)", [touch, bend, list(center), *size])
+    return np.asarray(255.0 * imread(io.BytesIO(base64.b64decode(url.partition(",")[2])))[..., :3])
 
 
 def pale_text(browser: Browser, path: Path, scheme: str) -> tuple[list[str], str]:

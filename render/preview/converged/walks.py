@@ -728,6 +728,19 @@ def trace_lamp(
 
 
 @compiled
+def draw_point(receivers: Receivers, site: int, part: int, state: State, y: Array) -> None:
+    """Set ``y`` to a point of a receiver, of even density over its triangle."""
+    u, v = uniform(state), uniform(state)
+    if u + v > 1.0:
+        u, v = 1.0 - u, 1.0 - v
+    for k in range(3):
+        a = receivers.corners[site, part, 0, k]
+        b = receivers.corners[site, part, 1, k]
+        c = receivers.corners[site, part, 2, k]
+        y[k] = a + u * (b - a) + v * (c - a)
+
+
+@compiled
 def receive(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
     scale: float, weights: Array, received: Array, squares: Array,
@@ -768,14 +781,8 @@ def receive(
             if squared > receivers.radius * receivers.radius:
                 continue
             if receivers.shaded[part]:
-                u, v = uniform(state), uniform(state)
-                if u + v > 1.0:
-                    u, v = 1.0 - u, 1.0 - v
+                draw_point(receivers, site, part, state, y)
                 for k in range(3):
-                    a = receivers.corners[site, part, 0, k]
-                    b = receivers.corners[site, part, 1, k]
-                    c = receivers.corners[site, part, 2, k]
-                    y[k] = a + u * (b - a) + v * (c - a)
                     e[k] = -d[k]
                 _, hidden, _ = meet_pyramids(pressed, y, e, to)
                 if hidden >= 0:
@@ -821,14 +828,7 @@ def receive_along_bend(
         if squared - along * along > reach * reach or along < -reach or along > way + reach:
             continue
         for part in range(receivers.center.shape[1]):
-            u, v = uniform(state), uniform(state)
-            if u + v > 1.0:
-                u, v = 1.0 - u, 1.0 - v
-            for k in range(3):
-                a = receivers.corners[site, part, 0, k]
-                b = receivers.corners[site, part, 1, k]
-                c = receivers.corners[site, part, 2, k]
-                y[k] = a + u * (b - a) + v * (c - a)
+            draw_point(receivers, site, part, state, y)
             # Chords of the coating lie a hair beyond it.
             level = max(level_of(pressed, y), 0.0)
             radius = math.hypot(y[1], y[2] + axis)

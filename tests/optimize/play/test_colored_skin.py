@@ -25,6 +25,7 @@ from render.preview import Preview
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from tests.colored_skins import skin_of
+from tests.optimize.browser import opened
 
 pytestmark = pytest.mark.slow
 
@@ -47,10 +48,7 @@ def play(
 ) -> Iterator[Page]:
     path: Path = tmp_path_factory.mktemp("play") / "page.html"
     write_play(path, PlayPage(SCENE, model, optimum=baseline_design(SCENE)))
-    with chromium.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
-        context.set_default_timeout(120_000)
-        page = context.new_page()
-        page.goto(path.as_uri())
+    with opened(chromium, path) as page:
         yield page
 
 

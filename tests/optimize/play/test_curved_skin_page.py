@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 from optimize.design import baseline_design
 from optimize.play import PlayPage, write_play
@@ -19,6 +16,7 @@ from optimize.scoring import open_model
 from render.geometry import Imprint, SkinChart, ball, bolt
 from render.preview import Preview
 from render.scene import Scene, load_scene
+from tests.optimize.browser import camera_picture, opened
 
 pytestmark = pytest.mark.slow
 
@@ -39,14 +37,8 @@ def play(
 ) -> Iterator[Page]:
     path = tmp_path_factory.mktemp("play") / "page.html"
     write_play(path, PlayPage(dome, open_model(dome), optimum=baseline_design(dome)))
-    with chromium.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
-        context.set_default_timeout(120_000)  # of a busy machine
-        page = context.new_page()
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(path.as_uri())
+    with opened(chromium, path) as page:
         yield page
-        assert not errors
 
 
 def test_the_page_scores_as_the_model_does(play: Page, dome: Scene) -> None:
@@ -54,12 +46,6 @@ def test_the_page_scores_as_the_model_does(play: Page, dome: Scene) -> None:
     said = model.run(base.phi[None], base.power[None], model.transport_table(base.phi[:1]).bends)
     shown = play.evaluate("tactilux.design().score.value")
     assert shown == pytest.approx(float(said["score"][0]), abs=0.02)
-
-
-def picture(play: Page, touch: int, center: list[float]) -> np.ndarray:
-    """Return the page's picture in 8 bits; a touch that it does not know is none."""
-    url = play.evaluate("(a) => tactilux.picture(...a)", [touch, 0, center, *SIZE])
-    return np.asarray(255.0 * imread(io.BytesIO(base64.b64decode(url.partition(",")[2])))[..., :3])
 
 
 @pytest.mark.parametrize(("touch", "make", "center"), [(0, bolt, (0, -6)), (1, ball, (4, 5))])
@@ -77,14 +63,16 @@ def test_the_camera_sees_the_touch_on_the_curved_skin(
         sight = preview.sight(0.0, *SIZE)
     exposure = open_model(dome).exposure
     expected = encode_srgb(np.asarray(drawn, np.float64) * exposure / 255).astype(np.float64)
-    seen = picture(play, touch, list(center))
+    seen = camera_picture(play, touch, 0, center, SIZE)
     pad, shown = expected.sum(axis=-1) > 0, seen.sum(axis=-1) > 0
     assert (pad == shown).mean() > 0.98
     assert np.abs(seen - expected)[pad & shown].mean() < 12.0
     # Turned or mirrored it is another picture.
     assert np.abs(seen[:, ::-1] - expected)[pad & shown].mean() > 30.0
     # What the touch changes lies where the preview has the body.
-    changed = np.argwhere(np.abs(seen - picture(play, 9, list(center))).sum(axis=-1) > 12.0)
+    changed = np.argwhere(
+        np.abs(seen - camera_picture(play, 9, 0, center, SIZE)).sum(axis=-1) > 12.0
+    )
     columns, rows = SIZE
     on_body = sight.pixel[sight.facet >= 0]
     place = np.stack([rows - 1 - on_body // columns, on_body % columns], axis=-1)

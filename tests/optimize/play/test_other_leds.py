@@ -16,6 +16,7 @@ from optimize.search.colors import quick_colors
 from render.scene import Scene
 from surrogate.runtime import Checker
 from tests.colored_scenes import AMBER, WHITE, mono, scene_with
+from tests.optimize.browser import opened
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -39,10 +40,7 @@ def sensor(
 def play(chromium: Browser, sensor: tuple[Scene, Checker], tmp_path: Path) -> Iterator[Page]:
     path = tmp_path / "page.html"
     write_play(path, PlayPage(*sensor))
-    with chromium.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
-        context.set_default_timeout(120_000)
-        page = context.new_page()
-        page.goto(path.as_uri())
+    with opened(chromium, path) as page:
         yield page
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 from optimize.design import baseline_design
 from optimize.play import PlayPage, write_play
@@ -19,6 +16,7 @@ from render.geometry import SkinChart, ball
 from render.preview import Preview
 from render.scene import Scene, Window, load_scene
 from surrogate.preview_model import preview_checker
+from tests.optimize.browser import camera_picture, opened
 
 pytestmark = pytest.mark.slow
 
@@ -51,15 +49,8 @@ def test_the_camera_sees_what_the_preview_draws(
         tmp_path / "p.html",
     )
     write_play(path, PlayPage(scene, model, optimum=base))
-    with chromium.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
-        context.set_default_timeout(120_000)  # of a busy machine
-        page = context.new_page()
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(path.as_uri())
-        url = page.evaluate("(a) => tactilux.picture(...a)", [1, 0, list(CENTER), *SIZE])
-        assert not errors
-    seen = 255.0 * imread(io.BytesIO(base64.b64decode(url.partition(",")[2])))[..., :3]
+    with opened(chromium, path) as page:
+        seen = camera_picture(page, 1, 0, CENTER, SIZE)
     body = ball(scene)
     if scene.skin is not None:
         chart, uv = SkinChart(scene, 0.0), np.array([CENTER])

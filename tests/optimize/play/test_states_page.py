@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 from optimize.design import baseline_design
 from optimize.play import PlayPage, write_play
@@ -20,6 +17,7 @@ from render.preview import Preview
 from render.scene import Scene
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
+from tests.optimize.browser import camera_picture, opened
 from tests.oracles.soft_domes import scene_text_of, write_files, written
 
 pytestmark = pytest.mark.slow
@@ -47,14 +45,8 @@ def play(
 ) -> Iterator[Page]:
     path, (scene, checker) = tmp_path_factory.mktemp("play") / "page.html", model
     write_play(path, PlayPage(scene, checker, optimum=baseline_design(scene)))
-    with chromium.new_context(viewport={"width": 1280, "height": 1100}, offline=True) as context:
-        context.set_default_timeout(120_000)  # of a busy machine
-        page = context.new_page()
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(path.as_uri())
+    with opened(chromium, path) as page:
         yield page
-        assert not errors
 
 
 def test_a_reader_chooses_the_state_by_its_name(play: Page, model: tuple[Scene, Checker]) -> None:
@@ -81,12 +73,6 @@ def test_the_page_scores_all_states_as_the_model_does(
     assert play.evaluate("tactilux.design().score.value") == pytest.approx(float(said), abs=0.05)
 
 
-def picture(play: Page, touch: int, state: int) -> np.ndarray:
-    """Return the page's picture in 8 bits; a touch that it does not know is none."""
-    url = play.evaluate("(a) => tactilux.picture(...a)", [touch, state, list(CENTER), *SIZE])
-    return np.asarray(255.0 * imread(io.BytesIO(base64.b64decode(url.partition(",")[2])))[..., :3])
-
-
 def drawn(scene: Scene, state: float, exposure: float) -> np.ndarray:
     """Return the picture of the preview of the plain sensor of that skin, a ball pressed in."""
     one, _ = in_state(scene, state)
@@ -102,7 +88,10 @@ def test_the_camera_sees_the_touch_on_the_skin_of_that_state(
 ) -> None:
     scene, checker = model
     for number, state in enumerate(scene.state_axis):
-        expected, seen = drawn(scene, state, checker.exposure), picture(play, 1, number)
+        expected, seen = (
+            drawn(scene, state, checker.exposure),
+            camera_picture(play, 1, number, CENTER, SIZE),
+        )
         pad, shown = expected.sum(axis=-1) > 0, seen.sum(axis=-1) > 0
         # The preview's pixels on the border see a part of the pad, those of the page their middle.
         assert (pad == shown).mean() > 0.95
@@ -114,5 +103,7 @@ def test_the_camera_sees_the_touch_on_the_skin_of_that_state(
         # Turned or mirrored it is another picture.
         assert np.abs(seen[:, ::-1] - expected)[pad & shown].mean() > 1.5 * off
     # The low skin lies nearer to the camera.
-    sizes = [(picture(play, 9, number).sum(axis=-1) > 0).sum() for number in (0, 1)]
+    sizes = [
+        (camera_picture(play, 9, number, CENTER, SIZE).sum(axis=-1) > 0).sum() for number in (0, 1)
+    ]
     assert sizes[1] > sizes[0]
