@@ -108,13 +108,21 @@ def metric_terms(counts: Any, config: MetricConfig = THESIS) -> tuple[Any, Any]:
     ``M_theta = mean_i |c_i| - std_i |c_i|`` and
     ``M_phi = mean_i d(c_hat_i, c_hat_i+1) - std_i d(c_hat_i, c_hat_i+1)``.
     """
+    brightness, step = facet_differences(counts, config)
+    return _mean_minus_std(brightness, config), _mean_minus_std(_polar(step)[0], config)
+
+
+def facet_differences(counts: Any, config: MetricConfig = THESIS) -> tuple[Any, Any]:
+    """Return what both terms of eq. (4.6) are made of, of ``counts`` ``(..., K, C)``.
+
+    They are ``|c_i|`` ``(..., K)`` and ``c_hat_i+1 - c_hat_i`` ``(..., K, C)``, of one facet less
+    where the last is no neighbor of the first.
+    """
     xp = _namespace(counts)
     norm, direction = _polar(counts)
     if config.cyclic:
-        step = xp.roll(direction, -1, -2) - direction
-    else:
-        step = direction[..., 1:, :] - direction[..., :-1, :]
-    return _mean_minus_std(norm, config), _mean_minus_std(_polar(step)[0], config)
+        return norm, xp.roll(direction, -1, -2) - direction
+    return norm, direction[..., 1:, :] - direction[..., :-1, :]
 
 
 def site_metric(counts: Any, lam: Any, config: MetricConfig = THESIS) -> Any:

@@ -179,7 +179,7 @@ def compare_by_renders(
                 counts=settings.counts(light, stage.design.power),
             )
         )
-    unconverged = [renders.doubt(index, samples) for index in range(len(stages))]
+    unconverged = [renders.doubt(settings, index, samples) for index in range(len(stages))]
 
     def difference(first: int, second: int) -> tuple[float, tuple[float, float], str]:
         gain = finalists.difference(names[first], names[second])

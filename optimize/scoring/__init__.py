@@ -13,6 +13,7 @@ from optimize.scoring.jackknife import (
     jackknife_se,
     pooled_estimate,
 )
+from optimize.scoring.noise_share import noise_doubt, noise_share
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
 from optimize.scoring.render_scores import (
     RenderedScore,

@@ -27,6 +27,7 @@ from optimize.design import Array, Design, ScoreSettings
 from optimize.scoring import (
     JackknifeEstimate,
     RenderedScore,
+    noise_doubt,
     paired_difference,
     rendered_score,
     student_factor,
@@ -71,10 +72,11 @@ class DesignRenders:
     error: Array
     seconds: float
 
-    def doubt(self, index: int, samples: int | None = None) -> str:
-        """Say that the light of design ``index`` has not converged; "" where it has.
+    def doubt(self, settings: ScoreSettings, index: int, samples: int | None = None) -> str:
+        """Say why the score of design ``index`` has not converged; "" where it has.
 
-        ``samples`` are those per cell; without them it asks for multiples.
+        Its light has not, or noise hides what its facets differ by. ``samples`` are those per cell;
+        without them it asks for multiples.
         """
         light, error = self.replicates[:, index].mean(axis=0), self.error[index]
         power = self.designs[index].power
@@ -89,7 +91,8 @@ class DesignRenders:
         most = power[lit][:, None, None, None] * (light + np.where(lost, error, 0.0))
         share = most[lost].sum() / most.sum()
         if share <= UNCONVERGED_LIGHT:
-            return ""
+            design = self.designs[index]
+            return noise_doubt(settings, self.replicates[:, index], design.power, samples)
         return (
             f"few light paths carry {share:.0%} of its light; {more_samples(light, error, samples)}"
         )
@@ -269,8 +272,8 @@ class FinalistEvaluation:
         return True
 
     def doubt(self, name: str) -> str:
-        """Say that the finalist's light has not converged; "" where it has."""
-        return self.renders.doubt(self.names.index(name))
+        """Say why the finalist's score has not converged; "" where it has."""
+        return self.renders.doubt(self.settings, self.names.index(name))
 
     def comparison(self, first: str, second: str) -> str:
         """Say which of two finalists is better, or that the renders cannot tell."""

@@ -154,7 +154,7 @@ def paired_comparison(
         render_seconds=pair.seconds,
         seeds=seeds,
         samples=samples,
-        doubt=next(filter(None, (pair.doubt(index, samples) for index in (1, 0))), ""),
+        doubt=next(filter(None, (pair.doubt(settings, index, samples) for index in (1, 0))), ""),
     )
 
 

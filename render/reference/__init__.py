@@ -2,7 +2,7 @@
 
 from render.reference.allocation import EVERYTHING, PRESSED, SampleAllocation
 from render.reference.budget import TimeBudget, render_within, samples_per_pass, stored_plan
-from render.reference.convergence import converged, doubt, more_samples
+from render.reference.convergence import converged, doubt, more_effort, more_samples
 from render.reference.cost import RenderCost, growing_cost, trial_cost
 from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
 from render.reference.llvm import VARIANT, ensure_llvm, mitsuba

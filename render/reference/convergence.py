@@ -29,6 +29,14 @@ def more_samples(mean: Array, error: Array, samples: int | None = None) -> str:
     lost = np.isfinite(mean) & ~converged(mean, error)
     relative = np.divide(error, mean, out=np.full(mean.shape, np.inf), where=mean > 0)[lost]
     times = (np.sort(relative)[int(0.9 * (lost.sum() - 1))] / UNCONVERGED) ** 2
+    return more_effort(times, samples)
+
+
+def more_effort(times: float, samples: int | None = None) -> str:
+    """Say that so many ``times`` the samples are needed, as those that are missing per cell.
+
+    Without ``samples`` per cell as multiples.
+    """
     about, times = "more than" if times > MOST_EFFORT else "about", min(times, MOST_EFFORT)
     if samples is None:
         return f"{about} {float(f'{max(times, 1.1):.2g}'):g} times the samples are needed"

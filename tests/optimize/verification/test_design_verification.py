@@ -113,7 +113,7 @@ def test_cells_that_carry_little_of_the_light_may_be_uncertain(
     renders = DesignRenders(
         (other,), replicates[:, None], replicates[:, None, ..., 0], error[None], 1.0
     )
-    assert renders.doubt(0) == ""
+    assert renders.doubt(candidate(finger20, other).settings, 0) == ""
 
 
 def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: Scene) -> None:
