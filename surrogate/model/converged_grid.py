@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import wrightomega
 
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
@@ -15,10 +16,10 @@ from surrogate.model.preview_grid import FLOOR, PreviewGrid
 
 BEND_DEGREE = 3
 """In the bend, of the polynomial that corrects the shader's logarithm."""
-SHADER_ERROR = 0.4
-"""One standard deviation of a cell of the shader's, relative, once its lamp's light is right."""
-LAMP_ERROR = 0.6
-"""The same of the light of a lamp in one direction at one bend."""
+LAMP_ERROR, SITE_ERROR, CELL_ERROR = 0.6, 0.6, 0.4
+"""One standard deviation of the logarithm of the shader's light of a lamp in one direction at one
+bend; of that of one of its sites, once the lamp's is right; of that of a cell, once the site's is.
+"""
 
 
 def corrected(
@@ -26,9 +27,10 @@ def corrected(
 ) -> PreviewGrid:
     """Return the shader's grid times the ratio of converged transport to it.
 
-    At ``nodes`` and the scene's own bends, the ratio of a lamp's light is the mean of what was
-    found and of 1, weighed by their variances: that of the noise, and `LAMP_ERROR` squared. The
-    ratio of a cell is in the same way that of its lamp and what was found, with `SHADER_ERROR`. Its
+    At ``nodes`` and the scene's own bends, the light of a lamp, then of each of its sites, then of
+    each cell is the `likely_ratio` of what was found to what is expected: the shader's light times
+    the ratios before, with `LAMP_ERROR`, `SITE_ERROR` and `CELL_ERROR`. The ratio of a cell is the
+    product of the three; where light has no grain it is what was found over the shader's. Its
     logarithm is interpolated in direction by the polynomial through ``nodes``, in bend by one of
     degree `BEND_DEGREE` at most, constant beyond the scene's own. Of a lamp that turns one node
     says how bright it is, not where.
@@ -38,11 +40,16 @@ def corrected(
     grain = split_channels(scene, found.grain)[..., None, None]
     light = split_channels(scene, found.cells)
     # Facets of a site share photons: a lamp's light is known as well as that of its sites.
-    normals = drawn.shape[-1]
-    whole = drawn.sum(axis=(3, 4), keepdims=True)
-    lamps = light.sum(axis=(3, 4), keepdims=True) / whole
-    share = 1.0 + _trust(normals * grain / whole, LAMP_ERROR) * (lamps - 1.0)
-    cells = share + _trust(grain / drawn, SHADER_ERROR) * (light / drawn - share)
+    shared = drawn.shape[-1] * grain
+    share = cells = np.ones_like(grain)
+    for axes, noise, error in (
+        ((3, 4), shared, LAMP_ERROR),
+        ((4,), shared, SITE_ERROR),
+        ((), grain, CELL_ERROR),
+    ):
+        expected = (drawn * cells).sum(axis=axes, keepdims=True)
+        cells = cells * likely_ratio(light.sum(axis=axes, keepdims=True), expected, noise, error)
+        share = cells if axes == (3, 4) else share
     if len(nodes) == 1:
         turning = copied(scene, np.array(scene.turning))
         cells[turning] = np.broadcast_to(share, cells.shape)[turning]
@@ -58,6 +65,19 @@ def corrected(
     return replace(grid, log_transport=grid.log_transport + change)
 
 
-def _trust(noise: Array, error: float) -> Array:
-    """Return the weight of what has the variance ``noise`` beside what has ``error`` squared."""
-    return np.asarray(error**2 / (error**2 + noise))
+def likely_ratio(found: Array, expected: Array, grain: Array, error: float) -> Array:
+    """Return the likeliest ratio r of the light to what is ``expected`` of it, given ``found``.
+
+    In units of ``grain``, the light of a photon, ``n`` are found of ``m r``. They are Poisson
+    distributed, and log r is normal around 0 with standard deviation s = ``error``; its tails are
+    wide enough for light that the shader lacks ten times over, which those of a gamma distribution
+    are not. The most probable log r solves ``n - m r - log r / s^2 = 0``, so
+    ``s^2 m r = omega(log(s^2 m) + s^2 n)`` with Wright's omega, ``omega + log omega = z``
+    (Corless and Jeffrey 2002). Where the grain is 0, r is what was found over what is expected.
+    """
+    found, expected, grain = np.broadcast_arrays(found, expected, grain)
+    ratio, grainy = found / expected, grain > 0.0
+    photons = error**2 * found[grainy] / grain[grainy]
+    wanted = error**2 * expected[grainy] / grain[grainy]
+    ratio[grainy] = wrightomega(np.log(wanted) + photons) / wanted
+    return np.asarray(ratio)
