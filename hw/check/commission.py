@@ -17,6 +17,7 @@ from hw.check.sweep_check import channel_gains, measured_response
 from hw.errors import CaptureError
 from render.arrays import Array
 from render.files import read_npz, write_npz
+from tactilux import Scene
 
 SCHEMA = 3
 HEALTHY_RATIO = (0.2, 5.0)
@@ -31,7 +32,7 @@ class RigRecord:
         ratio: ``(fiber, site)`` measured over predicted light; 1 for fibers without power.
         phi, power: ``(fiber,)`` rad and ``(fiber, 3)``, the design that was captured.
         scene_hash: the scene of the design.
-        bend: rad, of the capture.
+        bend: rad, of the capture, or the number of the state of its skin.
         starts: of the rig that are averaged.
         response: ``(color, channel)``, what each channel sees of each LED color.
     """
@@ -56,13 +57,15 @@ class RigRecord:
         arrays = {name: np.asarray(value) for name, value in vars(self).items()}
         write_npz(path, arrays | {"schema": np.array(SCHEMA)})
 
-    def check_fits(self, prediction: PadPrediction, scene_hash: str, bend: float) -> None:
-        """Refuse a record of another design, scene or bend.
+    def check_fits(self, prediction: PadPrediction, scene: Scene, bend: float) -> None:
+        """Refuse a record of another design, scene, bend or state.
+
+        ``bend`` is rad, or the number of a state of ``scene``.
 
         Raises:
             CaptureError: says what differs.
         """
-        if self.ratio.shape != prediction.cells or self.scene_hash != scene_hash:
+        if self.ratio.shape != prediction.cells or self.scene_hash != scene.hash:
             what = "another scene"
         elif not np.allclose(self.phi, prediction.phi, atol=1e-4) or not np.allclose(
             self.power, prediction.power, atol=1e-4
@@ -70,6 +73,9 @@ class RigRecord:
             what = "another design"
         elif abs(self.bend - bend) > np.radians(0.5):
             what = f"a bend of {np.degrees(self.bend):g} deg"
+            if scene.states is not None:
+                names = dict(zip(scene.state_axis, scene.state_names, strict=True))
+                what = f"the state {names.get(self.bend, f'{self.bend:g}')}"
         else:
             return
         raise CaptureError(
@@ -110,7 +116,8 @@ def load_record(path: Path) -> RigRecord:
 def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: float) -> RigRecord:
     """Return the record of a rig that is known to be healthy.
 
-    ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone, ``bend`` is rad.
+    ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone; ``bend`` is rad, or the number
+    of a state.
 
     Raises:
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.

@@ -26,7 +26,7 @@ class PadPrediction:
         nodes: ``(node,)`` rad.
         table: ``(fiber, node, site)`` counts per unit power; with one more axis ``channel`` where
             the skin's albedo depends on it.
-        score: the design's score over the scene's bends, in counts.
+        score: the design's score over the scene's bends or states, in counts.
         domain_excess: 0 inside the model's trained range.
         response: ``(color, channel)``, what each channel sees of each LED color.
     """
@@ -78,7 +78,9 @@ class PadPrediction:
 def predict(
     checker: Checker, phi: Array, power: Array, bend: float, response: Array | None = None
 ) -> PadPrediction:
-    """Ask the model for the background of a design at ``bend`` rad, once per design.
+    """Ask the model for the background of a design at ``bend``, once per design.
+
+    ``bend`` is rad, or the number of a state of the skin.
 
     ``response`` None: each channel sees the color of its name alone.
 
@@ -110,6 +112,7 @@ on the untouched pad light changes little over it."""
 class SiteSpots:
     """Which pixels show each site's spot at a ``bend`` in rad; used for every photograph.
 
+    ``scene`` stays in one state (`render.geometry.in_state`), whose skin carries the sites.
     ``counts`` ``(site,)`` are pixels per site; photographs have the camera's columns and rows.
     """
 

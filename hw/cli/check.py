@@ -5,7 +5,6 @@ Imports numpy, onnxruntime and what reads files; OpenCV and pyserial only for a 
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
@@ -16,6 +15,7 @@ from hw.cli.capture import live
 from hw.cli.options import Calibrated, Gamma, Lens, Noise, Wiring, wired
 from hw.errors import CaptureError
 from optimize.cli.options import Bend, DesignOption, Json, ModelFolder, SceneName
+from optimize.cli.poses import StateName, in_pose
 from optimize.ui.console import note, print_json, reserved_stdout
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def run(
     ] = None,
     calibration: Calibrated = None,
     bend: Bend = 0.0,
+    state: StateName = None,
     gamma: Gamma = 1.0,
     noise: Noise = 2.55,
     model: ModelFolder = None,
@@ -74,12 +75,7 @@ def run(
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         require_color_photos(scene)
-        if bend and scene.states is not None:
-            raise CaptureError(
-                f"--bend {bend:g}: {scene.name} does not bend, allowed: 0, as the check looks at "
-                "the skin at rest; leave --bend out",
-                field="bend",
-            )
+        posed, angle, number, _ = in_pose(scene, state, bend)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         if (capture is None) == (camera is None):
             problem = "nothing to look at" if camera is None else "two things to look at"
@@ -89,10 +85,9 @@ def run(
                 field="capture",
             )
         checker = open_model(scene, model, threads=2)
-        angle = math.radians(bend)
         response = scene.palette.matrix
-        prediction = predict(checker, lighting.phi, lighting.drive, angle, response)
-        spots = SiteSpots(scene, angle)
+        prediction = predict(checker, lighting.phi, lighting.drive, number, response)
+        spots = SiteSpots(posed, angle)
         seen: PhotoSet | Array
         if camera is not None:
             seen = live(scene, lighting, camera, wiring, lens, FRAMES)
@@ -103,7 +98,7 @@ def run(
         sweep = isinstance(seen, PhotoSet)
         record = load_record(rig) if rig else None
         if record is not None:
-            record.check_fits(prediction, scene.hash, angle)
+            record.check_fits(prediction, scene, number)
             prediction = replace(prediction, response=record.response)
         pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
         known = rig_tolerances(
@@ -126,9 +121,8 @@ def run(
                 prediction = replace(prediction, response=measured_response(prediction, colors))
             diagnosis = check_sweep(prediction, colors, known, ratio)
             if commissioned is not None and diagnosis.ok:
-                _commission(
-                    commission(prediction, colors, scene.hash, angle), prediction, commissioned
-                )
+                found = commission(prediction, colors, scene.hash, number)
+                _commission(found, prediction, scene, commissioned)
         else:
             if commissioned is not None:
                 raise CaptureError(
@@ -161,14 +155,14 @@ def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
     return linear(counts, gamma)
 
 
-def _commission(record: RigRecord, prediction: PadPrediction, path: Path) -> None:
+def _commission(record: RigRecord, prediction: PadPrediction, scene: Scene, path: Path) -> None:
     """Write the record, joined with the starts that the file already holds."""
     from hw.check.commission import load_record
     from hw.check.rig_tolerances import STARTS
 
     if path.exists():
         before = load_record(path)
-        before.check_fits(prediction, record.scene_hash, record.bend)
+        before.check_fits(prediction, scene, record.bend)
         record = before.joined(record)
     record.save(path)
     missing = STARTS - record.starts
@@ -194,7 +188,8 @@ def _write(
     if all(fiber.state is FiberState.UNCLEAR for fiber in faults) and len(faults) > 1:
         stream.write(
             f"{len(faults)} fibers differ in a way that no single fault explains: clean "
-            "the pad and the lens, and see that scene, design and bend are those of the rig.\n"
+            "the pad and the lens, and see that scene, design and bend or state are those of the "
+            "rig.\n"
         )
     else:
         for fiber in faults:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import re
 import time
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import BadParameter, Option
 
 from optimize.cli.options import Bend, DesignOption, SceneName, Seed
+from optimize.cli.poses import StateName, in_pose
 from optimize.ui.console import ProgressBar, note, reserved_stdout
 from render.errors import GraphicsError, RenderError, TableError
 
@@ -54,9 +54,7 @@ def run(
     scene_name: SceneName = "finger20",
     design: DesignOption = None,
     bend: Bend = 0.0,
-    state: Annotated[
-        str | None, Option(help="State of the skin by its name, where the scene has states.")
-    ] = None,
+    state: StateName = None,
     level: Annotated[
         Literal["preview", "reference"], Option(help="Which renderer draws.")
     ] = "preview",
@@ -107,7 +105,7 @@ def run(
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        posed, angle, pose = _posed(scene, state, bend)
+        posed, angle, _, pose = in_pose(scene, state, bend)
         path = Path(f"{scene.name}-{level}-{pose}.png") if out is None else out
         check_file(path, PICTURES + DATA)
         imprint = probe(posed, press, depth, smooth)
@@ -157,30 +155,6 @@ def run(
             content = _encoded(path, counts @ scene.palette.display / THESIS.count_max)
         write_result(path, content)
         stream.write(f"{path}\n")
-
-
-def _posed(scene: Scene, state: str | None, bend: float) -> tuple[Scene, float, str]:
-    """Return the sensor of one state, its bend in rad, and what files call it; ``bend`` in deg.
-
-    Raises:
-        BadParameter: the scene has no such state, or has states and does not bend.
-    """
-    from render.geometry import in_state
-
-    if scene.states is None:
-        if state is not None:
-            raise BadParameter(
-                f"--state {state}: {scene.name} has no states, allowed: a scene with [[states]]; "
-                "slabs have --bend"
-            )
-        return scene, math.radians(bend), f"{bend:g}deg"
-    if bend:
-        raise BadParameter(f"--bend {bend:g}: {scene.name} does not bend, allowed: --state")
-    name = scene.state_names[0] if state is None else state
-    if name not in scene.state_names:
-        raise BadParameter(f"--state {name}, allowed: {', '.join(scene.state_names)}")
-    posed, angle = in_state(scene, float(scene.state_names.index(name)))
-    return posed, angle, name
 
 
 def _scene_exposure(scene: Scene) -> float | None:

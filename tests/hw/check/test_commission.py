@@ -13,19 +13,22 @@ from hw.check.prediction import PadPrediction
 from hw.errors import CaptureError
 from render.errors import TableError
 from render.files import write_npz
+from render.scene import load_scene
+
+SCENE = load_scene("finger20")
 
 
 def test_a_record_holds_the_measured_ratio(prediction: PadPrediction, tmp_path: Path) -> None:
     error = np.exp(0.1 * np.random.default_rng(1).standard_normal((20, 15)))
     colors = 3.0 * prediction.alone * error[..., None]
-    commission(prediction, colors, "0" * 16, 0.0).save(tmp_path / "rig.npz")
+    commission(prediction, colors, SCENE.hash, 0.0).save(tmp_path / "rig.npz")
     record = load_record(tmp_path / "rig.npz")
     ratio = record.ratio / error
     # The gains are medians, so only the overall factor is free.
     for color in range(3):
         own = ratio[prediction.power[:, color] > 0]
         np.testing.assert_allclose(own, own.mean(), rtol=1e-9)
-    record.check_fits(prediction, "0" * 16, 0.0)
+    record.check_fits(prediction, SCENE, 0.0)
 
 
 def test_records_of_several_starts_average_what_drifts(
@@ -36,7 +39,7 @@ def test_records_of_several_starts_average_what_drifts(
     record = None
     for start in range(4):
         drift = np.exp(0.02 * rng.standard_normal((20, 15)))
-        own = commission(prediction, prediction.alone * (true * drift)[..., None], "0" * 16, 0.0)
+        own = commission(prediction, prediction.alone * (true * drift)[..., None], SCENE.hash, 0.0)
         record = own if record is None else record.joined(own)
         assert record.starts == start + 1
     assert record is not None
@@ -54,7 +57,7 @@ def test_a_record_holds_what_channels_see_of_other_colors(
 ) -> None:
     response = np.array([[1.0, 0.06, 0.01], [0.08, 1.0, 0.05], [0.0, 0.07, 1.0]])
     colors = replace(prediction, response=response).alone * np.array([2.0, 3.0, 1.5])
-    one = commission(prediction, colors, "0" * 16, 0.0)
+    one = commission(prediction, colors, SCENE.hash, 0.0)
     one.joined(one).save(tmp_path / "rig.npz")
     kept = load_record(tmp_path / "rig.npz")
     np.testing.assert_allclose(kept.response, response, atol=0.01)
@@ -62,21 +65,21 @@ def test_a_record_holds_what_channels_see_of_other_colors(
 
 
 @pytest.mark.parametrize(
-    ("scene_hash", "bend", "said"), [("1" * 16, 0.0, "another scene"), ("0" * 16, 1.0, "bend")]
+    ("scene", "bend", "said"), [("finger24", 0.0, "another scene"), ("finger20", 1.0, "bend of 0")]
 )
 def test_a_record_of_something_else_is_refused(
-    prediction: PadPrediction, scene_hash: str, bend: float, said: str
+    prediction: PadPrediction, scene: str, bend: float, said: str
 ) -> None:
-    record = commission(prediction, prediction.alone, "0" * 16, 0.0)
+    record = commission(prediction, prediction.alone, SCENE.hash, 0.0)
     with pytest.raises(CaptureError, match=said):
-        record.check_fits(prediction, scene_hash, bend)
+        record.check_fits(prediction, load_scene(scene), bend)
 
 
 def test_a_rig_with_a_dead_fiber_is_not_recorded(prediction: PadPrediction) -> None:
     colors = prediction.alone.copy()
     colors[4] = 0.0
     with pytest.raises(CaptureError, match="fiber 4"):
-        commission(prediction, colors, "0" * 16, 0.0)
+        commission(prediction, colors, SCENE.hash, 0.0)
 
 
 def test_rubbish_is_no_record(tmp_path: Path) -> None:

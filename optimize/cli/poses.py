@@ -1,0 +1,57 @@
+"""In which state commands that draw or check a sensor take it: ``--bend`` or ``--state``."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from typer import BadParameter, Option
+
+if TYPE_CHECKING:
+    from render.scene import Scene
+
+StateName = Annotated[
+    str | None, Option(help="State of the skin by its name, where the scene has states.")
+]
+
+
+class Pose(NamedTuple):
+    """A sensor that stays in one state.
+
+    Arguments:
+        scene: the sensor of that state alone.
+        bend: rad, 0 where the states are named.
+        number: what stands for the state on the axis of transport and models: the bend in rad, or
+            the number of the named state.
+        name: what files call it.
+    """
+
+    scene: Scene
+    bend: float
+    number: float
+    name: str
+
+
+def in_pose(scene: Scene, state: str | None, bend: float) -> Pose:
+    """Return ``scene`` in the ``state`` of that name, at rest without one, or at ``bend`` deg.
+
+    Raises:
+        BadParameter: the scene has no such state, or has states and does not bend.
+    """
+    from render.geometry import in_state
+
+    if scene.states is None:
+        if state is not None:
+            raise BadParameter(
+                f"--state {state}: {scene.name} has no states, allowed: a scene with [[states]]; "
+                "slabs have --bend"
+            )
+        angle = math.radians(bend)
+        return Pose(scene, angle, angle, f"{bend:g}deg")
+    if bend:
+        raise BadParameter(f"--bend {bend:g}: {scene.name} does not bend, allowed: --state")
+    name = scene.state_names[0] if state is None else state
+    if name not in scene.state_names:
+        raise BadParameter(f"--state {name}, allowed: {', '.join(scene.state_names)}")
+    number = float(scene.state_names.index(name))
+    return Pose(*in_state(scene, number), number, name)
