@@ -18,7 +18,7 @@ import mitsuba as mi
 from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet, mirror_ratio
 from render.integrators.resampling import (
     CameraProxy,
-    LightProxies,
+    PackedProxies,
     ProxyReservoir,
     Reservoir,
     mirrored_target_weight,
@@ -65,8 +65,10 @@ def connect_subpaths(
     looks = [CameraProxy.of(end) for end in ends]
     drawn, mirrored = [Reservoir.empty() for _ in ends], Reservoir.empty()  # by target weights
     paths, lanes = cache.groups.paths, dr.width(cache.groups.lane)
-    proxies = cache.proxies
-    neighbors = MortonNeighbors(proxies, cache.groups, camera.main.vertex.p) if shared else None
+    packed = PackedProxies(cache.proxies)
+    neighbors = (
+        MortonNeighbors(cache.proxies, cache.groups, camera.main.vertex.p) if shared else None
+    )
     last, number = paths * cache.slots, dr.zeros(mi.UInt32, lanes)  # vertices of all partners
     while number < last:
         # --------------- Proxy weights: one of a few, for each end --------------------
@@ -76,7 +78,7 @@ def connect_subpaths(
         until = dr.minimum(number + proxies_per_target, last)
         while number < until:
             index = cache.index(number)
-            y = dr.gather(LightProxies, proxies, index)
+            y = packed.gather(index)
             close = mi.Bool(False) if neighbors is None else neighbors.holds(index)
             for i in range(len(ends)):
                 fits = looks[i].valid & (y.edges + looks[i].edges < edges_max)

@@ -19,7 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.integrators.resampling import LightProxies
+from render.integrators.resampling import LightProxies, PackedProxies
 from render.integrators.subpaths import LightVertex, LightVertices
 from render.sampling.streams import Numbers
 
@@ -138,7 +138,7 @@ class MortonNeighbors:
         rank = np.empty(len(order), dtype=np.int32)
         rank[order] = np.arange(len(order), dtype=np.int32)
         self.order, self.rank, sorted_keys = mi.UInt32(order), mi.Int32(rank), mi.UInt64(keys)
-        self.proxies = dr.gather(LightProxies, proxies, self.order)
+        self.proxies = PackedProxies(dr.gather(LightProxies, proxies, self.order))
         mine = groups.lane % groups.groups
         limits = mi.Int32(np.searchsorted(keys, starts).astype(np.int32))
         self.first, self.last = (
@@ -151,7 +151,7 @@ class MortonNeighbors:
         )
         # Light subpaths of the group for each that a camera subpath looks at.
         self.ratio = mi.Float(groups.members(groups.lane)) / mi.Float(groups.paths)
-        dr.eval(self.proxies, self.first, self.last, self.place, self.ratio)
+        dr.eval(self.first, self.last, self.place, self.ratio)
 
     def _keys(self, p: mi.Point3f, group: mi.UInt64) -> mi.UInt64:
         scaled = dr.clip((p - self.low) * self.scale, 0.0, float((1 << MORTON_BITS) - 1))
@@ -174,7 +174,7 @@ class MortonNeighbors:
         probability = dr.log(1.0 + dr.rcp(mi.Float(offset) + NEIGHBOR_SCALE)) / log_range
         probability = dr.select(offset > 0, 0.5 * probability, probability)
         represented = dr.select(valid, dr.rcp(self.ratio * probability * count), 0.0)
-        return dr.gather(LightProxies, self.proxies, mi.UInt32(place), valid), place, represented
+        return self.proxies.gather(mi.UInt32(place), valid), place, represented
 
     def holds(self, index: mi.UInt32) -> mi.Bool:
         """Return whether ``sample`` can find the vertex with that ``index``."""

@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.integrators.resampling import LightProxies
+from render.integrators.resampling import LightProxies, PackedProxies
 from render.integrators.subpaths import LightVertex
 from render.integrators.vertex_cache import NEIGHBOR_WINDOW, LaneGroups, MortonNeighbors
 
@@ -119,3 +119,18 @@ def test_where_no_light_subpath_left_a_vertex_nothing_is_near(mono: ModuleType) 
     near = nearby(mono, np.zeros((3, 2 * LANES)), np.zeros(2 * LANES))
     _, _, represented = near.sample(dr.full(mono.Float, 0.5, LANES), DRAWS)
     assert (np.array(represented) == 0).all()
+
+
+def test_packed_proxies_are_the_proxies_bit_for_bit(mono: ModuleType) -> None:
+    numbers = np.random.default_rng(1).normal(size=(10, 50)).astype(np.float32)
+    number = np.arange(50)
+    proxies = LightProxies(
+        mono.Point3f(numbers[:3]), mono.Vector3f(numbers[3:6]), mono.Float(numbers[6]),
+        mono.Bool(number % 2 == 0), mono.Bool(number % 3 == 0), mono.UInt32(number * 40),
+        mono.Float(numbers[7] * 1e30), mono.Float(numbers[8]), mono.Float(numbers[9]),
+    )  # fmt: skip
+    index = mono.UInt32(number[::-1].copy())
+    expected = dr.gather(LightProxies, proxies, index)
+    found = PackedProxies(proxies).gather(index)
+    for name, value in vars(expected).items():
+        assert np.array_equal(np.array(value), np.array(getattr(found, name))), name
