@@ -29,6 +29,16 @@ def mono() -> ModuleType:
     return mitsuba("llvm_ad_mono")
 
 
+@pytest.fixture
+def variant_kept() -> Iterator[None]:
+    """Leave the variant of Mitsuba that was set before the test: `mono` is set once a session."""
+    mi = pytest.importorskip("mitsuba")
+    before = mi.variant()
+    yield
+    if before is not None:
+        mi.set_variant(before)
+
+
 # Fixtures of a session that take many seconds, and the files that need them: on one worker.
 # (``--dist loadgroup`` would say this with marks, but pytest-xdist 3.8 ignores the groups under
 # pytest 9.2: https://github.com/pytest-dev/pytest-xdist/issues/1386.)

@@ -14,8 +14,15 @@ from typer import Option
 from hw.cli.capture import live
 from hw.cli.options import Calibrated, Gamma, Lens, Noise, Wiring, wired
 from hw.errors import CaptureError
-from optimize.cli.options import Bend, DesignOption, Json, ModelFolder, SceneName
-from optimize.cli.poses import StateName, in_pose
+from optimize.cli.options import (
+    Bend,
+    DesignOption,
+    Json,
+    ModelFolder,
+    SceneName,
+    StateName,
+    in_pose,
+)
 from optimize.ui.console import note, print_json, reserved_stdout
 
 if TYPE_CHECKING:

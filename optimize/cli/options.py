@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
+
+if TYPE_CHECKING:
+    from render.scene import Scene
 
 SceneName = Annotated[
     str, Argument(metavar="scene", help="Name of a shipped scene, or a TOML file.")
@@ -25,5 +29,50 @@ Coarse = Annotated[
     bool, Option("--coarse", help="On the preview as drawn: seconds, not a minute, and less exact.")
 ]
 Bend = Annotated[float, Option(min=0.0, max=180.0, help="Total bending angle in degrees.")]
+StateName = Annotated[
+    str | None, Option(help="State of the skin by its name, where the scene has states.")
+]
 Seed = Annotated[int, Option(min=0, help="Seed of all random choices.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
+
+
+class Pose(NamedTuple):
+    """A sensor that stays in one state.
+
+    Arguments:
+        scene: the sensor of that state alone.
+        bend: rad, 0 where the states are named.
+        number: what stands for the state on the axis of transport and models: the bend in rad, or
+            the number of the named state.
+        name: what files call it.
+    """
+
+    scene: Scene
+    bend: float
+    number: float
+    name: str
+
+
+def in_pose(scene: Scene, state: str | None, bend: float) -> Pose:
+    """Return ``scene`` in the ``state`` of that name, at rest without one, or at ``bend`` deg.
+
+    Raises:
+        BadParameter: the scene has no such state, or has states and does not bend.
+    """
+    from render.geometry import in_state
+
+    if scene.states is None:
+        if state is not None:
+            raise BadParameter(
+                f"--state {state}: {scene.name} has no states, allowed: a scene with [[states]]; "
+                "slabs have --bend"
+            )
+        angle = math.radians(bend)
+        return Pose(scene, angle, angle, f"{bend:g}deg")
+    if bend:
+        raise BadParameter(f"--bend {bend:g}: {scene.name} does not bend, allowed: --state")
+    name = scene.state_names[0] if state is None else state
+    if name not in scene.state_names:
+        raise BadParameter(f"--state {name}, allowed: {', '.join(scene.state_names)}")
+    number = float(scene.state_names.index(name))
+    return Pose(*in_state(scene, number), number, name)

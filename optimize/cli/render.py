@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import BadParameter, Option
 
-from optimize.cli.options import Bend, DesignOption, SceneName, Seed
-from optimize.cli.poses import StateName, in_pose
+from optimize.cli.options import Bend, DesignOption, SceneName, Seed, StateName, in_pose
 from optimize.ui.console import ProgressBar, note, reserved_stdout
 from render.errors import GraphicsError, RenderError, TableError
 

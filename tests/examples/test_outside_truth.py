@@ -122,6 +122,7 @@ def write_device(folder: Path, name: str, ring: gssim.Ring) -> None:
     )
 
 
+@pytest.mark.usefixtures("variant_kept")
 def test_a_ring_of_lamps_is_found_by_two_of_its_lights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

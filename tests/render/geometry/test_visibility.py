@@ -35,31 +35,27 @@ def test_columns_run_towards_minus_x_and_rows_towards_the_base() -> None:
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1.0)
 
 
+@pytest.mark.usefixtures("variant_kept")
 def test_rays_are_those_of_mitsubas_perspective_sensor() -> None:
     mi = pytest.importorskip("mitsuba")
-    before = mi.variant()
     mi.set_variant("scalar_rgb")
-    try:
-        origin, expected = camera_rays(SCENE, 24, 40, offset=(0.25, 0.75))
-        pose = mi.ScalarTransform4f().look_at(
-            origin=list(origin), target=list(origin + [0, 0, 1]), up=[0, 1, 0]
-        )
-        sensor = mi.load_dict(
-            {
-                "type": "perspective",
-                "fov": np.degrees(SCENE.camera.field_of_view),
-                "fov_axis": "y",
-                "to_world": pose,
-                "film": {"type": "hdrfilm", "width": 24, "height": 40},
-            }
-        )
-        for column, row in [(0, 0), (23, 5), (12, 39)]:
-            where = [(column + 0.25) / 24, (row + 0.75) / 40]
-            ray, _ = sensor.sample_ray(0.0, 0.5, where, [0.5, 0.5])
-            np.testing.assert_allclose(np.array(ray.d), expected[row, column], atol=1e-5)
-    finally:
-        if before is not None:
-            mi.set_variant(before)
+    origin, expected = camera_rays(SCENE, 24, 40, offset=(0.25, 0.75))
+    pose = mi.ScalarTransform4f().look_at(
+        origin=list(origin), target=list(origin + [0, 0, 1]), up=[0, 1, 0]
+    )
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": np.degrees(SCENE.camera.field_of_view),
+            "fov_axis": "y",
+            "to_world": pose,
+            "film": {"type": "hdrfilm", "width": 24, "height": 40},
+        }
+    )
+    for column, row in [(0, 0), (23, 5), (12, 39)]:
+        where = [(column + 0.25) / 24, (row + 0.75) / 40]
+        ray, _ = sensor.sample_ray(0.0, 0.5, where, [0.5, 0.5])
+        np.testing.assert_allclose(np.array(ray.d), expected[row, column], atol=1e-5)
 
 
 def fermat_pixel(target: Array, bend: float, columns: int, rows: int) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from render.reference.path_tracer import PathTracer
 from render.scene import load_scene
 
 
+@pytest.mark.usefixtures("variant_kept")
 def test_samples_in_passes_are_other_samples_of_the_same_light(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
