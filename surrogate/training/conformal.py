@@ -90,6 +90,8 @@ class Comparison:
             counts, one standard deviation of the model and of the reference.
         score_error, score_noise: ``(design,)`` error of S, freed of the bias that noise gives the
             reference's S, and standard deviation of the reference's S.
+        distinct: number of independent scores that the designs stand for (`independent_number`);
+            infinite where designs are off by the model's own errors, as many as its cells.
     """
 
     error: Array
@@ -97,6 +99,7 @@ class Comparison:
     noise: Array
     score_error: Array
     score_noise: Array
+    distinct: float = math.inf
 
     @property
     def score_spread(self) -> float:
@@ -127,12 +130,36 @@ def compare(
         drawn.append(evaluation.scores(evaluation.counts(noisy)) - score)
     bias, deviation = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
     return Comparison(
+        distinct=independent_number(np.array(drawn)),
         error=error[lit],
         spread=spread[lit],
         noise=evaluation.counts_noise()[lit],
         score_error=score + bias - evaluation.scores(evaluation.counts(evaluation.reference)),
         score_noise=deviation,
     )
+
+
+def independent_number(drawn: Array) -> float:
+    """Return how many independent scores those of many designs stand for, at least 1.
+
+    Designs of few lamps share their light, so that their scores are off together, however many
+    designs are tried. The number is the participation ratio ``(tr C)^2 / tr C^2`` of their
+    covariance C, infinite where none varies. Of n + 1 Gaussian draws with the sample covariance W,
+    ``E (tr W)^2 = (tr C)^2 + 2 tr C^2 / n`` and ``E tr W^2 = (1 + 1/n) tr C^2 + (tr C)^2 / n``,
+    solved for both (Chen, Zhang and Zhong 2010); it is the number of draws at most.
+
+    ``drawn`` ``(draw, design)`` are scores with the noise of renders.
+    """
+    n = len(drawn) - 1
+    off = drawn - drawn.mean(axis=0)
+    gram = off @ off.T / n
+    trace, square = float(np.trace(gram)), float(np.sum(gram**2))
+    if trace <= 0.0:
+        return math.inf
+    # tr C^2 from both expectations, without bias.
+    common = n**2 / ((n - 1) * (n + 2)) * (square - trace**2 / n)
+    whole = trace**2 - 2.0 * common / n
+    return max(1.0, whole / common) if common * len(drawn) > whole else float(len(drawn))
 
 
 @dataclass(frozen=True)
@@ -158,24 +185,35 @@ class Quantiles:
 def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
     """Return the factors that cover the comparison's designs.
 
+    Errors that other light paths draw anew (of tables) are known by as many as the designs have
+    independent scores: the factor is at least that of Student's t with so many degrees, times the
+    root mean square.
+
     ``known`` is the half-width of a score's interval before anything was rendered, counts: that of
     the preview, which other sensors calibrated. Renders whose noise reaches as far say nothing of
-    the model, and scores of few lamps are few, however many designs: then it is still what is
-    known. What renders bear out is no worse than the preview (`surrogate.training.halves`).
+    the model, and few scores say little: then it is still what is known. What renders bear out is
+    no worse than the preview (`surrogate.training.halves`).
     """
-    total = np.hypot(comparison.score_spread, comparison.score_noise)
+    from scipy.stats import t
+
+    relative = np.abs(comparison.score_error) / np.hypot(
+        comparison.score_spread, comparison.score_noise
+    )
     found = Quantiles(
         counts=_quantile(np.abs(comparison.error) / np.hypot(comparison.spread, comparison.noise)),
-        score_factor=_quantile(np.abs(comparison.score_error) / total),
+        score_factor=_quantile(relative),
         score_spread=comparison.score_spread,
     )
     noise = float(np.sqrt(np.mean(comparison.score_noise**2)))
     seen = float(np.sqrt(np.mean(comparison.score_error**2)))
-    if known is None or NORMAL * noise < known:
-        return found
-    if seen > REFUTED * math.hypot(noise, known / NORMAL):
-        return found
-    return replace(found, score_factor=NORMAL, score_spread=known / NORMAL)
+    few = 0.0
+    if math.isfinite(comparison.distinct):
+        few = t.ppf(0.5 + 0.5 * COVERAGE, comparison.distinct) * np.sqrt(np.mean(relative**2))
+    if known is not None and seen <= REFUTED * math.hypot(noise, known / NORMAL):
+        if NORMAL * noise >= known:
+            return replace(found, score_factor=NORMAL, score_spread=known / NORMAL)
+        few = min(few, known / found.score_spread)
+    return replace(found, score_factor=float(max(found.score_factor, few)))
 
 
 @dataclass(frozen=True)

@@ -165,8 +165,14 @@ def _compared(
 
 
 def _joined(first: Comparison, second: Comparison) -> Comparison:
-    pairs = zip(vars(first).values(), vars(second).values(), strict=True)
-    return Comparison(*(np.concatenate(pair) for pair in pairs))
+    """Return both together; each half foretells the other, so no score more is independent."""
+    distinct = min(first.distinct, second.distinct)
+    pairs = {
+        name: np.concatenate([getattr(part, name) for part in (first, second)])
+        for name in vars(first)
+        if name != "distinct"
+    }
+    return Comparison(**pairs, distinct=distinct)
 
 
 def _errors(evaluation: HeldOutEvaluation, level: str, transport: Array) -> LevelErrors:

@@ -14,6 +14,7 @@ from surrogate.training.conformal import (
     counts_spread,
     coverage,
     fit_spread,
+    independent_number,
 )
 from surrogate.training.evaluation import HeldOutEvaluation, random_designs
 
@@ -44,11 +45,34 @@ def _evaluation(
 
 
 def _compare(evaluation: HeldOutEvaluation, guess: np.ndarray) -> Comparison:
-    return compare(evaluation, guess, _spread(evaluation, guess), np.random.default_rng(9))
+    found = compare(evaluation, guess, _spread(evaluation, guess), np.random.default_rng(9))
+    return replace(found, distinct=np.inf)
 
 
 def _spread(evaluation: HeldOutEvaluation, guess: np.ndarray) -> np.ndarray:
     return counts_spread(evaluation, guess, np.zeros((1, *SHAPE)), np.full(SHAPE[:4], MODEL))
+
+
+def _table(seed: int, lamps: int) -> Comparison:
+    """Compare 60 designs of few lamps that do not turn, whose cells are off by 5 %."""
+    rng, shape = np.random.default_rng(seed), (1, lamps, 1, 15, 11)
+    truth = np.random.default_rng(99).uniform(1.0, 2.0, shape)
+    common = rng.standard_normal((1, lamps, 1, 1, 1))
+    guess = truth * (1.0 + MODEL * (common + rng.standard_normal(shape)) / np.sqrt(2.0))
+    known = np.ones(shape, dtype=bool)
+    evaluation = HeldOutEvaluation(
+        reference=truth,
+        error=0.2 * MODEL * truth,
+        reliable=known,
+        designs=random_designs(60, known[..., 0, 0, 0], np.zeros(1, dtype=int), rng),
+        exposure=5.0,
+        lam=10.0,
+        held_out=known[..., 0, 0],
+        bends=np.arange(1),
+    )
+    none, cells = np.zeros((1, *shape)), np.full(shape[:4], MODEL)
+    spread = counts_spread(evaluation, guess, none, cells)
+    return compare(evaluation, guess, spread, np.random.default_rng(1))
 
 
 def test_the_spread_is_found_below_the_noise_of_the_reference() -> None:
@@ -131,6 +155,35 @@ def test_designs_of_few_scores_do_not_narrow_an_interval_below_what_noise_tells(
     # A few of the 2,000 errors of deviation 1 lie beyond 1.645 of it; of hardly a sensor most do.
     assert 0.87 < by_sensors.mean() < 0.93
     assert (by_sensors < 0.5).mean() < 0.02 < (by_designs < 0.5).mean()
+
+
+def test_independent_scores_are_counted_whatever_the_number_of_designs() -> None:
+    rng = np.random.default_rng(4)
+    mixed = rng.standard_normal((5, 300))
+
+    found = [independent_number(rng.standard_normal((16, 5)) @ mixed) for _ in range(200)]
+    # Five scores of nearly equal weight in 300 designs; one alone; as many as there are draws.
+    assert np.median(found) == pytest.approx(5.0, rel=0.15)
+    assert independent_number(np.outer(rng.standard_normal(16), mixed[0])) == pytest.approx(1.0)
+    assert independent_number(rng.standard_normal((16, 10_000))) > 14.0
+    assert independent_number(np.ones((16, 4))) == np.inf
+
+
+def test_errors_that_are_drawn_anew_are_held_though_lamps_are_few() -> None:
+    held = []
+    for seed in range(60):
+        few = _table(seed, 4)
+        new = _table(1000 + seed, 4)
+        off = np.abs(new.score_error)
+        held.append(
+            [
+                np.mean(off <= conformal(replace(few, distinct=distinct)).score)
+                for distinct in (np.inf, few.distinct)
+            ]
+        )
+    by_designs, by_scores = np.mean(held, axis=0)
+    assert by_designs < 0.8
+    assert 0.85 < by_scores < 0.97
 
 
 def test_renders_refute_the_interval_of_a_preview_that_is_far_off() -> None:
