@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -15,10 +19,24 @@ def compiled(function: F, **options: Any) -> F:
 
     The machine code is stored beside the source, else in the user's cache folder; in an install
     where neither can be written it is compiled anew in every process. numba's store notices when a
-    function's own file changes, not when a function of another file does that it calls: what is
-    compiled together lives in one file.
+    function's own file changes, but not when that of a function, constant or record changes that
+    it is compiled with: here it is told of every file in the folder. So what is compiled together
+    lives in one folder.
     """
     try:
-        return cast(F, numba.njit(cache=True, nogil=True, **options)(function))
+        dispatcher = numba.njit(cache=True, nogil=True, **options)(function)
     except RuntimeError:  # numba found no folder that it may write to
         return cast(F, numba.njit(nogil=True, **options)(function))
+    stored = dispatcher._cache._cache_file
+    stored._source_stamp = stored._source_stamp, _sources(Path(inspect.getfile(function)).parent)
+    return cast(F, dispatcher)
+
+
+@cache
+def _sources(folder: Path) -> bytes:
+    """Return a digest of all Python files in a folder."""
+    digest = hashlib.sha256()
+    for file in sorted(folder.glob("*.py")):
+        digest.update(hashlib.sha256(file.name.encode()).digest())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.digest()

@@ -2,8 +2,6 @@
 
 A *block* holds one lighting per lane, lanes last, so that one instruction treats 8 or 16 of them.
 The dtype follows the arguments: float32 for exhaustive searches, float64 elsewhere.
-
-Everything compiled lives in this one file, see `render.compiled`.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -14,7 +12,6 @@ from render.preview.converged import Effort, transport_at
 from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
 from render.preview.converged.block import bent_block, patch_area, patch_counts
 from render.preview.converged.gathering import gathered, patch_points
-from render.preview.converged.walks import meet_bond
 from render.progress import Clock
 from render.scene import Scene
 from tests.oracles.mesh_cells import BentScene
@@ -33,31 +30,6 @@ def with_index(case: str, index: float) -> Scene:
     content = content_of_case(case)
     content["window"]["index"]["value"] = index
     return Scene.model_validate(content)
-
-
-@pytest.mark.parametrize(("degrees", "below"), [(20.0, False), (60.0, True), (80.0, True)])
-def test_the_bond_refracts_by_snell_and_reflects_by_fresnel(degrees: float, below: bool) -> None:
-    block = bent_block(with_index(CASE, 1.6), 0.0, pressed=False)
-    angle, (before, behind) = math.radians(degrees), (1.6, 1.41) if below else (1.41, 1.6)
-    up = -1.0 if below else 1.0
-    sine = before / behind * math.sin(angle)
-    total = sine >= 1.0
-    assert total == (degrees == 80.0)
-    out = math.pi / 2 if total else math.asin(sine)
-    reflectance = 1.0 if total else 0.5 * (
-        (math.sin(angle - out) / math.sin(angle + out)) ** 2
-        + (math.tan(angle - out) / math.tan(angle + out)) ** 2
-    )  # fmt: skip
-    for chance in (0.999 * reflectance, min(1.001 * reflectance, 0.9999)):
-        d = np.array([0.6 * math.sin(angle), 0.8 * math.sin(angle), up * math.cos(angle)])
-        side = meet_bond(block, below, d, chance)
-        if total or chance < reflectance:
-            assert side == below
-            expected = [0.6 * math.sin(angle), 0.8 * math.sin(angle), -up * math.cos(angle)]
-        else:
-            assert side != below
-            expected = [0.6 * math.sin(out), 0.8 * math.sin(out), up * math.cos(out)]
-        np.testing.assert_allclose(d, expected, atol=1e-12)
 
 
 def test_upright_light_from_below_loses_what_two_faces_reflect() -> None:
