@@ -187,7 +187,7 @@ def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
 
     Errors that other light paths draw anew (of tables) are known by as many as the designs have
     independent scores: the factor is at least that of Student's t with so many degrees, times the
-    root mean square.
+    root mean square, or what is known.
 
     ``known`` is the half-width of a score's interval before anything was rendered, counts: that of
     the preview, which other sensors calibrated. Renders whose noise reaches as far say nothing of
@@ -209,7 +209,9 @@ def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
     few = 0.0
     if math.isfinite(comparison.distinct):
         few = t.ppf(0.5 + 0.5 * COVERAGE, comparison.distinct) * np.sqrt(np.mean(relative**2))
-    if known is not None and seen <= REFUTED * math.hypot(noise, known / NORMAL):
+    if known is not None:
+        if seen > REFUTED * math.hypot(noise, known / NORMAL):
+            return found
         if NORMAL * noise >= known:
             return replace(found, score_factor=NORMAL, score_spread=known / NORMAL)
         few = min(few, known / found.score_spread)
