@@ -65,24 +65,29 @@ def layout(picture: Array) -> dict[str, float]:
     }
 
 
-def drawn_digit(light: Light) -> Array:
-    """Return the untouched pad of the scene digit, ``(row, column, color)``, as its camera does.
+DIGITS = {"digit": 14, "digit-dome": 12}
+"""Scenes of a DIGIT, and how many rows of places, 1.6 mm apart, their cameras see whole."""
+
+
+def drawn_digit(light: Light, name: str) -> Array:
+    """Return the untouched skin of a DIGIT's scene, ``(row, column, color)``, as its camera does.
 
     Rows count from the top, and columns run towards -x.
     """
-    scene = tactilux.load_scene("digit")
-    scene = touched(scene, {"columns": 10, "rows": 14, "spacing": 1.6}, faces=3, radius=0.5)
-    return by_color(scene, light(scene)[1]).reshape(14, 10, 3)[::-1, ::-1]
+    scene, rows = tactilux.load_scene(name), DIGITS[name]
+    scene = touched(scene, {"columns": 10, "rows": rows, "spacing": 1.6}, faces=3, radius=0.5)
+    return by_color(scene, light(scene)[1]).reshape(rows, 10, 3)[::-1, ::-1]
 
 
 def digit(folder: Path, light: Light) -> Iterator[Row]:
     """Compare the colors of the untouched pad: red left of green, and fading to the right."""
-    drawn = drawn_digit(light)
     real = layout(linear(folder / "examples" / "conf" / "bg_digit_240_320.jpg", True))
-    mirrored = layout(drawn[:, ::-1])
-    for (what, found), goal in zip(layout(drawn).items(), (">= 0", ">= 5", ">= 5"), strict=True):
-        beside = {"photograph": real[what], "mirrored": mirrored[what]}
-        yield Row(f"DIGIT: {what}", found, goal, beside)
+    for name in DIGITS:
+        drawn = drawn_digit(light, name)
+        found, mirrored = layout(drawn), layout(drawn[:, ::-1])
+        for what, goal in zip(found, (">= 0", ">= 5", ">= 5"), strict=True):
+            beside = {"photograph": real[what], "mirrored": mirrored[what]}
+            yield Row(f"{name}: {what}", found[what], goal, beside)
 
 
 # ------------------------------------------ Command ----------------------------------------------

@@ -23,6 +23,7 @@ from render.progress import in_stage
 if TYPE_CHECKING:
     from optimize.scoring import JackknifeEstimate, RenderedScore
     from optimize.verification import Verification
+    from render.scene import Scene
     from surrogate.runtime import Checker
 
 SAMPLES = 200
@@ -96,22 +97,29 @@ def run(
         if as_json:
             print_json(stream, found.to_json())
         else:
-            _print(stream, path, checker, found)
+            _print(stream, path, candidate.scene, checker, found)
 
 
-def _print(stream: IO[str], path: Path, checker: Checker, found: Verification) -> None:
+def _print(
+    stream: IO[str], path: Path, scene: Scene, checker: Checker, found: Verification
+) -> None:
     from optimize.design import PARTS
+    from optimize.report import state_word
     from optimize.scoring import prediction_checked
+
+    word = state_word(scene)
+    shown = PARTS[1:] if word else PARTS[1:-1]
+    spreads = ("spread over sites", *([f"spread over {word}s"] if word else []))
 
     def row(name: str, score: JackknifeEstimate, measured: RenderedScore | None) -> tuple[str, ...]:
         low, high = score.interval()
-        parts = [_pm(measured.parts[part]) if measured else "" for part in PARTS[1:]]
+        parts = [_pm(measured.parts[part]) if measured else "" for part in shown]
         return name, _pm(score), f"{low:.2f} to {high:.2f}", *parts
 
     print_table(
         stream,
         f"{path}, reference (bidirectional, MIS)",
-        ("design", "score S", "95% interval", "mean M", "spread over sites", "spread over bends"),
+        ("design", "score S", "95% interval", "mean M", *spreads),
         [
             row("Baseline", found.baseline.score, found.baseline),
             row("Design", found.design.score, found.design),

@@ -18,6 +18,7 @@ from optimize.report import (
     render_page,
     score_row,
     stage_pictures,
+    state_word,
 )
 from optimize.ui.output import write_result
 from optimize.ui.provenance import package_versions
@@ -67,6 +68,7 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
         "lam": f"{stages[0].settings.lam:.4g}",
         "confidence": f"{comparison.coverage:.0%}",
         "bends": bends,
+        "word": state_word(scene),
         "stages": rows,
         "differences": difference_rows(comparison),
         "covers": comparison.covers,

@@ -11,6 +11,7 @@ from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import LoopOutcome
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.overnight.status import status_of
+from optimize.report import parts_moved
 from optimize.scoring import (
     jackknife_se,
     predict_design,
@@ -117,15 +118,7 @@ def outcome(scene: Scene, finalists: Sequence[Finalist], winner: str, replicates
             f"Of the gain, {colors.gain:+.1f} came with the colors alone, every fiber pointing "
             f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
         )
-    before, after = first.rating, last.rating
-    axis = "bends" if scene.states is None else "states"
-    over_bends = f" and over {axis} from {before.spread_bends:.1f} to {after.spread_bends:.1f}"
-    over_bends = over_bends if len(last.metric) > 1 else ""
-    sentences.append(
-        f"The mean of the metric went from {before.mean:.1f} to {after.mean:.1f}, its spread "
-        f"over sites from {before.spread_sites:.1f} to {after.spread_sites:.1f}{over_bends}."
-    )
-    return sentences
+    return [*sentences, parts_moved(scene, first.rating, last.rating)]
 
 
 def surrogate_sentence(finalists: Sequence[Finalist], winner: str) -> str:

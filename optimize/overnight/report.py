@@ -33,6 +33,7 @@ from optimize.report import (
     score_row,
     sensor_figure,
     stage_pictures,
+    state_word,
     wiring_context,
 )
 from render.errors import ModelError, SceneError
@@ -112,6 +113,7 @@ def render_report(
         "verdict": result.verdict,
         "finalists": [{**row, "best": key == last.key} for key, row in rows.items()],
         "bends": bend_titles(scene),
+        "word": state_word(scene),
         "sensor": sensor_figure(scene),
         "stages": [stages[key] for key in shown],
         "others": [stage for key, stage in stages.items() if key not in shown],

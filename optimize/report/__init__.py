@@ -5,6 +5,7 @@ from optimize.report.exploration_report import (
     PLAY,
     REPORT,
     doubted_gain,
+    parts_moved,
     print_scores,
     render_report,
     score_row,
@@ -40,6 +41,7 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
+    state_word,
     template_text,
     verification_steps,
 )

@@ -32,6 +32,7 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
+    state_word,
     verification_steps,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
@@ -40,6 +41,7 @@ from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.errors import RenderError, TableError
 from render.files import write_bytes, write_text
+from render.scene import Scene
 from surrogate.runtime import Checker, RankingTest, sha256
 
 DESIGN, BASELINE, REPORT, PLAY = "design.json", "baseline.json", "report.html", "play.html"
@@ -218,6 +220,7 @@ def render_report(
         "summary": summary(stages, ranking),
         "warnings": warnings(stages, ranking),
         "bends": bends,
+        "word": state_word(scene),
         "sensor": sensor_figure(scene),
         "stages": [{**_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
         "previews": [
@@ -253,13 +256,14 @@ class Scored(Protocol):
 
 def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> None:
     """Print the figures of ``stages`` of one scene; ``coverage`` of their intervals."""
+    word = state_word(stages[0].scene)
     columns = {
         "title": "design",
         "score": "score S",
         "interval": f"{coverage:.0%} interval",
         "mean": "mean M",
         "spread_sites": "spread over sites",
-        "spread_bends": "spread over bends",
+        **({"spread_bends": f"spread over {word}s"} if word else {}),
         "normal_error": "normal error",
     }
     rows = [_row(stage) for stage in stages]
@@ -324,13 +328,19 @@ def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
         f"{late.rating.score - early.rating.score:+.1f} by {late.change}"
         for early, late in pairwise(stages)
     ]
-    sentences.append(
-        f"Of that, {' and '.join(steps)}. The mean of the metric went from {first.mean:.1f} to "
-        f"{last.mean:.1f}, its spread over sites from {first.spread_sites:.1f} to "
-        f"{last.spread_sites:.1f} and over bends from {first.spread_bends:.1f} to "
-        f"{last.spread_bends:.1f}."
-    )
+    moves = parts_moved(stages[0].scene, first, last)
+    sentences.append(f"Of that, {' and '.join(steps)}. {moves}")
     return sentences
+
+
+def parts_moved(scene: Scene, first: Rating, last: Rating) -> str:
+    """Return how the parts of the score went from one rating to another, in one sentence."""
+    word = state_word(scene)
+    over = f" and over {word}s from {first.spread_bends:.1f} to {last.spread_bends:.1f}"
+    return (
+        f"The mean of the metric went from {first.mean:.1f} to {last.mean:.1f}, its spread over "
+        f"sites from {first.spread_sites:.1f} to {last.spread_sites:.1f}{over if word else ''}."
+    )
 
 
 def warnings(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:

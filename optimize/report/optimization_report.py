@@ -21,6 +21,7 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
+    state_word,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
 from optimize.ui.output import fresh_directory, write_manifest
@@ -162,6 +163,7 @@ def _page(
         "scene": scene.name,
         "scene_hash": scene.hash,
         "bends": scene.state_axis,
+        "word": state_word(scene),
         "lam": f"{outcome.finalists.settings.lam:.4g}",
         "conclusions": conclusions(outcome),
         "sensor": sensor_figure(scene),

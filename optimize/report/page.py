@@ -60,6 +60,13 @@ def bend_titles(scene: Scene) -> list[str]:
     return list(scene.state_names)
 
 
+def state_word(scene: Scene) -> str:
+    """Return what scores spread over besides sites: "bend", "state", or "" where there is one."""
+    if len(scene.state_axis) == 1:
+        return ""
+    return "bend" if scene.states is None else "state"
+
+
 Steps = list[tuple[str, str]]
 """What to do next: why, and the command."""
 

@@ -155,5 +155,6 @@ def colors_in(raw: Mapping[str, Any]) -> tuple[str, ...]:
     named = raw.get("colors")
     names = RGB.names
     if isinstance(named, list):
-        names = tuple(str(one["name"]) for one in named if isinstance(one, dict) and "name" in one)
+        said = [one.get("name") for one in named if isinstance(one, dict)]
+        names = tuple(name for name in said if isinstance(name, str)) or names
     return names if raw.get("schema") == 1 else (*names, OFF)

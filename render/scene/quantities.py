@@ -135,7 +135,7 @@ class PerChannel(Quantity):
         if isinstance(value, list):
             return many(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise PydanticCustomError("float_type", "Input should be a valid number")
+            raise PydanticCustomError("number_or_list", "allowed: a number, or a list of them")
         return self._within(float(value))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
@@ -25,6 +26,18 @@ _TEXTS = {
     INK: "# and six digits 0-9 or a-f",
 }
 """What the patterns of a file's texts allow, for people."""
+
+_TYPES = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "number_or_list": "a number, or a list of one per camera channel",
+}
+"""What stands where a value of another type is refused, for people."""
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -140,23 +153,68 @@ def _sentence(problem: Any) -> str:
     if kind == "value_error" and not key:
         return str(message)
     value = problem["input"]
+    allowed = _allowed(problem)
+    if allowed:
+        value = value["value"] if kind == "number_or_list" else value
+        return f"{key} = {_written(value)}, allowed: {allowed}"
     if isinstance(value, dict) and "value" in value:
-        unit = f" {value['unit']}" if "unit" in value else ""
-        value = f"{value['value']}{unit}"
+        value = " ".join(_plain(value[part]) for part in ("value", "unit") if part in value)
+    value = _plain(value)
     if kind == "string_pattern_mismatch":
         return f"{key} = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"
     return f"{key} = {value}: {message}"
 
 
+def _allowed(problem: Any) -> str:
+    """Return what may stand where a value has the wrong type or is none of a choice, else ""."""
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind == "literal_error":
+        return str(context["expected"]).replace("'", '"').replace("True", "true")
+    if kind == "too_short":
+        return f"a list of at least {context['min_length']} item"
+    if kind == "model_type":
+        known = _known_keys(problem["loc"])
+        return f"a table with {', '.join(known)}" if known else _TYPES[kind]
+    return _TYPES.get(kind, "")
+
+
+def _plain(value: Any) -> str:
+    """Return a value as a TOML file has it, a text without its quotes."""
+    return value if isinstance(value, str) else _written(value)
+
+
+def _written(value: Any) -> str:
+    """Return a value as a TOML file has it.
+
+    >>> _written({"value": ["four", True], "unit": "mm"})
+    '{ value = ["four", true], unit = "mm" }'
+    """
+    if isinstance(value, dict):
+        entries = [f"{name} = {_written(entry)}" for name, entry in value.items()]
+        return f"{{ {', '.join(entries)} }}" if entries else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_written, value))}]"
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False)
+    return str(value)
+
+
 def _instead(place: tuple[int | str, ...]) -> str:
     """Return what a file may hold in place of an unknown key: the nearest, or all there are."""
+    known = _known_keys(place[:-1])
+    near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.7)
+    if near:
+        return f", did you mean {near[0]}?"
+    return f", allowed: {', '.join(known)}" if known else ""
+
+
+def _known_keys(place: tuple[int | str, ...]) -> list[str]:
+    """Return the keys of the part at a ``place`` of a scene file; none where no part is known."""
     part: type[Part] = Scene
     try:
-        for step in place[:-1]:
+        for step in place:
             if isinstance(step, str):
                 part = part_class(part.model_fields[step].annotation)
     except (KeyError, TypeError):
-        return ""
-    known = [field.alias or name for name, field in part.model_fields.items() if name != "carried"]
-    near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.7)
-    return f", did you mean {near[0]}?" if near else f", allowed: {', '.join(known)}"
+        return []
+    return [field.alias or name for name, field in part.model_fields.items() if name != "carried"]

@@ -145,10 +145,19 @@ def test_a_ring_of_lamps_is_found_by_two_of_its_lights(
 
 def test_digit_has_red_left_as_in_its_photograph_but_keeps_it_in_the_pad() -> None:
     """The photograph's red falls 11-fold over all rows, 17-fold along its own."""
-    found = outside_truth.layout(outside_truth.drawn_digit(previewed))
+    found = outside_truth.layout(outside_truth.drawn_digit(previewed, "digit"))
     assert found["red left of green"] > 0
     assert found["red falls, its rows"] > 3
     assert found["red falls, all rows"] < 3  # the page says that this is not as in the photograph
+
+
+def test_digit_dome_has_red_right_which_its_photograph_has_not() -> None:
+    """The page says so; mirrored, the same picture has red left and falls as the slab's does."""
+    drawn = outside_truth.drawn_digit(previewed, "digit-dome")
+    found, mirrored = (outside_truth.layout(picture) for picture in (drawn, drawn[:, ::-1]))
+    assert found["red left of green"] < -0.1
+    assert found["red falls, all rows"] < 2
+    assert mirrored["red falls, all rows"] > 3
 
 
 def test_layout_reads_a_picture_with_red_left() -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from optimize.exploration import Stage
 from optimize.mounting import mount
-from optimize.report import render_report, warnings, wiring_context
+from optimize.report import print_scores, render_report, warnings, wiring_context
+from render.scene.scene_file import scene_from_text, scene_text
 from surrogate.runtime import RankingTest
 
 RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0, unconverged=0.0)
@@ -76,6 +79,45 @@ def test_the_summary_says_how_much_was_won_and_by_what(sample_stages: StageMaker
     html = report(sample_stages(30, 42, 50))
     assert "gain of 20.0 (+67%)" in html
     assert "+12.0 by the color search and +8.0 by the fiber directions" in html
+
+
+STATE = """
+[[states]]
+name = "pressed"
+radius = { value = 80.0, unit = "mm", source = "test" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (scene_text("finger20"), "bend"),
+        (scene_text("digit-dome") + STATE, "state"),
+        (scene_text("digit-dome"), ""),
+    ],
+    ids=["bends", "states", "one state"],
+)
+def test_scores_spread_over_what_the_scene_has(
+    sample_stages: StageMaker, text: str, word: str
+) -> None:
+    first, *others = sample_stages(30, 40, 50)
+    stages = [replace(first, scene=scene_from_text(text, "scene", Path())), *others]
+    table, page = io.StringIO(), report(stages)
+    print_scores(table, stages, 0.9)
+    assert "sites" in table.getvalue()
+    for other in {"bend", "state"} - {word}:
+        assert not re.search(f"over {other}s|every {other}|site and {other}", page)
+        assert f"{other}s" not in table.getvalue()
+    if word:
+        assert f"{word}s" in table.getvalue()
+        assert f"Spread<br>over {word}s" in page
+        assert f"− its spread over {word}s; higher" in page
+        assert f"every site and {word}, " in page
+        assert f"and over {word}s from 8.0 to 8.0." in page
+    else:
+        assert "− its spread over sites; higher" in page
+        assert "its spread over sites from 12.0 to 12.0." in page
+    assert page.count("<td") == report(sample_stages(30, 40, 50)).count("<td") - 3 * (not word)
 
 
 def test_degrees_stand_beside_the_score(sample_stages: StageMaker) -> None:

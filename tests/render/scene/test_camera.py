@@ -83,7 +83,7 @@ def test_another_pose_or_lens_is_another_scene_and_travels_as_it_is(tmp_path: Pa
             "camera.up = (0, 0, 1) lies along the way that the camera looks, (0, 0, 1)",
         ),
         (POSE.replace("3.0, -10.0", "nan, -10.0"), "camera.position"),
-        (POSE + 'lens = "mirror"\n', "camera.lens = mirror"),
+        (POSE + 'lens = "mirror"\n', 'camera.lens = "mirror", allowed: "pinhole" or "fisheye"'),
     ],
 )
 def test_a_mistake_in_the_camera_is_one_sentence(

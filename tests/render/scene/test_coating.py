@@ -64,7 +64,7 @@ def test_such_a_scene_travels_as_text() -> None:
         ([0.5, 1.4, 0.4], "allowed: 0 to 1"),
         ([0.5, "red", 0.4], "Input should be a valid number"),
         (1.4, "allowed: 0 to 1"),
-        (True, "Input should be a valid number"),
+        (True, "allowed: a number, or a list of them"),
         ([True, 0.2, 0.3], "Input should be a valid number"),
     ],
 )  # fmt: skip

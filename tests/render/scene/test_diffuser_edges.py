@@ -91,8 +91,8 @@ def test_paint_goes_where_no_layer_lies(tmp_path: Path) -> None:
     [
         ("[]", "diffuser.on"),
         ('["left", "left"]', "diffuser.on = left, left names left twice, allowed: each edge once"),
-        ('["lower"]', "'left', 'tip', 'right' or 'base'"),
-        ('"left"', "diffuser.on = left: "),
+        ('["lower"]', 'diffuser.on.0 = "lower", allowed: "left", "tip", "right" or "base"'),
+        ('"left"', 'diffuser.on = "left", allowed: a list'),
     ],
 )
 def test_edges_that_are_none_are_refused(tmp_path: Path, edges: str, said: str) -> None:

@@ -101,7 +101,7 @@ def test_paint_where_none_can_be_is_refused_with_what_can(tmp_path: Path) -> Non
     assert "faces.0.white = 1.2: allowed: 0 to 1" in refused(
         '["base"]', 'white = { value = 1.2, source = "magic" }'
     )
-    assert "faces.0.black = False" in refused('["base"]', "black = false")
+    assert "faces.0.black = false, allowed: true" in refused('["base"]', "black = false")
     assert "faces.0.on = lower: the camera looks through it" in refused(
         '["lower"]', PAINT["mirror"]
     )
@@ -125,6 +125,6 @@ def test_all_problems_of_faces_are_told_at_once(tmp_path: Path) -> None:
     for face in ("left", "tip"):
         assert f"faces.1.on = {face}: faces.0.on names it already, allowed: each face" in twice
     unknown = refusal(tmp_path, ('["top"]', 0.2), ('["left"]', 0.7))
-    assert "'left', 'tip', 'right', 'base' or 'lower'" in unknown
+    assert 'faces.0.on.0 = "top", allowed: "left", "tip", "right", "base" or "lower"' in unknown
     assert "faces.1.roughness = 0.7: allowed: 0 to 0.5" in unknown
     assert "faces.0.on" in refusal(tmp_path, ("[]", 0.2))

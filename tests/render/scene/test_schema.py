@@ -124,7 +124,7 @@ def test_an_edge_of_the_baseline_may_have_a_color_for_each_of_its_lamps(tmp_path
 def test_colors_of_a_baseline_are_of_the_palette_and_as_many_as_lamps(tmp_path: Path) -> None:
     for wrong, sentence in {
         '["red", "green", "blue"]': "baseline.tip names 3 colors, allowed: 4, one for each lamp",
-        '["red", "pink", "red", "red"]': "baseline.tip = ['red', 'pink', 'red', 'red']: allowed: ",
+        '["red", "pink", "red", "red"]': 'baseline.tip = ["red", "pink", "red", "red"]: allowed: ',
         '["red", "red", "red", 3]': "allowed: a color, or a list of one for each lamp of the edge",
         "[]": "baseline.tip names 0 colors, allowed: 4",
     }.items():
