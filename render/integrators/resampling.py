@@ -23,14 +23,23 @@ import mitsuba as mi
 from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
 from render.integrators.subpaths import CameraVertex, LightVertex
 from render.paths.connect import connection_contribution
-from render.paths.vertex import Vertex, extinction, has_wide_lobe, leave, scattering_value
+from render.paths.vertex import (
+    Vertex,
+    extinction,
+    has_wide_lobe,
+    leave,
+    scattering_value,
+    surface_interaction,
+)
 
 LOBE_MIN = 0.05
 """Least that a vertex seems to scatter in proxy weights, relative to all directions alike."""
 LOBE_NORM = 4.0
 """1 / average of the lobe of a volume over all directions, 1 / 5 + LOBE_MIN."""
-GLOSSY_WIDTH = 0.1
-"""Width of the lobes of glossy vertices in proxy weights, as 1 - cosine."""
+GLOSSY_SHARPNESS = 4.0
+"""1 / (peak times width) of the lobes of glossy vertices in proxy weights, widths as 1 - cosine."""
+PEAK_MAX = 1000.0
+"""Most that a glossy vertex seems to scatter, relative to a white diffuse surface."""
 OPTICAL_DEPTH_MAX = 4.0
 """Where optical depths are cut: the weights are never 0."""
 MIRRORED_LOBE_MIN = 0.02
@@ -132,11 +141,16 @@ class Reservoir:
 
 @dataclass
 class LightProxies:
-    """What proxy weights know of light vertices: evaluated arrays ``(slot, lane)``."""
+    """What proxy weights know of light vertices: evaluated arrays ``(slot, lane)``.
+
+    ``back`` points away from where the vertex scatters most: straight ahead in a volume, along the
+    brighter one of ``glossy_lobes`` at a glossy surface, whose light is the ``peak``.
+    """
 
     p: mi.Point3f
-    wi: mi.Vector3f
+    back: mi.Vector3f
     power: mi.Float
+    peak: mi.Float
     volume: mi.Bool
     wide: mi.Bool
     edges: mi.UInt32
@@ -151,8 +165,13 @@ class LightProxies:
         sigma = dr.mean(extinction(v.medium, v.volume & (represented > 0))[1])
         # Sums of balance heuristics per density per solid angle, for isotropic scattering.
         per = dr.select(v.volume, sigma / (4.0 * dr.pi), 0.0)
+        wide = has_wide_lobe(v)
+        glossy = ~wide & (represented > 0)
+        (axis, peak), (refracted, beyond) = glossy_lobes(v, mi.TransportMode.Importance, glossy)
+        axis, peak = dr.select(beyond > peak, refracted, axis), dr.maximum(peak, beyond)
         proxies = LightProxies(
-            v.p, v.wi, dr.mean(v.beta) * represented, v.volume, has_wide_lobe(v), light.edges,
+            v.p, dr.select(wide, v.wi, -axis), dr.mean(v.beta) * represented,
+            dr.select(wide, 1.0, peak), v.volume, wide, light.edges,
             per * v.d_vcm, per * v.d_vc / (4.0 * dr.pi), per * v.d_vc_passing[0] / (4.0 * dr.pi),
         )  # fmt: skip
         dr.eval(proxies)
@@ -163,7 +182,8 @@ class LightProxies:
 class CameraProxy:
     """A kept camera vertex as proxy weights know it (a Dr.Jit PyTree).
 
-    ``ahead`` goes on straight from it, ``mirrored`` is the reflected direction.
+    ``ahead`` goes on straight from it, or refracted; ``mirrored`` is the reflected direction. At a
+    glossy vertex they have the light ``peaks``.
     """
 
     p: mi.Point3f
@@ -176,6 +196,7 @@ class CameraProxy:
     n: mi.Vector3f
     ahead: mi.Vector3f
     mirrored: mi.Vector3f
+    peaks: mi.Vector2f
     sigma: mi.Float
     d_vcm: mi.Float
     d_vc: mi.Float
@@ -188,18 +209,23 @@ class CameraProxy:
         n = dr.select(dr.dot(n, z.wi) < 0, -n, n)
         sigma = dr.mean(extinction(z.medium, z.volume)[1])
         per = dr.select(z.volume, sigma / (4.0 * dr.pi), 0.0)
+        glossy = (z.weight > 0) & ~has_wide_lobe(z)
+        (mirrored, reflected), (ahead, refracted) = glossy_lobes(
+            z, mi.TransportMode.Radiance, glossy
+        )
         return CameraProxy(
             z.p, z.weight > 0, camera.edges, camera.passes, z.terminal, z.volume, z.diffuse, n,
-            -z.wi, 2.0 * dr.dot(n, z.wi) * n - z.wi, sigma, per * z.d_vcm,
-            per * z.d_vc / (4.0 * dr.pi),
+            dr.select(glossy, ahead, -z.wi), mirrored, mi.Vector2f(reflected, refracted), sigma,
+            per * z.d_vcm, per * z.d_vc / (4.0 * dr.pi),
         )  # fmt: skip
 
     def scattered(self, w: mi.Vector3f) -> mi.Float:
         """Return roughly what is scattered between ``w``, away from the vertex, and the camera."""
-        ahead, mirrored = dr.dot(w, self.ahead), dr.dot(w, self.mirrored)
+        ahead = dr.dot(w, self.ahead)
         volume = forward_lobe(ahead)
         diffuse = dr.maximum(dr.dot(w, self.n), 0.0)
-        glossy = dr.square(GLOSSY_WIDTH / (GLOSSY_WIDTH + 1.0 - dr.maximum(ahead, mirrored)))
+        glossy = glossy_lobe(dr.dot(w, self.mirrored), self.peaks.x)
+        glossy += glossy_lobe(ahead, self.peaks.y)
         return LOBE_MIN + dr.select(self.volume, volume, dr.select(self.diffuse, diffuse, glossy))
 
 
@@ -214,10 +240,10 @@ class PackedProxies:
         wide = dr.select(proxies.wide, mi.UInt32(2), 0)
         rest = mi.Float(volume | wide | (proxies.edges << 2))
         self.rows = dr.empty(mi.Float, 12 * count)
-        p, wi = proxies.p, proxies.wi
+        p, back = proxies.p, proxies.back
         dr.scatter(self.rows, mi.Vector4f(p.x, p.y, p.z, proxies.power), row)
-        dr.scatter(self.rows, mi.Vector4f(wi.x, wi.y, wi.z, proxies.d_vcm), row + 1)
-        last = mi.Vector4f(proxies.d_vc, proxies.d_vc_passing, rest, 0.0)
+        dr.scatter(self.rows, mi.Vector4f(back.x, back.y, back.z, proxies.d_vcm), row + 1)
+        last = mi.Vector4f(proxies.d_vc, proxies.d_vc_passing, rest, proxies.peak)
         dr.scatter(self.rows, last, row + 2)
         dr.eval(self.rows)
 
@@ -226,9 +252,42 @@ class PackedProxies:
         a, b, c = (dr.gather(mi.Vector4f, self.rows, 3 * index + k, active) for k in range(3))
         rest = mi.UInt32(c.z)
         return LightProxies(
-            mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), a.w, (rest & 1) > 0,
+            mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), a.w, c.w, (rest & 1) > 0,
             (rest & 2) > 0, rest >> 2, b.w, c.x, c.y,
         )  # fmt: skip
+
+
+def glossy_lobes(
+    v: Vertex, mode: mi.TransportMode, active: mi.Bool
+) -> list[tuple[mi.Vector3f, mi.Float]]:
+    """Return the reflected and the refracted direction at glossy ``v``, and the light of each.
+
+    That is what is scattered there, times pi: 1 for a white diffuse surface seen from above.
+    """
+    wi = v.frame.to_local(v.wi)
+    # The last of the numbers select refraction, where there is any.
+    sampled, _ = v.bsdf.sample(
+        mi.BSDFContext(mode), surface_interaction(v), mi.Float(1.0 - 1e-6), mi.Point2f(0.5), active
+    )
+    eta = dr.select(sampled.eta > 0, sampled.eta, 1.0)
+    x, y = -wi.x / eta, -wi.y / eta
+    z = dr.sqrt(dr.maximum(1.0 - x * x - y * y, 0.0))
+    lobes = []
+    for local in (
+        mi.Vector3f(-wi.x, -wi.y, wi.z), dr.normalize(mi.Vector3f(x, y, -dr.sign(wi.z) * z))
+    ):  # fmt: skip
+        w = v.frame.to_world(local)
+        value = dr.pi * dr.mean(scattering_value(v, w, mode, active))
+        lobes.append((w, dr.select(active, dr.clip(value, 0.0, PEAK_MAX), 0.0)))
+    return lobes
+
+
+def glossy_lobe(cosine: mi.Float, peak: mi.Float) -> mi.Float:
+    """Return what a glossy lobe scatters, ``peak`` straight into its direction.
+
+    The brighter it is there, the narrower: whatever the roughness, it scatters at most all light.
+    """
+    return peak * dr.square(dr.rcp(1.0 + GLOSSY_SHARPNESS * peak * (1.0 - cosine)))
 
 
 def forward_lobe(cosine: mi.Float) -> mi.Float:
@@ -245,7 +304,9 @@ def proxy_weight(y: LightProxies, z: CameraProxy) -> mi.Float:
     depth = dr.select(inside, dr.minimum(z.sigma * distance, OPTICAL_DEPTH_MAX), 0.0)
     w = span / dr.maximum(distance, 1e-20)
     transmittance = dr.exp(-depth)
-    from_y = dr.select(y.volume, LOBE_MIN + forward_lobe(dr.dot(w, y.wi)), 1.0)
+    ahead = dr.dot(w, y.back)
+    lobe = dr.select(y.volume, forward_lobe(ahead), glossy_lobe(ahead, y.peak))
+    from_y = dr.select(y.wide & ~y.volume, 1.0, LOBE_MIN + lobe)
     from_z = z.scattered(w)
     # Where other strategies find the same light more easily, balance takes 1 / distance^2 away:
     # the lobes are those of a volume, relative to all directions alike.

@@ -14,9 +14,11 @@ from render.integrators.resampling import (
     LightProxies,
     ProxyReservoir,
     Reservoir,
+    glossy_lobes,
     proxy_weight,
 )
 from render.integrators.subpaths import CameraVertex, LightVertex
+from render.paths.vertex import scattering_value
 
 DRAWS = 1 << 16
 COUNT = 1 << 12
@@ -139,3 +141,57 @@ def test_nothing_is_seen_of_a_light_subpath_that_left_no_vertex(mono: ModuleType
     y = LightProxies.of(record, mono.Float(0.0))
     found = np.array(proxy_weight(y, camera(mono, points(mono, 2, 1.0))))
     assert (found == 0).all()
+
+
+ROUGHNESS, INDEX = 0.05, 1.41
+
+
+def rough_glass(mono: ModuleType, from_outside: bool, cosine: float) -> tuple[Any, dict[str, Any]]:
+    """Return a rough boundary in the plane z = 0, and fields of a vertex there.
+
+    Light arrives with that ``cosine``, in the plane y = 0 and towards +x.
+    """
+    bsdf = mono.load_dict(
+        {"type": "roughdielectric", "alpha": ROUGHNESS, "int_ior": INDEX, "ext_ior": 1.0}
+    )
+    sine = float(np.sqrt(1 - cosine**2))
+    wi = mono.Vector3f(-sine, 0.0, cosine if from_outside else -cosine)
+    frame = mono.Frame3f(mono.Vector3f(1, 0, 0), mono.Vector3f(0, 1, 0), mono.Vector3f(0, 0, 1))
+    up = mono.Normal3f(0, 0, 1)
+    return bsdf, {"bsdf": mono.BSDFPtr(bsdf), "wi": wi, "frame": frame, "n": up}
+
+
+@pytest.mark.parametrize("cosine", [0.9, 0.6])
+@pytest.mark.parametrize("from_outside", [True, False])
+def test_proxy_weights_know_where_a_rough_boundary_reflects_and_refracts(
+    mono: ModuleType, from_outside: bool, cosine: float
+) -> None:
+    _, fields = rough_glass(mono, from_outside, cosine)
+    record = LightVertex.empty()
+    for name, value in fields.items():
+        setattr(record.vertex, name, value)
+    record.vertex.beta = mono.Spectrum(2.0)
+    sine = np.sqrt(1 - cosine**2)
+    sine_beyond = sine / INDEX if from_outside else sine * INDEX
+    side = 1.0 if from_outside else -1.0
+    mode = mono.TransportMode.Importance
+    (reflected, light), (refracted, beyond) = glossy_lobes(record.vertex, mode, mono.Bool(True))
+    np.testing.assert_allclose(np.array(reflected)[:, 0], [sine, 0, side * cosine], atol=1e-5)
+    if sine_beyond < 1:  # else everything is reflected
+        expected = [sine_beyond, 0, -side * np.sqrt(1 - sine_beyond**2)]
+        np.testing.assert_allclose(np.array(refracted)[:, 0], expected, atol=1e-5)
+    else:
+        assert beyond[0] <= light[0]
+    # No direction is much brighter than the brighter one of the two.
+    everywhere = np.pi * np.array(
+        scattering_value(record.vertex, directions(mono, 5), mode, mono.Bool(True))
+    )
+    assert everywhere.max() < 1.2 * max(light[0], beyond[0])
+    # What is sent in that direction is drawn rather than what is sent elsewhere.
+    y, along = LightProxies.of(record, mono.Float(1.0)), reflected
+    if beyond[0] > light[0]:
+        along = refracted
+    diffuse = {"diffuse": mono.Bool(True)}
+    there = proxy_weight(y, camera(mono, mono.Point3f(3.0 * along), **diffuse))
+    elsewhere = proxy_weight(y, camera(mono, mono.Point3f(3.0 * directions(mono, 6)), **diffuse))
+    assert np.median(np.array(there)) > 10 * np.median(np.array(elsewhere))

@@ -122,12 +122,13 @@ def test_where_no_light_subpath_left_a_vertex_nothing_is_near(mono: ModuleType) 
 
 
 def test_packed_proxies_are_the_proxies_bit_for_bit(mono: ModuleType) -> None:
-    numbers = np.random.default_rng(1).normal(size=(10, 50)).astype(np.float32)
+    numbers = np.random.default_rng(1).normal(size=(11, 50)).astype(np.float32)
     number = np.arange(50)
     proxies = LightProxies(
         mono.Point3f(numbers[:3]), mono.Vector3f(numbers[3:6]), mono.Float(numbers[6]),
-        mono.Bool(number % 2 == 0), mono.Bool(number % 3 == 0), mono.UInt32(number * 40),
-        mono.Float(numbers[7] * 1e30), mono.Float(numbers[8]), mono.Float(numbers[9]),
+        mono.Float(numbers[10]), mono.Bool(number % 2 == 0), mono.Bool(number % 3 == 0),
+        mono.UInt32(number * 40), mono.Float(numbers[7] * 1e30), mono.Float(numbers[8]),
+        mono.Float(numbers[9]),
     )  # fmt: skip
     index = mono.UInt32(number[::-1].copy())
     expected = dr.gather(LightProxies, proxies, index)
