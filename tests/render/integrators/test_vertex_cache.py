@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import ModuleType
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -10,7 +11,12 @@ import pytest
 
 from render.integrators.resampling import LightProxies, PackedProxies
 from render.integrators.subpaths import LightVertex
-from render.integrators.vertex_cache import NEIGHBOR_WINDOW, LaneGroups, MortonNeighbors
+from render.integrators.vertex_cache import (
+    NEIGHBOR_WINDOW,
+    LaneGroups,
+    MortonNeighbors,
+    PackedVertices,
+)
 
 PATHS = 8
 LANES, GROUPS, NEAR_PATHS, DRAWS = 1 << 13, 4, 16, 8
@@ -135,3 +141,40 @@ def test_packed_proxies_are_the_proxies_bit_for_bit(mono: ModuleType) -> None:
     found = PackedProxies(proxies).gather(index)
     for name, value in vars(expected).items():
         assert np.array_equal(np.array(value), np.array(getattr(found, name))), name
+
+
+def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) -> None:
+    rng = np.random.default_rng(2)
+    vertices, count = LightVertex.empty(), 50
+
+    def numbers(*shape: int) -> np.ndarray:
+        return (rng.normal(size=(*shape, count)) * 1e20).astype(np.float32)
+
+    def flags() -> Any:
+        return mono.Bool(rng.random(count) < 0.5)
+
+    v, tail = vertices.vertex, vertices.tail
+    bsdf = mono.load_dict({"type": "diffuse"})
+    v.bsdf = dr.select(flags(), mono.BSDFPtr(bsdf), dr.zeros(mono.BSDFPtr))
+    v.p, v.n, v.wi = mono.Point3f(numbers(3)), mono.Normal3f(numbers(3)), mono.Vector3f(numbers(3))
+    v.frame = mono.Frame3f(*(mono.Vector3f(numbers(3)) for _ in range(3)))
+    v.uv, v.d_vc_passing = mono.Point2f(numbers(2)), mono.Vector2f(numbers(2))
+    v.beta, v.d_vcm, v.d_vc, v.weight = (mono.Float(numbers()) for _ in range(4))
+    v.beta = mono.Spectrum(v.beta)
+    v.volume, v.diffuse, v.delta, v.terminal = (flags() for _ in range(4))
+    tail.p, tail.n = mono.Point3f(numbers(3)), mono.Normal3f(numbers(3))
+    tail.previous, tail.d_vcm = mono.Point3f(numbers(3)), mono.Float(numbers())
+    tail.wide, tail.glossy_after_wide = flags(), flags()
+    vertices.edges = mono.UInt32(rng.integers(0, 1 << 32, count, dtype=np.uint32))
+    active = flags()
+    index = mono.UInt32(np.arange(count)[::-1].copy())
+    expected = dr.gather(LightVertex, vertices, index, active)
+    found = PackedVertices(vertices).gather(index, active)
+    for part in ("vertex", "tail"):
+        for name, value in vars(getattr(expected, part)).items():
+            other = getattr(getattr(found, part), name)
+            pairs = [(value, other)]
+            if name == "frame":
+                pairs = [(getattr(value, axis), getattr(other, axis)) for axis in "stn"]
+            assert all(dr.all(one == two, axis=None) for one, two in pairs), name
+    assert dr.all(expected.edges == found.edges)
