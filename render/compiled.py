@@ -25,11 +25,12 @@ def compiled(function: F, **options: Any) -> F:
     """
     try:
         dispatcher = numba.njit(cache=True, nogil=True, **options)(function)
-        # No public way leads there: a numba that has it no longer stores nothing.
         stored = dispatcher._cache._cache_file
         stamp = stored._source_stamp, _sources(Path(inspect.getfile(function)).parent)
         stored._source_stamp = stamp
-    except (RuntimeError, AttributeError):  # numba found no folder that it may write to
+    except (RuntimeError, AttributeError):
+        # numba found no folder that it may write to, or is one whose store, to which no public way
+        # leads, is made otherwise.
         return cast(F, numba.njit(nogil=True, **options)(function))
     return cast(F, dispatcher)
 

@@ -31,18 +31,16 @@ def noise_share(settings: ScoreSettings, replicates: Array, power: Array) -> flo
     by leaving one out (Tukey 1958).
     """
 
-    def brightness(light: Array) -> Array:
-        norm, _ = facet_differences(settings.counts(light, power), settings.conventions)
-        return np.asarray(norm - norm.mean(axis=-1, keepdims=True))
+    def differences(light: Array) -> Array:
+        counts = settings.counts(light, power)
+        brightness, steps = facet_differences(counts, settings.conventions)
+        apart = brightness - brightness.mean(axis=-1, keepdims=True)
+        return np.concatenate([apart.ravel(), steps.ravel()])
 
-    def hue(light: Array) -> Array:
-        return np.asarray(facet_differences(settings.counts(light, power), settings.conventions)[1])
-
-    parts = [
-        np.sum(jackknife_se(differences, replicates) ** 2) / whole
-        for differences in (brightness, hue)
-        if (whole := np.sum(differences(replicates.mean(axis=0)) ** 2)) > 0
-    ]
+    cut = [math.prod(replicates.shape[2:5])]
+    noise = np.split(jackknife_se(differences, replicates) ** 2, cut)
+    whole = np.split(differences(replicates.mean(axis=0)) ** 2, cut)
+    parts = [one.sum() / both.sum() for one, both in zip(noise, whole, strict=True) if both.any()]
     return math.sqrt(np.mean(parts)) if parts else 0.0
 
 

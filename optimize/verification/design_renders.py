@@ -273,7 +273,11 @@ class FinalistEvaluation:
 
     def doubt(self, name: str) -> str:
         """Say why the finalist's score has not converged; "" where it has."""
-        return self.renders.doubt(self.settings, self.names.index(name))
+        return self._doubts[self.names.index(name)]
+
+    @cached_property
+    def _doubts(self) -> tuple[str, ...]:
+        return tuple(self.renders.doubt(self.settings, i) for i in range(len(self.names)))
 
     def comparison(self, first: str, second: str) -> str:
         """Say which of two finalists is better, or that the renders cannot tell."""

@@ -6,12 +6,11 @@ own. A *proxy weight* draws one of a handful, a *target weight* one of what the 
 as ReSTIR does from many lights (Bitterli et al. 2020, "Spatiotemporal reservoir resampling").
 
 The proxy weight is what fits into a few dozen operations: power, distance, how both ends roughly
-scatter, and the distance below which other strategies take over. For a pair no
-ray is cast and no BSDF asked; glossy vertices know from theirs where they scatter most. The target
-weight is the contribution of a connection as if only the medium up to the first surface were in the
-way: one ray cast, where a connection follows the light through null boundaries
-and a mirror connection casts two rays. Both are positive wherever the contribution can be, so their
-errors cost time, not truth.
+scatter, and the distance below which other strategies take over. For a pair no ray is cast and no
+BSDF asked; glossy vertices know from theirs where they scatter most. The target weight is the
+contribution of a connection as if only the medium up to the first surface were in the way: one ray
+cast, where a connection follows the light through null boundaries and a mirror connection casts two
+rays. Both are positive wherever the contribution can be, so their errors cost time, not truth.
 """
 
 from __future__ import annotations
