@@ -186,7 +186,7 @@ def main(path: Path) -> None:
             shutil.copy(Path(folder) / made, path.parent / name)
     for block, output in reversed(outputs):
         if block.output is not None:
-            page = page[: block.span[0]] + output + page[block.span[1] :]
+            page = page[: block.span[0]] + output.rstrip("\n") + page[block.span[1] :]
     path.write_text(page, encoding="utf-8")
 
 
