@@ -25,6 +25,7 @@ from render.geometry import (
     pixel_directions,
     refract_into_pad,
 )
+from render.refused_values import problem_sentence, value_place
 from tactilux import Scene
 
 NEWTON_STEPS = 12
@@ -166,8 +167,8 @@ def load_lens(path: Path) -> Lens:
         reason, key = f"cannot be read as a lens: {error}; give the TOML file of the lens", "lens"
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
-        key = ".".join(map(str, problem["loc"]))
-        reason = f"is no lens: {key} = {problem['input']!r}, {problem['msg']}; correct the file"
+        key = value_place(problem)
+        reason = f"is no lens: {problem_sentence(problem)}; correct the file"
     raise CaptureError(f"{path} {reason}", field=key)
 
 
