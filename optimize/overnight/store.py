@@ -39,7 +39,7 @@ from render.progress import Progress
 from render.reference import RenderJob, RenderResult
 from render.scene import scene_of
 
-SCHEMA = 4
+SCHEMA = 5
 RENDERS, STATES, TABLE = "renders", "states", "table"
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""
