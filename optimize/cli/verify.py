@@ -104,10 +104,9 @@ def _print(
     stream: IO[str], path: Path, scene: Scene, checker: Checker, found: Verification
 ) -> None:
     from optimize.design import PARTS
-    from optimize.report import state_word
     from optimize.scoring import prediction_checked
 
-    word = state_word(scene)
+    word = scene.state_word
     shown = PARTS[1:] if word else PARTS[1:-1]
     spreads = ("spread over sites", *([f"spread over {word}s"] if word else []))
 

@@ -131,6 +131,18 @@ class Scene(Part):
             return tuple(f"bend {math.degrees(angle):g}°" for angle in self.bending.angles)
         return (REST, *(state.name for state in self.states))
 
+    @property
+    def state_word(self) -> str:
+        """What the axis of states has: "bend", "state", or "" for a skin of one shape."""
+        if len(self.state_axis) == 1:
+            return ""
+        return "bend" if self.states is None else "state"
+
+    @property
+    def state_titles(self) -> tuple[str, ...]:
+        """What pictures of the states are called: `state_names`, "" for a skin of one shape."""
+        return self.state_names if self.state_word else ("",)
+
     def in_state(self, number: float) -> Scene:
         """Return the sensor whose skin stays in one state, by its number on `state_axis`.
 
