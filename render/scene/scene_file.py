@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib import resources
@@ -12,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from render.errors import SceneError
+from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.quantities import Part
@@ -105,28 +105,22 @@ def scene_text(name_or_path: str | Path) -> str:
     text_name = str(name_or_path)
     if text_name in shipped_scenes():
         return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")
-    path = Path(name_or_path)
+    next_step = f"give the path of a TOML file or one of {', '.join(shipped_scenes())}"
     try:
-        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
-    except FileNotFoundError:
-        raise SceneError(
-            f"there is no scene {text_name!r}: give the path of a TOML file or one of "
-            f"{', '.join(shipped_scenes())}",
-            field="scene",
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise _unreadable(text_name, error) from None
+        return read_text(Path(name_or_path))
+    except ValueError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise SceneError(
+                f"there is no scene {text_name!r}: {next_step}", field="scene"
+            ) from None
+        raise SceneError(f"{text_name} {error}; {next_step}", field="scene") from None
 
 
 def _parsed(text: str, origin: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _unreadable(origin, error) from None
-
-
-def _unreadable(origin: str, error: Exception) -> SceneError:
-    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
+        return parse_toml(text)
+    except ValueError as error:
+        raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
 
 
 def _sentence(problem: Any) -> str:

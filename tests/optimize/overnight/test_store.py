@@ -195,9 +195,9 @@ def test_time_is_that_of_all_attempts_and_does_not_follow_the_clock_on_the_wall(
     ("change", "words"),
     [
         ({"the scene of hash": "0" * 16}, "the scene of hash"),
-        ({"constraints of hash": "x"}, "constraints of hash None, asked for is x"),
-        ({"--seed": 5}, "--seed 0, asked for is 5"),
-        ({"--samples": None}, "--samples 8, asked for is None"),
+        ({"constraints of hash": "x"}, "without constraints of hash, asked for is one with constr"),
+        ({"--seed": 5}, "with --seed 0, asked for is one with --seed 5"),
+        ({"--samples": None}, "with --samples 8, asked for is one without --samples"),
     ],
 )
 def test_a_run_of_something_else_is_refused_and_left_alone(
