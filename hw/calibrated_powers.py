@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from hw.errors import CalibrationError
 from render.arrays import Array
+from render.files import parse_json, read_text
 
 FILE = "calibration.json"
 UNKNOWN_ERROR = 0.08
@@ -68,11 +68,11 @@ def calibrated_powers(
 
 def _load(path: Path, scene_hash: str, fibers: int) -> CalibratedPowers:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path))
         hashes = set(content["scene_hash"].values())
         power, error = (np.array(content[key], dtype=float) for key in ("power", "power_error"))
         good = power.shape == error.shape and power.ndim == 1 and not (power <= 0).any()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, OverflowError, KeyError, TypeError, AttributeError):
         good = False
     if not good:
         raise CalibrationError(

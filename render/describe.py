@@ -63,6 +63,11 @@ class Description:
     tolerances: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
 
+    @property
+    def _word(self) -> str:
+        """What the sensor has several of, as `Scene.state_word`."""
+        return next((name for name in ("bend", "state") if self.axes.get(name, 1) > 1), "")
+
     def to_json(self) -> dict[str, Any]:
         """Return the description as JSON-ready values."""
         return asdict(self)
@@ -76,7 +81,11 @@ class Description:
             f"  {key:<{key_width}}  {value:>{value_width}}  {source}".rstrip()
             for key, value, source in shown
         ]
-        axes = " x ".join(f"{size} {name}s" for name, size in self.axes.items())
+        axes = " x ".join(
+            f"{size} {name}{'s' * (size != 1)}"
+            for name, size in self.axes.items()
+            if name not in {"bend", "state"} or name == self._word
+        )
         return "\n".join(
             [
                 f"{self.scene} ({self.scene_hash})",
@@ -84,7 +93,7 @@ class Description:
                 f"cells per direction node: {axes} = {self.cells}, "
                 f"and {self.background_cells} of the untouched pad",
                 *([f"color axis of the transport: {self.color_axis}"] if self.color_axis else []),
-                f"seen by the camera: {self.seen} ({seen_rule('state' in self.axes)})",
+                f"seen by the camera: {self.seen} ({seen_rule(self._word)})",
                 "left out, and why:",
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
                 *_listed("limits of designs:", self.limits),
@@ -248,7 +257,7 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
             "alone moves from state to state",
         )
     elif len(scene.state_axis) == 1:
-        yield "bend axis", "one bending angle is declared"
+        yield "other shapes of the skin", "one is declared"
     for edge in RIM_EDGES if scene.fibers is not None else EDGES:
         if not any(row.edge == edge and row.size for row in scene.lamp_rows):
             named = f"fibers.{edge} is 0" if scene.fibers else "no row is on it"

@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import sys
+import tomllib
 import uuid
 import zipfile
 import zlib
@@ -107,10 +109,65 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def read_text(path: Path) -> str:
+    """Return the text of a file that a person wrote.
+
+    Raises:
+        ValueError: a phrase that says why there is none: no such file, a folder, not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError:
+        raise ValueError("is not text in UTF-8") from None
+    except ValueError:
+        raise ValueError("cannot be read: no file can have this name") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the content of a TOML file.
+
+    Raises:
+        ValueError: what is wrong, and where.
+    """
+    with _told_in_words():
+        return tomllib.loads(text)
+
+
+def parse_json(text: str) -> Any:
+    """Return the content of a JSON file.
+
+    Raises:
+        ValueError: what is wrong, and where.
+    """
+    with _told_in_words():
+        return json.loads(text)
+
+
+@contextmanager
+def _told_in_words() -> Iterator[None]:
+    """Say of depth and digits, which Python's own limits stop, what is wrong with the file."""
+    try:
+        yield
+    except RecursionError:
+        raise ValueError("its lists are too deep in each other") from None
+    except json.JSONDecodeError:
+        raise
+    except tomllib.TOMLDecodeError as error:
+        # Keys with dots are tuples to it: ('pad', 'width').
+        keys = re.compile(r"\(('[^']*'(?:, '[^']*')*),?\)")
+        words = keys.sub(lambda key: ".".join(re.findall(r"'([^']*)'", key[1])), str(error))
+        raise ValueError(words) from None
+    except ValueError:
+        digits = sys.get_int_max_str_digits()
+        raise ValueError(f"it has a number of more than {digits} digits") from None
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in ``path``; nothing when there is none or it is damaged."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
@@ -145,7 +202,8 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         zipfile.BadZipFile,
         zlib.error,
     ) as error:
-        raise TableError(f"{path} is not a readable .npz file: {error}", field="table") from None
+        why = error.strerror if isinstance(error, OSError) else "it is damaged, or holds no arrays"
+        raise TableError(f"{path} is not a readable .npz file: {why}", field="table") from None
 
 
 def read_or_drop(path: Path, *names: str) -> dict[str, np.ndarray] | None:

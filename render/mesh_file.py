@@ -22,12 +22,13 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
         raise ValueError(f"{path} is no body: there is no such file, allowed: one beside the scene")
     try:
-        mesh = trimesh.load_mesh(path)
+        with np.errstate(invalid="ignore", over="ignore"):  # far corners are refused elsewhere
+            mesh = trimesh.load_mesh(path)
         if not len(mesh.triangles) or not np.isfinite(mesh.triangles).all():
             raise ValueError("no triangles")
-    except Exception as error:  # readers raise what they like
+    except Exception:  # readers raise what they like
         raise ValueError(
-            f"{path} is no body ({type(error).__name__}), allowed: a mesh file in mm, such as "
-            "STL, PLY or OBJ"
+            f"{path} is no body that can be read, allowed: a mesh file in mm, such as STL, PLY or "
+            "OBJ"
         ) from None
     return mesh

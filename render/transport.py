@@ -191,7 +191,7 @@ def load_table(path: Path) -> TransportTable:
     arrays = read_npz(path)
     missing = {"T", "phi", "exposure", "lam"} - set(arrays)
     if missing:
-        raise TableError(f"{path} is not a transport table: it has no {sorted(missing)}")
+        raise TableError(f"{path} is not a transport table: it has no {', '.join(sorted(missing))}")
     numbers = {
         name: _numbers(path, name, arrays[name])
         for name in ("T", "se", "phi", "bends", *OPTIONAL, "exposure", "lam")

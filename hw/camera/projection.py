@@ -6,17 +6,17 @@ A lens is a TOML file (``hw/README.md``), as `cv2.fisheye.calibrate` finds it.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from hw.errors import CalibrationError, CaptureError
 from render.arrays import Array
+from render.files import parse_toml, read_text
 from render.geometry import (
     SkinChart,
     camera_origin,
@@ -25,6 +25,7 @@ from render.geometry import (
     pixel_directions,
     refract_into_pad,
 )
+from render.refused_values import problem_sentence, value_place
 from tactilux import Scene
 
 NEWTON_STEPS = 12
@@ -159,16 +160,30 @@ def load_lens(path: Path) -> Lens:
         CaptureError: unreadable, or a key is missing, unknown or out of range.
     """
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        raw = _content(path)
         # In JSON, lists are tuples and numbers are what they are.
         return TypeAdapter(Lens).validate_json(json.dumps(raw, default=str))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason, key = f"cannot be read as a lens: {error}; give the TOML file of the lens", "lens"
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
-        key = ".".join(map(str, problem["loc"]))
-        reason = f"is no lens: {key} = {problem['input']!r}, {problem['msg']}; correct the file"
+        key = value_place(problem)
+        reason = f"is no lens: {problem_sentence(problem)}; correct the file"
     raise CaptureError(f"{path} {reason}", field=key)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        text = read_text(path)
+    except ValueError as error:
+        raise CaptureError(
+            f"{path} {error}; give the TOML file of the lens", field="lens"
+        ) from None
+    try:
+        return parse_toml(text)
+    except ValueError as error:
+        raise CaptureError(
+            f"{path} cannot be read as a lens: {error}; give the TOML file of the lens",
+            field="lens",
+        ) from None
 
 
 class Dewarp:

@@ -113,11 +113,11 @@ def load_record(path: Path) -> RigRecord:
     return record
 
 
-def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: float) -> RigRecord:
+def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: float) -> RigRecord:
     """Return the record of a rig that is known to be healthy.
 
     ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone; ``bend`` is rad, or the number
-    of a state.
+    of a state of ``scene``.
 
     Raises:
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
@@ -146,6 +146,6 @@ def commission(prediction: PadPrediction, colors: Array, scene_hash: str, bend: 
     whole = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     floor = 0.2 * np.where(lit, whole, 1.0)[:, None]
     return RigRecord(
-        np.maximum(ratio, floor), prediction.phi, prediction.power, scene_hash, bend,
+        np.maximum(ratio, floor), prediction.phi, prediction.power, scene.hash, bend,
         response=prediction.response,
     )  # fmt: skip

@@ -19,6 +19,7 @@ from hw.cli import (
     wiring_sheet,
 )
 from optimize.cli import app, main
+from optimize.cli.command import Command
 
 rig = typer.Typer(
     name="hw",
@@ -27,15 +28,15 @@ rig = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-rig.command("ports")(lights.ports)
-rig.command("set")(lights.set_lights)
-rig.command("sweep")(lights.sweep_lights)
-rig.command("off")(lights.off)
-rig.command("capture")(capture.run)
-rig.command("calibrate")(calibrate.run)
-rig.command("linearity")(linearity.run)
-rig.command("emulate")(emulate.run)
-rig.command("demo")(demo.run)
+rig.command("ports", cls=Command)(lights.ports)
+rig.command("set", cls=Command)(lights.set_lights)
+rig.command("sweep", cls=Command)(lights.sweep_lights)
+rig.command("off", cls=Command)(lights.off)
+rig.command("capture", cls=Command)(capture.run)
+rig.command("calibrate", cls=Command)(calibrate.run)
+rig.command("linearity", cls=Command)(linearity.run)
+rig.command("emulate", cls=Command)(emulate.run)
+rig.command("demo", cls=Command)(demo.run)
 app.add_typer(rig)
-app.command("check")(check.run)
-app.command("wiring")(wiring_sheet.run)
+app.command("check", cls=Command)(check.run)
+app.command("wiring", cls=Command)(wiring_sheet.run)

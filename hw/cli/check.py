@@ -128,7 +128,7 @@ def run(
                 prediction = replace(prediction, response=measured_response(prediction, colors))
             diagnosis = check_sweep(prediction, colors, known, ratio)
             if commissioned is not None and diagnosis.ok:
-                found = commission(prediction, colors, scene.hash, number)
+                found = commission(prediction, colors, scene, number)
                 _commission(found, prediction, scene, commissioned)
         else:
             if commissioned is not None:

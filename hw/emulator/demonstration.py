@@ -196,7 +196,7 @@ def check_faults(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
         return photos.stacked(len(rig.design.phi), spots.colors)
 
     healthy = colors("commission", rig.camera(), rig.design.drive)
-    record = commission(prediction, healthy, rig.scene.hash, 0.0)
+    record = commission(prediction, healthy, rig.scene, 0.0)
     prediction = replace(prediction, response=record.response)
     found = {}
     with ProgressBar("Checking") as bar:

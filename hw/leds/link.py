@@ -113,6 +113,9 @@ class SerialLink:
 
 def _port_error(port: str, error: Exception) -> PortError:
     number = getattr(error, "errno", None)
+    cause = error.__context__
+    if number is None and isinstance(cause, termios.error):  # pyserial tells it in brackets
+        number = cause.args[0]
     said: dict[int, Callable[[], str]] = {
         errno.ENOENT: lambda: (
             f"there is no port {port}: plug the board in, see `tactilux hw ports`"

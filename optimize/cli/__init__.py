@@ -34,6 +34,7 @@ from optimize.cli import (
     train,
     verify,
 )
+from optimize.cli.command import Command
 from optimize.ui.process import EXIT_CODES, interruption
 from render.errors import TactiluxError
 
@@ -59,7 +60,7 @@ for _command in (
     explore, play, score, compare, verify, optimize, sensitivity, reconstruct, train, frontier,
     overnight, status, report, runs, render, describe, colors, new, schema,
 ):  # fmt: skip
-    app.command(_command.__name__.rpartition(".")[2])(_command.run)
+    app.command(_command.__name__.rpartition(".")[2], cls=Command)(_command.run)
 
 
 def _print_version(wanted: bool) -> None:

@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from optimize.cli.options import Json, ModelFolder, Seed
+from optimize.cli.options import MAX_MINUTES, Json, ModelFolder, Seed
 from optimize.ui.console import (
     ProgressBar,
     counted,
@@ -47,7 +47,7 @@ def run(
     model: ModelFolder = None,
     designs: Annotated[int, Option(min=2, help="Random held-out designs.")] = 30,
     minutes: Annotated[
-        float, Option(min=LEAST_MINUTES, help="Time for everything together.")
+        float, Option(min=LEAST_MINUTES, max=MAX_MINUTES, help="Time for everything together.")
     ] = 30.0,
     samples: Annotated[
         int | None,

@@ -46,7 +46,7 @@ def run(
     from optimize.ui.output import check_file, write_result
     from render.geometry import counted_sites
     from render.scene import shipped_scenes
-    from render.scene.new_scene import Answers, scene_file
+    from render.scene.new_scene import Answers, check_name, scene_file
     from render.scene.scene_file import scene_from_text
 
     given = {
@@ -55,6 +55,7 @@ def run(
         "field_of_view": field_of_view,
     }  # fmt: skip
     with reserved_stdout() as stream:
+        check_name(name)
         path = out or Path(f"{name}.toml")
         check_file(path, (".toml",))
         if path.exists():

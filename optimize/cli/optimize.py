@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Literal
 
 from typer import BadParameter, Option
 
-from optimize.cli.options import Json, ModelFolder, SceneName, Seed
+from optimize.cli.options import MAX_MINUTES, Json, ModelFolder, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 from render.errors import SceneError
 
@@ -40,7 +40,10 @@ def run(
     ] = 192,
     final_seeds: Annotated[int, Option(min=1, help="Seeds of the finalists' renders.")] = 2,
     minutes: Annotated[
-        float | None, Option(min=0.1, help="Time for everything, instead of samples; the loop's.")
+        float | None,
+        Option(
+            min=0.1, max=MAX_MINUTES, help="Time for everything, instead of samples; the loop's."
+        ),
     ] = None,
     seed: Seed = 0,
     as_json: Json = False,

@@ -32,6 +32,8 @@ Bend = Annotated[float, Option(min=0.0, max=180.0, help="Total bending angle in 
 StateName = Annotated[
     str | None, Option(help="State of the skin by its name, where the scene has states.")
 ]
+MAX_MINUTES = 6e5
+"""Over a year: what is more is a mistake, and its rest has no date."""
 Seed = Annotated[int, Option(min=0, help="Seed of all random choices.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
 

@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import BadParameter, Option
 
-from optimize.cli.options import Json, SceneName, Seed
+from optimize.cli.options import MAX_MINUTES, Json, SceneName, Seed
 from optimize.ui.console import note, print_json, print_table, reserved_stdout
 
 if TYPE_CHECKING:
@@ -23,7 +23,11 @@ def run(
     ] = None,
     hours: Annotated[
         float | None,
-        Option(min=0.01, help="Time for everything, over all attempts (default: 8)."),
+        Option(
+            min=0.01,
+            max=MAX_MINUTES / 60,
+            help="Time for everything, over all attempts (default: 8).",
+        ),
     ] = None,
     samples: Annotated[
         int | None, Option(min=1, help="A fixed amount of work instead: per cell of the table.")

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import BadParameter, Option
 
-from optimize.cli.options import Bend, DesignOption, SceneName, Seed, StateName, in_pose
+from optimize.cli.options import (
+    MAX_MINUTES,
+    Bend,
+    DesignOption,
+    SceneName,
+    Seed,
+    StateName,
+    in_pose,
+)
 from optimize.ui.console import ProgressBar, note, reserved_stdout
 from render.errors import GraphicsError, RenderError, TableError
 
@@ -81,7 +89,8 @@ def run(
         int | None, Option(min=1, help=f"Level reference: per pixel (default: {SAMPLES}).")
     ] = None,
     minutes: Annotated[
-        float | None, Option(min=0.1, help="Level reference: time for everything, instead.")
+        float | None,
+        Option(min=0.1, max=MAX_MINUTES, help="Level reference: time for everything, instead."),
     ] = None,
     seed: Seed = 1,
     out: Annotated[

@@ -18,7 +18,7 @@ def run(
     scene: SceneOfDesign = None,
     model: ModelFolder = None,
     coarse: Coarse = False,
-    out: Annotated[Path | None, Option(help="Write the rated design to this file.")] = None,
+    out: Annotated[Path | None, Option(help="Write the rated design to this .json file.")] = None,
     as_json: Json = False,
 ) -> None:
     """Rate a layout drawn by hand on the surrogate."""
@@ -26,9 +26,12 @@ def run(
     from optimize.exploration import rate, stage_to_json
     from optimize.report import clipping_warning, doubted_gain, holder_warning, print_scores
     from optimize.scoring import open_model
+    from optimize.ui.output import check_file, writable
     from surrogate.runtime import RankingTest
 
     with reserved_stdout() as stream:
+        if out is not None:
+            check_file(out, (".json",))
         sensor, design = load_layout(path, scene)
         checker = open_model(sensor, model, coarse=coarse)
         first = rate(checker, sensor, "baseline", "Baseline", "", dimmed_baseline(sensor))
@@ -38,7 +41,8 @@ def run(
         doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:
-            save_design(out, design, sensor, found.rating)
+            with writable(out):
+                save_design(out, design, sensor, found.rating)
         if as_json:
             result: dict[str, object] = {
                 "scene": sensor.name,

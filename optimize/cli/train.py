@@ -9,14 +9,16 @@ from typing import Annotated
 
 from typer import Option
 
-from optimize.cli.options import Coarse, SceneName, Seed
+from optimize.cli.options import MAX_MINUTES, Coarse, SceneName, Seed
 from optimize.ui.console import ProgressBar, reserved_stdout
 
 
 def run(
     scene_name: SceneName = "finger20",
     out: Annotated[Path | None, Option(help="Model folder (default: models/<scene>).")] = None,
-    minutes: Annotated[float, Option(min=0.1, help="Time for everything together.")] = 40.0,
+    minutes: Annotated[
+        float, Option(min=0.1, max=MAX_MINUTES, help="Time for everything together.")
+    ] = 40.0,
     samples: Annotated[
         int | None,
         Option(min=1, help="Samples per fiber and facet: the same work on any machine."),

@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from optimize.cli.options import DesignArgument, Json, ModelFolder, SceneOfDesign
+from optimize.cli.options import MAX_MINUTES, DesignArgument, Json, ModelFolder, SceneOfDesign
 from optimize.ui.console import (
     ProgressBar,
     counted,
@@ -38,7 +38,8 @@ def run(
         int | None, Option(min=1, help="Samples per cell and seed (default: 200).")
     ] = None,
     minutes: Annotated[
-        float | None, Option(min=0.1, help="Time for everything, instead of --samples.")
+        float | None,
+        Option(min=0.1, max=MAX_MINUTES, help="Time for everything, instead of --samples."),
     ] = None,
     seeds: Annotated[int, Option(min=2, help="Number of independent seeds.")] = 4,
     as_json: Json = False,
@@ -104,10 +105,9 @@ def _print(
     stream: IO[str], path: Path, scene: Scene, checker: Checker, found: Verification
 ) -> None:
     from optimize.design import PARTS
-    from optimize.report import state_word
     from optimize.scoring import prediction_checked
 
-    word = state_word(scene)
+    word = scene.state_word
     shown = PARTS[1:] if word else PARTS[1:-1]
     spreads = ("spread over sites", *([f"spread over {word}s"] if word else []))
 

@@ -10,7 +10,6 @@ import numpy as np
 from optimize.comparison.comparison import DesignComparison
 from optimize.design import LEVEL_NAMES
 from optimize.report import (
-    bend_titles,
     building_steps,
     camera_pictures,
     data_uri,
@@ -18,7 +17,6 @@ from optimize.report import (
     render_page,
     score_row,
     stage_pictures,
-    state_word,
 )
 from optimize.ui.output import write_result
 from optimize.ui.provenance import package_versions
@@ -40,7 +38,7 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
     """
     scene, stages = comparison.scene, comparison.stages
     pictures = dict(design_pictures(scene, stages)) | dict(camera_pictures(scene, stages))
-    bends = bend_titles(scene)
+    bends = scene.state_titles
     best = max(stages, key=lambda stage: stage.rating.score)
     rows = [
         score_row(stage)
@@ -68,7 +66,7 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
         "lam": f"{stages[0].settings.lam:.4g}",
         "confidence": f"{comparison.coverage:.0%}",
         "bends": bends,
-        "word": state_word(scene),
+        "word": scene.state_word,
         "stages": rows,
         "differences": difference_rows(comparison),
         "covers": comparison.covers,

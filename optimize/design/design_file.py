@@ -12,6 +12,7 @@ on how noisy a render was, are read as designs without a rating.
 from __future__ import annotations
 
 import math
+from codecs import BOM_UTF8
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,11 +34,14 @@ from optimize.ui.provenance import package_versions
 from render.errors import DesignError
 from render.files import write_text
 from render.metric import MetricConfig, current_conventions
+from render.refused_values import in_json, problem_sentence, value_place
 from render.scene import OFF, RGB, Palette, Scene, load_scene, shipped_scenes
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
+HASH = r"^[0-9a-f]{16}$"
+_PATTERNS = {HASH: "16 of 0-9 and a-f"}
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class DesignFile(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
     schema_version: Annotated[Literal[1, 2], Field(alias="schema")]
     scene: Annotated[str, Field(min_length=1)]
-    scene_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
+    scene_hash: Annotated[str, Field(pattern=HASH)]
     angles_deg: Annotated[list[Angle], Field(min_length=1)]
     colors: Annotated[
         list[str],
@@ -133,7 +137,7 @@ class DesignFile(BaseModel):
         known = (*palette.names, OFF)
         for fiber, name in enumerate(self.colors):
             if name not in known:
-                raise ValueError(f"colors[{fiber}] = {name!r}, allowed: {', '.join(known)}")
+                raise ValueError(f"colors[{fiber}] = {in_json(name)}, allowed: {', '.join(known)}")
         for fiber, row in enumerate(self.power):
             if len(row) != len(palette.names):
                 raise ValueError(
@@ -207,7 +211,7 @@ def load_design_file(path: Path) -> DesignFile:
         DesignError: names every problem of the file at once.
     """
     try:
-        text = path.read_bytes()
+        text = path.read_bytes().removeprefix(BOM_UTF8)  # which editors on Windows put in front
     except OSError as error:
         raise DesignError(
             f"{path} cannot be read: {error.strerror}; give the path of a design.json",
@@ -293,28 +297,7 @@ def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
 def _refusal(origin: str, error: ValidationError) -> DesignError:
     problems = error.errors(include_url=False)
     return DesignError(
-        f"{origin} is not a valid design: " + "; ".join(_sentence(item) for item in problems),
-        field=_place(problems[0]),
+        f"{origin} is not a valid design: "
+        + "; ".join(problem_sentence(problem, _PATTERNS) for problem in problems),
+        field=value_place(problems[0]),
     )
-
-
-def _place(problem: Any) -> str:
-    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"]]
-    return "".join(parts).removeprefix(".")
-
-
-def _sentence(problem: Any) -> str:
-    place, kind, context = _place(problem), problem["type"], problem.get("ctx", {})
-    if kind == "json_invalid":
-        return f"it is not JSON ({context.get('error', 'syntax')})"
-    if kind in {"extra_forbidden", "unexpected_keyword_argument"}:
-        return f"unknown key {place}"
-    if kind in {"missing", "missing_argument"}:
-        return f"missing key {place}"
-    message = problem["msg"].removeprefix("Value error, ")
-    if not place:
-        return str(message)
-    bounds = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
-    words = [f"{word} {context[key]:g}" for key, word in bounds.items() if key in context]
-    allowed = f"allowed: {words[0]}" if words else message[0].lower() + message[1:]
-    return f"{place} = {problem['input']!r}: {allowed}"

@@ -15,9 +15,7 @@ not read.
 
 from __future__ import annotations
 
-import json
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +25,12 @@ from optimize.design.design import Design, one_led
 from optimize.design.design_file import find_scene
 from optimize.design.limits import limits_of
 from render.errors import DesignError
+from render.files import parse_json, parse_toml, read_text
+from render.refused_values import in_json
 from render.scene import OFF, Palette, Scene, load_scene
 
 KEYS = ("scene", "scene_hash", "colors", "colours", "angles_deg", "power")
-RATED = ("schema", "level", "score", "lam", "exposure", "conventions", "versions")
+RATED = ("schema", "palette", "level", "score", "lam", "exposure", "conventions", "versions")
 """What a design file holds besides."""
 
 
@@ -49,7 +49,7 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
         raise _refusal(path, ['it names no scene: add scene = "..." or give --scene'])
     found = scene_name or find_scene(named, path)
     if found is None:
-        raise _refusal(path, [f"scene = {named!r} is neither a shipped scene nor a file: "
+        raise _refusal(path, [f"scene = {in_json(named)} is neither a shipped scene nor a file: "
                               "name its TOML file with --scene"])  # fmt: skip
     scene = load_scene(found)
     fibers, problems = scene.lamp_count, []
@@ -57,7 +57,7 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
     problems += [f"unknown key {key}" for key in content if key not in known]
     if content.get("scene_hash", scene.hash) != scene.hash:
         problems.append(
-            f"scene_hash = {content['scene_hash']!r}, allowed: {scene.hash} of {scene.name}"
+            f"scene_hash = {in_json(content['scene_hash'])}, allowed: {scene.hash} of {scene.name}"
         )
     given = content.get("colors", content.get("colours"))
     colors = _colors(given, fibers, scene.palette, problems)
@@ -70,24 +70,20 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
+        text = read_text(path)
+    except ValueError as error:
         raise DesignError(
-            f"{path} cannot be read: {error.strerror}; give a JSON or TOML file with colors and "
-            "angles_deg",
-            field="design",
+            f"{path} {error}; give a JSON or TOML file with colors and angles_deg", field="design"
         ) from None
-    except UnicodeDecodeError:
-        raise _refusal(path, ["it is not text in UTF-8"]) from None
     try:
         if path.suffix == ".toml":
-            return tomllib.loads(text)
-        found = json.loads(text)
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+            return parse_toml(text)
+        found = parse_json(text)
+    except ValueError as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
-        raise _refusal(path, [f"it is not {kind} ({error})"]) from None
+        raise _refusal(path, [f"it is not {kind} ({error})" if text else "it is empty"]) from None
     if not isinstance(found, dict):
-        raise _refusal(path, ["it is a list or a number, allowed: keys colors and angles_deg"])
+        raise _refusal(path, [f"it is {in_json(found)}, allowed: keys colors and angles_deg"])
     return found
 
 
@@ -111,7 +107,7 @@ def _colors(given: Any, fibers: int, palette: Palette, problems: list[str]) -> l
         return [-1] * fibers
     entries = list(given.replace(" ", "")) if isinstance(given, str) else given
     if not isinstance(entries, list):
-        problems.append(f"colors = {given!r}, {allowed}, for each of {fibers} fibers")
+        problems.append(f"colors = {in_json(given)}, {allowed}, for each of {fibers} fibers")
         return [-1] * fibers
     if len(entries) != fibers:
         problems.append(f"colors has {len(entries)} entries, allowed: {fibers}, one per fiber")
@@ -119,7 +115,7 @@ def _colors(given: Any, fibers: int, palette: Palette, problems: list[str]) -> l
     for index, entry in enumerate(entries):
         name = entry.lower() if isinstance(entry, str) else entry
         if not isinstance(name, str) or name not in known:
-            problems.append(f"colors[{index}] = {entry!r}, {allowed}")
+            problems.append(f"colors[{index}] = {in_json(entry)}, {allowed}")
             name = OFF
         found.append(known[name])
     return (found + [-1] * fibers)[:fibers]
@@ -136,12 +132,12 @@ def _angles(given: Any, fibers: int, problems: list[str]) -> list[float]:
     wrong = [
         (index, entry)
         for index, entry in enumerate(entries)
-        if not _is_number(entry) or not 0.0 <= entry <= 180.0
+        if isinstance(entry, list) or not _all_numbers(entry) or not 0.0 <= entry <= 180.0
     ]
     if wrong and not isinstance(given, list):
-        problems.append(f"angles_deg = {given!r}, allowed: 0 to 180")
+        problems.append(f"angles_deg = {in_json(given)}, allowed: 0 to 180")
     elif wrong:
-        problems += [f"angles_deg[{i}] = {entry!r}, allowed: 0 to 180" for i, entry in wrong]
+        problems += [f"angles_deg[{i}] = {in_json(entry)}, allowed: 0 to 180" for i, entry in wrong]
     return [90.0] * fibers if wrong or len(entries) != fibers else [float(x) for x in entries]
 
 
@@ -155,18 +151,21 @@ def _power(given: Any, colors: list[int], scene: Scene, problems: list[str]) -> 
     words = "allowed: 0 to 1, one number per fiber"
     try:
         power = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         power = np.zeros(0)
-    if power.shape not in {(len(colors),), (len(colors), count)}:
+    if not _all_numbers(given) or power.shape not in {(len(colors),), (len(colors), count)}:
         problems.append(f"power has another form than {len(colors)} numbers, {words}")
         return full
     for index in np.flatnonzero(~((power >= 0) & (power <= 1)).reshape(len(colors), -1).all(1)):
-        problems.append(f"power[{index}] = {power[index].tolist()}, {words}")
+        problems.append(f"power[{index}] = {in_json(power[index].tolist())}, {words}")
     return lit * power[:, None] if power.ndim == 1 else power
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _all_numbers(given: Any) -> bool:
+    """Return whether what is in lists are numbers: numpy would read texts and truth as some."""
+    if isinstance(given, list):
+        return all(map(_all_numbers, given))
+    return isinstance(given, int | float) and not isinstance(given, bool)
 
 
 def _refusal(path: Path, problems: list[str]) -> DesignError:

@@ -19,7 +19,6 @@ from optimize.overnight.result import DESIGNS, ConvergencePoint, Finalist, Overn
 from optimize.overnight.run_directory import MODEL, RECORD, REPORT
 from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
 from optimize.report import (
-    bend_titles,
     bolt_pictures,
     building_steps,
     clipping_warning,
@@ -33,7 +32,6 @@ from optimize.report import (
     score_row,
     sensor_figure,
     stage_pictures,
-    state_word,
     wiring_context,
 )
 from render.errors import ModelError, SceneError
@@ -112,8 +110,8 @@ def render_report(
         "warnings": warnings(result),
         "verdict": result.verdict,
         "finalists": [{**row, "best": key == last.key} for key, row in rows.items()],
-        "bends": bend_titles(scene),
-        "word": state_word(scene),
+        "bends": scene.state_titles,
+        "word": scene.state_word,
         "sensor": sensor_figure(scene),
         "stages": [stages[key] for key in shown],
         "others": [stage for key, stage in stages.items() if key not in shown],

@@ -22,6 +22,7 @@ from render.errors import TactiluxError
 from render.files import read_npz, write_bytes, write_npz
 from render.geometry import counted_sites
 from render.metric import clipped_fraction
+from render.refused_values import problem_sentence
 from render.scene import Scene, load_scene, standalone
 
 SCENE, NIGHT, DESIGNS = "scene.toml", "night.npz", "designs"
@@ -239,9 +240,7 @@ def _validated(content: dict[str, object]) -> OvernightResult:
     try:
         return _RESULT.validate_python(content)
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        place = ".".join(map(str, problem["loc"]))
-        raise ValueError(f"{place}: {problem['msg']}") from None
+        raise ValueError(problem_sentence(error.errors(include_url=False)[0])) from None
 
 
 def keep_scene(run: Path, name_or_path: str | Path) -> None:

@@ -39,7 +39,7 @@ from render.progress import Progress
 from render.reference import RenderJob, RenderResult
 from render.scene import scene_of
 
-SCHEMA = 4
+SCHEMA = 5
 RENDERS, STATES, TABLE = "renders", "states", "table"
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""
@@ -236,10 +236,14 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> 
         there = meta["request"].get(name)
         if there != value:
             raise RunError(
-                f"{run} is a run with {name} {there}, asked for is {value}: choose "
-                "another directory with --out, or ask for the same again",
+                f"{run} is a run {_asked(name, there)}, asked for is one {_asked(name, value)}: "
+                "choose another directory with --out, or ask for the same again",
                 field=name,
             )
+
+
+def _asked(name: str, value: object) -> str:
+    return f"without {name}" if value is None else f"with {name} {value}"
 
 
 def _sweep(run: Path) -> None:

@@ -123,10 +123,11 @@ def sensor_facts(scene: Scene) -> dict[str, Any]:
 
 
 def _axis(scene: Scene) -> dict[str, Any]:
-    """Return what the axis of bends or named states is called, and its values for people."""
-    if scene.states is not None:
-        return {"word": "state", "titles": list(scene.state_names)}
-    return {"word": "bend", "titles": [f"{round(math.degrees(a))}°" for a in scene.state_axis]}
+    """Return what the axis of states has, see `Scene.state_word`, and its values for people."""
+    titles = scene.state_titles
+    if scene.state_word == "bend":
+        titles = tuple(f"{round(math.degrees(angle))}°" for angle in scene.state_axis)
+    return {"word": scene.state_word, "titles": list(titles)}
 
 
 def _skin(scene: Scene) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from optimize.report import DESIGN, PLAY, REPORT
 from optimize.ui.console import duration
 from optimize.ui.output import MANIFEST
 from render.errors import SceneError, TactiluxError
+from render.refused_values import problem_sentence
 from render.scene import load_scene
 from surrogate.runtime import Checker
 from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE
@@ -151,10 +152,8 @@ def _parsed(part: type[_Part], content: bytes, path: Path) -> _Part:
     try:
         return part.model_validate_json(content)
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        place = ".".join(map(str, problem["loc"]))
-        words = f"{place}: {problem['msg']}" if place else problem["msg"]
-        raise RunError(f"{path.name} is damaged ({words})", field="run") from None
+        problem = problem_sentence(error.errors(include_url=False)[0])
+        raise RunError(f"{path.name} is damaged ({problem})", field="run") from None
 
 
 def _interval(ends: list[float] | None) -> tuple[float, float] | None:

@@ -32,7 +32,6 @@ from optimize.report.optimization_report import (
     write_optimization,
 )
 from optimize.report.page import (
-    bend_titles,
     building_steps,
     clipping_warning,
     data_uri,
@@ -41,7 +40,6 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
-    state_word,
     template_text,
     verification_steps,
 )

@@ -22,7 +22,6 @@ from optimize.report.illustrations import (
     png_bytes,
 )
 from optimize.report.page import (
-    bend_titles,
     building_steps,
     clipping_warning,
     data_uri,
@@ -32,7 +31,6 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
-    state_word,
     verification_steps,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
@@ -211,7 +209,7 @@ def render_report(
             report, or nothing.
     """
     first, result = stages[0], stages[-1]
-    scene, bends = first.scene, bend_titles(first.scene)
+    scene, bends = first.scene, first.scene.state_titles
     context = {
         "scene": scene.name,
         "scene_hash": scene.hash,
@@ -220,7 +218,7 @@ def render_report(
         "summary": summary(stages, ranking),
         "warnings": warnings(stages, ranking),
         "bends": bends,
-        "word": state_word(scene),
+        "word": scene.state_word,
         "sensor": sensor_figure(scene),
         "stages": [{**_row(stage), **stage_pictures(pictures, stage.key)} for stage in stages],
         "previews": [
@@ -256,7 +254,7 @@ class Scored(Protocol):
 
 def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> None:
     """Print the figures of ``stages`` of one scene; ``coverage`` of their intervals."""
-    word = state_word(stages[0].scene)
+    word = stages[0].scene.state_word
     columns = {
         "title": "design",
         "score": "score S",
@@ -335,7 +333,7 @@ def summary(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
 
 def parts_moved(scene: Scene, first: Rating, last: Rating) -> str:
     """Return how the parts of the score went from one rating to another, in one sentence."""
-    word = state_word(scene)
+    word = scene.state_word
     over = f" and over {word}s from {first.spread_bends:.1f} to {last.spread_bends:.1f}"
     return (
         f"The mean of the metric went from {first.mean:.1f} to {last.mean:.1f}, its spread over "

@@ -203,7 +203,7 @@ def _strip(scene: Scene) -> Iterator[tuple[Figure, list[Axes]]]:
     """Open one panel per bend, side by side and titled, in the shape of the field of sites."""
     left, right, bottom, top = _frame(scene)
     tall = min((top - bottom) / (right - left), 2.5)
-    bends = scene.state_names
+    bends = scene.state_titles
     with drawing(PANEL * len(bends), PANEL * tall + 0.22) as figure:
         panels = list(figure.subplots(1, len(bends), squeeze=False)[0])
         for axes, bend in zip(panels, bends, strict=True):

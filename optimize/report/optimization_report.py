@@ -21,7 +21,6 @@ from optimize.report.page import (
     render_page,
     sensor_figure,
     stage_pictures,
-    state_word,
 )
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
 from optimize.ui.output import fresh_directory, write_manifest
@@ -163,7 +162,7 @@ def _page(
         "scene": scene.name,
         "scene_hash": scene.hash,
         "bends": scene.state_axis,
-        "word": state_word(scene),
+        "word": scene.state_word,
         "lam": f"{outcome.finalists.settings.lam:.4g}",
         "conclusions": conclusions(outcome),
         "sensor": sensor_figure(scene),

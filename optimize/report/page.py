@@ -55,18 +55,6 @@ def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
     return {kind: data_uri(pictures[f"{kind}-{key}"]) for kind in ("scheme", "metric", "facets")}
 
 
-def bend_titles(scene: Scene) -> list[str]:
-    """Return what each bend or state of the scene is called."""
-    return list(scene.state_names)
-
-
-def state_word(scene: Scene) -> str:
-    """Return what scores spread over besides sites: "bend", "state", or "" where there is one."""
-    if len(scene.state_axis) == 1:
-        return ""
-    return "bend" if scene.states is None else "state"
-
-
 Steps = list[tuple[str, str]]
 """What to do next: why, and the command."""
 

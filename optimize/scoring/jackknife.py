@@ -38,15 +38,12 @@ class JackknifeEstimate:
     Arguments:
         value: bias-corrected statistic.
         plain: the statistic of the plain mean over all replicates.
-        se: standard error of ``value``: ``sampling``, and ``bias_error`` as the half-width of a
-            90 % interval.
         pseudo: ``(replicate,)`` pseudo-values; their scatter is ``sampling``.
         bias_error: by which the correction may be off, with a chance of about 90 %.
     """
 
     value: float
     plain: float
-    se: float
     pseudo: Array
     bias_error: float = 0.0
 
@@ -58,7 +55,12 @@ class JackknifeEstimate:
     @property
     def sampling(self) -> float:
         """Standard error by the noise of replicates alone (Tukey 1958)."""
-        return _sampling(self.pseudo)
+        return float(np.sqrt(self.pseudo.var(ddof=1) / self.replicates))
+
+    @property
+    def se(self) -> float:
+        """Standard error of ``value``: `sampling`, and the half of a 90 % interval by the bias."""
+        return math.hypot(self.sampling, self.bias_error / student_factor(self.replicates, 0.9))
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Return the two-sided interval of Student's t with ``replicates - 1`` degrees."""
@@ -103,7 +105,7 @@ def jackknife_parts(
         for left, before in zip(corrections, halves - quarters, strict=True)
     ]
     return [
-        JackknifeEstimate(float(whole + left), float(whole), _se(values, error), values, error)
+        JackknifeEstimate(float(whole + left), float(whole), values, error)
         for whole, left, values, error in zip(plain, corrections, pseudo.T, errors, strict=True)
     ]
 
@@ -131,14 +133,6 @@ def _bias_error(correction: float, before: float) -> float:
     return abs(correction) * (1 / (ratio - 1) - 0.5)
 
 
-def _sampling(pseudo: Array) -> float:
-    return float(np.sqrt(pseudo.var(ddof=1) / len(pseudo)))
-
-
-def _se(pseudo: Array, bias_error: float) -> float:
-    return math.hypot(_sampling(pseudo), bias_error / student_factor(len(pseudo), 0.9))
-
-
 def pooled_estimate(parts: Sequence[JackknifeEstimate]) -> JackknifeEstimate:
     """Return the mean of independent estimates, every replicate with the same weight.
 
@@ -149,7 +143,7 @@ def pooled_estimate(parts: Sequence[JackknifeEstimate]) -> JackknifeEstimate:
         sum(getattr(part, name) * part.replicates for part in parts) / len(pseudo)
         for name in ("value", "plain", "bias_error")
     )
-    return JackknifeEstimate(value, plain, _se(pseudo, error), pseudo, error)
+    return JackknifeEstimate(value, plain, pseudo, error)
 
 
 def jackknife_se(statistic: Callable[[Array], Array], replicates: Array) -> Array:

@@ -53,8 +53,9 @@ def fresh_directory(target: Path, keep: str = "") -> Iterator[Path]:
     in it, beside ``target`` under the first free number.
     """
     check_target(target)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    with writable(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     try:
         yield work
         work.chmod(0o755)

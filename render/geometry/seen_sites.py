@@ -37,12 +37,12 @@ class CameraCoverage:
     Arguments:
         seen: ``(bend, site, facet + 1)``; the last is the untouched spot of the site.
         unseen: number of facets that are not seen, over all bends, by cause.
-        of: what the first axis has, bends or states.
+        word: what the first axis has, as `Scene.state_word` has it.
     """
 
     seen: NDArray[np.bool_]
     unseen: dict[str, int]
-    of: str = "bends"
+    word: str = ""
 
     @property
     def counted(self) -> NDArray[np.int64]:
@@ -56,8 +56,10 @@ class CameraCoverage:
         facets_seen = self.seen[..., :-1]
         text = (
             f"{len(self.counted)} of {sites} sites count, and {facets_seen.sum()} of "
-            f"{facets_seen.size} facets are seen (over {len(self.seen)} {self.of})"
+            f"{facets_seen.size} facets are seen"
         )
+        if self.word:
+            text += f" (over {len(self.seen)} {self.word}s)"
         if self.seen.all():
             return text
         causes = ", ".join(f"{number} {cause}" for cause, number in self.unseen.items() if number)
@@ -74,7 +76,7 @@ def camera_coverage(scene: Scene) -> CameraCoverage:
         seen.append(shown)
         for cause, number in _causes(one, bend, shown).items():
             unseen[cause] += number
-    return CameraCoverage(np.stack(seen), unseen, "bends" if scene.states is None else "states")
+    return CameraCoverage(np.stack(seen), unseen, scene.state_word)
 
 
 def _states(scene: Scene) -> Iterator[tuple[Scene, float]]:
@@ -98,23 +100,23 @@ def counted_sites(scene: Scene) -> NDArray[np.int64]:
     facets_seen = coverage.seen[..., :-1]
     causes = ", ".join(f"{n} {cause}" for cause, n in coverage.unseen.items() if n)
     raise SceneError(
-        f"the camera sees none of {coverage.seen.shape[1]} sites whole "
-        f"{_everywhere(scene.states is not None)}, and {facets_seen.sum()} of {facets_seen.size} "
+        f"the camera sees none of {coverage.seen.shape[1]} sites whole"
+        f"{_everywhere(scene.state_word)}, and {facets_seen.sum()} of {facets_seen.size} "
         f"facets ({causes}), at least one site is needed: {_remedy(scene, coverage)}",
         field="camera",
     )
 
 
-def seen_rule(named_states: bool) -> str:
-    """Return which sites count, where states have names or are bends."""
+def seen_rule(word: str) -> str:
+    """Return which sites count, by what states are (`Scene.state_word`)."""
     return (
-        "a site counts where each of its facets and its untouched spot has a pixel for itself "
-        f"{_everywhere(named_states)}"
+        "a site counts where each of its facets and its untouched spot has a pixel for itself"
+        f"{_everywhere(word)}"
     )
 
 
-def _everywhere(named_states: bool) -> str:
-    return "in every state" if named_states else "at every bend"
+def _everywhere(word: str) -> str:
+    return {"": "", "bend": " at every bend", "state": " in every state"}[word]
 
 
 def _remedy(scene: Scene, coverage: CameraCoverage) -> str:

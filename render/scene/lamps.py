@@ -10,6 +10,7 @@ power and its profile are those of the light that leaves the disk, in whatever i
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.files import read_text
 from render.scene.lamp_profile import Profile
 from render.scene.quantities import Count, Part, Quantity
 
@@ -336,9 +338,9 @@ def lamps_of_file(path: Path) -> list[dict[str, Any]]:
         ValueError: one sentence that names the line, the column and what is allowed.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            rows = list(csv.DictReader(stream, skipinitialspace=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        stream = io.StringIO(read_text(path), newline="")
+        rows = list(csv.DictReader(stream, skipinitialspace=True))
+    except csv.Error as error:
         raise ValueError(f"cannot be read: {error}") from error
     if not rows:
         raise ValueError("has no lamps: give a header line and one line for each")

@@ -87,6 +87,19 @@ def flag_of(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
+def check_name(name: str) -> None:
+    """Refuse a name that no scene can have.
+
+    Raises:
+        SceneError: says what is allowed.
+    """
+    if not re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", name):
+        raise SceneError(
+            f"name = {name or 'nothing'}, allowed: small letters, digits, - and _, at most 64",
+            field="name",
+        )
+
+
 @dataclass(frozen=True)
 class Answers:
     """What is known of a new sensor; the rest is assumed.
@@ -110,11 +123,7 @@ class Answers:
         Raises:
             SceneError: names the flag, its value and what is allowed.
         """
-        if not re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", self.name):
-            raise SceneError(
-                f"name = {self.name}, allowed: small letters, digits, - and _, at most 64",
-                field="name",
-            )
+        check_name(self.name)
         for name, value in self.numbers.items():
             QUESTIONS[name].check(name, value)
         self._check_lamps()

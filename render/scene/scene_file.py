@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib import resources
@@ -13,6 +11,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from render.errors import SceneError
+from render.files import parse_toml, read_text
+from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.quantities import Part
 from render.scene.schema import SCENE_NAME, Scene
@@ -26,18 +26,6 @@ _TEXTS = {
     INK: "# and six digits 0-9 or a-f",
 }
 """What the patterns of a file's texts allow, for people."""
-
-_TYPES = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "string_type": "a text in quotes",
-    "bool_type": "true or false",
-    "tuple_type": "a list",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "number_or_list": "a number, or a list of one per camera channel",
-}
-"""What stands where a value of another type is refused, for people."""
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -117,28 +105,22 @@ def scene_text(name_or_path: str | Path) -> str:
     text_name = str(name_or_path)
     if text_name in shipped_scenes():
         return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")
-    path = Path(name_or_path)
+    next_step = f"give the path of a TOML file or one of {', '.join(shipped_scenes())}"
     try:
-        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
-    except FileNotFoundError:
-        raise SceneError(
-            f"there is no scene {text_name!r}: give the path of a TOML file or one of "
-            f"{', '.join(shipped_scenes())}",
-            field="scene",
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise _unreadable(text_name, error) from None
+        return read_text(Path(name_or_path))
+    except ValueError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise SceneError(
+                f"there is no scene {text_name!r}: {next_step}", field="scene"
+            ) from None
+        raise SceneError(f"{text_name} {error}; {next_step}", field="scene") from None
 
 
 def _parsed(text: str, origin: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _unreadable(origin, error) from None
-
-
-def _unreadable(origin: str, error: Exception) -> SceneError:
-    return SceneError(f"{origin} cannot be read as TOML: {error}", field="scene")
+        return parse_toml(text)
+    except ValueError as error:
+        raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
 
 
 def _sentence(problem: Any) -> str:
@@ -153,10 +135,10 @@ def _sentence(problem: Any) -> str:
     if kind == "value_error" and not key:
         return str(message)
     value = problem["input"]
-    allowed = _allowed(problem)
+    allowed = allowed_words(problem, _known_keys(problem["loc"]))
     if allowed:
         value = value["value"] if kind == "number_or_list" else value
-        return f"{key} = {_written(value)}, allowed: {allowed}"
+        return f"{key} = {in_toml(value)}, allowed: {allowed}"
     if isinstance(value, dict) and "value" in value:
         value = " ".join(_plain(value[part]) for part in ("value", "unit") if part in value)
     value = _plain(value)
@@ -165,38 +147,9 @@ def _sentence(problem: Any) -> str:
     return f"{key} = {value}: {message}"
 
 
-def _allowed(problem: Any) -> str:
-    """Return what may stand where a value has the wrong type or is none of a choice, else ""."""
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind == "literal_error":
-        return str(context["expected"]).replace("'", '"').replace("True", "true")
-    if kind == "too_short":
-        return f"a list of at least {context['min_length']} item"
-    if kind == "model_type":
-        known = _known_keys(problem["loc"])
-        return f"a table with {', '.join(known)}" if known else _TYPES[kind]
-    return _TYPES.get(kind, "")
-
-
 def _plain(value: Any) -> str:
     """Return a value as a TOML file has it, a text without its quotes."""
-    return value if isinstance(value, str) else _written(value)
-
-
-def _written(value: Any) -> str:
-    """Return a value as a TOML file has it.
-
-    >>> _written({"value": ["four", True], "unit": "mm"})
-    '{ value = ["four", true], unit = "mm" }'
-    """
-    if isinstance(value, dict):
-        entries = [f"{name} = {_written(entry)}" for name, entry in value.items()]
-        return f"{{ {', '.join(entries)} }}" if entries else "{}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_written, value))}]"
-    if isinstance(value, str | bool):
-        return json.dumps(value, ensure_ascii=False)
-    return str(value)
+    return value if isinstance(value, str) else in_toml(value)
 
 
 def _instead(place: tuple[int | str, ...]) -> str:

@@ -227,9 +227,9 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "",
             "## Limits",
             "",
-            f"- Trained for phi 0 to 180 deg, power 0 to 1 and {_states(metadata)} "
-            "of this scene. Outside, inputs are moved to the edge of the "
-            "range and `domain_excess` is positive; inputs that are not finite give NaN.",
+            f"- Trained for {_ranges(metadata)} of this scene. Outside, inputs are "
+            "moved to the edge of the range and `domain_excess` is positive; inputs that are not "
+            "finite give NaN.",
             "- Random designs set the intervals. A search that picks the best of very many "
             "designs finds errors too: verify its result with `tactilux verify`.",
             _family(metadata),
@@ -240,12 +240,15 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
     )
 
 
-def _states(metadata: ModelMetadata) -> str:
-    """Return what the axis of bends or states covers."""
+def _ranges(metadata: ModelMetadata) -> str:
+    """Return what the inputs cover."""
     if metadata.states:
-        return "the states " + ", ".join(f"{k} {name}" for k, name in enumerate(metadata.states))
+        states = ", ".join(f"{number} {name}" for number, name in enumerate(metadata.states))
+        return f"phi 0 to 180 deg, power 0 to 1 and the states {states}"
+    if len(metadata.scene_bends) == 1:
+        return "phi 0 to 180 deg and power 0 to 1"
     low, high = metadata.bounds["bend"]
-    return f"bend {_degrees(low)} to {_degrees(high)} deg"
+    return f"phi 0 to 180 deg, power 0 to 1 and bend {_degrees(low)} to {_degrees(high)} deg"
 
 
 def _made_of(fit: Fit) -> str:
@@ -262,9 +265,13 @@ def _held_out(fit: Fit, metadata: ModelMetadata) -> str:
             "the other half; the whole is closer. Its tau is that of the whole (Spearman and "
             "Brown), and all are of normal scores with the correlation of these."
         )
+    together = "position, direction and state" if metadata.states else (
+        "position, direction and bend" if len(metadata.scene_bends) > 1 else
+        "position and direction"
+    )  # fmt: skip
     return (
         "Every cell of these random designs was predicted by a member that did not see its fiber "
-        f"position, direction and {'state' if metadata.states else 'bend'} together."
+        f"{together} together."
     )
 
 
@@ -272,7 +279,8 @@ def _splits(fit: Fit, metadata: ModelMetadata) -> list[str]:
     if not fit.splits:
         return []
     # A named state is no value between others: none is left out.
-    parts = "positions or directions" if metadata.states else "positions, directions or bends"
+    bends = not metadata.states and len(metadata.scene_bends) > 1
+    parts = "positions, directions or bends" if bends else "positions or directions"
     return [
         f"The same with whole fiber {parts} left out (fitted with half the "
         "steps and a third of the data missing):",

@@ -79,11 +79,12 @@ def check_replaceable(folder: Path) -> None:
                 field="out",
             )
         return
-    others = {item.name for item in folder.iterdir()} - FILES if folder.is_dir() else {folder.name}
+    if not folder.is_dir():
+        raise ModelError(f"{folder} is not a folder: name another place", field="out")
+    others = {item.name for item in folder.iterdir()} - FILES
     if others:
         raise ModelError(
-            f"{folder} holds {sorted(others)[0]!r}, which is no part of a model: name another "
-            "folder",
+            f"{folder} holds {sorted(others)[0]}, which is no part of a model: name another folder",
             field="out",
         )
 

@@ -27,6 +27,7 @@ from hw.check.rig_tolerances import (
 )
 from hw.check.sweep_check import check_sweep
 from render.arrays import Array
+from render.scene import load_scene
 
 FAULTS = {"dead": FiberState.DEAD, "half power": FiberState.DIM, "swapped": FiberState.SWAPPED,
           "10 deg off": FiberState.MOVED}  # fmt: skip
@@ -187,7 +188,7 @@ def measure_recall(
         rng = np.random.default_rng([seed, number])
         rig = RandomRig(prediction, sites, spread, rng)
         known = np.mean([rig.start()("", 0)[0] for _ in range(STARTS)], axis=0)
-        record = commission(rig.prediction, known, "", 0.0)
+        record = commission(rig.prediction, known, load_scene("finger20"), 0.0)
         capture = rig.start()
         fiber = int(rng.integers(len(prediction.phi)))
         for fault in ("", *FAULTS):

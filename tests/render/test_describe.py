@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,17 +50,36 @@ def test_cells_are_counted_per_direction_node() -> None:
 
 def test_the_default_finger_leaves_out_no_medium() -> None:
     assert "scattering medium" not in left_out(SCENE)
-    assert "bend axis" not in left_out(SCENE)
+    assert "other shapes of the skin" not in left_out(SCENE)
     assert "Lambertian" in left_out(SCENE)["specular lobe of the coating"]
 
 
-def test_a_bare_flat_scene_leaves_out_medium_and_bend_axis() -> None:
+def test_a_bare_flat_scene_leaves_out_medium_and_other_shapes() -> None:
     bare = SCENE.model_copy(update={"diffuser": None})
     assert "no diffuser" in left_out(bare)["scattering medium"]
     assert not any(item.key.startswith("diffuser") for item in describe(bare).values)
-    assert "bend axis" in left_out(changed("bending", angles=(0.0,)))
+    assert "other shapes of the skin" in left_out(changed("bending", angles=(0.0,)))
     assert "rough refraction" in left_out(changed("pad", roughness=0.0))
     assert "light from the tip edge" in left_out(changed("fibers", tip=0))
+
+
+def test_a_sensor_of_one_shape_is_told_without_a_word_of_bends_or_states() -> None:
+    one = changed("bending", angles=(0.0,))
+    text = describe(one).text()
+    assert "20 fibers x 15 sites x 10 facets = 3000" in text
+    assert "150 of 150 facets are seen (a site counts where each of its facets and its " in text
+    assert "has a pixel for itself)" in text
+    other = [line for line in text.splitlines() if not line.startswith("  bending.angles ")]
+    assert not re.search(r"\b(bend|state)", "\n".join(other))
+    assert describe(one).axes["bend"] == 1  # of the transport all the same
+
+
+def test_axes_are_told_in_the_right_number() -> None:
+    lonely = replace(describe(SCENE), axes={"fiber": 1, "bend": 3, "site": 1, "facet": 10})
+    assert "1 fiber x 3 bends x 1 site x 10 facets" in lonely.text()
+    named = replace(describe(SCENE), axes={"fiber": 1, "state": 2, "site": 3, "facet": 10})
+    assert "1 fiber x 2 states x 3 sites x 10 facets" in named.text()
+    assert "has a pixel for itself in every state)" in named.text()
 
 
 def test_text_and_json_hold_the_same_values() -> None:

@@ -245,7 +245,8 @@ const checkShow = choices(find("show"), "show", ["Yours", "Baseline", "Optimum"]
   redraw();
   announce();
 });
-const checkBend = choices(find("bend"), "bend", page.axis.titles,
+// A sensor whose skin has one shape has no choice of it.
+const checkBend = page.axis.word === "" ? () => {} : choices(find("bend"), "bend", page.axis.titles,
   (i) => { state.bend = i; redraw(); announce(); });
 const checkTouch = choices(find("touch"), "touch", [...page.touches.map((t) => t.title), "Nothing"],
   (i) => { state.touch = i; act.move(state.center); redraw(); });
@@ -344,7 +345,7 @@ function drawScore(design, rated) {
   find("gain").className = gain > 2 * half ? "better" : gain < -2 * half ? "worse" : "";
   find("mean").textContent = one(rated.mean);
   find("spread-sites").textContent = one(rated.spreadSites);
-  find("spread-bends").textContent = one(rated.spreadBends);
+  if (page.axis.word !== "") find("spread-bends").textContent = one(rated.spreadBends);
   const [low, high] = [ratings.baseline.score, Math.max(ratings.optimum.score, ratings.baseline.score + 1)];
   const place = (s) => Math.min(Math.max(((s - low) / (high - low)) * 60 + 25, 0), 100);
   find("marker").style.left = `${place(rated.score)}%`;
@@ -377,6 +378,7 @@ function drawControls(design) {
 }
 
 let pause = 0;
+const IN_STATE = { "": "", bend: " at this bend", state: " in this state" };
 function announce() {
   clearTimeout(pause);
   pause = setTimeout(() => {
@@ -385,7 +387,7 @@ function announce() {
     find("spoken").textContent = `Score ${one(rated.score)}, ${one(Math.abs(gain))} `
       + `${gain < 0 ? "below" : "above"} the baseline.`;
     find("heat").setAttribute("aria-label", `Metric M over the sites, from ${Math.round(Math.min(...metric))} `
-      + `to ${Math.round(Math.max(...metric))} counts ${page.axis.word === "state" ? "in" : "at"} this ${page.axis.word}`);
+      + `to ${Math.round(Math.max(...metric))} counts${IN_STATE[page.axis.word]}`);
   }, 300);
 }
 

@@ -60,7 +60,7 @@ def test_a_healthy_rig_is_well_and_a_dead_fiber_is_found(prediction: PadPredicti
     lights = expected.alone.copy()
     assert check_sweep(expected, lights, sweep).ok
     scene = skin_of()
-    commission(expected, lights, scene.hash, 0.0).check_fits(expected, scene, 0.0)
+    commission(expected, lights, scene, 0.0).check_fits(expected, scene, 0.0)
     lights[7] = 0.0
     found = check_sweep(expected, lights, sweep)
     assert [fiber.index for fiber in found.fibers if fiber.state != "ok"] == [7]

@@ -21,7 +21,7 @@ SCENE = load_scene("finger20")
 def test_a_record_holds_the_measured_ratio(prediction: PadPrediction, tmp_path: Path) -> None:
     error = np.exp(0.1 * np.random.default_rng(1).standard_normal((20, 15)))
     colors = 3.0 * prediction.alone * error[..., None]
-    commission(prediction, colors, SCENE.hash, 0.0).save(tmp_path / "rig.npz")
+    commission(prediction, colors, SCENE, 0.0).save(tmp_path / "rig.npz")
     record = load_record(tmp_path / "rig.npz")
     ratio = record.ratio / error
     # The gains are medians, so only the overall factor is free.
@@ -39,7 +39,7 @@ def test_records_of_several_starts_average_what_drifts(
     record = None
     for start in range(4):
         drift = np.exp(0.02 * rng.standard_normal((20, 15)))
-        own = commission(prediction, prediction.alone * (true * drift)[..., None], SCENE.hash, 0.0)
+        own = commission(prediction, prediction.alone * (true * drift)[..., None], SCENE, 0.0)
         record = own if record is None else record.joined(own)
         assert record.starts == start + 1
     assert record is not None
@@ -57,7 +57,7 @@ def test_a_record_holds_what_channels_see_of_other_colors(
 ) -> None:
     response = np.array([[1.0, 0.06, 0.01], [0.08, 1.0, 0.05], [0.0, 0.07, 1.0]])
     colors = replace(prediction, response=response).alone * np.array([2.0, 3.0, 1.5])
-    one = commission(prediction, colors, SCENE.hash, 0.0)
+    one = commission(prediction, colors, SCENE, 0.0)
     one.joined(one).save(tmp_path / "rig.npz")
     kept = load_record(tmp_path / "rig.npz")
     np.testing.assert_allclose(kept.response, response, atol=0.01)
@@ -70,7 +70,7 @@ def test_a_record_holds_what_channels_see_of_other_colors(
 def test_a_record_of_something_else_is_refused(
     prediction: PadPrediction, scene: str, bend: float, said: str
 ) -> None:
-    record = commission(prediction, prediction.alone, SCENE.hash, 0.0)
+    record = commission(prediction, prediction.alone, SCENE, 0.0)
     with pytest.raises(CaptureError, match=said):
         record.check_fits(prediction, load_scene(scene), bend)
 
@@ -79,7 +79,7 @@ def test_a_rig_with_a_dead_fiber_is_not_recorded(prediction: PadPrediction) -> N
     colors = prediction.alone.copy()
     colors[4] = 0.0
     with pytest.raises(CaptureError, match="fiber 4"):
-        commission(prediction, colors, SCENE.hash, 0.0)
+        commission(prediction, colors, SCENE, 0.0)
 
 
 def test_rubbish_is_no_record(tmp_path: Path) -> None:

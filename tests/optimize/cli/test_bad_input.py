@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from optimize.design import Rating, ScoreSettings, baseline_design, save_design
-from render.scene import load_scene
+from render.scene import load_scene, scene_text
 from render.transport import TransportTable
 
 Run = Callable[..., Any]
@@ -298,3 +298,124 @@ def test_a_page_to_play_with_of_nothing(
     assert "allowed: .html, .htm" in refused("play", "--out", tmp_path / "page.png")
     edit(design, lambda content: content["angles_deg"].pop())
     assert "angles_deg has 7 entries, allowed: 8" in refused("play", design, "--scene", small_scene)
+
+
+RUBBISH = {
+    "nothing": b"",
+    "another program's": bytes(range(256)),
+    "Latin-1": "name = 'Straße'".encode("latin-1"),
+    "a list in a list in a list": b"a = " + b"[" * 100_000,
+    "a number without end": b"schema = " + b"9" * 5000,
+    "a list": b"[1, 2]",
+    "one table twice": b"[pad]\n[pad.width]\n[pad.width]\n",
+    "no number": b"NaN",
+    "a text of Windows": b"\xff\xfe\0\0",
+}
+FOREIGN = ("('", "Errno", "codec", "Error", "recursion", "sys.", "None", "allow_pickle", "ioctl")
+"""What Python says of such files."""
+
+
+@pytest.mark.parametrize("content", RUBBISH.values(), ids=RUBBISH)
+@pytest.mark.parametrize("command", ["describe", "score", "verify", "colors", "check"])
+def test_files_of_anything_are_told_in_our_words(
+    refused: Callable[..., str], tmp_path: Path, command: str, content: bytes
+) -> None:
+    for name in ("rubbish.toml", "rubbish.json"):
+        path = tmp_path / name
+        path.write_bytes(content)
+        words = ["finger20", "--camera", 0, "--lens"] if command == "check" else []
+        sentence = refused(command, *words, path)
+        assert str(path) in sentence
+        assert not [word for word in FOREIGN if word in sentence], sentence
+    assert "Is a directory" in refused(command, *words, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"angles_deg": 10**400}, "angles_deg = 10000"),
+        ({"angles_deg": [True] * 20}, "angles_deg[0] = true, allowed: 0 to 180"),
+        ({"power": 10**400}, "power has another form"),
+        ({"power": ["1"] * 20}, "power has another form"),
+        ({"power": [True] * 20}, "power has another form"),
+        ({"colors": float("nan")}, "colors = NaN, allowed: r, g, b or -"),
+        ({"colors": ["r"] * 19 + [None]}, "colors[19] = null, allowed: "),
+        ({"scene": "a\0b"}, "is neither a shipped scene nor a file"),
+    ],
+)
+def test_a_layout_of_other_things_than_numbers(
+    refused: Callable[..., str], tmp_path: Path, given: dict[str, Any], sentence: str
+) -> None:
+    layout = {"scene": "finger20", "colors": "r" * 20, "angles_deg": 90.0} | given
+    (tmp_path / "layout.json").write_text(json.dumps(layout))
+    assert sentence in refused("score", "layout.json")
+
+
+@pytest.mark.parametrize("name", ["latin.csv", "folder", "none.csv", r"a\u0000b.csv", "wide.csv"])
+def test_a_file_of_lamps_that_is_none(
+    refused: Callable[..., str], tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "latin.csv").write_bytes("x,y\n1,ß".encode("latin-1"))
+    (tmp_path / "wide.csv").write_text("a" * 200_000)
+    (tmp_path / "folder").mkdir()
+    text = scene_text("gelsight-mini").replace("schema = 2", f'schema = 2\nlamps_file = "{name}"')
+    (tmp_path / "scene.toml").write_text(text)
+    sentence = refused("describe", "scene.toml")
+    assert "lamps_file = " in sentence
+    assert not [word for word in FOREIGN if word in sentence], sentence
+
+
+@pytest.mark.parametrize(
+    ("out", "sentence"),
+    [
+        ("folder", "folder is a directory: name a file with --out"),
+        ("text.txt", "text.txt does not end with a kind of file, allowed: .json"),
+        ("text.txt/x.json", "text.txt/x.json cannot be created"),
+    ],
+)
+def test_a_rated_design_has_a_place_before_it_is_rated(
+    refused: Callable[..., str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    out: str,
+    sentence: str,
+) -> None:
+    def worked(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("optimize.scoring.open_model", worked)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text.txt").write_text("precious")
+    (tmp_path / "layout.json").write_text(
+        json.dumps({"scene": "finger20", "colors": "r" * 20, "angles_deg": 90.0})
+    )
+    assert sentence in refused("score", "layout.json", "--out", out)
+
+
+def test_places_and_names_that_are_none(refused: Callable[..., str], tmp_path: Path) -> None:
+    (tmp_path / "text.txt").write_text("precious")
+    assert "text.txt is not a folder" in refused("train", "finger20", "--out", "text.txt")
+    assert "name = nothing, allowed: small letters" in refused("new", "")
+    (tmp_path / "none.stl").write_bytes(b"")
+    assert "none.stl is no body that can be read" in refused("render", "--press", "none.stl")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("render", "--bend", "181"), "'--bend': 181, allowed: at most 180"),
+        (("render", "--bend", "nan"), "'--bend': nan, allowed: at most 180"),
+        (("render", "--samples", "1.5"), "'--samples': 1.5, allowed: a whole number"),
+        (("render", "--depth", "x"), "'--depth': x, allowed: a number"),
+        (("train", "--minutes", "inf"), "'--minutes': inf, allowed: at most 600000"),
+        (("overnight", "--hours", "1e300"), "'--hours': 1e300, allowed: at most 10000"),
+        (("hw", "calibrate", "--flat", ".", "--noise", "-1"), "'--noise': -1, allowed: at least"),
+    ],
+)
+def test_an_option_out_of_its_range_is_told_with_the_value(
+    tactilux: Run, words: tuple[str, ...], sentence: str
+) -> None:
+    result = tactilux(*words)
+    assert (result.code, result.out) == (2, "")
+    assert sentence in result.err
+    assert "Input should" not in tactilux("render", "--level", "x").err

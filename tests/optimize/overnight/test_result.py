@@ -101,7 +101,7 @@ def test_a_damaged_night_is_refused_and_says_who_makes_it_anew(
     [
         (lambda night: night.update(schema=1), "another version"),
         (lambda night: night.update(winner="nobody"), "nobody"),
-        (lambda night: night["finalists"][1].update(se=-1.0), "finalists.1.se"),
+        (lambda night: night["finalists"][1].update(se=-1.0), "finalists[1].se = -1.0, allowed: "),
         (lambda night: night["finalists"][1].update(key="../x"), "../x"),
         (lambda night: night["finalists"].reverse(), "runner-up"),
         (lambda night: night.update(more=1), "more"),

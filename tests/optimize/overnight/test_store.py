@@ -195,9 +195,9 @@ def test_time_is_that_of_all_attempts_and_does_not_follow_the_clock_on_the_wall(
     ("change", "words"),
     [
         ({"the scene of hash": "0" * 16}, "the scene of hash"),
-        ({"constraints of hash": "x"}, "constraints of hash None, asked for is x"),
-        ({"--seed": 5}, "--seed 0, asked for is 5"),
-        ({"--samples": None}, "--samples 8, asked for is None"),
+        ({"constraints of hash": "x"}, "without constraints of hash, asked for is one with constr"),
+        ({"--seed": 5}, "with --seed 0, asked for is one with --seed 5"),
+        ({"--samples": None}, "with --samples 8, asked for is one without --samples"),
     ],
 )
 def test_a_run_of_something_else_is_refused_and_left_alone(
@@ -217,7 +217,7 @@ def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, sce
     db.execute("UPDATE meta SET value = '99' WHERE name = 'schema'")
     db.commit()
     db.close()
-    with pytest.raises(RunError, match="version 99 of the format, this program reads version 4"):
+    with pytest.raises(RunError, match="version 99 of the format, this program reads version 5"):
         Store(tmp_path, request_of(scene), print)
     with pytest.raises(RunError, match="version 99"):
         status_of(tmp_path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -78,3 +79,15 @@ def test_the_camera_sees_the_touch_on_the_curved_skin(
     place = np.stack([rows - 1 - on_body // columns, on_body % columns], axis=-1)
     assert len(changed) > 20
     assert np.abs(changed.mean(axis=0) - place.mean(axis=0)).max() < 2.5
+
+
+def test_no_word_is_lost_on_bends_or_states_where_there_is_one(play: Page) -> None:
+    text = play.evaluate("document.body.textContent.replace(/<script.*?script>/gs, '')")
+    body = text[: text.index('{"')]
+    assert "Spread over sites" in body
+    assert not re.search(r"\b(bend|state)", body, re.IGNORECASE)
+    assert play.locator("#bend").count() == 0
+    play.get_by_label("Baseline", exact=True).check(force=True)
+    play.wait_for_function(
+        "document.getElementById('heat').getAttribute('aria-label').endsWith('counts')"
+    )

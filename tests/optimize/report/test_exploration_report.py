@@ -108,6 +108,7 @@ def test_scores_spread_over_what_the_scene_has(
     for other in {"bend", "state"} - {word}:
         assert not re.search(f"over {other}s|every {other}|site and {other}", page)
         assert f"{other}s" not in table.getvalue()
+    assert len(stages[0].scene.state_titles) == (1 if not word else len(stages[0].scene.state_axis))
     if word:
         assert f"{word}s" in table.getvalue()
         assert f"Spread<br>over {word}s" in page
@@ -115,6 +116,8 @@ def test_scores_spread_over_what_the_scene_has(
         assert f"every site and {word}, " in page
         assert f"and over {word}s from 8.0 to 8.0." in page
     else:
+        assert not re.search(r"\bbend|\bstate", page)
+        assert f'alt="{stages[0].title}">' in page
         assert "− its spread over sites; higher" in page
         assert "its spread over sites from 12.0 to 12.0." in page
     assert page.count("<td") == report(sample_stages(30, 40, 50)).count("<td") - 3 * (not word)

@@ -45,7 +45,9 @@ def test_a_target_is_seen_where_its_mask_has_a_pixel(scene: Scene, bend: float) 
 
 def test_all_sites_of_the_default_finger_count() -> None:
     assert counted_sites(FULL).tolist() == list(range(15))
-    assert camera_coverage(FULL).sentence.startswith("15 of 15 sites count, and 450 of 450 facets")
+    assert camera_coverage(FULL).sentence == (
+        "15 of 15 sites count, and 450 of 450 facets are seen (over 3 bends)"
+    )
 
 
 def test_a_site_counts_that_is_whole_at_every_bend() -> None:

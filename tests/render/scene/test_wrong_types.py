@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +11,9 @@ import pytest
 from render.errors import SceneError
 from render.scene.json_schema import scene_schema
 from render.scene.scene_file import scene_from_text
+from tests.wrong_values import FOREIGN, WRONG, Place, changed, places
 
 SCHEMA = scene_schema()
-WRONG: tuple[Any, ...] = ("four", 3, 2.5, 10**30, True, [], ["x"], [1, True], {}, {"x": 1})
-FOREIGN = ("Input should", "valid ", "Tuple", "tuple", "dictionary", "instance of", "None", "'")
-"""What the library that reads the file says, and values as Python writes them."""
-
-Place = tuple[str | int, ...]
 
 
 def filled(part: dict[str, Any]) -> Any:
@@ -42,14 +36,6 @@ def filled(part: dict[str, Any]) -> Any:
     return {key: filled(inner) for key, inner in part["properties"].items() if key != "lamps_file"}
 
 
-def places(content: Any, place: Place = ()) -> Iterator[Place]:
-    """Yield the place of every value, table and list."""
-    inside: Any = enumerate(content) if isinstance(content, list) else ()
-    for key, part in content.items() if isinstance(content, dict) else inside:
-        yield (*place, key)
-        yield from places(part, (*place, key))
-
-
 def toml(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + "}"
@@ -61,16 +47,6 @@ def refusal(content: dict[str, Any]) -> str:
     with pytest.raises(SceneError) as caught:
         scene_from_text(text, "a.toml", Path())
     return str(caught.value).removeprefix("a.toml is not a valid scene: ")
-
-
-def changed(place: Place, value: Any) -> dict[str, Any]:
-    content: Any = copy.deepcopy(FILLED)
-    part = content
-    for key in place[:-1]:
-        part = part[key]
-    part[place[-1]] = value
-    assert isinstance(content, dict)
-    return content
 
 
 FILLED: dict[str, Any] = filled(SCHEMA)
@@ -87,7 +63,7 @@ def test_the_file_under_test_has_every_key_of_the_schema() -> None:
 def test_no_wrong_type_is_told_in_words_of_the_library(key: str) -> None:
     for place in places({key: FILLED[key]}):
         for value in WRONG:
-            told = refusal(changed(place, value))
+            told = refusal(changed(FILLED, place, value))
             assert not [words for words in FOREIGN if words in told], (place, value, told)
 
 
@@ -115,4 +91,4 @@ def test_no_wrong_type_is_told_in_words_of_the_library(key: str) -> None:
 def test_it_names_the_key_the_value_as_written_and_what_is_right(
     place: Place, value: Any, told: str
 ) -> None:
-    assert told in refusal(changed(place, value))
+    assert told in refusal(changed(FILLED, place, value))

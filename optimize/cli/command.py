@@ -1,0 +1,30 @@
+"""A command whose refused options are told in the words of refused values in files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer import BadParameter
+from typer.core import TyperCommand
+
+from render.refused_values import allowed_words
+
+
+class Command(TyperCommand):
+    """A command line that names the value and what is allowed: Typer lets pydantic speak."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Return what is left of ``args``.
+
+        Raises:
+            BadParameter: names option, value and what is allowed.
+        """
+        try:
+            return super().parse_args(ctx, args)
+        except BadParameter as error:
+            problems = getattr(error.__cause__, "errors", None)
+            if problems is not None:  # pydantic's, where Typer reads options by it
+                problem = problems()[0]
+                allowed, said = allowed_words(problem), problem["msg"].removeprefix("Value error, ")
+                error.message = f"{problem['input']}, allowed: {allowed}" if allowed else said
+            raise

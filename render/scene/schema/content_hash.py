@@ -1,0 +1,47 @@
+"""What identifies the physical content of a scene, however its file says it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING
+
+from render.scene.colors import DEFAULT_CHANNELS, RGB
+from render.scene.faces import Finish
+from render.scene.lamps import FACES, RIM_EDGES
+
+if TYPE_CHECKING:
+    from render.scene.schema.scene import Scene
+
+
+def content_hash(scene: Scene) -> str:
+    """Return 16 hex digits of what changes light: the beginning of a SHA-256 of sorted JSON."""
+    lightless = {"name", "constraints", "tolerances", "free"}
+    content = scene.model_dump(mode="json", exclude=lightless, exclude_none=True)
+    content |= {"schema_version": 1, "diffuser": content.get("diffuser")}
+    if scene.diffuser is not None:
+        content["diffuser"].pop("on", None)
+        if scene.diffuser_edges != RIM_EDGES:
+            content["diffuser"]["on"] = scene.diffuser_edges
+    if scene.coating.lobe is None:
+        for key in ("specular", "roughness"):
+            content["coating"].pop(key, None)
+    for color in content.get("colors", ()):
+        color.pop("ink", None)
+    for state in content.get("states", ()):
+        state.pop("name")
+    # However the file groups them, and only those that are not like the rest of the pad.
+    plain = Finish(scene.pad.roughness)
+    content["faces"] = {
+        face: finish.content
+        for face, finish in zip(FACES, scene.finishes, strict=True)
+        if finish != plain
+    }
+    if not content["faces"]:
+        del content["faces"]
+    if scene.palette == RGB:
+        content.pop("colors", None)
+    if scene.palette.channels == DEFAULT_CHANNELS:
+        content["camera"].pop("channels", None)
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,292 @@
+"""The scene file: what a sensor is made of, read from TOML and validated strictly.
+
+Files hold lengths in mm, angles in degrees and coefficients in 1/mm, each with its unit and the
+source of the value. In memory lengths are mm, angles radians and coefficients 1/mm, all float64.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo, model_validator
+
+from render.errors import SceneError
+from render.scene.camera import Camera
+from render.scene.colors import (
+    LedColor,
+    Palette,
+    palette_of,
+)
+from render.scene.constraints import Constraints
+from render.scene.faces import (
+    Finish,
+    NamedFaces,
+    finishes,
+)
+from render.scene.free_ranges import FreeRanges
+from render.scene.lamps import (
+    EDGES,
+    FACES,
+    Box,
+    Edge,
+    Fibers,
+    ListedLamp,
+    PlacedLamp,
+    Row,
+    lamps_of_file,
+    placed_lamps,
+)
+from render.scene.parts import (
+    Baseline,
+    Bending,
+    Coating,
+    Diffuser,
+    Indenter,
+    Pad,
+    Sites,
+    Window,
+)
+from render.scene.quantities import Part, since_schema_2
+from render.scene.schema.content_hash import content_hash
+from render.scene.schema.fitting import fitting_problems
+from render.scene.skin import Skin
+from render.scene.states import REST, State
+from render.scene.tolerances import Tolerances
+
+SCENE_NAME = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+
+
+class Scene(Part):
+    """One sensor, completely: what every level of the fidelity ladder is built from."""
+
+    schema_version: Annotated[Literal[1, 2], Field(alias="schema")]
+    name: Annotated[str, Field(pattern=SCENE_NAME)]
+    pad: Pad
+    diffuser: Diffuser | None = None
+    window: Window | None = since_schema_2()
+    coating: Coating
+    skin: Skin | None = since_schema_2()
+    states: tuple[State, ...] | None = since_schema_2()
+    fibers: Fibers | None = None
+    faces: tuple[NamedFaces, ...] | None = since_schema_2()
+    rows: tuple[Row, ...] | None = since_schema_2()
+    lamps: tuple[ListedLamp, ...] | None = since_schema_2()
+    camera: Camera
+    bending: Bending
+    sites: Sites
+    indenter: Indenter
+    baseline: Baseline
+    colors: Annotated[tuple[LedColor, ...], Field(strict=False, min_length=1)] | None = (
+        since_schema_2()
+    )
+    constraints: Constraints | None = None
+    tolerances: Tolerances | None = None
+    free: FreeRanges | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists_become_tuples(cls, raw: Any, info: ValidationInfo) -> Any:
+        """Read the file of lamps; TOML has lists where parts are tuples."""
+        if not isinstance(raw, dict):
+            return raw
+        raw = dict(raw)
+        if "lamps_file" in raw:
+            name, folder = raw.pop("lamps_file"), (info.context or {}).get("folder", Path())
+            if "lamps" in raw:
+                raise ValueError("lamps_file: lamps are listed in this file too, allowed: one")
+            if not isinstance(name, str):
+                raise ValueError(f"lamps_file = {name}, allowed: the name of a CSV file")
+            try:
+                raw["lamps"] = lamps_of_file(folder / name)
+            except ValueError as error:
+                raise ValueError(f"lamps_file = {name}: {error}") from error
+        for key in ("faces", "rows", "lamps", "states"):
+            if isinstance(raw.get(key), list):
+                raw[key] = tuple(raw[key])
+        return raw
+
+    @model_validator(mode="after")
+    def _parts_fit_together(self) -> Scene:
+        problems = fitting_problems(self)
+        if problems:
+            raise ValueError("; ".join(problems))
+        # What is the same in all channels has one number, however the file says it.
+        return self if self.by_channel else self.with_albedo(self.albedos[0])
+
+    @property
+    def state_axis(self) -> tuple[float, ...]:
+        """What the axis of states has: bends in rad, or the numbers of `state_names` from 0."""
+        if self.states is None:
+            return self.bending.angles
+        return tuple(float(number) for number in range(1 + len(self.states)))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states on their axis, for people."""
+        if self.states is None:
+            return tuple(f"bend {math.degrees(angle):g}°" for angle in self.bending.angles)
+        return (REST, *(state.name for state in self.states))
+
+    @property
+    def state_word(self) -> str:
+        """What the axis of states has: "bend", "state", or "" for a skin of one shape."""
+        if len(self.state_axis) == 1:
+            return ""
+        return "bend" if self.states is None else "state"
+
+    @property
+    def state_titles(self) -> tuple[str, ...]:
+        """What pictures of the states are called: `state_names`, "" for a skin of one shape."""
+        return self.state_names if self.state_word else ("",)
+
+    def in_state(self, number: float) -> Scene:
+        """Return the sensor whose skin stays in one state, by its number on `state_axis`.
+
+        Which sites count is up to that state alone; `render.geometry.in_state` knows of the others.
+
+        Raises:
+            SceneError: there is no such state.
+        """
+        if self.states is None or number not in self.state_axis:
+            raise SceneError(
+                f"state {number:g} of {self.name}, allowed: a number of its states "
+                f"({', '.join(self.state_names)}), from 0",
+                field="states",
+            )
+        name = self.state_names[int(number)]
+        changed: dict[str, Any] = {"name": f"{self.name}-{name}", "states": None}
+        if number > 0 and self.skin is not None:
+            state = self.states[int(number) - 1]
+            crown, carried = state.crown_of(self.skin, self.pad), state.carried(self.sites)
+            changed["skin"] = state.skin_of(self.skin)
+            changed["pad"] = self.pad.model_copy(update={"thickness": crown})
+            if carried is not None:
+                changed["sites"] = self.sites.model_copy(update={"carried": carried})
+        return self.model_copy(update=changed)
+
+    def baseline_colors(self) -> tuple[str, ...]:
+        """Return the color of each lamp in the design that others are compared with."""
+        named: dict[str | None, Iterator[str]] = {None: iter(self.baseline.lamps or ())}
+        for edge in EDGES:
+            colors = getattr(self.baseline, edge)
+            named[edge] = (
+                itertools.repeat(colors) if isinstance(colors, str) else iter(colors or ())
+            )
+        return tuple(next(named[lamp.edge]) for lamp in self.placed_lamps())
+
+    def with_sigma_v(self, factor: float) -> Scene:
+        """Return the scene with every Gaussian profile ``factor`` times as wide."""
+
+        def wider(part: Any) -> Any:
+            if part.profile.sigma_v is None:
+                return part
+            width = {"sigma_v": part.profile.sigma_v * factor}
+            return part.model_copy(update={"profile": part.profile.model_copy(update=width)})
+
+        changed: dict[str, Any] = {
+            name: tuple(wider(part) for part in getattr(self, name))
+            for name in ("rows", "lamps")
+            if getattr(self, name) is not None
+        }
+        if self.fibers is not None:
+            width = {"sigma_v": self.fibers.sigma_v * factor}
+            changed["fibers"] = self.fibers.model_copy(update=width)
+        return self.model_copy(update=changed)
+
+    @property
+    def box(self) -> Box:
+        """The outline of the flat silicone, and of the window under it."""
+        thick = self.diffuser.thickness if self.diffuser else 0.0
+        rims = tuple(thick if edge in self.diffuser_edges else 0.0 for edge in EDGES)
+        depth = self.window.thickness if self.window else 0.0
+        return Box(self.pad.width, self.pad.length, self.pad.thickness, rims, depth)
+
+    @property
+    def window_refracts(self) -> bool:
+        """Whether light bends where the pad meets its window."""
+        return self.window is not None and self.window.index != self.pad.index
+
+    @property
+    def diffuser_edges(self) -> tuple[Edge, ...]:
+        """The edges that a diffuser lies on."""
+        return self.diffuser.edges if self.diffuser else ()
+
+    @property
+    def finishes(self) -> tuple[Finish, ...]:
+        """What light meets on each of `FACES`."""
+        return finishes(self.faces or (), self.pad.roughness)
+
+    def finish(self, face: str) -> Finish:
+        """Return what light meets on one of `FACES`."""
+        return self.finishes[FACES.index(face)]
+
+    @property
+    def lamp_rows(self) -> tuple[Row, ...]:
+        """Lamps along edges; the fibers of schema 1 are three rows."""
+        return self.fibers.rows() if self.fibers is not None else self.rows or ()
+
+    @property
+    def lamp_count(self) -> int:
+        """Number of lamps, in rows and listed."""
+        return sum(row.size for row in self.lamp_rows) + len(self.lamps or ())
+
+    @property
+    def turning(self) -> tuple[bool, ...]:
+        """Which lamps turn, in the order of their numbers."""
+        rows = [row for edge in EDGES for row in self.lamp_rows if row.edge == edge]
+        in_rows = [row.turns for row in rows for _ in range(row.size)]
+        return (*in_rows, *(lamp.turns for lamp in self.lamps or ()))
+
+    def placed_lamps(self) -> tuple[PlacedLamp, ...]:
+        """Return all lamps on the flat pad, in the order of their numbers."""
+        return placed_lamps(self.box, self.lamp_rows, self.lamps or (), self.fibers is not None)
+
+    @property
+    def palette(self) -> Palette:
+        """The LED colors, and what the camera's channels see of them."""
+        return palette_of(self.colors, self.camera.channels)
+
+    @property
+    def albedos(self) -> tuple[float, ...]:
+        """The different albedos of the skin, in the order of the channels that have them."""
+        albedo = self.coating.albedo
+        return (albedo,) if isinstance(albedo, float) else tuple(dict.fromkeys(albedo))
+
+    @property
+    def albedo_of_channel(self) -> tuple[int, ...]:
+        """Which of `albedos` each channel of the camera sees, ``(channel,)``."""
+        albedo = self.coating.albedo
+        if isinstance(albedo, float):
+            return (0,) * len(self.palette.channels)
+        return tuple(self.albedos.index(value) for value in albedo)
+
+    @property
+    def one_albedo_scenes(self) -> tuple[Scene, ...]:
+        """The scene with each of `albedos` in all channels: what light of a channel meets."""
+        return tuple(self.with_albedo(albedo) for albedo in self.albedos)
+
+    @property
+    def by_channel(self) -> bool:
+        """Whether materials depend on the camera's channel, and transport has an axis for it."""
+        return len(self.albedos) > 1
+
+    def with_albedo(self, albedo: float) -> Scene:
+        """Return the scene whose skin has one ``albedo`` in all channels."""
+        if albedo == self.coating.albedo:
+            return self
+        return self.model_copy(
+            update={"coating": self.coating.model_copy(update={"albedo": albedo})}
+        )
+
+    @property
+    def hash(self) -> str:
+        """16 hex digits that identify the physical content.
+
+        Sources, the name, constraints, tolerances and free ranges change no light and have no part
+        in it; nor has the schema: what both can say has one hash.
+        """
+        return content_hash(self)
