@@ -34,6 +34,7 @@ def run(
     from render.reference import ensure_llvm
     from render.scene import load_scene
     from render.transport import load_table
+    from surrogate.export.model_card import unproven_interval
     from surrogate.export.package import check_replaceable
     from surrogate.runtime import RankingTest
     from surrogate.runtime.metadata import NONE
@@ -80,13 +81,20 @@ def run(
             f"in the renders the baseline reaches {made.baseline_counts:.0f} counts instead of "
             f"{about.metric.exposure_counts:g}.\n"
         )
-        kind = about.residual["kind"]
+        kind, unproven = about.residual["kind"], unproven_interval(about)
         if kind == NONE:
+            check = (
+                ""
+                if unproven
+                else ", and the renders are its check. Several times the samples may find what it "
+                "misses"
+            )
             stream.write(
                 f"Note: the renders bear out no correction of the {about.preview['kind']}: the "
-                "model is that preview, and the renders are its check. Several times the "
-                "samples may find what it misses.\n"
+                f"model is that preview{check}.\n"
             )
+        if unproven:
+            stream.write(f"Note: {unproven}\n")
         advice = RankingTest.of(about).advice()
         if advice:
             stream.write(f"Note: {advice}\n")

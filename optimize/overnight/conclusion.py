@@ -13,13 +13,13 @@ from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResul
 from optimize.overnight.status import status_of
 from optimize.report import parts_moved
 from optimize.scoring import (
-    jackknife_se,
     predict_design,
     prediction_checked,
     student_factor,
 )
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
+from render.leave_one_out import jackknife_se
 from render.preview import Preview
 from render.scene import Scene
 from surrogate.runtime import MODEL_FILE, Checker, sha256

@@ -10,10 +10,9 @@ from optimize.scoring.confidence import (
 from optimize.scoring.jackknife import (
     JackknifeEstimate,
     jackknife,
-    jackknife_se,
     pooled_estimate,
 )
-from optimize.scoring.noise_share import noise_doubt, noise_share
+from optimize.scoring.noise_doubt import noise_doubt
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
 from optimize.scoring.render_scores import (
     RenderedScore,

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from optimize.scoring.confidence import student_factor
 from render.errors import RenderError
+from render.leave_one_out import leave_one_out
 
 Array = NDArray[np.float64]
 
@@ -144,17 +145,3 @@ def pooled_estimate(parts: Sequence[JackknifeEstimate]) -> JackknifeEstimate:
         for name in ("value", "plain", "bias_error")
     )
     return JackknifeEstimate(value, plain, pseudo, error)
-
-
-def jackknife_se(statistic: Callable[[Array], Array], replicates: Array) -> Array:
-    """Return the standard error of a statistic with axes, ``statistic(mean of replicates)``."""
-    without = leave_one_out(statistic, replicates)
-    return np.asarray(np.sqrt((len(replicates) - 1) * without.var(axis=0)))
-
-
-def leave_one_out(
-    statistic: Callable[[Array], Array] | Callable[[Array], float], replicates: Array
-) -> Array:
-    """Return ``statistic`` of the means without one replicate, ``(replicate, ...)``."""
-    total, count = replicates.sum(axis=0), len(replicates)
-    return np.array([statistic((total - one) / (count - 1)) for one in replicates])

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from render.reference import more_effort
 from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.model.scene_facts import grid_facts, scene_facts
@@ -57,6 +58,7 @@ def describe_model(
             "counts": fit.quantiles.counts,
             "score": fit.quantiles.score,
             "score_spread": fit.quantiles.score_spread,
+            "effort": fit.quantiles.effort,
             "checked": asdict(fit.coverage) if fit.coverage else None,
         },
         held_out=[asdict(row) for row in (*fit.levels, *fit.splits)],
@@ -163,6 +165,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
         else "not checked: one direction node only"
     )
     settings = [f"- {key}: {value}" for key, value in metadata.renderer.items()]
+    unproven = unproven_interval(metadata)
     return "\n".join(
         [
             f"# Surrogate of {metadata.scene}",
@@ -224,6 +227,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             f"{conformal['counts']:.2f} times `counts_spread`, a score within "
             f"{conformal['score']:.2f} counts. Tried on designs made of other "
             f"{'light paths' if fit.by_paths else 'cells'}, these held {found}.",
+            *([f"Note: {unproven}"] if unproven else []),
             "",
             "## Limits",
             "",
@@ -237,6 +241,18 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "bending with the pad) are not in the intervals.",
             "",
         ]
+    )
+
+
+def unproven_interval(metadata: ModelMetadata) -> str:
+    """Say that the renders could not test the interval of scores; "" where they did."""
+    effort, samples = metadata.conformal["effort"], metadata.renderer.get("samples_per_cell")
+    if effort <= 1.0:
+        return ""
+    asked = more_effort(effort, int(samples) if isinstance(samples, int) else None)
+    return (
+        f"the interval of scores, +- {metadata.conformal['score']:.2f} counts, is that of the "
+        f"{metadata.preview['kind']} and unproven: the renders are too noisy to test it; {asked}."
     )
 
 

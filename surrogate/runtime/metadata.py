@@ -78,8 +78,9 @@ class ModelMetadata:
         conventions: the metric's conventions.
         conformal: ``coverage``, ``counts`` (times counts_spread) and ``score`` (counts): the
             intervals prediction ± these hold the noise-free reference that often;
-            ``score_spread`` is one standard deviation of the score; ``checked`` gives the
-            coverage found on cells that had no part in them.
+            ``score_spread`` is one standard deviation of the score; ``effort`` times how many
+            samples would have said more of scores than the preview's interval, 1 where these did;
+            ``checked`` gives the coverage found on cells that had no part in them.
         held_out: errors per level, on held-out designs.
         preview: its kind, nodes of the table and its interpolation error; ``ranks`` is the tau
             that its kind was found to have on other sensors.

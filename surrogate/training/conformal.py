@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from render.arrays import Array
+from render.noise_share import UNCONVERGED_SHARE, converging_effort
 from surrogate.training.evaluation import HeldOutEvaluation
 
 COVERAGE = 0.9
@@ -92,6 +93,7 @@ class Comparison:
             reference's S, and standard deviation of the reference's S.
         distinct: number of independent scores that the designs stand for (`independent_number`);
             infinite where designs are off by the model's own errors, as many as its cells.
+        noise_share: of the reference (`render.noise_share`).
     """
 
     error: Array
@@ -100,6 +102,7 @@ class Comparison:
     score_error: Array
     score_noise: Array
     distinct: float = math.inf
+    noise_share: float = 0.0
 
     @property
     def score_spread(self) -> float:
@@ -170,11 +173,14 @@ class Quantiles:
         counts: a channel of a facet lies within ``counts * counts_spread`` of its prediction.
         score_factor: S lies within ``score_factor * score_spread`` counts of its prediction.
         score_spread: one standard deviation of S, in counts.
+        effort: times how many samples the renders must have to say more of scores than was known
+            before them; 1 where they do.
     """
 
     counts: float
     score_factor: float
     score_spread: float
+    effort: float = 1.0
 
     @property
     def score(self) -> float:
@@ -191,8 +197,10 @@ def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
 
     ``known`` is the half-width of a score's interval before anything was rendered, counts: that of
     the preview, which other sensors calibrated. Renders whose noise reaches as far say nothing of
-    the model, and few scores say little: then it is still what is known. What renders bear out is
-    no worse than the preview (`surrogate.training.halves`).
+    the model, nor do those whose noise hides what scores are made of (`render.noise_share`): how
+    far it puts scores off is not known, so that they seem to refute any interval. Few scores say
+    little. Then it is still what is known. What renders bear out is no worse than the preview
+    (`surrogate.training.halves`).
     """
     from scipy.stats import t
 
@@ -210,10 +218,15 @@ def conformal(comparison: Comparison, known: float | None = None) -> Quantiles:
     if math.isfinite(comparison.distinct):
         few = t.ppf(0.5 + 0.5 * COVERAGE, comparison.distinct) * np.sqrt(np.mean(relative**2))
     if known is not None:
-        if seen > REFUTED * math.hypot(noise, known / NORMAL):
+        effort = converging_effort(comparison.noise_share)
+        hidden = comparison.noise_share > UNCONVERGED_SHARE
+        refuted = seen > REFUTED * math.hypot(noise, known / NORMAL)
+        if refuted and not hidden:
             return found
-        if NORMAL * noise >= known:
-            return replace(found, score_factor=NORMAL, score_spread=known / NORMAL)
+        if hidden or NORMAL * noise >= known:
+            # The variance of noise falls with the samples.
+            effort = max(effort, (NORMAL * noise / known) ** 2)
+            return Quantiles(found.counts, NORMAL, known / NORMAL, effort)
         few = min(few, known / found.score_spread)
     return replace(found, score_factor=float(max(found.score_factor, few)))
 

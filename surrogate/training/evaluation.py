@@ -174,8 +174,14 @@ class HeldOutEvaluation:
         return np.asarray(design_score(site_metric(counts, self.lam)).score)
 
     def errors(self, level: str, transport: Array) -> LevelErrors:
-        """Return the errors of ``transport`` against the reference."""
-        known = self.reliable & self.held_out[..., None, None]
+        """Return the errors of ``transport`` against the reference.
+
+        Those of single cells are of the reliable ones; of all that are lit where none is.
+        """
+        held_out = self.held_out[..., None, None]
+        known = self.reliable & held_out
+        if not known.any():
+            known = (self.reference > 0) & held_out
         cell = np.abs(transport[known] / self.reference[known] - 1.0)
         truth, guess = self.counts(self.reference), self.counts(transport)
         colors = ColorErrors.of(

@@ -121,7 +121,7 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
         spread = counts_spread(evaluation, transport, deviation, cell_spread)
         found = compare(evaluation, transport, spread, np.random.default_rng([task.seed, 4]))
         # Cells are foretold out of fold: what these designs are off by is the model's own error.
-        return replace(found, distinct=math.inf)
+        return replace(found, distinct=math.inf, noise_share=task.noise_share)
 
     return Fit(
         residual=model,

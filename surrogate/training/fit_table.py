@@ -81,7 +81,7 @@ def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
     cell_spread = np.exp(spread[0] + spread[1] * brightness.reshape(preview.shape)[..., 0])
     against = [replace(task.overall, reference=held, error=error) for _, held in pairs]
     compared = [
-        _compared(evaluation, guess, cell_spread, task.seed)
+        replace(_compared(evaluation, guess, cell_spread, task.seed), noise_share=task.noise_share)
         for evaluation, (guess, _) in zip(against, pairs, strict=True)
     ]
     levels = [
@@ -169,10 +169,9 @@ def _joined(first: Comparison, second: Comparison) -> Comparison:
     distinct = min(first.distinct, second.distinct)
     pairs = {
         name: np.concatenate([getattr(part, name) for part in (first, second)])
-        for name in vars(first)
-        if name != "distinct"
+        for name in ("error", "spread", "noise", "score_error", "score_noise")
     }
-    return Comparison(**pairs, distinct=distinct)
+    return Comparison(**pairs, distinct=distinct, noise_share=first.noise_share)
 
 
 def _errors(evaluation: HeldOutEvaluation, level: str, transport: Array) -> LevelErrors:

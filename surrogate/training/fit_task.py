@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from render.arrays import Array
+from render.noise_share import noise_share
 from render.scene import Scene
 from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid
@@ -27,7 +28,7 @@ from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit_time import FitTime
 from surrogate.training.mlp import NetworkConfig
 
-VERSION = 4
+VERSION = 5
 """Of the fit: finished parts of another one are made anew."""
 SPLIT_FOLDS = 3
 """Folds when whole fiber positions, directions or bends are left out."""
@@ -143,6 +144,30 @@ class FitTask:
         """Held-out designs over all cells."""
         everywhere = np.ones(self.fold.shape, dtype=bool)
         return self.evaluation(self.designs(everywhere[..., 0], 0), everywhere, self.bends)
+
+    @cached_property
+    def noise_share(self) -> float:
+        """Share of noise in what facets of the renders differ by, root mean square over designs.
+
+        The noise is what halves of the light paths differ by; where those are unknown it is drawn
+        from the error bars.
+        """
+        cells, held = self.cells, self.overall
+        off = cells.half_difference
+        if off is None:
+            off = cells.error * held.noise(np.random.default_rng([self.seed, 5]))
+        halves = np.stack(
+            [
+                held.designs.transport(half[:, :, self.bends, :, :-1])
+                for half in (cells.transport + off, cells.transport - off)
+            ],
+            axis=1,
+        )
+        shares = [
+            noise_share(light, power, self.exposure)
+            for light, power in zip(halves, held.designs.power, strict=True)
+        ]
+        return float(np.sqrt(np.mean(np.square(shares))))
 
     def evaluation(
         self, designs: RandomDesigns, held_out: np.ndarray, bends: np.ndarray

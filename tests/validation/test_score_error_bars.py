@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from optimize.design import ScoreSettings
-from optimize.scoring import noise_doubt, noise_share, paired_difference, rendered_score
+from optimize.scoring import noise_doubt, paired_difference, rendered_score
+from render.noise_share import noise_share
 from render.scale import baseline_power, scene_scale
 from surrogate.preview_model import preview_checker
 from surrogate.training.evaluation import random_colors
@@ -82,7 +83,7 @@ def simulated(sensor: Lighting, noise: float, repetitions: int, replicates: int 
         for power, known in zip(powers, truth, strict=True):
             score = rendered_score(settings, drawn, power).score
             low, high = score.interval(COVERAGE)
-            share = noise_share(settings, drawn, power)
+            share = noise_share(drawn, power, settings.exposure)
             doubted = bool(noise_doubt(settings, drawn, power))
             rows.append((low <= known <= high, score.value - known, share, doubted))
         gain = paired_difference(settings, drawn, powers[0], drawn, powers[1])

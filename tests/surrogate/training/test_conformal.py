@@ -186,6 +186,31 @@ def test_errors_that_are_drawn_anew_are_held_though_lamps_are_few() -> None:
     assert 0.85 < by_scores < 0.97
 
 
+def test_renders_whose_noise_hides_the_scores_refute_nothing() -> None:
+    rng = np.random.default_rng(9)
+    noise = np.full(200, 2.0)
+    # Error bars of few light paths are too short: what noise does looks like an error of the model.
+    error = 20.0 * rng.standard_normal(200)
+    found = Comparison(error, np.ones(200), noise, error, noise)
+    assert conformal(found, 3.0).score > 30.0
+    hidden = conformal(replace(found, noise_share=0.8), 3.0)
+    assert hidden.score == pytest.approx(3.0)
+    # As many samples as bring a share of 0.8 to 0.4.
+    assert hidden.effort == pytest.approx((0.4**-2 - 1.0) / (0.8**-2 - 1.0))
+    assert conformal(replace(found, noise_share=0.3), 3.0) == conformal(found, 3.0)
+
+
+def test_renders_that_say_less_than_the_preview_ask_for_the_samples_that_would_say_more() -> None:
+    rng = np.random.default_rng(9)
+    noise = np.full(200, 4.0)
+    error = noise * rng.standard_normal(200)
+    found = conformal(Comparison(error, np.ones(200), noise, error, noise), 3.0)
+    assert found.effort == pytest.approx((1.645 * 4.0 / 3.0) ** 2)
+    less = noise / np.sqrt(1.01 * found.effort)
+    again = conformal(Comparison(error, np.ones(200), less, 0.1 * error, less), 3.0)
+    assert again.effort == 1.0
+
+
 def test_renders_refute_the_interval_of_a_preview_that_is_far_off() -> None:
     rng = np.random.default_rng(9)
     noise = np.full(200, 2.0)

@@ -31,11 +31,12 @@ def fitted(
     noise: float,
     seed: int = 0,
     grid: PreviewGrid | None = None,
+    known: float | None = None,
 ) -> tuple[Fit, np.ndarray, np.ndarray]:
     """Return the fit, the light of its model and the true one.
 
     The preview is off by ``off`` and renders by ``noise``, both relative; ``grid`` is another
-    preview that the model is given instead.
+    preview that the model is given instead, ``known`` the half-width of its scores' interval.
     """
     rng = np.random.default_rng(seed)
     preview = np.exp(drawn.log_transport)
@@ -64,6 +65,7 @@ def fitted(
         bends=np.array([0]),
         seed=0,
         config=FitConfig(),
+        preview_half_width=known,
     )
     fit, made = fit_table(task)
     return fit, np.exp(made.log_transport), true
@@ -129,3 +131,17 @@ def test_cells_that_the_preview_has_black_are_taken_from_the_renders(drawn: Prev
     fit, found, true = fitted(drawn, off=0.05, noise=0.02, grid=replace(drawn, log_transport=dark))
     assert fit.kind == TABLE
     assert rms(found[0], true[0]) < 0.05
+
+
+def test_noise_that_hides_the_scores_leaves_the_interval_of_the_preview(
+    drawn: PreviewGrid,
+) -> None:
+    # Of the last, no cell has converged.
+    for noise in (0.4, 0.9):
+        for seed in range(3):
+            fit, *_ = fitted(drawn, off=0.01, noise=noise, seed=seed, known=3.0)
+            assert fit.quantiles.score == pytest.approx(3.0)
+            assert fit.quantiles.effort > 2.0
+    fit, *_ = fitted(drawn, off=0.3, noise=0.003, known=0.5)
+    assert fit.quantiles.effort == 1.0
+    assert fit.quantiles.score != pytest.approx(0.5)

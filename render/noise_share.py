@@ -12,28 +12,34 @@ import math
 
 import numpy as np
 
-from optimize.design import Array, ScoreSettings
-from optimize.scoring.jackknife import jackknife_se
-from render.metric import facet_differences
-from render.reference import more_effort
+from render.arrays import Array
+from render.leave_one_out import jackknife_se
+from render.metric import THESIS, MetricConfig, facet_differences, image_counts
 
 UNCONVERGED_SHARE = 0.4
 """Share of noise from which the error bar of a score is not known."""
 
 
-def noise_share(settings: ScoreSettings, replicates: Array, power: Array) -> float:
+def noise_share(
+    replicates: Array, power: Array, exposure: float, config: MetricConfig = THESIS
+) -> float:
     """Return the share of noise in what facets differ by, from 0 to about 1.
 
     It is the root of the noise's part of their mean squares over all states and sites: of ``|c_i|``
     less its mean over a site's facets, and of the steps ``c_hat_i+1 - c_hat_i``. Both terms of M
     weigh alike (``lambda``), and so do they here; one in which no facets differ (hues of one
-    channel) is left out. The noise is that of the mean of ``replicates`` ``(R, F, B, S, K[, C])``,
-    by leaving one out (Tukey 1958).
+    channel) is left out. The noise is that of the mean of ``replicates``, by leaving one out.
+
+    Arguments:
+        replicates: transport ``(R, F, B, S, K[, C])``; two halves of a render will do.
+        power: ``(F, C)``.
+        exposure: counts per unit of radiance.
+        config: conventions of the metric.
     """
 
     def differences(light: Array) -> Array:
-        counts = settings.counts(light, power)
-        brightness, steps = facet_differences(counts, settings.conventions)
+        counts = np.asarray(image_counts(light, power, exposure, config))
+        brightness, steps = facet_differences(counts, config)
         apart = brightness - brightness.mean(axis=-1, keepdims=True)
         return np.concatenate([apart.ravel(), steps.ravel()])
 
@@ -44,16 +50,14 @@ def noise_share(settings: ScoreSettings, replicates: Array, power: Array) -> flo
     return math.sqrt(np.mean(parts)) if parts else 0.0
 
 
-def noise_doubt(
-    settings: ScoreSettings, replicates: Array, power: Array, samples: int | None = None
-) -> str:
-    """Say that noise hides what the score is made of; "" where it does not.
+def converging_effort(share: float) -> float:
+    """Return times how many samples leave UNCONVERGED_SHARE of a ``share`` of noise.
 
-    ``samples`` are those per cell; without them it asks for multiples. What facets differ by
-    without noise stays, and the variance of noise falls with the samples.
+    What facets differ by without noise stays, and the variance of noise falls with the samples:
+    ``s^2 / (1 - s^2)`` is as their inverse. A share of about 1 takes some thousand times at least.
+
+    >>> f"{converging_effort(0.0):.0f}, {converging_effort(0.4):.3g}, {converging_effort(0.8):.3g}"
+    '0, 1, 9.33'
     """
-    share = noise_share(settings, replicates, power)
-    if share <= UNCONVERGED_SHARE:
-        return ""
-    times = (UNCONVERGED_SHARE**-2 - 1.0) / max(share**-2 - 1.0, 1e-3)
-    return f"noise makes {share:.0%} of what its facets differ by; {more_effort(times, samples)}"
+    square, allowed = share**2, UNCONVERGED_SHARE**2
+    return square / max(1.0 - square, 1e-3) * (1.0 - allowed) / allowed
