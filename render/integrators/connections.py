@@ -15,12 +15,14 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from render.integrators.medium_boxes import MediumBoxes
 from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet, mirror_ratio
 from render.integrators.resampling import (
     CameraProxy,
     PackedProxies,
     ProxyReservoir,
     Reservoir,
+    mirrored_proxy_weight,
     mirrored_target_weight,
     proxy_weight,
     target_weight,
@@ -40,7 +42,7 @@ from render.sampling.streams import Stream
 PROXY_COUNT = 16
 """Light vertices whose proxy weights are compared for one target weight."""
 NEIGHBOR_COUNT = 12
-"""Vertices close to the main camera vertex whose proxy weights are compared."""
+"""Vertices close to the main camera vertex whose proxy weights are compared, a multiple of 4."""
 NEIGHBOR_ENDS = 2
 """Camera vertices, first the main one, that look at the close ones."""
 
@@ -48,7 +50,7 @@ NEIGHBOR_ENDS = 2
 @dr.syntax
 def connect_subpaths(
     scene: mi.Scene, camera: CameraSubpath, cache: LightVertexCache, stream: Stream,
-    limits: PathLimits, mirrors: MirrorSet | None, shared: bool,
+    limits: PathLimits, mirrors: MirrorSet | None, boxes: MediumBoxes, shared: bool,
 ) -> mi.Spectrum:  # fmt: skip
     """Return the light that each lane's camera subpath gets from its partners, their average.
 
@@ -69,6 +71,10 @@ def connect_subpaths(
     neighbors = (
         MortonNeighbors(cache.proxies, cache.groups, camera.main.vertex.p) if shared else None
     )
+    image = mirror_end.vertex.p  # in the mirror that proxy weights know
+    if mirrors is not None:
+        first = packed.gather(cache.index(dr.zeros(mi.UInt32, lanes)))
+        image = mirrors.likely_image(mirror_end.vertex.p, first.p)
     last, number = paths * cache.slots, dr.zeros(mi.UInt32, lanes)  # vertices of all partners
     while number < last:
         # --------------- Proxy weights: one of a few, for each end --------------------
@@ -88,13 +94,13 @@ def connect_subpaths(
                 few[i] = few[i].update(index, weight)
             if mirrors is not None:
                 fits = y.wide & (y.edges + mirror_end.edges + 1 < edges_max)
-                weight = y.power / (dr.squared_norm(y.p - mirror_end.vertex.p) + mirrors.blur)
+                weight = mirrored_proxy_weight(y, mirror_end.vertex.p, image, mirrors.blur)
                 few_mirrored = few_mirrored.update(index, dr.select(fits, weight, 0.0))
             number += 1
         # --------------- Target weights: one of those, for each end -------------------
         numbers = stream.event(4 * EVENT_BLOCK + number)
         for i in range(len(ends)):
-            drawn[i] = _resampled(scene, cache, few[i], ends[i], drawn[i], numbers[i])
+            drawn[i] = _resampled(boxes, cache, few[i], ends[i], drawn[i], numbers[i])
         if mirrors is not None:
             represented = few_mirrored.contribution_weight() * dr.gather(
                 mi.Float, cache.represented, few_mirrored.index
@@ -103,7 +109,7 @@ def connect_subpaths(
             pick = stream.event(5 * EVENT_BLOCK + number)[0]
             mirror, probability = mirrors.select(mirror_end.vertex.p, light.vertex.p, pick)
             weight = mirrored_target_weight(
-                scene,
+                boxes,
                 mirrors,
                 light.vertex,
                 mirror_end.vertex,
@@ -122,18 +128,17 @@ def connect_subpaths(
         number, until = dr.zeros(mi.UInt32, lanes), mi.UInt32(NEIGHBOR_COUNT)
         dr.make_opaque(until)
         while number < until:
-            y, place, represented = neighbors.sample(
-                stream.event(7 * EVENT_BLOCK + number)[0], NEIGHBOR_COUNT
-            )
-            for i in range(NEIGHBOR_ENDS):
-                fits = looks[i].valid & (y.edges + looks[i].edges < edges_max) & (represented > 0)
-                weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
-                few[i] = few[i].update(place, weight, represented)
-            number += 1
+            for u in stream.event(7 * EVENT_BLOCK + number):
+                y, place, represented = neighbors.sample(u, NEIGHBOR_COUNT)
+                for i in range(NEIGHBOR_ENDS):
+                    fits = looks[i].valid & (y.edges + looks[i].edges < edges_max)
+                    weight = dr.select(fits & (represented > 0), proxy_weight(y, looks[i]), 0.0)
+                    few[i] = few[i].update(place, weight, represented)
+            number += 4
         numbers = stream.event(mi.UInt32(8 * EVENT_BLOCK))
         for i in range(NEIGHBOR_ENDS):
             few[i].index = neighbors.index(few[i].index)
-            drawn[i] = _resampled(scene, cache, few[i], ends[i], drawn[i], numbers[i])
+            drawn[i] = _resampled(boxes, cache, few[i], ends[i], drawn[i], numbers[i])
     # ------------------------------ Connect what was drawn ---------------------------
     total = mi.Spectrum(0.0)
     for end, reservoir in zip(ends, drawn, strict=True):
@@ -152,13 +157,13 @@ def connect_subpaths(
 
 
 def _resampled(
-    scene: mi.Scene, cache: LightVertexCache, few: ProxyReservoir, end: CameraVertex,
+    boxes: MediumBoxes, cache: LightVertexCache, few: ProxyReservoir, end: CameraVertex,
     drawn: Reservoir, number: mi.Float,
 ) -> Reservoir:  # fmt: skip
     """Return ``drawn``, updated by the light vertex of ``few`` and its target weight."""
     represented = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.index)
     y = for_camera_passes(cache.vertex(few.index, represented > 0).vertex, end.passes)
-    weight = represented * target_weight(scene, y, end.vertex, represented > 0)
+    weight = represented * target_weight(boxes, y, end.vertex, represented > 0)
     return drawn.update(few.index, represented, weight, number)
 
 

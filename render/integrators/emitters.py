@@ -387,22 +387,24 @@ class Emission:
         return dr.select(parallel, afar, sample)
 
 
-def bounding_sphere(scene: mi.Scene) -> tuple[Array, float]:
-    """Return center and radius of a sphere around all shapes.
+def shape_corners(shape: mi.Shape) -> Array:
+    """Return the lowest and the highest corner of the bounding box of ``shape``, ``(2, xyz)``.
 
-    The boxes of meshes that Mitsuba's loader has merged are invalid, and so is the scene's then.
+    The boxes of meshes that Mitsuba's loader has merged are invalid.
     """
-    corners = []
-    for shape in scene.shapes():
-        box = shape.bbox()
-        if box.valid():
-            corners += [box.min, box.max]
-        else:
-            points = np.array(mi.traverse(shape)["vertex_positions"]).reshape(-1, 3)
-            corners += [points.min(axis=0), points.max(axis=0)]
-    around = np.array(corners, dtype=np.float64).reshape(-1, 3)
-    if not len(around):
+    box = shape.bbox()
+    if box.valid():
+        return np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
+    points = np.array(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def bounding_sphere(scene: mi.Scene) -> tuple[Array, float]:
+    """Return center and radius of a sphere around all shapes."""
+    corners = [shape_corners(shape) for shape in scene.shapes()]
+    if not corners:
         return np.zeros(3), 1.0
+    around = np.concatenate(corners)
     low, high = around.min(axis=0), around.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-6)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from render.integrators.connections import connect_subpaths
 from render.integrators.emitters import Emission
+from render.integrators.medium_boxes import MediumBoxes
 from render.integrators.mirror_connections import MirrorSet
 from render.integrators.subpaths import (
     PathLimits,
@@ -48,6 +49,7 @@ class FilmSampler:
         self.groups: LaneGroups | None = None
         self.emission = Emission(scene)
         self.mirrors = MirrorSet.of(scene)
+        self.boxes = MediumBoxes(scene, sensor)
         self.width, self.height = (int(n) for n in sensor.film().crop_size())
         self.bins = self.width * self.height
         self.channels = len(mi.Spectrum(0.0))
@@ -93,7 +95,7 @@ class FilmSampler:
         # ------------------------------ Connections -----------------------------------
         cache = LightVertexCache(light_vertices, self.groups or LaneGroups(lanes, lanes, 1))
         connected = connect_subpaths(
-            self.scene, camera_subpath, cache, light, self.limits, self.mirrors, shared
+            self.scene, camera_subpath, cache, light, self.limits, self.mirrors, self.boxes, shared
         )
         v = for_camera_passes(light_vertices.projected.vertex, mi.UInt32(VOLUME_PASSES))
         projected_weight = light_vertices.projected_weight

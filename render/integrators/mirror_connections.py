@@ -127,6 +127,14 @@ class MirrorSet:
             below = below + each[i]
         return k, dr.select(total > 0, selected / dr.maximum(total, 1e-30), 0.0)
 
+    def likely_image(self, a: mi.Point3f, y: mi.Point3f) -> mi.Point3f:
+        """Return the image of ``a`` in the mirror that connections to ``y`` select most often."""
+        k, highest = mi.UInt32(0), mi.Float(0.0)
+        for i, weight in enumerate(self._selection_weights(a, y)[0]):
+            k = dr.select(weight > highest, mi.UInt32(i), k)
+            highest = dr.maximum(weight, highest)
+        return self.image(k, a, y)[1]
+
     def image(
         self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f
     ) -> tuple[mi.Vector3f, mi.Point3f, mi.Float]:

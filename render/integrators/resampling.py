@@ -8,18 +8,19 @@ as ReSTIR does from many lights (Bitterli et al. 2020, "Spatiotemporal reservoir
 The proxy weight is what fits into a few dozen operations: power, distance, how both ends roughly
 scatter, and the distance below which other strategies take over. For a pair no ray is cast and no
 BSDF asked; glossy vertices know from theirs where they scatter most. The target weight is the
-contribution of a connection as if only the medium up to the first surface were in the way: one ray
-cast, where a connection follows the light through null boundaries and a mirror connection casts two
-rays. Both are positive wherever the contribution can be, so their errors cost time, not truth.
+contribution of a connection as if only the medium of the light vertex were in the way, up to the
+box around it (``render.integrators.medium_boxes``): no ray is cast for it. Both are positive
+wherever the contribution can be, so their errors cost time, not truth.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
+from render.integrators.medium_boxes import OPTICAL_DEPTH_MAX, MediumBoxes
 from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
 from render.integrators.subpaths import CameraVertex, LightVertex
 from render.paths.connect import connection_contribution
@@ -27,7 +28,6 @@ from render.paths.vertex import (
     Vertex,
     extinction,
     has_wide_lobe,
-    leave,
     scattering_value,
     surface_interaction,
 )
@@ -40,8 +40,8 @@ GLOSSY_SHARPNESS = 4.0
 """1 / (peak times width) of the lobes of glossy vertices in proxy weights, widths as 1 - cosine."""
 PEAK_MAX = 1000.0
 """Most that a glossy vertex seems to scatter, relative to a white diffuse surface."""
-OPTICAL_DEPTH_MAX = 4.0
-"""Where optical depths are cut: the weights are never 0."""
+OTHER_MIRRORS = 0.05
+"""What mirrors beside the likeliest reflect in proxy weights, relative to that one."""
 MIRRORED_LOBE_MIN = 0.02
 """Added to what either end of a mirror connection scatters (1/sr).
 
@@ -319,33 +319,36 @@ def proxy_weight(y: LightProxies, z: CameraProxy) -> mi.Float:
     return sent / dr.clip(squared + transmittance * others, 1e-12, 1e20)
 
 
+def mirrored_proxy_weight(
+    y: LightProxies, a: mi.Point3f, image: mi.Point3f, blur: mi.Float
+) -> mi.Float:
+    """Return roughly what wide ``y`` sends to ``a`` over mirrors; at least a little.
+
+    ``image`` is that of ``a`` in a likely mirror; of the others only the distance to ``a`` is
+    known. ``blur`` (mm^2) is added to squared distances.
+    """
+    span = y.p - image
+    squared = dr.squared_norm(span)
+    ahead = dr.dot(span * dr.rsqrt(dr.maximum(squared, 1e-20)), y.back)
+    sent = dr.select(y.volume, LOBE_MIN + forward_lobe(ahead), 1.0)
+    others = OTHER_MIRRORS / (dr.squared_norm(y.p - a) + blur)
+    return y.power * (sent / (squared + blur) + others)
+
+
 # -- target weights ----------------------------------------------------------------------------
 
 
-def transmittance_towards(scene: mi.Scene, y: Vertex, a: Vertex, active: mi.Bool) -> mi.Float:
-    """Return the transmittance from ``y`` to the first surface towards ``a``, at least e^-4."""
-    origin, medium = leave(y, a.p - y.p)
-    span = a.p - origin
-    distance = dr.norm(span)
-    sigma = dr.mean(extinction(medium, active)[1])
-    inside = active & (sigma > 0)
-    ray = mi.Ray3f(mi.Ray3f(origin, span / dr.maximum(distance, 1e-20)), distance)
-    hit = scene.ray_intersect_preliminary(ray, coherent=False, active=inside)
-    depth = sigma * dr.select(hit.is_valid(), hit.t, distance)
-    return dr.exp(-dr.minimum(dr.select(inside, depth, 0.0), OPTICAL_DEPTH_MAX))
-
-
-def target_weight(scene: mi.Scene, y: Vertex, z: Vertex, active: mi.Bool) -> mi.Float:
+def target_weight(boxes: MediumBoxes, y: Vertex, z: Vertex, active: mi.Bool) -> mi.Float:
     """Return the MIS-weighted light that camera vertex ``z`` gets from ``y``, not hidden."""
     active = active & (z.weight > 0)
-    transmittance = mi.Spectrum(transmittance_towards(scene, y, z, active))
+    transmittance = mi.Spectrum(boxes.transmittance(y, z.p))
     light = connection_contribution(y, z, transmittance, active, glossy=GLOSSY_WEIGHT)
     return dr.mean(light) * z.weight
 
 
 def mirrored_target_weight(
-    scene: mi.Scene, mirrors: MirrorSet, y: Vertex, a: Vertex, k: mi.UInt32, probability: mi.Float,
-    active: mi.Bool,
+    boxes: MediumBoxes, mirrors: MirrorSet, y: Vertex, a: Vertex, k: mi.UInt32,
+    probability: mi.Float, active: mi.Bool,
 ) -> mi.Float:  # fmt: skip
     """Return the light that ``a`` gets from ``y`` over mirror ``k``, of a selection probability.
 
@@ -361,9 +364,7 @@ def mirrored_target_weight(
     received = scattering_value(a, back, mi.TransportMode.Radiance, active) + MIRRORED_LOBE_MIN
     light = dr.mean(y.beta * sent * received) * selection_weight * squared
     light = light / _distance_squared(squared, a)
-    end = replace(a)
-    end.p = image
-    transmittance = transmittance_towards(scene, y, end, active)
+    transmittance = boxes.transmittance(y, image)
     return dr.select(active, light * transmittance / probability, 0.0)
 
 

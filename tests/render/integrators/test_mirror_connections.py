@@ -79,6 +79,22 @@ def test_mirror_connections_find_each_point_of_the_faces_with_the_stated_density
             assert abs(here.mean() - fraction) < 4 * error + 1e-3
 
 
+def test_the_likely_image_is_that_in_the_mirror_that_is_selected_most_often(
+    mono: ModuleType,
+) -> None:
+    mirrors = found_mirrors(cube(mono, 0.3))
+    numbers = np.random.default_rng(3).random(COUNT)
+    a, y = repeated(mono, A, COUNT), repeated(mono, Y, COUNT)
+    k, _ = mirrors.select(a, y, mono.Float(numbers.astype(np.float32)))
+    often = int(np.bincount(np.array(k)).argmax())
+    expected = np.array(mirrors.image(mono.UInt32(often), a, y)[1])[:, 0]
+    np.testing.assert_allclose(np.array(mirrors.likely_image(a, y))[:, 0], expected, rtol=1e-6)
+    # An image lies as far behind one of the faces as the point before it.
+    moved = np.flatnonzero(np.abs(expected - A) > 1e-6)
+    assert len(moved) == 1
+    assert abs(expected + A)[moved[0]] == pytest.approx(2.0, abs=1e-5)
+
+
 @pytest.mark.parametrize("other", [[0.3, -0.2, -0.6], [0.3, 0.5, 1.0], [3.0, 0.0, 0.0]])
 def test_points_in_a_face_or_outside_or_the_same_give_finite_densities(
     mono: ModuleType, other: list[float]

@@ -15,6 +15,7 @@ from render.integrators.resampling import (
     ProxyReservoir,
     Reservoir,
     glossy_lobes,
+    mirrored_proxy_weight,
     proxy_weight,
 )
 from render.integrators.subpaths import CameraVertex, LightVertex
@@ -141,6 +142,30 @@ def test_nothing_is_seen_of_a_light_subpath_that_left_no_vertex(mono: ModuleType
     y = LightProxies.of(record, mono.Float(0.0))
     found = np.array(proxy_weight(y, camera(mono, points(mono, 2, 1.0))))
     assert (found == 0).all()
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-3, 1.0, 1e4])
+def test_a_proxy_weight_over_mirrors_is_positive_and_finite_wherever_the_vertices_are(
+    mono: ModuleType, scale: float
+) -> None:
+    y = light(mono, points(mono, 1, scale), volume=mono.Bool(True))
+    a, image = points(mono, 2, scale), points(mono, 5, scale)
+    found = np.array(mirrored_proxy_weight(y, a, image, mono.Float(0.01)))
+    assert np.isfinite(found).all()
+    assert (found > 0).all()
+
+
+def test_light_that_goes_on_towards_the_mirror_image_counts_most(mono: ModuleType) -> None:
+    # Light that flies up to the origin, below a mirror: the image of the end is above it.
+    record = LightVertex.empty()
+    record.vertex.p, record.vertex.wi = mono.Point3f(0.0), mono.Vector3f(0, 0, -1)
+    record.vertex.beta, record.vertex.volume = mono.Spectrum(2.0), mono.Bool(True)
+    y = LightProxies.of(record, mono.Float(1.0))
+    a, blur = mono.Point3f(0.0, 0.0, -1.0), mono.Float(0.0)
+    ahead = mirrored_proxy_weight(y, a, mono.Point3f(0.0, 0.0, 3.0), blur)[0]
+    aside = mirrored_proxy_weight(y, a, mono.Point3f(3.0, 0.0, 0.0), blur)[0]
+    assert ahead == pytest.approx(2.0 * (1.05 / 9.0 + 0.05), rel=1e-4)
+    assert aside == pytest.approx(2.0 * ((0.05 + 1.0 / 16.0) / 9.0 + 0.05), rel=1e-4)
 
 
 ROUGHNESS, INDEX = 0.05, 1.41
