@@ -1,25 +1,31 @@
 """Plain Monte Carlo and Markov chains over one film, the chains only where they lower the error.
 
 Plain samples are those of ``bdpt``: shared light vertices, strata, every one of them deposited.
-They also fix what the chains need: the normalization constant b, the mean of the target F (Kelemen
-et al. 2002, sec. 4.1), and the level by which F flattens the film. Then the chains make a few
-mutations as a pilot. Both are independent estimates of one picture in independent replicates, so
-replicates say how much variance is left in cells of the film, and what each of them makes of its
-samples,
+They come first and take most of the work, so that chains that win nothing cost little
+(``CHAINS_FRACTION``). They also fix what the chains need: the normalization constant b, the mean of
+the target F (Kelemen et al. 2002, sec. 4.1), and the level by which F flattens the film. Then the
+chains make a few mutations as a pilot. Both are independent estimates of one picture in independent
+replicates, so replicates say how much variance is left in cells of the film, and what each of them
+makes of its samples,
 
-    inefficiency = variance * samples * cost of a sample,
+    inefficiency = variance * work,
 
 with correlated mutations counted as what they are. Inverse variances of independent estimates add
-up, and each grows with the work that is done; so all further work goes to the less inefficient one,
-decided anew after every part of it. Short chains look better than they are: of rare bright light
-they have seen nothing, so that their variance does not fall as they go on, and their inefficiency
-grows. So it is reckoned with as it would be with all work of the run, growing on with every
-doubling as it did with the last one. Where chains got more than their pilot, the mean weighs both
-by their inverse variance.
+up, and each grows with the work that is done; so what is left of the work goes to the less
+inefficient one, decided anew after every part of it.
 
-Costs are constants, not measured times: a seed gives the same picture on any machine. The picture
-is consistent: it is unbiased for a fixed division of the work, and the division follows the
-samples. With few samples (``PILOT_MIN``) there are no chains, and the picture is that of ``bdpt``.
+Short chains look better than they are: replicates that have not met rare bright light agree on a
+picture without it. Two things tell. Their variance does not fall as they go on, so their
+inefficiency is reckoned with as it would be with all work of the run, growing on with every
+doubling as it did with the last one. And plain samples have met that light: the squared distance of
+two independent means is the sum of their variances in the mean, so less that of the plain ones it
+states the chains' own, light that no chain has met included (``variance_apart``). The larger one
+counts. Where chains got more than their pilot, the mean weighs both by their inverse variance.
+
+Work is counted in plain samples, by constants, not by a clock: a seed gives the same picture on any
+machine. What counts most in a short run is the pass itself (``PASS_COST``). The picture is
+consistent: it is unbiased for a fixed division of the work, and the division follows the samples.
+With fewer samples than ``PILOT_MIN`` there are no chains, and the picture is that of ``bdpt``.
 """
 
 from __future__ import annotations
@@ -38,16 +44,23 @@ from render.sampling.pssmlt import ChainSettings, MarkovChains
 
 LANES = 1 << 18
 """Lanes of one pass; every pass is traced anew."""
-PILOT_MIN = 1 << 21
-"""Samples below which a pilot of chains would cost too much of the time."""
+PILOT_MIN = 1 << 25
+"""Samples from which on a pilot of 16,384 chains costs little."""
 PILOT_MUTATIONS = 32
 """Mutations of each chain in a pilot, made in two halves: from one to the next they double."""
 PILOT_FRACTION = 1 / 16
 """Part of the whole run's work that a pilot takes, at most."""
+CHAINS_FRACTION = 3 / 16
+"""Part of it that chains take at most, pilot included: wholly wasted, it costs 11 % of error."""
 STARTS_PER_CHAIN = 4
 """Bootstrap samples for each chain."""
-MUTATION_COST = 1.2
-"""Time of a mutation over that of a plain sample, as measured on slabs and on finger20."""
+MUTATION_COST = 1.0
+"""Time of a mutation over that of a plain sample."""
+PASS_COST = 15_000
+"""Time of a pass of chains besides its mutations, in plain samples: each is traced in Python anew.
+
+Both costs are upper ends of what ``tests/benchmarks/test_pssmlt.py`` measures on three scenes.
+"""
 GAIN_MIN = 1.5
 """How much less inefficient chains have to be: a short pilot flatters them."""
 CELLS_MAX = 12
@@ -68,8 +81,8 @@ class MixedRun:
         self.sampler, self.settings, self.paths = sampler, settings, paths
         self.plain = self._plain_run(paths)
         self.chains: MarkovChains | None = None
-        self._half: Array | None = None
-        """Cells of the chains when they were half as long."""
+        self._half, self._whole = np.zeros((2, settings.replicates, 1))
+        """Cells of the chains when they were half as long, and as they are."""
         row, column = np.divmod(np.arange(sampler.bins), sampler.width)
         rows, columns = min(sampler.height, CELLS_MAX), min(sampler.width, CELLS_MAX)
         self.cell = row * rows // sampler.height * columns + column * columns // sampler.width
@@ -87,33 +100,33 @@ class MixedRun:
             while self.plain_samples() < self.paths:
                 self.plain.sample(1)
             return self.plain.estimate()
-        self.plain.sample(1)
-        work = MUTATION_COST * PILOT_MUTATIONS + STARTS_PER_CHAIN
-        count = max(self.settings.replicates, int(self.paths * PILOT_FRACTION / work))
+        while self.plain_samples() < (1.0 - CHAINS_FRACTION) * self.paths:
+            self.plain.sample(1)
+        passes = PILOT_MUTATIONS + STARTS_PER_CHAIN + 1
+        count = int((PILOT_FRACTION * self.paths / passes - PASS_COST) / MUTATION_COST)
+        count = max(self.settings.replicates, count)
         self.settings = replace(self.settings, chains=min(self.settings.chains, count))
         try:
             self.chains = self._started_chains()
-            self.chains.sample(PILOT_MUTATIONS // 2)
-            self._double(self.chains)
+            for _ in range(2):
+                self._lengthen(self.chains, PILOT_MUTATIONS // 2)
         except RenderError as error:
             # No path of the bootstrap carries light: plain samples find what there is.
             if error.field != "luminance_samples":
                 raise
         lanes = len(self.plain.group)
         while (left := self.paths - self.plain_samples() - self._chain_work()) > 0.5 * lanes:
-            afford = int(left / (MUTATION_COST * self.settings.chains))
-            if self.chains is not None and self._chains_pay(self.chains):
-                # The next decision knows of longer correlations.
-                self._double(self.chains, afford)
+            afford = int(left / self._pass_work())
+            if self.chains is not None and self._chains_pay():
+                # They double: the next decision knows of longer correlations.
+                self._lengthen(self.chains, max(1, min(self.chains.done, afford)))
             else:
                 self.plain.sample(1)
         if self.chains is None or self.chains.done <= PILOT_MUTATIONS:
             # A pilot that lost says too little of its own error to be weighed in: on finger20 its
             # inverse variance made the picture worse.
             return self.plain.estimate()
-        plain, chains = self._variances(
-            self._cells(self.plain.estimate()), self._cells(self.chains.estimate())
-        )
+        plain, _, chains = self._variances()
         weight = plain / (plain + chains) if plain + chains > 0 else 0.0
         return np.asarray((1.0 - weight) * self.plain.estimate() + weight * self.chains.estimate())
 
@@ -134,33 +147,41 @@ class MixedRun:
         """Return the part of the work that went into chains, starts and pilot included."""
         return self._chain_work() / (self._chain_work() + self.plain_samples())
 
+    def _pass_work(self) -> float:
+        """Return the work of one mutation in every chain, and of one start in every chain."""
+        return PASS_COST + MUTATION_COST * self.settings.chains
+
     def _chain_work(self) -> float:
         if self.chains is None:
             return 0.0
-        return (MUTATION_COST * self.chains.done + STARTS_PER_CHAIN) * self.settings.chains
+        return (self.chains.done + STARTS_PER_CHAIN + 1) * self._pass_work()
 
-    def _double(self, chains: MarkovChains, most: int | None = None) -> None:
-        """Make chains twice as long, by at most so many mutations each."""
-        self._half = self._cells(chains.estimate())
-        chains.sample(chains.done if most is None else max(1, min(chains.done, most)))
+    def _lengthen(self, chains: MarkovChains, mutations: int) -> None:
+        """Add so many mutations to each chain."""
+        chains.sample(mutations)
+        self._half, self._whole = self._whole, self._cells(chains.estimate())
 
-    def _chains_pay(self, chains: MarkovChains) -> bool:
+    def _chains_pay(self) -> bool:
         """Return whether further work lowers the error more in chains than in plain samples."""
-        assert self._half is not None
-        plain, mutated = (self._cells(run.estimate()) for run in (self.plain, chains))
-        of_plain, half, whole = self._variances(plain, self._half, mutated)
-        work = self._chain_work()
-        expected = final_inefficiency(half, whole, work, self.paths)
+        of_plain, half, whole = self._variances()
+        expected = final_inefficiency(half, whole, self._chain_work(), self.paths)
         return bool(GAIN_MIN * expected < of_plain * self.plain_samples())
 
-    def _variances(self, *estimates: Array) -> list[float]:
-        """Return squared errors of cells ``(replicate, cell)``, relative to the level, summed.
+    def _variances(self) -> tuple[float, float, float]:
+        """Return variances of replicates: of plain samples, of half the chains and of all of them.
 
-        The level is the mean of the first estimate and the last.
+        They are those of cells relative to the level, summed over cells.
         """
-        level = 0.5 * (estimates[0].mean(axis=0) + estimates[-1].mean(axis=0))
+        plain = self._cells(self.plain.estimate())
+        level = 0.5 * (plain.mean(axis=0) + self._whole.mean(axis=0))
         level = np.maximum(level, LEVEL_MIN * level.mean()) + np.finfo(np.float64).tiny
-        return [float((cells / level).var(axis=0, ddof=1).sum()) for cells in estimates]
+        plain, half, whole = (cells / level for cells in (plain, self._half, self._whole))
+        of_plain, of_half, of_whole = (
+            float(cells.var(axis=0, ddof=1).sum()) for cells in (plain, half, whole)
+        )
+        # What chains have not met was not met by half of them either.
+        unmet = max(1.0, variance_apart(plain, whole) / of_whole) if of_whole > 0 else 1.0
+        return of_plain, unmet * of_half, unmet * of_whole
 
     def _cells(self, images: Array) -> Array:
         """Return sums over channels and cells of the film ``(replicate, cell)``."""
@@ -178,6 +199,16 @@ class MixedRun:
         worth = PLAIN_WORTH * self.plain_samples() / self.settings.replicates
         chains.add_estimates(np.einsum("rpc,pc->r", images, flat), worth)
         return chains
+
+
+def variance_apart(plain: Array, chains: Array) -> float:
+    """Return the chains' variance, summed over cells, by their distance from plain samples.
+
+    Of independent, unbiased replicates ``(replicate, cell)``. In the mean it is their variance, and
+    so it is where no chain has met what makes most of it; it may be negative.
+    """
+    apart = len(plain) * (plain.mean(axis=0) - chains.mean(axis=0)) ** 2
+    return float((apart - plain.var(axis=0, ddof=1)).sum())
 
 
 def final_inefficiency(half: float, whole: float, work: float, total: float) -> float:
