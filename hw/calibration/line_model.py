@@ -29,6 +29,8 @@ DISCREPANCY = 0.015
 class SurrogateCorrection:
     """Log of light of the surrogate over that of the preview.
 
+    Where light depends on the camera's channel, all have one more axis ``channel``, the last.
+
     Arguments:
         coefficients: ``(bend, fiber, term)``.
         corners: ``(2, 2)`` lowest and highest flat x, y (mm) of the sites; beyond, the edge's value
@@ -41,9 +43,14 @@ class SurrogateCorrection:
     rms: Array
 
     def log_ratio(self, position: Array) -> Array:
-        """Return log ratios ``(bend, fiber, n)`` at flat positions ``(fiber or 1, n, 2)`` mm."""
+        """Return log ratios ``(bend, fiber, n[, channel])``.
+
+        Flat positions ``(fiber or 1, n, 2)`` are mm.
+        """
         inside = np.clip(np.nan_to_num(position), *self.corners)
-        return np.asarray((quadratic_terms(inside) @ self.coefficients[..., None])[..., 0])
+        terms = quadratic_terms(inside)
+        terms = np.broadcast_to(terms, (self.coefficients.shape[1], *terms.shape[1:]))
+        return np.asarray(np.einsum("fnt,bft...->bfn...", terms, self.coefficients))
 
 
 def surrogate_correction(setup: Setup, checker: Checker) -> SurrogateCorrection:
@@ -58,8 +65,8 @@ def surrogate_correction(setup: Setup, checker: Checker) -> SurrogateCorrection:
     ratio = np.log(known / drawn).swapaxes(0, 1)
     sites = flat_sites(setup.scene)[:, :2]
     terms = quadratic_terms(sites)
-    coefficients = ratio @ np.linalg.pinv(terms).T
-    residual = ratio - coefficients @ terms.T
+    coefficients = np.einsum("bfs...,ts->bft...", ratio, np.linalg.pinv(terms))
+    residual = ratio - np.einsum("bft...,st->bfs...", coefficients, terms)
     corners = np.stack([sites.min(axis=0), sites.max(axis=0)])
     return SurrogateCorrection(coefficients, corners, np.sqrt((residual**2).mean(axis=(1, 2))))
 

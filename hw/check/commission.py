@@ -29,7 +29,9 @@ class RigRecord:
     """A healthy rig.
 
     Arguments:
-        ratio: ``(fiber, site)`` measured over predicted light; 1 for fibers without power.
+        ratio: ``(fiber, site)`` measured over predicted light; 1 for fibers without power. With one
+            more axis ``channel`` where light depends on it, as the model's error does then; in
+            channels in which a fiber does not shine, the mean of those in which it does.
         phi, power: ``(fiber,)`` rad and ``(fiber, 3)``, the design that was captured.
         scene_hash: the scene of the design.
         bend: rad, of the capture, or the number of the state of its skin.
@@ -65,8 +67,10 @@ class RigRecord:
         Raises:
             CaptureError: says what differs.
         """
-        if self.ratio.shape != prediction.cells or self.scene_hash != scene.hash:
+        if self.ratio.shape[:2] != prediction.cells or self.scene_hash != scene.hash:
             what = "another scene"
+        elif self.ratio.ndim != prediction.table.ndim - 1:
+            what = "one light in all channels, where the skin's albedo makes it differ by channel"
         elif not np.allclose(self.phi, prediction.phi, atol=1e-4) or not np.allclose(
             self.power, prediction.power, atol=1e-4
         ):
@@ -99,7 +103,8 @@ def load_record(path: Path) -> RigRecord:
             (record.ratio, record.phi, record.power, record.bend, record.response),
         )
         good = schema == SCHEMA and starts > 0
-        good &= record.ratio.ndim == 2 and record.ratio.shape[0] == fibers
+        good &= record.ratio.shape[2:] in ((), (3,)) and record.ratio.shape[0] == fibers
+        good &= record.ratio.ndim >= 2
         good &= record.phi.shape == (fibers,) and record.power.shape == (fibers, 3)
         good &= record.response.shape == (3, 3)
         good &= all(np.isfinite(part).all() for part in numbers) and (record.ratio > 0).all()
@@ -128,7 +133,9 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
     weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)
     wanted = np.einsum("fsc,fc->fs", expected, weight)
     # The white balance of a channel is no fault of its fibers.
-    balanced = np.einsum("fsc,fc->fs", colors / channel_gains(expected, colors), weight)
+    balanced = np.einsum(
+        "fsc,fc->fs", colors / channel_gains(expected, colors, prediction.own), weight
+    )
     overall = balanced.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     bad = lit & ~((overall > HEALTHY_RATIO[0]) & (overall < HEALTHY_RATIO[1]))
     if bad.any():
@@ -139,13 +146,21 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
             field="colors",
         )
     # But the record holds it where a fiber is alone in its channel: see `channel_gains`.
-    gain = channel_gains(expected, colors, recorded=True)
+    gain = channel_gains(expected, colors, prediction.own, recorded=True)
     seen = np.einsum("fsc,fc->fs", colors / gain, weight)
+    ratio = _ratio(seen, wanted, lit)
+    if prediction.table.ndim == 4:
+        own = prediction.own
+        each = [_ratio(colors[..., c] / gain[c], expected[..., c], own[:, c]) for c in range(3)]
+        ratio = np.where(own[:, None], np.stack(each, axis=-1), ratio[..., None])
+    return RigRecord(
+        ratio, prediction.phi, prediction.power, scene.hash, bend, response=prediction.response
+    )
+
+
+def _ratio(seen: Array, wanted: Array, lit: NDArray[np.bool_]) -> Array:
+    """Return seen over wanted light ``(fiber, site)``, 1 where a fiber is not ``lit``."""
     ratio = np.where(lit[:, None], seen / np.where(lit[:, None], wanted, 1.0), 1.0)
     # A site too dark to be measured says nothing; it keeps its fiber's ratio.
     whole = seen.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
-    floor = 0.2 * np.where(lit, whole, 1.0)[:, None]
-    return RigRecord(
-        np.maximum(ratio, floor), prediction.phi, prediction.power, scene.hash, bend,
-        response=prediction.response,
-    )  # fmt: skip
+    return np.maximum(ratio, 0.2 * np.where(lit, whole, 1.0)[:, None])

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import MIN_TURN, TURNS, RigTolerances
-from hw.check.sweep_check import FAULT_PRIOR, UNCLEAR_SPREAD, posterior, swapped_powers
+from hw.check.sweep_check import (
+    FAULT_PRIOR,
+    UNCLEAR_SPREAD,
+    per_channel,
+    posterior,
+    swapped_powers,
+)
 from hw.errors import CaptureError
 from render.arrays import Array
 
@@ -30,8 +36,8 @@ def check_image(
     """Return what one image of all fibers says.
 
     ``colors`` ``(site, 3)`` are counts at the bend of ``prediction``, linear, dark frame
-    subtracted, at any exposure; ``ratio`` ``(fiber, site)`` is measured over predicted light of the
-    healthy rig.
+    subtracted, at any exposure; ``ratio`` ``(fiber, site[, channel])`` is measured over predicted
+    light of the healthy rig.
 
     Raises:
         CaptureError: wrong shape, not finite, or dark.
@@ -42,10 +48,10 @@ def check_image(
             f"the image has colors of shape {colors.shape}, allowed: finite, ({sites}, 3)",
             field="colors",
         )
-    ratio = np.ones(prediction.cells) if ratio is None else ratio
+    ratio = per_channel(np.ones(prediction.cells) if ratio is None else ratio)
     power, phi = prediction.seen_power, prediction.phi
     turned = prediction.tinted(np.clip(phi[:, None] + TURNS, 0.0, np.pi))
-    turned = turned * ratio[:, None, :, None]
+    turned = turned * ratio[:, None]
     straight = turned[:, len(TURNS) // 2]
     expected = (straight * power[:, None]).sum(axis=0)
     scale = _scale(expected, colors)

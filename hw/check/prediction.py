@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.camera.projection import pad_positions
 from render.arrays import Array
@@ -14,6 +15,8 @@ from tactilux import Checker, Scene
 
 NODES = 13
 """Direction nodes at which the model is asked; between them light is a polynomial in phi."""
+MIN_OWN = 0.05
+"""Power of an LED over the fiber's strongest one from which it counts as lit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,11 @@ class PadPrediction:
         return found if self.table.ndim == 4 else found[..., None]
 
     @property
+    def own(self) -> NDArray[np.bool_]:
+        """In which channels each fiber shines with an LED of their own, ``(fiber, channel)``."""
+        return shining(self.power)
+
+    @property
     def cells(self) -> tuple[int, int]:
         """Numbers of fibers and sites."""
         return self.table.shape[0], self.table.shape[2]
@@ -70,9 +78,20 @@ class PadPrediction:
         return self.tinted(self.phi[:, None])[:, 0] * self.seen_power[:, None, :]
 
     @property
+    def tint(self) -> Array:
+        """Light of each channel over that of all, per unit power, ``(fiber, channel)``."""
+        light = self.tinted(self.phi[:, None])[:, 0].sum(axis=1)
+        return np.asarray(light / light.mean(axis=1, keepdims=True))
+
+    @property
     def together(self) -> Array:
         """Counts of all fibers together, ``(site, channel)``."""
         return np.asarray(self.alone.sum(axis=0))
+
+
+def shining(power: Array) -> NDArray[np.bool_]:
+    """Return which LEDs of ``power`` ``(fiber, color)`` count as lit."""
+    return np.asarray(power > MIN_OWN * power.max(axis=1, keepdims=True))
 
 
 def predict(

@@ -15,10 +15,19 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
-from hw.check.prediction import PadPrediction
-from hw.check.rig_tolerances import DEAD_BELOW, DIM_BELOW, MAX_POWER, MIN_TURN, TURNS, RigTolerances
+from hw.check.prediction import PadPrediction, shining
+from hw.check.rig_tolerances import (
+    DEAD_BELOW,
+    DIM_BELOW,
+    MAX_POWER,
+    MIN_TURN,
+    MODEL,
+    TURNS,
+    RigTolerances,
+)
 from hw.errors import CaptureError
 from render.arrays import Array
 
@@ -107,7 +116,7 @@ def check_sweep(
 
     ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone at the bend of ``prediction``,
     linear, dark frame subtracted; the camera's gain may be anything, but the same for all.
-    ``ratio`` ``(fiber, site)`` is measured over predicted light of the healthy rig.
+    ``ratio`` ``(fiber, site[, channel])`` is measured over predicted light of the healthy rig.
 
     Raises:
         CaptureError: wrong shape, not finite, or all dark.
@@ -120,12 +129,14 @@ def check_sweep(
             field="colors",
         )
     recorded = ratio is not None
-    ratio = np.ones((fibers, sites)) if ratio is None else ratio
-    gain = channel_gains(prediction.alone * ratio[..., None], colors, recorded)
+    # What no record holds of a channel is as uncertain as the model's error without one.
+    unknown = unrecorded(prediction, ratio)
+    ratio = per_channel(np.ones((fibers, sites)) if ratio is None else ratio)
+    gain = channel_gains(prediction.alone * ratio, colors, prediction.own, recorded)
     seen = colors / gain
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
-    expected = prediction.alone * ratio[..., None]
+    expected = prediction.alone * ratio
     diagnoses = []
     turned = prediction.tinted(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
     for fiber in range(fibers):
@@ -133,11 +144,22 @@ def check_sweep(
         if not power.any():
             diagnoses.append(FiberDiagnosis(fiber, FiberState.OFF, 1.0))
             continue
-        light = turned[fiber] * ratio[fiber][:, None]
+        light = turned[fiber] * ratio[fiber]
         reachable = np.abs(prediction.phi[fiber] + TURNS - np.pi / 2) <= np.pi / 2
         diagnoses.append(
             _judged(
-                _Fiber(fiber, seen[fiber], light, reachable, power, response, noise), tolerances
+                _Fiber(
+                    fiber,
+                    seen[fiber],
+                    light,
+                    reachable,
+                    power,
+                    response,
+                    noise,
+                    unknown[fiber],
+                    tolerances.power,
+                ),
+                tolerances,
             )
         )
     lit = prediction.power.any(axis=1)
@@ -158,7 +180,8 @@ def measured_response(prediction: PadPrediction, colors: Array) -> Array:
     ``prediction``.
     """
     response = prediction.response.copy()
-    seen = (colors / channel_gains(prediction.alone, colors)).sum(axis=1)
+    gain = channel_gains(prediction.alone, colors, prediction.own)
+    seen = (colors / gain).sum(axis=1) / prediction.tint
     strongest = prediction.power.argmax(axis=1)
     for color in range(3):
         power = prediction.power
@@ -174,28 +197,46 @@ def measured_response(prediction: PadPrediction, colors: Array) -> Array:
     return response
 
 
-def channel_gains(expected: Array, colors: Array, recorded: bool = False) -> Array:
+def per_channel(ratio: Array) -> Array:
+    """Return ratios ``(fiber, site[, channel])`` with an axis of channels, of one for all."""
+    return ratio if ratio.ndim == 3 else ratio[..., None]
+
+
+def unrecorded(prediction: PadPrediction, ratio: Array | None) -> Array:
+    """Return the model's relative error by channel that no record holds, ``(fiber, channel)``.
+
+    A ``ratio`` by channel holds that of the channels in which a fiber shines. In others the light
+    of an LED that is wired to a wrong color comes with the error that the model has there.
+    """
+    held = prediction.own | (ratio is None or ratio.ndim == 2)
+    return np.where(held, 0.0, MODEL)
+
+
+def channel_gains(
+    expected: Array, colors: Array, own: NDArray[np.bool_], recorded: bool = False
+) -> Array:
     """Return captured over expected light per channel ``(3,)``: medians over fibers.
 
     Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
     others. So does, where the healthy rig was ``recorded`` through the same camera, a channel of so
     few fibers that a dim one would pass for its gain: the median of all fibers.
 
-    Both are ``(fiber, site, 3)``.
+    Both are ``(fiber, site, 3)``; only fibers whose ``own`` ``(fiber, 3)`` LED a channel sees count
+    in it.
 
     Raises:
         CaptureError: no light in any channel.
     """
     wanted, got = expected.sum(axis=1), colors.sum(axis=1)
     gains, few = np.full(3, np.nan), []
+    bright = own & (wanted > 0.05 * wanted.max(axis=0))
     for channel in range(3):
-        used = wanted[:, channel] > 0.05 * wanted.max()
+        used = bright[:, channel]
         if used.any():
             gains[channel] = np.median(got[used, channel] / wanted[used, channel])
             if used.sum() < ENOUGH_FIBERS:
                 few.append(channel)
     if recorded and few:
-        bright = wanted > 0.05 * wanted.max()
         gains[few] = np.median(got[bright] / wanted[bright])
     found = gains[np.isfinite(gains) & (gains > 0)]
     if not len(found):
@@ -211,7 +252,9 @@ def channel_gains(expected: Array, colors: Array, recorded: bool = False) -> Arr
 class _Fiber:
     """One fiber: ``seen`` and ``noise`` ``(site, 3)``, ``light`` ``(turn, site, channel)``.
 
-    ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these.
+    ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these; ``unknown``
+    ``(channel,)`` is a relative error that the model's light has beside all others, ``led_spread``
+    by how much the powers of a fiber's LEDs differ.
     """
 
     index: int
@@ -221,24 +264,38 @@ class _Fiber:
     power: Array
     response: Array
     noise: Array
+    unknown: Array
+    led_spread: float
 
     def fits(self, light: Array, power: Array, model: Array) -> PowerFits:
         """Return how well ``light`` of ``power`` ``(n, color)`` explains all that.
 
         ``light`` is ``(n, site, channel)``, with one channel where all are alike. The model's
-        relative error, ``(n,)``, goes with the light that is there.
+        relative error, ``(n,)``, goes with the light that is there. Where a fiber shines with
+        several LEDs, each has a power of its own, which differs by `led_spread`.
         """
+        leds = shining(power).sum(axis=1)
         in_channels = power @ self.response
         expected = light * in_channels[:, None, :]
         # The part of a channel's light that is not of its own color.
         own = power * np.diag(self.response)
         leaked = 1 - own / np.where(in_channels > 0, in_channels, np.inf)
-        relative = np.hypot(model[:, None], LEAK_SPREAD * np.where(in_channels > 0, leaked, 0.0))
+        # Channels share the model's error of a site: two say no more of it than one.
+        shared = model * np.sqrt(leds)
+        relative = np.hypot(shared[:, None], LEAK_SPREAD * np.where(in_channels > 0, leaked, 0.0))
+        relative = np.hypot(relative, self.unknown)
         variance = self.noise**2 + (relative[:, None] * np.maximum(self.seen, 0.0)) ** 2
-        square = np.einsum("nsc,nsc->n", 1 / variance, expected**2)
-        best = np.einsum("nsc,nsc->n", self.seen / variance, expected) / square
-        rest = np.einsum("sc,nsc->n", self.seen**2, 1 / variance) - best**2 * square
-        constant = -0.5 * np.sum(np.log(variance), axis=(1, 2))
+        light2 = np.einsum("nsc,nsc->nc", 1 / variance, expected**2)
+        both = np.einsum("nsc,nsc->nc", self.seen / variance, expected)
+        seen2 = np.einsum("sc,nsc->nc", self.seen**2, 1 / variance)
+        # An LED's own power adds to the covariance what was seen, of rank one in each channel; its
+        # inverse and determinant are those of Sherman and Morrison (1950).
+        own = np.where(leds > 1, self.led_spread, 0.0)[:, None] ** 2
+        added = 1 + own * seen2
+        square = (light2 - own * both**2 / added).sum(axis=1)
+        best = (both / added).sum(axis=1) / square
+        rest = (seen2 / added).sum(axis=1) - best**2 * square
+        constant = -0.5 * (np.sum(np.log(variance), axis=(1, 2)) + np.log(added).sum(axis=1))
         return PowerFits(best, 1 / np.sqrt(square), constant - 0.5 * rest)
 
 

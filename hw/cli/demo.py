@@ -49,7 +49,7 @@ def run(
 
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.line_model import surrogate_correction
-    from hw.calibration.material import material_space, require_one_albedo
+    from hw.calibration.material import material_space
     from hw.calibration.reference_lines import Setup
     from hw.camera.photo_set import require_color_photos
     from hw.emulator.demonstration import (
@@ -75,7 +75,6 @@ def run(
         if keep is not None:
             check_target(keep / "commission")
         require_color_photos(scene)
-        require_one_albedo(scene)
         if calibrate or scene.diffuser is not None:
             material_space(scene)
         checker = open_model(scene, model, threads=2)

@@ -64,8 +64,8 @@ def calibration_fibers(scene: Scene) -> list[range]:
 class EmulatedRig:
     """An emulated rig, switched on.
 
-    ``images`` ``(bend, fiber, row, column)`` are true radiance per unit power; ``keep`` is the
-    folder for its photographs.
+    ``images`` ``(bend, fiber, row, column[, channel])`` are true radiance per unit power; ``keep``
+    is the folder for its photographs.
     """
 
     scene: Scene
@@ -147,7 +147,9 @@ def switched_on(
 
 def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float:
     """Return the exposure that puts the brightest single fiber at `SINGLE_FIBER_COUNTS`."""
-    light = images * truth.power[:, None, None] * truth.imperfections.response.sum(axis=0).max()
+    white = truth.imperfections.response.sum(axis=0)
+    light = images * white.max() if images.ndim == 4 else (images * white).max(axis=-1)
+    light = light * truth.power[:, None, None]
     return SINGLE_FIBER_COUNTS / float(np.percentile(light, 99.9, axis=(2, 3)).max())
 
 

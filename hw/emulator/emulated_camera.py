@@ -54,9 +54,9 @@ class CameraImperfections:
 class EmulatedCamera:
     """A camera that looks at the fibers that the board lights.
 
-    ``images`` ``(fiber, row, column)`` are true radiance per unit power at any size, ``exposure``
-    counts per unit radiance, ``power`` ``(fiber,)`` or ``(fiber, 3)`` the true strength of each
-    fiber, which LED ``i`` of the board feeds.
+    ``images`` ``(fiber, row, column[, channel])`` are true radiance per unit power at any size,
+    ``exposure`` counts per unit radiance, ``power`` ``(fiber,)`` or ``(fiber, 3)`` the true
+    strength of each fiber, which LED ``i`` of the board feeds.
     """
 
     scene: Scene
@@ -77,8 +77,10 @@ class EmulatedCamera:
         power = np.atleast_2d(self.power.T).T
         lit = self.board.levels[: len(self.images)] / 255.0 * power
         on = np.nonzero(lit.any(axis=1))[0]
-        light = np.einsum("fyx,fc->yxc", self.exposure * self._seen[on], lit[on], optimize=True)
-        light = light @ self.imperfections.response + self.imperfections.black
+        axes = "fyx,fc->yxc" if self._seen.ndim == 3 else "fyxc,fc->yxc"
+        seen_power = lit[on] @ self.imperfections.response
+        light = np.einsum(axes, self.exposure * self._seen[on], seen_power, optimize=True)
+        light = light + self.imperfections.black
         total = np.zeros_like(light)
         for _ in range(frames):
             noisy = light + self.imperfections.noise * self._rng.standard_normal(light.shape)
@@ -90,7 +92,10 @@ class EmulatedCamera:
 
 
 def seen_by(scene: Scene, images: NDArray[np.float32], imperfections: CameraImperfections) -> Array:
-    """Return ``images`` ``(fiber, row, column)`` at the camera's size, tilted and vignetted."""
+    """Return ``images`` at the camera's size, tilted and vignetted.
+
+    They are ``(fiber, row, column)``, or with one more axis ``channel``.
+    """
     import cv2
 
     rows, columns = scene.camera.rows, scene.camera.columns
@@ -101,6 +106,7 @@ def seen_by(scene: Scene, images: NDArray[np.float32], imperfections: CameraImpe
     where = lens_positions(scene, images.shape[2], images.shape[1], look) - 0.5
     x, y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
     shade = vignette(rows, columns, imperfections.vignetting)
+    shade = shade if images.ndim == 3 else shade[..., None]
     return np.stack(
         [
             # What a tilted camera sees beyond the straight image goes on as it ends.

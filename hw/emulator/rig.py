@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,8 @@ from hw.errors import CalibrationError
 from render.arrays import Array
 from render.progress import OnProgress
 from tactilux import Scene
+
+Image = NDArray[np.float32]
 
 RAYS = 360_000
 ENOUGH_SAMPLES = 50
@@ -112,22 +114,36 @@ def true_images(
     *,
     correction: SurrogateCorrection | None = None,
     rays: int = RAYS,
-) -> NDArray[np.float32]:
-    """Return the rig's true radiance per unit power, ``(bend, fiber, row, column)``.
+) -> Image:
+    """Return the rig's true radiance per unit power, ``(bend, fiber, row, column[, channel])``.
 
-    The random walk has a seed of the rig's own, so that nothing a fit was built from is in it.
+    There are channels where the skin's albedo differs by them. The random walk has a seed of the
+    rig's own, so that nothing a fit was built from is in it.
 
     ``setup`` is what is known of the rig, ``truth`` what is not. The ``correction`` from preview to
     surrogate is applied where given.
     """
-    own, seed = truth.built(setup), FIRST_SEED + truth.seed
-    images = fiber_images(own, rays=rays, seed=seed)
+    own = truth.built(setup)
+    images = by_channel(own, lambda one: fiber_images(one, rays=rays, seed=FIRST_SEED + truth.seed))
     if correction is not None:
+        size = images.shape[2:4]
         for index, bend in enumerate(setup.bends):
-            position = pad_positions(setup.scene, float(bend), *images.shape[2:]).reshape(1, -1, 2)
+            position = pad_positions(setup.scene, float(bend), *size).reshape(1, -1, 2)
             ratio = np.exp(correction.log_ratio(position)[index])
-            images[index] *= ratio.reshape(-1, *images.shape[2:])
+            images[index] *= ratio.reshape(images.shape[1:])
     return images
+
+
+def by_channel(setup: Setup, images_of: Callable[[Setup], Image]) -> Image:
+    """Return images of a sensor, ``images_of`` those of one albedo; the last axis is the channel.
+
+    Where the skin has one albedo there is no such axis.
+    """
+    scene = setup.scene
+    if not scene.by_channel:
+        return images_of(setup)
+    each = [images_of(replace(setup, scene=one)) for one in scene.one_albedo_scenes]
+    return np.stack([each[albedo] for albedo in scene.albedo_of_channel], axis=-1)
 
 
 def rendered_images(
@@ -137,8 +153,8 @@ def rendered_images(
     *,
     samples: int,
     progress: OnProgress | None = None,
-) -> NDArray[np.float32]:
-    """Return the rig's true radiance per unit power as the reference renders it.
+) -> Image:
+    """Return the rig's true radiance per unit power as the reference renders it, each albedo so.
 
     Renders of every fiber are noisy by some per cent at each millimeter, more than a camera is; so
     pictures of the true material are drawn by the preview, with random numbers of the rig's own,
@@ -152,11 +168,24 @@ def rendered_images(
     Raises:
         CalibrationError: they are so few that renders of a bend say nothing.
     """
+    return by_channel(
+        truth.built(setup),
+        lambda one: _rendered(one, FIRST_SEED + truth.seed, lit, samples, progress),
+    )
+
+
+def _rendered(
+    setup: Setup,
+    seed: int,
+    lit: Sequence[Sequence[int]],
+    samples: int,
+    progress: OnProgress | None,
+) -> Image:
+    """Return what `rendered_images` does for a rig of one albedo, which ``setup`` is."""
     light = render_pad_light(
-        truth.built(setup), lit, samples=samples, seed=FIRST_SEED + truth.seed,
-        around=setup.lines.on_pad, progress=progress,
-    )  # fmt: skip
-    images = true_images(setup, truth)
+        setup, lit, samples=samples, seed=seed, around=setup.lines.on_pad, progress=progress
+    )
+    images = fiber_images(setup, rays=RAYS, seed=seed)
     for bend, angle in enumerate(setup.bends):
         images[bend, np.setdiff1d(np.arange(len(setup.phi)), lit[bend])] = 0.0
         if not len(lit[bend]):

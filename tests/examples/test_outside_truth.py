@@ -152,7 +152,7 @@ def test_digit_has_red_left_and_fading_as_in_its_photograph() -> None:
 
 
 def test_digit_dome_has_red_left_and_fading_but_not_along_its_brightest_rows() -> None:
-    """The page says of these rows that they are not as in the photograph; mirrored, all is wrong."""
+    """These rows are not as in the photograph, says the page; mirrored, all is wrong."""
     drawn = outside_truth.drawn_digit(previewed, "digit-dome")
     found, mirrored = (outside_truth.layout(picture) for picture in (drawn, drawn[:, ::-1]))
     assert found["red left of green"] > 0.1

@@ -2,17 +2,19 @@
 
 A random rig has random directions and colors, and differs from the model as real ones do: by the
 model's own error (smooth over the pad and over directions), manufacturing tolerances, what drifts
-between two starts, the camera's gains and its noise.
+between two starts, the camera's gains and its noise. Where light depends on the channel, many of
+its fibers shine in two colors, channels see LEDs of other colors too, and the model errs otherwise
+in each channel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hw.check.commission import commission
+from hw.check.commission import RigRecord, commission
 from hw.check.diagnosis import Diagnosis, FiberState
 from hw.check.image_check import check_image
 from hw.check.prediction import PadPrediction
@@ -25,7 +27,7 @@ from hw.check.rig_tolerances import (
     TURN_DRIFT,
     rig_tolerances,
 )
-from hw.check.sweep_check import check_sweep
+from hw.check.sweep_check import check_sweep, measured_response
 from render.arrays import Array
 from render.scene import load_scene
 
@@ -49,6 +51,9 @@ class RigSpread:
         power_drift, turn_drift: between two starts.
         gain, gain_drift: of the camera's channels, as built and between two starts.
         model: relative error of the model, smooth over the pad and over directions.
+        channel: the part of it that channels have for themselves, where light depends on them:
+            `digit` drawn with the albedos 0.7, 0.3 and 0.5 differed so from its renders.
+        leak: most that a channel sees of an LED of another color, of its own, in such rigs.
         model_reach: rad, over which that error changes with direction; ``site_reach`` mm.
         shift: relative change of single sites between two starts (camera moved in its seat).
         pixel_noise: counts; 2.55 is 40 dB below full scale.
@@ -62,6 +67,8 @@ class RigSpread:
     gain: float = 0.05
     gain_drift: float = 0.02
     model: float = MODEL
+    channel: float = 0.02
+    leak: float = 0.08
     model_reach: float = MODEL_LENGTH_SCALE
     site_reach: float = 5.0
     shift: float = SITE_DRIFT
@@ -117,13 +124,28 @@ class RandomRig:
         fibers = len(prediction.phi)
         phi = rng.uniform(np.radians(20.0), np.radians(160.0), fibers)
         color = rng.integers(0, 3, fibers)
+        by_channel = prediction.table.ndim == 4
+        power, leak = np.eye(3)[color], np.zeros((3, 3))
+        if by_channel:
+            # The first fibers, three of each color, shine in that one alone.
+            color[:9] = np.arange(9) % 3
+            second = (color + rng.integers(1, 3, fibers)) % 3
+            mixed = rng.integers(0, 2, fibers) * (np.arange(fibers) >= 9)
+            power = np.eye(3)[color] + 0.5 * mixed[:, None] * np.eye(3)[second]
+            leak = rng.uniform(0.0, spread.leak, (3, 3)) * (1 - np.eye(3))
         self.prediction = PadPrediction(
-            phi, np.eye(3)[color], prediction.nodes, prediction.table, prediction.score, 0.0
+            phi, power, prediction.nodes, prediction.table, prediction.score, 0.0
         )
         self._rng, self._spread = rng, spread
-        error = _smooth_error(prediction.nodes, sites, fibers, spread, rng)
+        error = spread.model * _smooth_fields(prediction.nodes, sites, fibers, spread, rng)
+        if by_channel:
+            own = [_smooth_fields(prediction.nodes, sites, fibers, spread, rng) for _ in range(3)]
+            part = spread.channel / spread.model
+            error = np.sqrt(1 - part**2) * error[..., None] + spread.channel * np.stack(own, -1)
         table = prediction.table * np.exp(error)
-        self._truth = PadPrediction(phi, np.eye(3)[color], prediction.nodes, table, 0.0, 0.0)
+        self._truth = PadPrediction(
+            phi, power, prediction.nodes, table, 0.0, 0.0, response=np.eye(3) + leak
+        )
         self._turn = spread.turn * rng.standard_normal(fibers)
         self._power = np.exp(spread.power * rng.standard_normal(fibers))
         gain = np.exp(spread.gain * rng.standard_normal(3))
@@ -157,8 +179,9 @@ class RandomRig:
                 colors[fiber] = np.roll(colors[fiber], roll)
             elif fault == "10 deg off":
                 phi[fiber] += side * np.radians(10.0)
-            light = self._truth.unit(np.clip(phi, 0.0, np.pi)[:, None])[:, 0] * moved
-            alone = light[..., None] * (strength[:, None] * colors)[:, None, :] * drift
+            light = self._truth.tinted(np.clip(phi, 0.0, np.pi)[:, None])[:, 0]
+            lit = strength[:, None] * (colors @ self._truth.response)
+            alone = light * moved[:, None] * lit[:, None, :] * drift
             together = alone.sum(axis=0) * self._gain_all
             return (
                 alone * self._gain + spread.noise * noise[0],
@@ -192,7 +215,7 @@ def measure_recall(
         capture = rig.start()
         fiber = int(rng.integers(len(prediction.phi)))
         for fault in ("", *FAULTS):
-            for way, diagnosis in _all_ways(rig, capture(fault, fiber), record.ratio, spread):
+            for way, diagnosis in _all_ways(rig, capture(fault, fiber), record, spread):
                 reported = {one.index: one.state for one in diagnosis.faults}
                 if not fault:
                     alarms[way] += bool(reported)
@@ -214,27 +237,31 @@ def measure_recall(
 
 
 def _all_ways(
-    rig: RandomRig, captured: tuple[Array, Array], ratio: Array, spread: RigSpread
+    rig: RandomRig, captured: tuple[Array, Array], record: RigRecord, spread: RigSpread
 ) -> Iterator[tuple[str, Diagnosis]]:
     alone, together = captured
     for way, (sweep, starts) in WAYS.items():
         known = rig_tolerances(sweep=sweep, starts=starts, noise=np.array(spread.noise))
         check, seen = (check_sweep, alone) if sweep else (check_image, together)
-        yield way, check(rig.prediction, seen, known, ratio if starts else None)
+        prediction = rig.prediction
+        if starts:
+            prediction = replace(prediction, response=record.response)
+        elif sweep:
+            prediction = replace(prediction, response=measured_response(prediction, alone))
+        yield way, check(prediction, seen, known, record.ratio if starts else None)
 
 
-def _smooth_error(
+def _smooth_fields(
     nodes: Array, sites: Array, fibers: int, spread: RigSpread, rng: np.random.Generator
 ) -> Array:
-    """Return log errors ``(fiber, node, site)``, Gaussian in direction and distance."""
+    """Return fields ``(fiber, node, site)`` of size 1, Gaussian in direction and distance."""
     away = nodes[:, None] - nodes[None]
     over_nodes = np.exp(-0.5 * (away / spread.model_reach) ** 2) + 1e-9 * np.eye(len(nodes))
     far = np.linalg.norm(sites[:, None] - sites[None], axis=-1)
     over_sites = np.exp(-0.5 * (far / spread.site_reach) ** 2) + 1e-9 * np.eye(len(sites))
     draw = rng.standard_normal((fibers, len(nodes), len(sites)))
     return np.asarray(
-        spread.model
-        * np.einsum(
+        np.einsum(
             "nm,fmt,st->fns", np.linalg.cholesky(over_nodes), draw, np.linalg.cholesky(over_sites)
         )
     )

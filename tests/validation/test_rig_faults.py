@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from tests.long import LONG
 MODEL = Path(__file__).parents[2] / "models" / "finger20"
 SITES = flat_sites(load_scene("finger20"))[:, :2]
 RIGS = 500 if LONG else 60
+TINTS = np.array([1.0, 0.4, 0.7])
+"""Light of the channels on a skin with an albedo for each."""
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +61,21 @@ def test_a_sweep_against_the_rigs_record_keeps_its_bound(
     # One alarm of a few rigs is more than the bound's rate, and yet no evidence against it.
     assert binomtest(alarms, RIGS, MAX_FALSE_ALARMS, "greater").pvalue > 0.05
     assert not LONG or best.false_alarms <= MAX_FALSE_ALARMS
+
+
+def test_skins_with_an_albedo_per_channel_keep_the_bound_but_for_turned_fibers_of_two_colors(
+    prediction: PadPrediction,
+) -> None:
+    tinted = replace(prediction, table=prediction.table[..., None] * TINTS)
+    found = measure_recall(tinted, SITES, rigs=RIGS, seed=0)
+    print(f"\n{RIGS} random rigs, light by channel, seed 0", *map(told, found), sep="\n")
+    best = found[0]
+    alarms = round(best.false_alarms * RIGS)
+    assert binomtest(alarms, RIGS, MAX_FALSE_ALARMS, "greater").pvalue > 0.05
+    turned = best.found.pop("10 deg off")
+    assert min(best.found.values()) >= MIN_RECALL
+    # What LEDs of one fiber drift apart hides a part of what two of them say of a turn.
+    assert turned >= 0.85
 
 
 def test_ideal_rigs_have_no_missed_faults(prediction: PadPrediction) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +11,13 @@ import pytest
 from hw.calibration.material import material_space
 from hw.calibration.material_table import fiber_images
 from hw.calibration.reference_lines import Setup
-from hw.check.commission import commission
+from hw.check.commission import commission, load_record
+from hw.check.diagnosis import FiberState
 from hw.check.image_check import check_image
 from hw.check.prediction import PadPrediction, predict
 from hw.check.rig_tolerances import rig_tolerances
 from hw.check.sweep_check import check_sweep
-from hw.errors import CalibrationError
+from hw.errors import CalibrationError, CaptureError
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from tests.colored_skins import skin_of
@@ -70,7 +72,72 @@ def test_a_healthy_rig_is_well_and_a_dead_fiber_is_found(prediction: PadPredicti
     assert [fiber.index for fiber in photo.fibers if fiber.state != "ok"] == [7]
 
 
-def test_calibration_and_emulated_rigs_ask_for_one_albedo() -> None:
+def test_what_channels_see_of_other_colors_is_told_apart_from_the_skins_color(
+    prediction: PadPrediction,
+) -> None:
+    response = np.array([[1.0, 0.08, 0.02], [0.05, 1.0, 0.07], [0.01, 0.06, 1.0]])
+    expected = replace(colored(prediction), response=response)
+    record = commission(colored(prediction), 2.0 * expected.alone, skin_of().hash, 0.0)
+    np.testing.assert_allclose(record.response, response, atol=0.01)
+    np.testing.assert_allclose(record.ratio, 1.0, atol=0.02)
+
+
+@pytest.fixture
+def mixed(prediction: PadPrediction) -> PadPrediction:
+    """Return the expected light of fibers of which eight shine in two colors."""
+    power = prediction.power.copy()
+    power[12:] += 0.5 * np.roll(power[12:], 1, axis=1)
+    return replace(colored(prediction), power=power)
+
+
+FINE = rig_tolerances(sweep=True, starts=4, noise=np.array(0.05))
+
+
+def test_a_record_holds_what_the_model_errs_by_in_each_channel(
+    mixed: PadPrediction, tmp_path: Path
+) -> None:
+    error = np.exp(0.03 * np.random.default_rng(3).standard_normal(mixed.alone.shape))
+    lights = mixed.alone * error
+    record = commission(mixed, lights, skin_of().hash, 0.0)
+    record.save(tmp_path / "rig.npz")
+    kept = load_record(tmp_path / "rig.npz")
+    kept.check_fits(mixed, skin_of(), 0.0)
+    known = replace(mixed, response=kept.response)
+    assert check_sweep(known, lights, FINE, kept.ratio).ok
+    alike = np.broadcast_to(kept.ratio.mean(axis=-1, keepdims=True), kept.ratio.shape)
+    assert not check_sweep(known, lights, FINE, alike).ok
+
+
+@pytest.mark.parametrize("fiber", [1, 5, 14])
+def test_a_color_in_which_no_record_holds_the_fiber_is_still_named_wrong(
+    mixed: PadPrediction, fiber: int
+) -> None:
+    error = np.exp(0.03 * np.random.default_rng(4).standard_normal(mixed.alone.shape))
+    record = commission(mixed, mixed.alone * error, skin_of().hash, 0.0)
+    wrong = mixed.power.copy()
+    wrong[fiber] = np.roll(wrong[fiber], 1)
+    lights = replace(mixed, power=wrong).alone * error
+    found = check_sweep(replace(mixed, response=record.response), lights, FINE, record.ratio)
+    assert [(one.index, one.state) for one in found.faults] == [(fiber, FiberState.SWAPPED)]
+
+
+def test_powers_of_a_fibers_leds_that_drift_apart_are_no_turn(mixed: PadPrediction) -> None:
+    record = commission(mixed, mixed.alone, skin_of().hash, 0.0)
+    drift = np.exp(0.03 * np.random.default_rng(5).standard_normal(mixed.power.shape))
+    later = replace(mixed, power=mixed.power * drift).alone
+    assert check_sweep(mixed, later, FINE, record.ratio).ok
+
+
+def test_a_record_of_one_light_in_all_channels_raises_one_clear_error(
+    prediction: PadPrediction,
+) -> None:
+    scene = skin_of()
+    record = commission(prediction, prediction.alone, scene.hash, 0.0)
+    with pytest.raises(CaptureError, match="albedo makes it differ by channel: make a new one"):
+        record.check_fits(colored(prediction), scene, 0.0)
+
+
+def test_calibration_asks_for_one_albedo() -> None:
     setup = Setup(skin_of(), np.full(2, 1.2), np.zeros(1))
     refused = pytest.raises(
         CalibrationError, match=r"differs by channel \(0.7, 0.3, 0.5\), allowed"

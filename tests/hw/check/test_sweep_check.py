@@ -188,12 +188,13 @@ def test_faults_are_named_through_channels_that_see_other_colors(
 def test_gains_ignore_dead_fibers(prediction: PadPrediction) -> None:
     colors = seen(prediction)
     colors[[0, 1, 2]] = 0.0
-    np.testing.assert_allclose(channel_gains(prediction.alone, colors), GAIN)
+    np.testing.assert_allclose(channel_gains(prediction.alone, colors, prediction.own), GAIN)
 
 
 def test_a_dim_lamp_that_is_alone_in_its_color_is_no_gain_of_its_channel() -> None:
     expected = np.ones((3, 4, 1)) * np.eye(3)[:, None, :] * [200.0, 150.0, 100.0]
+    own = np.eye(3, dtype=np.bool_)
     colors = 0.9 * expected * np.array([1.0, 0.5, 1.0])[:, None, None]
-    np.testing.assert_allclose(channel_gains(expected, colors, recorded=True), 0.9)
+    np.testing.assert_allclose(channel_gains(expected, colors, own, recorded=True), 0.9)
     # Nobody knows the gains of a camera that has seen no healthy rig.
-    np.testing.assert_allclose(channel_gains(expected, colors), [0.9, 0.45, 0.9])
+    np.testing.assert_allclose(channel_gains(expected, colors, own), [0.9, 0.45, 0.9])

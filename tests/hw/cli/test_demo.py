@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.scene import load_scene
+from render.scene import load_scene, scene_text
+from surrogate.preview_model import preview_checker
 from tests.conftest import Run
 from tests.hw.calibration.toy import toy_images, toy_model, toy_table
+
+ALBEDOS = [0.6, 0.25, 0.45]
 
 
 @pytest.mark.slow
@@ -45,6 +48,28 @@ def test_the_demonstration_without_calibration_runs_on_a_clear_pad_of_three_lamp
     tactilux: Run, tmp_path: Path
 ) -> None:
     result = tactilux("hw", "demo", "--scene", "digit", "--no-calibrate", "--json")
+    assert result.code == 0, result.err
+    said = json.loads(result.out)["checks"]
+    found = {name: [fiber["state"] for fiber in check["fibers"]] for name, check in said.items()}
+    assert found == {
+        "healthy": ["ok", "ok", "ok"],
+        "fiber 0 dead": ["dead", "ok", "ok"],
+        "fiber 1 at half power": ["ok", "dim", "ok"],
+        "fiber 2 with swapped colors": ["ok", "ok", "swapped"],
+    }
+
+
+@pytest.mark.slow
+def test_the_demonstration_without_calibration_runs_on_a_skin_with_an_albedo_per_channel(
+    tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = tmp_path / "tinted.toml"
+    text = scene_text("digit").replace("albedo = { value = 0.45", f"albedo = {{ value = {ALBEDOS}")
+    scene.write_text(text)
+    monkeypatch.setattr(
+        "optimize.scoring.open_model", lambda scene, *_, **__: preview_checker(scene, coarse=True)
+    )
+    result = tactilux("hw", "demo", "--scene", scene, "--no-calibrate", "--json")
     assert result.code == 0, result.err
     said = json.loads(result.out)["checks"]
     found = {name: [fiber["state"] for fiber in check["fibers"]] for name, check in said.items()}

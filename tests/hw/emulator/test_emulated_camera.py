@@ -50,6 +50,18 @@ def test_it_sees_the_light_that_the_board_shows(plug: Plug) -> None:
     np.testing.assert_allclose(photo[30, 18], [16.0, 8.0, 16.0], atol=1.0)
 
 
+def test_each_channel_sees_its_own_image_of_a_colored_skin(plug: Plug) -> None:
+    camera, lights = rig(plug, CameraImperfections(noise=0.0))
+    tints = np.array([1.0, 0.5, 0.25], dtype=np.float32)
+    colored = EmulatedCamera(
+        SCENE, IMAGES[..., None] * tints, camera.board, 10.0, np.ones(20), camera.imperfections
+    )
+    with lights:
+        lights.set(np.full((20, 3), 0.5))
+        plain, seen = camera.capture(), colored.capture()
+    np.testing.assert_allclose(seen - 8.0, (plain - 8.0) * tints, atol=1.0)
+
+
 def test_a_sweep_has_every_fiber_and_their_sum(plug: Plug) -> None:
     camera, lights = rig(plug, CameraImperfections(noise=0.0))
     with lights:
