@@ -19,7 +19,7 @@ from hw.cli import (
     wiring_sheet,
 )
 from optimize.cli import app, main
-from optimize.cli.command import Command
+from optimize.ui.command import Command
 
 rig = typer.Typer(
     name="hw",

@@ -34,7 +34,7 @@ from optimize.cli import (
     train,
     verify,
 )
-from optimize.cli.command import Command
+from optimize.ui.command import Command
 from optimize.ui.process import EXIT_CODES, interruption
 from render.errors import TactiluxError
 

@@ -82,10 +82,10 @@ def test_all_problems_of_a_layout_are_named_at_once(small_scene: Path, tmp_path:
     for words in (
         "unknown key note",
         "colors has 2 entries, allowed: 8",
-        "colors[1] = 'pink', allowed: r, g, b or -",
+        'colors[1] = "pink", allowed: r, g, b or -',
         "angles_deg has 3 entries, allowed: 8",
         "angles_deg[1] = 200, allowed: 0 to 180",
-        "angles_deg[2] = 'x', allowed: 0 to 180",
+        'angles_deg[2] = "x", allowed: 0 to 180',
         "power has another form than 8 numbers",
     ):
         assert words in str(caught.value)
@@ -95,7 +95,7 @@ def test_all_problems_of_a_layout_are_named_at_once(small_scene: Path, tmp_path:
     ("name", "text", "words"),
     [
         ("a.json", "{", "it is not JSON"),
-        ("a.json", "[1]", "it is a list or a number"),
+        ("a.json", "[1]", r"it is \[1\], allowed: keys colors and angles_deg"),
         ("a.toml", "colors = ", "it is not TOML"),
         ("a.toml", 'colors = "r"', "it names no scene"),
         ("a.toml", 'scene = "nowhere"', "is neither a shipped scene nor a file"),
