@@ -144,7 +144,7 @@ def run(
         if as_json:
             print_json(stream, diagnosis.to_json())
         else:
-            _write(stream, diagnosis, 1e3 * took, record, sweep)
+            _write(stream, diagnosis, 1e3 * took, record, sweep, scene.state_word)
     if not diagnosis.ok:
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
@@ -186,17 +186,18 @@ def _write(
     milliseconds: float,
     record: RigRecord | None,
     sweep: bool,
+    word: str,
 ) -> None:
     from hw.check.diagnosis import WORDS, FiberState
 
     if diagnosis.ok:
         stream.write("The rig looks as designed.\n")
     faults = diagnosis.faults
+    settings = f"scene, design and {word}" if word else "scene and design"
     if all(fiber.state is FiberState.UNCLEAR for fiber in faults) and len(faults) > 1:
         stream.write(
             f"{len(faults)} fibers differ in a way that no single fault explains: clean "
-            "the pad and the lens, and see that scene, design and bend or state are those of the "
-            "rig.\n"
+            f"the pad and the lens, and see that {settings} are those of the rig.\n"
         )
     else:
         for fiber in faults:

@@ -57,7 +57,7 @@ def draw_levels(axes: Axes, rows: Sequence[tuple[str, float, float, float]]) -> 
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_minor_formatter(NullFormatter())
     axes.grid(which="major", lw=0.4, color="#d7dade")
-    axes.set_xlabel("seconds per design (all bends or states)")
+    axes.set_xlabel("seconds per design (all shapes of its skin)")
     axes.set_ylabel("error of facet colors, %\nmedian (dot) to 95th percentile")
 
 

@@ -1,7 +1,8 @@
 """The process that runs a command: signals, streams and exit codes, whatever happens when.
 
 Python's own answer to Ctrl-C depends on the instant: a traceback while modules are imported or the
-interpreter ends, nothing at all while a destructor runs. Here it is the same at every instant.
+interpreter ends, nothing at all while a destructor runs or a library tries an import. Here it is
+the same at every instant.
 
 Standard streams fail no command: closed, on a full disk, or with a reader that has gone. Who reads
 ``tactilux explore 2>&1 | head -1`` wants one line and the result in its folder; who closes stdout
@@ -42,27 +43,22 @@ def run_process(load: Callable[[], Callable[[], None]]) -> None:
     process at once. Inside they raise KeyboardInterrupt and `Terminated`. Signals that whoever
     started the process ignores, as ``nohup`` does, stay ignored.
     """
-    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {
-        signal.SIGINT: signal.default_int_handler,
-        signal.SIGTERM: _terminate,
-        signal.SIGHUP: _terminate,
-    }
-    handlers = {
-        number: handler
-        for number, handler in handlers.items()
+    numbers = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         if signal.getsignal(number) != signal.SIG_IGN
-    }
-    _by_default(handlers)
+    ]
+    _by_default(numbers)
     open_standard_streams()
     sys.unraisablehook, sys.excepthook = _unraisable, _uncaught
     warnings.showwarning = _warn  # type: ignore[assignment]
     command = load()
     try:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for number in numbers:
+            signal.signal(number, _end)
         command()
     finally:
-        _by_default(handlers)
+        _by_default(numbers)
 
 
 def interruption(error: BaseException | None) -> int | None:
@@ -89,16 +85,35 @@ def _by_default(numbers: Any) -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated
+def _end(number: int, frame: FrameType | None) -> None:
+    if not _put_off(number, frame):
+        raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+
+
+def _put_off(number: int, frame: FrameType | None) -> bool:
+    """Send a signal again in a moment where it interrupts an import, and return whether it does.
+
+    Libraries that try imports keep to themselves what these raise (trimesh catches all there is),
+    and the work would go on.
+    """
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    if frame is not None:
+        _send_again(number)
+    return frame is not None
+
+
+def _send_again(number: int) -> None:
+    # To the main thread, which alone answers: what it waits for ends then.
+    target = threading.main_thread().ident
+    threading.Timer(RETRY_SECONDS, signal.pthread_kill, [target, number]).start()
 
 
 def _unraisable(about: UnraisableHookArgs) -> None:
     """Raise a signal again that came while a destructor ran; what streams say there is known."""
     code = interruption(about.exc_value)
     if code is not None:
-        number = signal.SIGINT if code == 130 else signal.SIGTERM
-        threading.Timer(RETRY_SECONDS, signal.raise_signal, [number]).start()
+        _send_again(signal.SIGINT if code == 130 else signal.SIGTERM)
     elif not isinstance(about.exc_value, OSError):
         sys.__unraisablehook__(about)
 
@@ -158,6 +173,8 @@ class Signals:
             raise Stopped(self._asked)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
+        if _put_off(number, frame):
+            return
         first, self._asked = not self._asked, number
         if not (first and self._patient):
             raise Stopped(number)

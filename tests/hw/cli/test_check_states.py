@@ -125,7 +125,7 @@ def test_a_rig_is_judged_in_the_state_that_its_skin_is_in(
         if "twisted" in (state, other):
             said = tactilux(*words, "--state", other, "--capture", healthy)
             assert said.code == 1
-            assert "bend or state are those of the rig" in said.out
+            assert "scene, design and state are those of the rig" in said.out
 
 
 def test_without_a_state_the_skin_is_at_rest(

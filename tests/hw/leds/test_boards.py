@@ -187,7 +187,7 @@ def test_too_few_leds_are_refused(plug: Plug) -> None:
     ("port", "said"),
     [
         ("/dev/there-is-none", "plug the board in"),
-        ("/dev/null", "not a serial port"),
+        ("/dev/null", r"not a serial port that can be opened \(Inappropriate ioctl for device\)"),
         ("/", "not a serial port"),
     ],
 )

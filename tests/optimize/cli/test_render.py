@@ -65,7 +65,7 @@ def test_the_kind_of_file_follows_its_name(tactilux: Run, tmp_path: Path) -> Non
         (("--press", "ball", "--depth", "3"), "allowed: less than its radius, 3 mm"),
         (("--press", "bolt", "--depth", "4"), "pressed 4 mm deep does not fit into the pad"),
         (("--press", "edge", "--depth", "0"), "0.01"),
-        (("--press", "bolt", "--smooth", "-1"), "greater than or equal to 0"),
+        (("--press", "bolt", "--smooth", "-1"), "-1, allowed: at least 0"),
         (("--minutes", "1"), "a preview has none"),
         (("--level", "reference", "--minutes", "1", "--samples", "2"), "not both"),
     ],

@@ -230,13 +230,20 @@ def test_a_missing_scene_is_told_which_exist(tmp_path: Path) -> None:
         load_scene(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("content", [b"[pad", b"\xff\xfe", b"pad = 3\npad = 4"])
-def test_a_file_that_is_not_toml_is_refused(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"[pad", "cannot be read as TOML"),
+        (b"\xff\xfe", "is not text in UTF-8; give the path of a TOML file"),
+        (b"pad = 3\npad = 4", "cannot be read as TOML"),
+    ],
+)
+def test_a_file_that_is_not_toml_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "bad.toml"
     path.write_bytes(content)
-    with pytest.raises(SceneError, match="cannot be read as TOML"):
+    with pytest.raises(SceneError, match=said):
         load_scene(path)
-    with pytest.raises(SceneError, match="cannot be read as TOML"):
+    with pytest.raises(SceneError, match="cannot be read: Is a directory; give the path"):
         load_scene(tmp_path)
 
 

@@ -1,0 +1,55 @@
+"""Signals end a process, whatever it is doing."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+GREEDY = """
+import time
+try:
+    print("importing", flush=True)
+    time.sleep(0.5)
+except BaseException:
+    pass
+"""
+COMMAND = """
+import time
+from optimize.ui.process import Signals, run_process
+
+def command():
+    {block}
+        import greedy
+        time.sleep(20.0)
+        print("worked on")
+
+run_process(lambda: command)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("block", ["if True:", "with Signals().caught():"])
+def test_a_signal_ends_a_process_whose_libraries_keep_to_themselves_what_imports_raise(
+    tmp_path: Path, number: int, block: str
+) -> None:
+    (tmp_path / "greedy.py").write_text(GREEDY)
+    (tmp_path / "command.py").write_text(COMMAND.format(block=block))
+    with subprocess.Popen(
+        [sys.executable, "command.py"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": f"{ROOT}:{tmp_path}"},
+        stdout=subprocess.PIPE,
+        text=True,
+        # Shells start what runs in the background without Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "importing\n"
+        process.send_signal(number)
+        assert process.stdout.read() == ""
+    assert process.returncode != 0
