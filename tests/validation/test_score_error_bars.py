@@ -110,7 +110,8 @@ def test_scores_of_noisy_renders_are_held_or_said_not_to_have_converged() -> Non
     # A pale pad, whose hue's mean and spread have biases that nearly cancel in halves.
     assert middle.share[0] < 0.4
     assert middle.held.min() > 0.85
-    assert high.held.min() < 0.9
+    # No resampling finds all of the bias there.
+    assert abs(high.bias[0]) > 10.0
     assert high.doubted.min() > 0.9
 
 
