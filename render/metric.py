@@ -152,6 +152,30 @@ def design_score(metric: Any, config: MetricConfig = THESIS) -> Score:
     return Score(mean - (sites + bends), mean, sites, bends)
 
 
+def score_terms(counts: np.ndarray, lam: float, config: MetricConfig = THESIS) -> np.ndarray:
+    """Return the six terms that S of eq. (4.7) is the sum of, of ``counts`` ``(B, S, K, C)``.
+
+    The means over states and sites of ``mean_i |c_i|``, ``-std_i |c_i|``, ``lam mean_i d`` and
+    ``-lam std_i d`` of eq. (4.6), then less the spreads of M over sites and over bends. Noise moves
+    each of them one way.
+    """
+    brightness, step = facet_differences(counts, config)
+    steps = _polar(step)[0]
+    score = design_score(
+        _mean_minus_std(brightness, config) + lam * _mean_minus_std(steps, config), config
+    )
+    return np.array(
+        [
+            brightness.mean(),
+            -_std(brightness, config).mean(),
+            lam * steps.mean(),
+            -lam * _std(steps, config).mean(),
+            -score.spread_sites,
+            -score.spread_bends,
+        ]
+    )
+
+
 def choose_exposure(
     baseline_radiance: np.ndarray, bend0_index: int = 0, config: MetricConfig = THESIS
 ) -> float:

@@ -11,7 +11,14 @@ import numpy as np
 
 from optimize.design.design import Array, Design
 from optimize.design.limits import dimmed_baseline
-from render.metric import THESIS, MetricConfig, design_score, image_counts, site_metric
+from render.metric import (
+    THESIS,
+    MetricConfig,
+    design_score,
+    image_counts,
+    score_terms,
+    site_metric,
+)
 from render.scene import Scene
 
 Level = Literal["preview", "converged preview", "surrogate", "reference"]
@@ -61,6 +68,10 @@ class ScoreSettings:
         """Return score, mean, spread over sites and over bends, ``(4,)`` (eq. 4.7)."""
         score = design_score(self.metric(transport, power), self.conventions)
         return np.array([float(getattr(score, part)) for part in PARTS])
+
+    def terms(self, transport: Array, power: Array) -> Array:
+        """Return the six terms that the score is the sum of (`render.metric.score_terms`)."""
+        return score_terms(self.counts(transport, power), self.lam, self.conventions)
 
     def rating(
         self, level: Level, parts: Mapping[str, float], interval: tuple[float, float]

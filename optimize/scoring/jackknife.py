@@ -7,7 +7,10 @@ an estimate of it (Shao and Wu 1989: statistics that are not smooth, as S is whe
 facets have nearly one hue, need such large groups left out; one replicate left out doubled the
 error there). Where noise is as large as what it hides, the bias falls more slowly than with the
 number of replicates. Quarters of them tell how slowly, and what that changes is an error of its own
-beside that of sampling.
+beside that of sampling. S is a sum of terms with biases of both signs that fall at different rates
+(noise lifts the mean of steps of hue like its variance, and their spread like its deviation), so
+that halves may score like the whole where both are far off: the error of the correction is found
+term by term, too.
 """
 
 from __future__ import annotations
@@ -69,26 +72,30 @@ class JackknifeEstimate:
         return self.value - half, self.value + half
 
 
-def jackknife(statistic: Callable[[Array], float], replicates: Array) -> JackknifeEstimate:
+def jackknife(statistic: Callable[[Array], float | Array], replicates: Array) -> JackknifeEstimate:
     """Return ``statistic(mean of replicates)`` with bias correction and error bar.
 
-    ``replicates`` has shape ``(replicate, ...)``, float64. With R replicates and S the statistic of
-    their mean, the bias is S minus the mean of S over halves of the replicates, the sampling error
-    that of the pseudo-values ``R S - (R - 1) S_r``, S_r without replicate r (Quenouille 1956,
-    Tukey 1958). For a difference of two designs rendered with common seeds, stack both along one
-    axis and let ``statistic`` subtract: common noise then cancels.
+    A statistic of several terms is their sum. ``replicates`` has shape ``(replicate, ...)``,
+    float64. With R replicates and S the statistic of their mean, the bias is S minus the mean of S
+    over halves of the replicates, the sampling error that of the pseudo-values
+    ``R S - (R - 1) S_r``, S_r without replicate r (Quenouille 1956, Tukey 1958). For a difference
+    of two designs rendered with common seeds, stack both along one axis and let ``statistic``
+    subtract: common noise then cancels.
 
     Raises:
         RenderError: with fewer than two replicates there is no error bar.
     """
-    (found,) = jackknife_parts(lambda mean: np.array([statistic(mean)]), replicates)
+    (found,) = jackknife_parts(lambda mean: np.atleast_2d(statistic(mean)), replicates)
     return found
 
 
 def jackknife_parts(
     statistics: Callable[[Array], Array], replicates: Array
 ) -> list[JackknifeEstimate]:
-    """Return what `jackknife` does of each of some ``statistics``, a function to ``(part,)``."""
+    """Return what `jackknife` does of each of some ``statistics``, a function to ``(part, term)``.
+
+    A part is the sum of its terms.
+    """
     count = len(replicates)
     if count < 2:
         raise RenderError(
@@ -96,19 +103,32 @@ def jackknife_parts(
         )
     half = max(count // 2, 1)
     plain = statistics(replicates.sum(axis=0) / count)
-    pseudo = count * plain - (count - 1) * leave_one_out(statistics, replicates)
+    without = leave_one_out(statistics, replicates).sum(axis=-1)
+    pseudo = count * plain.sum(axis=-1) - (count - 1) * without
     halves = _mean_over_subsets(statistics, replicates, half)
     quarters = _mean_over_subsets(statistics, replicates, max(half // 2, 1))
     # S of n replicates is off by b / n: what it gains from a half to the whole is left to gain.
     corrections = (plain - halves) / (count / half - 1)
-    errors = [
-        _bias_error(float(left), float(before)) if count >= 4 else abs(float(left))
-        for left, before in zip(corrections, halves - quarters, strict=True)
-    ]
+    before = halves - quarters
     return [
-        JackknifeEstimate(float(whole + left), float(whole), values, error)
-        for whole, left, values, error in zip(plain, corrections, pseudo.T, errors, strict=True)
+        _estimate(part, left, earlier, values)
+        for part, left, earlier, values in zip(plain, corrections, before, pseudo.T, strict=True)
     ]
+
+
+def _estimate(plain: Array, corrections: Array, before: Array, pseudo: Array) -> JackknifeEstimate:
+    """Return the estimate of a sum of terms, from ``(term,)`` values and what halves gained.
+
+    Its bias error is that of the sum, and of its terms in quadrature where that is more: what is
+    left of biases of one sign adds up in the sum, what cancels shows in the terms alone.
+    """
+    error = abs(float(corrections.sum()))
+    if len(pseudo) >= 4:
+        terms = [_bias_error(*pair) for pair in zip(corrections, before, strict=True)]
+        error = max(_bias_error(corrections.sum(), before.sum()), math.hypot(*terms))
+    whole = float(plain.sum())
+    value = whole + float(corrections.sum())
+    return JackknifeEstimate(value, whole, pseudo, error)
 
 
 def _mean_over_subsets(statistics: Callable[[Array], Array], replicates: Array, size: int) -> Array:
@@ -131,7 +151,7 @@ def _bias_error(correction: float, before: float) -> float:
     Half of the correction is its least error.
     """
     ratio = min(max(before / correction, SLOWEST), 2.0) if correction else 2.0
-    return abs(correction) * (1 / (ratio - 1) - 0.5)
+    return float(abs(correction) * (1 / (ratio - 1) - 0.5))
 
 
 def pooled_estimate(parts: Sequence[JackknifeEstimate]) -> JackknifeEstimate:

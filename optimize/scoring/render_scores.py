@@ -10,6 +10,10 @@ from optimize.design import PARTS, Array, Rating, ScoreSettings
 from optimize.scoring.jackknife import JackknifeEstimate, jackknife, jackknife_parts
 from render.metric import clipped_fraction
 
+PART_TERMS = np.array(
+    [[1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0], [0, 0, 0, 0, -1, 0], [0, 0, 0, 0, 0, -1]]
+)
+"""``(part, term)`` by which terms of the score make up its parts (`PARTS`)."""
 ROUNDING = 1e-12
 """Relative difference of two scores that rounding makes."""
 
@@ -45,7 +49,9 @@ class RenderedScore:
 
 def rendered_score(settings: ScoreSettings, replicates: Array, power: Array) -> RenderedScore:
     """Jackknife every part of the score of ``replicates`` ``(R, F, B, S, K)``."""
-    found = jackknife_parts(lambda transport: settings.parts(transport, power), replicates)
+    found = jackknife_parts(
+        lambda transport: PART_TERMS * settings.terms(transport, power), replicates
+    )
     parts = dict(zip(PARTS, found, strict=True))
     counts = settings.counts(replicates.mean(axis=0), power)
     return RenderedScore(parts, float(clipped_fraction(counts, settings.conventions)), settings)
@@ -61,11 +67,12 @@ def paired_difference(
     what sums round makes none better.
     """
 
-    def gain(transport: Array) -> float:
+    def gain(transport: Array) -> Array:
         low, high = (
-            float(settings.parts(light, power)[0])
+            settings.terms(light, power)
             for light, power in zip(transport, (first_power, second_power), strict=True)
         )
-        return high - low if abs(high - low) > ROUNDING * abs(low) else 0.0
+        more = high - low
+        return more if abs(more.sum()) > ROUNDING * abs(low.sum()) else np.zeros_like(more)
 
     return jackknife(gain, np.stack([first, second], axis=1))

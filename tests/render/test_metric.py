@@ -21,6 +21,7 @@ from render.metric import (
     image_counts,
     metric_terms,
     pairwise_metric,
+    score_terms,
     site_metric,
 )
 
@@ -49,6 +50,17 @@ def test_metric_of_a_hand_computed_site() -> None:
     assert intensity == pytest.approx(10.0 - 5.0)
     assert hue == pytest.approx(np.sqrt(2.0))  # both neighbor steps are equal: no spread
     assert site_metric(counts, 3.0) == pytest.approx(5.0 + 3.0 * np.sqrt(2.0))
+
+
+def test_the_score_is_the_sum_of_its_terms() -> None:
+    transport, power = random_case()
+    counts = image_counts(transport, power, 2.0)
+    terms = score_terms(counts, 20.0)
+    assert terms.sum() == pytest.approx(score_of(counts))
+    intensity, hue = metric_terms(counts)
+    assert terms[:2].sum() == pytest.approx(intensity.mean())
+    assert terms[2:4].sum() == pytest.approx(20.0 * hue.mean())
+    assert (np.sign(terms) == [1, -1, 1, -1, -1, -1]).all()
 
 
 def test_score_of_a_hand_computed_map() -> None:

@@ -76,6 +76,32 @@ def test_facets_of_nearly_one_hue_are_held_as_often_as_the_interval_says(
     assert noise < 0.06 or np.mean(one_left_out) < held - 0.05
 
 
+def test_biases_that_cancel_in_halves_are_found_term_by_term() -> None:
+    """Noise lifts the mean of steps and their spread, at different rates."""
+    rng, held = np.random.default_rng(7), []
+    steps = 1.0 + 0.9 * np.sin(np.linspace(0, 2 * np.pi, 120, endpoint=False))
+    truth = np.stack([steps, 0.0 * steps], axis=-1)
+
+    def terms(vectors: np.ndarray) -> np.ndarray:
+        size = np.linalg.norm(vectors, axis=-1)
+        return np.array([size.mean(), -size.std()])
+
+    known = terms(truth).sum()
+    for _ in range(200):
+        drawn = truth + 0.5 * np.sqrt(8) * rng.standard_normal((8, 120, 2))
+        whole, by_term = (
+            jackknife(lambda mean: float(terms(mean).sum()), drawn),
+            jackknife(terms, drawn),
+        )
+        assert whole.value == pytest.approx(by_term.value)
+        assert whole.sampling == pytest.approx(by_term.sampling)
+        assert whole.bias_error <= by_term.bias_error + 1e-12
+        intervals = [estimate.interval(0.9) for estimate in (whole, by_term)]
+        held.append([low <= known <= high for low, high in intervals])
+    of_sum, of_terms = np.mean(held, axis=0)
+    assert of_sum < 0.85 < 0.88 < of_terms
+
+
 def test_errors_of_the_corrections_do_not_average_out_over_runs() -> None:
     rng = np.random.default_rng(6)
     runs = [jackknife(mean_minus_spread, noisy(rng, 8, 0.8)) for _ in range(9)]
