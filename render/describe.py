@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from render.geometry import FiberHolder, camera_coverage, counted_sites, seen_rule
 from render.scene import (
     EDGES,
+    FACES,
     RIM_EDGES,
     Constraints,
     FreeRanges,
@@ -258,7 +259,8 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
         )
     elif len(scene.state_axis) == 1:
         yield "other shapes of the skin", "one is declared"
+    lit = {FACES[lamp.face] for lamp in scene.placed_lamps()}
     for edge in RIM_EDGES if scene.fibers is not None else EDGES:
-        if not any(row.edge == edge and row.size for row in scene.lamp_rows):
-            named = f"fibers.{edge} is 0" if scene.fibers else "no row is on it"
+        if edge not in lit:
+            named = f"fibers.{edge} is 0" if scene.fibers else "no lamp stands before it"
             yield f"light from the {edge} edge", named

@@ -63,6 +63,13 @@ def test_a_bare_flat_scene_leaves_out_medium_and_other_shapes() -> None:
     assert "light from the tip edge" in left_out(changed("fibers", tip=0))
 
 
+def test_an_edge_that_a_listed_lamp_stands_before_is_not_left_out() -> None:
+    """Two lamps of a DIGIT are listed before its base, and none stands at its sides."""
+    out = left_out(load_scene("digit"))
+    assert "light from the base edge" not in out
+    assert out["light from the left edge"] == "no lamp stands before it"
+
+
 def test_a_sensor_of_one_shape_is_told_without_a_word_of_bends_or_states() -> None:
     one = changed("bending", angles=(0.0,))
     text = describe(one).text()
