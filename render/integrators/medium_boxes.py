@@ -87,7 +87,7 @@ class MediumBoxes:
 
 
 def _filled_fraction(scene: mi.Scene, medium: mi.MediumPtr, low: Array, high: Array) -> float:
-    """Return about what fraction of a box is in ``medium``: where rays leave it that start there."""
+    """Return about what fraction of a box is in ``medium``, by the first face that a ray meets."""
     rng = np.random.default_rng(1)
     points = low[:, None] + (high - low)[:, None] * rng.random((3, PROBE_COUNT))
     away = rng.standard_normal((3, PROBE_COUNT))
