@@ -46,6 +46,7 @@ def test_in_a_layer_it_is_what_a_ray_to_the_end_of_the_layer_says(
     w = np.random.default_rng(2).standard_normal((3, COUNT))
     direction = mono.Vector3f((w / np.linalg.norm(w, axis=0)).astype(np.float32))
     boxes = MediumBoxes(scene, scene.sensors()[0])
+    assert not boxes.others
     found = np.array(boxes.transmittance(v, v.p + 100.0 * direction, mono.Bool(True)))
     # The optical depth to the next face that is no null boundary: behind the layer all is clear.
     _, depth, _ = trace_to_surface(scene, v, direction, dr.full(mono.Bool, True, COUNT))
