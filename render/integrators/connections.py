@@ -42,7 +42,7 @@ from render.sampling.streams import Stream
 PROXY_COUNT = 16
 """Light vertices whose proxy weights are compared for one target weight."""
 NEIGHBOR_COUNT = 12
-"""Vertices close to the main camera vertex whose proxy weights are compared, a multiple of 4."""
+"""Vertices close to the main camera vertex whose proxy weights are compared."""
 NEIGHBOR_ENDS = 2
 """Camera vertices, first the main one, that look at the close ones."""
 
@@ -128,13 +128,14 @@ def connect_subpaths(
         number, until = dr.zeros(mi.UInt32, lanes), mi.UInt32(NEIGHBOR_COUNT)
         dr.make_opaque(until)
         while number < until:
-            for u in stream.event(7 * EVENT_BLOCK + number):
-                y, place, represented = neighbors.sample(u, NEIGHBOR_COUNT)
-                for i in range(NEIGHBOR_ENDS):
-                    fits = looks[i].valid & (y.edges + looks[i].edges < edges_max)
-                    weight = dr.select(fits & (represented > 0), proxy_weight(y, looks[i]), 0.0)
-                    few[i] = few[i].update(place, weight, represented)
-            number += 4
+            y, place, represented = neighbors.sample(
+                stream.event(7 * EVENT_BLOCK + number)[0], NEIGHBOR_COUNT
+            )
+            for i in range(NEIGHBOR_ENDS):
+                fits = looks[i].valid & (y.edges + looks[i].edges < edges_max) & (represented > 0)
+                weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
+                few[i] = few[i].update(place, weight, represented)
+            number += 1
         numbers = stream.event(mi.UInt32(8 * EVENT_BLOCK))
         for i in range(NEIGHBOR_ENDS):
             few[i].index = neighbors.index(few[i].index)

@@ -1,8 +1,8 @@
-"""Bounding boxes of media, for transmittances in weights that cast no ray.
+"""Transmittances in target weights, without a ray where a medium fills its bounding box.
 
-A weight by which a connection is drawn may be wrong at the cost of noise. So the way through the
-medium of a vertex ends, at the latest, at the box around that medium: where the medium is a flat
-layer that is exact, and where it is bent, an upper bound of the optical depth.
+A weight by which a connection is drawn may be wrong at the cost of noise. So the way through a
+medium that fills the box around it, a flat layer, ends where it leaves that box: a few operations
+instead of a ray cast. Media of other shapes get the ray: their boxes are mostly empty.
 """
 
 from __future__ import annotations
@@ -17,36 +17,45 @@ from render.arrays import Array
 from render.integrators.emitters import shape_corners
 from render.paths.vertex import Vertex, extinction, leave
 
-MEDIA_MAX = 4
-"""Media that weights know, those of the first shapes; the others seem clear to them."""
+FILLED_MIN = 0.98
+"""Fraction of a box that its medium fills, at least, to be taken for the box."""
+PROBE_COUNT = 4096
+"""Points by which that fraction is measured."""
 OPTICAL_DEPTH_MAX = 4.0
 """Where optical depths in weights are cut: those are never 0."""
-UNBOUNDED = 1e30
-"""Half-width (mm) of the box of a medium that the camera is in: it has no end."""
 
 
 class MediumBoxes:
-    """Extinction (1/mm, mean over channels) and bounding box of the media of a scene."""
+    """Extinction (1/mm, mean over channels) and box of each medium that fills its box.
+
+    ``others`` says whether the scene has media that do not.
+    """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor) -> None:
         """Gather the media of all shapes and of the sensor."""
+        self.scene = scene
         parts: dict[Any, list[Array]] = {}
         for shape in scene.shapes():
-            for medium in (shape.interior_medium(), shape.exterior_medium()):
+            for medium in {shape.interior_medium(), shape.exterior_medium()} - {None}:
                 parts.setdefault(medium, []).append(shape_corners(shape))
-        if sensor.get_medium() is not None:
-            everywhere = np.array([[-UNBOUNDED] * 3, [UNBOUNDED] * 3])
-            parts.setdefault(sensor.get_medium(), []).append(everywhere)
-        parts.pop(None, None)
-        self.media = [mi.MediumPtr(medium) for medium in parts][:MEDIA_MAX]
-        self.sigma = [dr.mean(extinction(m, mi.Bool(True))[1]) for m in self.media]
-        corners = [np.concatenate(part) for part in parts.values()][:MEDIA_MAX]
-        self.low = [mi.Point3f(points.min(axis=0)) for points in corners]
-        self.high = [mi.Point3f(points.max(axis=0)) for points in corners]
+        # What the camera is in has no box.
+        parts.pop(sensor.get_medium(), None)
+        self.others = sensor.get_medium() is not None
+        self.media, self.sigma, self.low, self.high = [], [], [], []
+        for medium, corners in parts.items():
+            pointer, around = mi.MediumPtr(medium), np.concatenate(corners)
+            low, high = around.min(axis=0), around.max(axis=0)
+            if _filled_fraction(scene, pointer, low, high) < FILLED_MIN:
+                self.others = True
+                continue
+            self.media.append(pointer)
+            self.sigma.append(dr.mean(extinction(pointer, mi.Bool(True))[1]))
+            self.low.append(mi.Point3f(low))
+            self.high.append(mi.Point3f(high))
         # Literal numbers would be compiled into the kernels.
         dr.make_opaque(self.media, self.sigma, self.low, self.high)
 
-    def transmittance(self, y: Vertex, p: mi.Point3f) -> mi.Float:
+    def transmittance(self, y: Vertex, p: mi.Point3f, active: mi.Bool) -> mi.Float:
         """Return the transmittance from ``y`` to the end of its medium towards ``p``, or to it.
 
         By the mean extinction over channels, and at least e^-4; 1 outside of media.
@@ -54,8 +63,10 @@ class MediumBoxes:
         origin, medium = leave(y, p - y.p)
         span = p - origin
         distance = dr.norm(span)
-        inverse = dr.rcp(dr.select(span == 0.0, 1e-20, span / dr.maximum(distance, 1e-20)))
+        w = span / dr.maximum(distance, 1e-20)
         depth = mi.Float(0.0)
+        rest = active & (medium != None)  # noqa: E711 (a Dr.Jit pointer array)
+        inverse = dr.rcp(dr.select(w == 0.0, 1e-20, w))
         for known, sigma, low, high in zip(
             self.media, self.sigma, self.low, self.high, strict=True
         ):
@@ -63,4 +74,25 @@ class MediumBoxes:
             ends = dr.maximum((low - origin) * inverse, (high - origin) * inverse)
             within = dr.clip(dr.min(ends), 0.0, distance)
             depth = dr.select(medium == known, sigma * within, depth)
+            rest &= medium != known
+        if self.others:
+            sigma = dr.mean(extinction(medium, rest)[1])
+            ray = mi.Ray3f(mi.Ray3f(origin, w), distance)
+            hit = self.scene.ray_intersect_preliminary(
+                ray, coherent=False, active=rest & (sigma > 0)
+            )
+            end = dr.select(hit.is_valid(), hit.t, distance)
+            depth = dr.select(rest, sigma * end, depth)
         return dr.exp(-dr.minimum(depth, OPTICAL_DEPTH_MAX))
+
+
+def _filled_fraction(scene: mi.Scene, medium: mi.MediumPtr, low: Array, high: Array) -> float:
+    """Return about what fraction of a box is in ``medium``, by the first face that a ray meets."""
+    rng = np.random.default_rng(1)
+    points = low[:, None] + (high - low)[:, None] * rng.random((3, PROBE_COUNT))
+    away = rng.standard_normal((3, PROBE_COUNT))
+    direction = mi.Vector3f((away / np.linalg.norm(away, axis=0)).astype(np.float32))
+    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(points.astype(np.float32)), direction))
+    inside = si.is_valid() & si.is_medium_transition()
+    inside &= si.target_medium(-direction) == medium
+    return float(np.array(inside & dr.full(mi.Bool, True, PROBE_COUNT)).mean())

@@ -8,9 +8,9 @@ as ReSTIR does from many lights (Bitterli et al. 2020, "Spatiotemporal reservoir
 The proxy weight is what fits into a few dozen operations: power, distance, how both ends roughly
 scatter, and the distance below which other strategies take over. For a pair no ray is cast and no
 BSDF asked; glossy vertices know from theirs where they scatter most. The target weight is the
-contribution of a connection as if only the medium of the light vertex were in the way, up to the
-box around it (``render.integrators.medium_boxes``): no ray is cast for it. Both are positive
-wherever the contribution can be, so their errors cost time, not truth.
+contribution of a connection as if only the medium of the light vertex were in the way, up to its
+end (``render.integrators.medium_boxes``). Both are positive wherever the contribution can be, so
+their errors cost time, not truth.
 """
 
 from __future__ import annotations
@@ -341,7 +341,7 @@ def mirrored_proxy_weight(
 def target_weight(boxes: MediumBoxes, y: Vertex, z: Vertex, active: mi.Bool) -> mi.Float:
     """Return the MIS-weighted light that camera vertex ``z`` gets from ``y``, not hidden."""
     active = active & (z.weight > 0)
-    transmittance = mi.Spectrum(boxes.transmittance(y, z.p))
+    transmittance = mi.Spectrum(boxes.transmittance(y, z.p, active))
     light = connection_contribution(y, z, transmittance, active, glossy=GLOSSY_WEIGHT)
     return dr.mean(light) * z.weight
 
@@ -364,7 +364,7 @@ def mirrored_target_weight(
     received = scattering_value(a, back, mi.TransportMode.Radiance, active) + MIRRORED_LOBE_MIN
     light = dr.mean(y.beta * sent * received) * selection_weight * squared
     light = light / _distance_squared(squared, a)
-    transmittance = boxes.transmittance(y, image)
+    transmittance = boxes.transmittance(y, image, active)
     return dr.select(active, light * transmittance / probability, 0.0)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -47,7 +46,8 @@ def test_in_a_layer_it_is_what_a_ray_to_the_end_of_the_layer_says(
     w = np.random.default_rng(2).standard_normal((3, COUNT))
     direction = mono.Vector3f((w / np.linalg.norm(w, axis=0)).astype(np.float32))
     boxes = MediumBoxes(scene, scene.sensors()[0])
-    found = np.array(boxes.transmittance(v, v.p + 100.0 * direction))
+    assert not boxes.others
+    found = np.array(boxes.transmittance(v, v.p + 100.0 * direction, mono.Bool(True)))
     # The optical depth to the next face that is no null boundary: behind the layer all is clear.
     _, depth, _ = trace_to_surface(scene, v, direction, dr.full(mono.Bool, True, COUNT))
     expected = np.exp(-np.minimum(np.array(depth[0]), 4.0))
@@ -59,28 +59,46 @@ def test_it_ends_at_a_point_that_is_nearer_and_is_never_0(mono: ModuleType, scen
     v = vertices(mono, layer(mono, scene))
     v.p = mono.Point3f(9.0, 0.0, 2.0)
     boxes = MediumBoxes(scene, scene.sensors()[0])
-    near = boxes.transmittance(v, mono.Point3f(9.0, 0.25, 2.0))
+    near = boxes.transmittance(v, mono.Point3f(9.0, 0.25, 2.0), mono.Bool(True))
     assert near[0] == pytest.approx(np.exp(-0.25 * SIGMA), rel=1e-4)
-    far = boxes.transmittance(v, mono.Point3f(9.0, 10.0, 2.0))
+    far = boxes.transmittance(v, mono.Point3f(9.0, 10.0, 2.0), mono.Bool(True))
     assert far[0] == pytest.approx(np.exp(-4.0), rel=1e-4)
 
 
 def test_without_a_medium_it_is_1(mono: ModuleType, scene: Any) -> None:
     v = vertices(mono, dr.zeros(mono.MediumPtr))
-    found = MediumBoxes(scene, scene.sensors()[0]).transmittance(v, mono.Point3f(0.0, 0.0, 2.0))
+    boxes = MediumBoxes(scene, scene.sensors()[0])
+    found = boxes.transmittance(v, mono.Point3f(0.0, 0.0, 2.0), mono.Bool(True))
     assert (np.array(found) == 1.0).all()
 
 
-def test_the_medium_that_the_camera_is_in_has_no_end(mono: ModuleType, tmp_path: Path) -> None:
-    fog = {"type": "homogeneous", "sigma_t": 0.1, "albedo": 0.5}
-    content = {
-        "type": "scene",
-        "ball": {"type": "sphere", "radius": 0.1},
-        "sensor": {"type": "perspective", "fog": fog},
-    }
-    lit = mono.load_dict(content)
-    sensor = lit.sensors()[0]
+def milky_ball(mono: ModuleType, **sensor: Any) -> Any:
+    """Return a ball of radius 1, whose medium fills half of its box."""
+    milk = {"type": "homogeneous", "sigma_t": 0.5, "albedo": 0.5}
+    bsdf = {"type": "roughdielectric"}
+    ball = {"type": "sphere", "radius": 1.0, "bsdf": bsdf, "interior": milk}
+    return mono.load_dict(
+        {"type": "scene", "ball": ball, "sensor": {"type": "perspective", **sensor}}
+    )
+
+
+def test_a_medium_that_does_not_fill_its_box_ends_where_a_ray_says(mono: ModuleType) -> None:
+    scene = milky_ball(mono)
+    boxes = MediumBoxes(scene, scene.sensors()[0])
+    assert boxes.others
+    assert boxes.media == []
+    v = vertices(mono, layer(mono, scene))
+    v.p = mono.Point3f(0.0, 0.0, 0.5)
+    beyond = mono.Point3f(2.0, 2.0, 0.5)
+    found = boxes.transmittance(v, beyond, mono.Bool(True))
+    assert found[0] == pytest.approx(np.exp(-0.5 * np.sqrt(0.75)), rel=1e-4)
+
+
+def test_the_medium_that_the_camera_is_in_has_no_end(mono: ModuleType) -> None:
+    scene = milky_ball(mono, fog={"type": "homogeneous", "sigma_t": 0.1, "albedo": 0.5})
+    sensor = scene.sensors()[0]
     v = vertices(mono, mono.MediumPtr(sensor.get_medium()))
     v.p = mono.Point3f(5.0, 0.0, 0.0)
-    found = MediumBoxes(lit, sensor).transmittance(v, mono.Point3f(5.0, 0.0, 20.0))
+    boxes = MediumBoxes(scene, sensor)
+    found = boxes.transmittance(v, mono.Point3f(5.0, 0.0, 20.0), mono.Bool(True))
     assert found[0] == pytest.approx(np.exp(-2.0), rel=1e-4)
