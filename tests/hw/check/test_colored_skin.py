@@ -8,16 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.calibration.material import material_space
-from hw.calibration.material_table import fiber_images
-from hw.calibration.reference_lines import Setup
 from hw.check.commission import commission, load_record
 from hw.check.diagnosis import FiberState
 from hw.check.image_check import check_image
 from hw.check.prediction import PadPrediction, predict
 from hw.check.rig_tolerances import rig_tolerances
 from hw.check.sweep_check import check_sweep
-from hw.errors import CalibrationError, CaptureError
+from hw.errors import CaptureError
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from tests.colored_skins import skin_of
@@ -135,14 +132,3 @@ def test_a_record_of_one_light_in_all_channels_raises_one_clear_error(
     record = commission(prediction, prediction.alone, scene.hash, 0.0)
     with pytest.raises(CaptureError, match="albedo makes it differ by channel: make a new one"):
         record.check_fits(colored(prediction), scene, 0.0)
-
-
-def test_calibration_asks_for_one_albedo() -> None:
-    setup = Setup(skin_of(), np.full(2, 1.2), np.zeros(1))
-    refused = pytest.raises(
-        CalibrationError, match=r"differs by channel \(0.7, 0.3, 0.5\), allowed"
-    )
-    with refused:
-        material_space(skin_of())
-    with refused:
-        fiber_images(setup, rays=10, seed=1)
