@@ -136,8 +136,7 @@ def told(
 
 def told_response(response: Response) -> dict[str, dict[str, Any]]:
     """Return what each channel sees of each LED color, with 95 % intervals, by color."""
-    half = normal_factor() * response.error
-    ends = np.stack([np.maximum(response.matrix - half, 0.0), response.matrix + half], axis=-1)
+    ends = response.interval(normal_factor())
     return {
         color: {"value": value, "interval": interval}
         for color, value, interval in zip(

@@ -13,7 +13,7 @@ differ from fiber to fiber.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,11 +34,19 @@ MIN_COUNTS = 1.0
 class Response:
     """What was measured: ``matrix`` and its standard ``error``, ``(color, channel)``.
 
-    The largest value is 1, with an error of 0; none is below 0.
+    The largest value is 1, with an error of 0; none is below 0. ``of_skin`` ``(channel,)`` is the
+    relative error beside that where the skin's color was taken out, of a factor: it may be large.
     """
 
     matrix: Array
     error: Array
+    of_skin: Array = field(default_factory=lambda: np.zeros(3))
+
+    def interval(self, standard_errors: float) -> Array:
+        """Return the ends ``(color, channel, 2)`` so many standard errors away, none below 0."""
+        half, factor = standard_errors * self.error, np.exp(standard_errors * self.of_skin)
+        low, high = (self.matrix - half) / factor, (self.matrix + half) * factor
+        return np.stack([np.maximum(low, 0.0), high], axis=-1)
 
 
 SKIN_ERROR = 0.02
@@ -113,9 +121,9 @@ def measured_response(
     left_out = relative(total - counts)
     spread = ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0)
     matrix, error = np.maximum(relative(total), 0.0), np.sqrt((count - 1) / count * spread)
-    if skin is not None:
-        # Of the channel of the largest value, which is 1, all are known relative to it.
-        of_skin = np.hypot(skin.error, skin.error[brightest[1]])
-        of_skin[brightest[1]] = 0.0
-        error = np.hypot(error, matrix * of_skin)
-    return Response(matrix, error)
+    if skin is None:
+        return Response(matrix, error)
+    # Channels are known relative to that of the largest value, which is 1.
+    of_skin = np.hypot(skin.error, skin.error[brightest[1]])
+    of_skin[brightest[1]] = 0.0
+    return Response(matrix, error, of_skin)

@@ -174,5 +174,7 @@ def test_the_response_of_the_leds_has_no_color_of_the_skin(
     told = measured_response(small, sets, SkinColor(skin.light, skin.error))
     np.testing.assert_allclose(told.matrix, RESPONSE, atol=0.005)
     known = np.hypot(skin.error, skin.error[1])[[0, 2]]
-    np.testing.assert_allclose(told.error[[0, 2], [0, 2]], [0.8, 0.5] * known, rtol=0.02)
-    assert told.error[1, 1] == 0.0
+    np.testing.assert_allclose(told.of_skin, [known[0], 0.0, known[1]])
+    np.testing.assert_allclose(told.interval(2.0)[1, 1], 1.0)
+    low, high = told.interval(2.0)[2, 2]
+    np.testing.assert_allclose([low, high], 0.5 * np.exp([-2 * known[1], 2 * known[1]]), rtol=0.02)

@@ -82,10 +82,8 @@ def test_the_demonstration_runs_on_a_skin_with_an_albedo_per_channel(
     }
     truth = {row["name"]: row for row in said["truth"]}
     assert list(truth)[:4] == ["albedo_red", "albedo_green", "albedo_blue", "roughness"]
-    # Of LED colors alone: what the skin adds is in their error.
-    for color in ("red", "green", "blue"):
-        row = truth[f"{color} in {color}"]
-        assert row["inside"] or row["found"] == pytest.approx(row["true"], rel=0.1)
+    largest = max(list(truth.values())[4:], key=lambda row: row["found"])
+    assert largest["found"] == largest["true"] == 1.0
     after = load_scene(tmp_path / "demo" / "scene.toml")
     assert after.by_channel
     assert after.palette.names == ("red", "green", "blue")
