@@ -105,6 +105,22 @@ def test_a_record_holds_what_the_model_errs_by_in_each_channel(
     assert not check_sweep(known, lights, FINE, alike).ok
 
 
+def test_a_skin_of_other_albedos_is_no_fault_though_other_channels_see_it_otherwise(
+    prediction: PadPrediction,
+) -> None:
+    """Light of a channel falls off otherwise where its albedo is not the scene's."""
+    leak = np.array([[1.0, 0.08, 0.05], [0.05, 1.0, 0.07], [0.06, 0.08, 1.0]])
+    expected = colored(prediction)
+    sites = np.linspace(-1.0, 1.0, expected.cells[1])[:, None]
+    lights = replace(expected, response=leak).alone * np.exp(sites * np.array([0.4, 0.0, -0.4]))
+    record = commission(expected, lights, skin_of().hash, 0.0)
+    known = replace(expected, response=record.response)
+    assert check_sweep(known, lights, FINE, record.ratio).ok
+    lights[3] *= 0.5
+    found = check_sweep(known, lights, FINE, record.ratio)
+    assert [(one.index, one.state) for one in found.faults] == [(3, FiberState.DIM)]
+
+
 @pytest.mark.parametrize("fiber", [1, 5, 14])
 def test_a_color_in_which_no_record_holds_the_fiber_is_still_named_wrong(
     mixed: PadPrediction, fiber: int
