@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from render.scene import Scene
+from render.scene import Scene, scene_text
 from tests.oracles.pads import content_of_case
 
 ALBEDOS = (0.7, 0.3, 0.5)
@@ -41,6 +42,15 @@ def still(case: str = "smooth", albedo: Any = ALBEDOS) -> Scene:
 def of(value: float, unit: str) -> dict[str, Any]:
     """Return a value as a file has it."""
     return {"value": value, "unit": unit, "source": "test"}
+
+
+def tinted_digit(folder: Path, albedos: tuple[float, float, float] = (0.6, 0.25, 0.45)) -> Path:
+    """Return the file, written to ``folder``, of `digit` with an albedo per channel."""
+    path = folder / "tinted.toml"
+    plain = "albedo = { value = 0.45"
+    assert plain in scene_text("digit")
+    path.write_text(scene_text("digit").replace(plain, f"albedo = {{ value = {list(albedos)}"))
+    return path
 
 
 def stacked(parts: list[np.ndarray]) -> np.ndarray:

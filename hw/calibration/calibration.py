@@ -19,7 +19,7 @@ from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import NAMES as LINES
 from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.refine import Confirmation, refine
-from hw.calibration.response import Response, measured_response
+from hw.calibration.response import Response, measured_response, skin_color
 from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
 from hw.camera.linearity import Linearity
 from hw.camera.photo_set import PhotoSet
@@ -62,13 +62,13 @@ def calibrate_sets(
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     setup = Setup(scene, lighting.phi, bends)
-    materials = materials or setup.space.enough
+    materials = materials or setup.one_albedo.space.enough
     additivity = require_linearity(linearity_sets, noise)
     checker = open_model(scene, model)
     with ProgressBar("Drawing materials") as bar:
         lines = line_model(setup, checker, bar)
     measurements = measure(setup, sets, noise)
-    response = measured_response(scene, color_sets) if color_sets else None
+    response = None
     note(f"Fitting {len(measurements)} photographs of {scene.name}")
     found, confirmation = fit_rig(scene, lines, measurements), None
     if samples:
@@ -85,6 +85,9 @@ def calibrate_sets(
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None
     found.require_known()
+    if color_sets:
+        skin = skin_color(found, measurements) if scene.by_channel else None
+        response = measured_response(scene, color_sets, skin)
     today = date.today().isoformat()
     with fresh_directory(target) as work:
         for name, content in standalone(scene_name).files.items():
@@ -133,8 +136,7 @@ def told(
 
 def told_response(response: Response) -> dict[str, dict[str, Any]]:
     """Return what each channel sees of each LED color, with 95 % intervals, by color."""
-    half = normal_factor() * response.error
-    ends = np.stack([np.maximum(response.matrix - half, 0.0), response.matrix + half], axis=-1)
+    ends = response.interval(normal_factor())
     return {
         color: {"value": value, "interval": interval}
         for color, value, interval in zip(
@@ -190,8 +192,7 @@ def calibrated_toml(
         if number in space.knowledge:
             said += "; weighed with the value before"
         for place in places:
-            entry = _entry(raw, place)
-            entry["value"], entry["source"] = float(f"{value:.6g}"), said
+            _put(raw, place, float(f"{value:.6g}"), said)
     if scene.diffuser is not None:
         g = raw["diffuser"]["g"]
         g["source"] = (
@@ -218,12 +219,19 @@ def calibrated_toml(
     return head + _written(raw)
 
 
-def _entry(raw: Any, place: Place) -> dict[str, Any]:
-    """Return the quantity at ``place`` of a scene's file."""
-    for key in place:
-        raw = raw[key]
-    assert isinstance(raw, dict)
-    return raw
+def _put(raw: Any, place: Place, value: float, said: str) -> None:
+    """Put ``value`` and its source into the quantity at ``place`` of a scene's file.
+
+    It may be one of several numbers, whose sources follow each other.
+    """
+    *above, key = place
+    for step in above:
+        raw = raw[step]
+    if isinstance(key, int) and "value" in raw:
+        raw["value"][key] = value
+        raw["source"] = said if key == 0 else f"{raw['source']}; {said}"
+    else:
+        raw[key]["value"], raw[key]["source"] = value, said
 
 
 def _written(raw: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.calibration.log_ratio import ErrorModes, field_modes, quadratic_terms
+from hw.calibration.material import MaterialSpace
 from hw.calibration.material_table import MaterialTable, material_table
 from hw.calibration.reference_lines import Setup
 from render.arrays import Array
@@ -77,15 +78,58 @@ class LineModel:
 
     The ``table`` is as the preview draws it or renders correct it; ``log_correction`` ``(bend,
     fiber, point)`` is added to its logarithm, and ``modes`` are log errors that it may still have.
+    Where channels have materials of their own, the last two may have one more axis ``channel``, the
+    last.
+
+    ``space`` is of the rig's material, that of the ``table`` of one channel's.
     """
 
+    space: MaterialSpace
     table: MaterialTable
     log_correction: Array
     modes: ErrorModes
 
     def log_light(self, material: Array) -> Array:
-        """Return log radiance per unit power, ``(bend, fiber, point)``, for one material."""
-        return self.table.log_light(material) + self.log_correction
+        """Return log radiance per unit power, ``(bend, fiber, point[, channel])``, of a rig.
+
+        There are channels where they have materials of their own.
+        """
+        seen = self.space.seen(material)
+        if seen.ndim == 1:
+            return self.table.log_light(seen) + self.log_correction
+        each = np.stack([self.table.log_light(one) for one in seen], axis=-1)
+        return each + with_channels(self.log_correction, 3)
+
+
+def with_channels(field: Array, axes: int) -> Array:
+    """Return ``field`` of that many axes, with one more for channels where it has none yet."""
+    return field if field.ndim > axes else field[..., None]
+
+
+CHANNEL_ERROR = 0.01
+"""Relative error of the shape of light that a channel has for itself, beside what all share: more
+than renders of several albedos from the same random numbers ask for (0.0025), as the noise of real
+photographs and renders is not the same in all channels."""
+
+
+def error_modes(size: Array, fibers: int, channels: int) -> ErrorModes:
+    """Return the modes of smooth errors of relative ``size`` ``(bend,)`` that a model may have.
+
+    Where there are several ``channels``, `CHANNEL_ERROR` of it is each one's own.
+    """
+    shared = field_modes(size, fibers)
+    if not channels:
+        return shared
+    own = field_modes(np.full(len(size), CHANNEL_ERROR), fibers)
+    return tuple(
+        np.concatenate(
+            [
+                np.repeat(common[..., None], channels, axis=-1),
+                *(alone[..., None] * only for only in np.eye(channels)),
+            ]
+        )
+        for common, alone in zip(shared, own, strict=True)
+    )
 
 
 def line_model(setup: Setup, checker: Checker, progress: OnProgress | None = None) -> LineModel:
@@ -95,8 +139,10 @@ def line_model(setup: Setup, checker: Checker, progress: OnProgress | None = Non
 
     ``setup`` is made of the surrogate's own material; ``progress`` is told of every material.
     """
-    table = material_table(setup, folder=cache_folder(), progress=progress)
+    table = material_table(setup.one_albedo, folder=cache_folder(), progress=progress)
     correction = surrogate_correction(setup, checker)
-    error = np.hypot(np.hypot(DISCREPANCY, correction.rms), table.scatter())
+    left = with_channels(correction.rms, 1).max(axis=-1)
+    error = np.hypot(np.hypot(DISCREPANCY, left), table.scatter())
     log_correction = correction.log_ratio(setup.lines.position)
-    return LineModel(table, log_correction, field_modes(error, len(setup.phi)))
+    modes = error_modes(error, len(setup.phi), len(setup.space.of_channel))
+    return LineModel(setup.space, table, log_correction, modes)

@@ -4,15 +4,20 @@ A material is an array ``(quantity,)`` of what its scene's `MaterialSpace` fits.
 these are scattering, absorption, the beams' width and the roughness; on a clear pad the albedo of
 the skin, the roughness of the faces that lamps shine through, and the beams' width of fibers.
 
+A skin may have an albedo for each channel of the camera. Light of a channel is that of the sensor
+whose whole skin has its albedo, so each channel has a material of its own, of one albedo: the
+rig's, less the albedos of the other channels.
+
 Over the range, log light is a polynomial of the second degree in unit coordinates: -1 to 1 between
-the ends, of scattering's logarithm (`surrogate.model.materials.MaterialRange`).
+the ends, of scattering's logarithm (`surrogate.model.materials.MaterialRange`), and the logarithm
+of the albedo beside it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -39,6 +44,7 @@ class FittedQuantity:
         most: what it cannot exceed.
         per_unit: what values are multiplied with to be told in ``unit``.
         may_vanish: whether it may well be as small as the range allows.
+        factor: whether light is nearly in proportion to it.
     """
 
     name: str
@@ -50,6 +56,7 @@ class FittedQuantity:
     squared: bool = False
     most: float = math.inf
     may_vanish: bool = False
+    factor: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,7 @@ SIGMA_V = FittedQuantity(
     "sigma_v", "beam width sigma_v", "deg", math.radians(9.0), math.radians(22.0), 180 / math.pi
 )
 ROUGHNESS = FittedQuantity("roughness", "roughness alpha", "", 0.03, 0.25, may_vanish=True)
-ALBEDO = FittedQuantity("albedo", "albedo of the skin", "", 0.1, 0.9, most=1.0)
+ALBEDO = FittedQuantity("albedo", "albedo of the skin", "", 0.1, 0.9, most=1.0, factor=True)
 LIT_ROUGHNESS = FittedQuantity(
     "roughness", "roughness of lit faces", "", 0.0, 0.3, squared=True, may_vanish=True
 )
@@ -108,6 +115,8 @@ class MaterialSpace:
         factors: of each, what the scene's value is multiplied with to be the material's.
         knowledge: by the number of the quantity, of those of which something is known.
         caveats: what photographs cannot tell, one sentence each.
+        of_channel: where channels have materials of their own, of each the numbers of its
+            quantities among those of the rig.
     """
 
     quantities: tuple[FittedQuantity, ...]
@@ -115,6 +124,14 @@ class MaterialSpace:
     factors: tuple[float, ...]
     knowledge: Mapping[int, Knowledge]
     caveats: tuple[str, ...]
+    of_channel: tuple[tuple[int, ...], ...] = ()
+
+    def seen(self, material: Array) -> Array:
+        """Return the material that light of each channel meets, ``([channel,] quantity)``.
+
+        Without an axis of channels where all meet the rig's ``material`` ``(quantity,)``.
+        """
+        return material[np.array(self.of_channel)] if self.of_channel else material
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -211,6 +228,15 @@ class MaterialSpace:
         unit = self._range.unit(materials)[..., None, :]
         return np.asarray(np.prod(unit**self.exponents, axis=-1))
 
+    def log_factor(self, materials: Array) -> Array:
+        """Return the log ``(...)`` of what light is in proportion to, beside the polynomial."""
+        factors = [quantity.factor for quantity in self.quantities]
+        return np.asarray(np.log(materials[..., factors]).sum(axis=-1))
+
+    def log_factor_slope(self, material: Array) -> Array:
+        """Return its derivatives ``(quantity,)`` by the values of one material."""
+        return np.array([one.factor for one in self.quantities]) / np.maximum(material, 1e-12)
+
     def terms_slope(self, material: Array) -> Array:
         """Return the terms' derivatives ``(quantity, term)`` by the values of one material."""
         logs, span = self._range.logarithmic, self.high - self.low
@@ -223,30 +249,15 @@ class MaterialSpace:
         return np.asarray(scale[:, None] * self.exponents.T * powers)
 
 
-def require_one_albedo(scene: Scene) -> None:
-    """Refuse a skin whose albedo differs by channel: images of lamps are those of one channel.
-
-    Raises:
-        CalibrationError: names the albedos.
-    """
-    if scene.by_channel:
-        shown = ", ".join(f"{albedo:g}" for albedo in scene.albedos)
-        raise CalibrationError(
-            f"coating.albedo of scene {scene.name} differs by channel ({shown}), allowed for "
-            "calibration and emulated rigs: one number, as the response matrix that is measured "
-            "has the skin's color in it; give the mean of the channels",
-            field="coating.albedo",
-        )
-
-
 def material_space(scene: Scene) -> MaterialSpace:
     """Return what is fitted for ``scene``.
 
     Raises:
-        CalibrationError: its skin is curved or has several albedos, a diffuser is lit by lamps in
-            rows or lists, or lamps shine through faces of several roughnesses.
+        CalibrationError: its skin is curved or has several albedos behind a diffuser, a diffuser is
+            lit by lamps in rows or lists, or lamps shine through faces of several roughnesses.
     """
-    require_one_albedo(scene)
+    if scene.by_channel:
+        return _space_by_channel(scene)
     if scene.skin is not None:
         raise CalibrationError(
             f"scene {scene.name} has a curved skin, calibration reads lines on flat pads and bent "
@@ -299,6 +310,36 @@ def material_space(scene: Scene) -> MaterialSpace:
         places.append((sigma_v,))
     return MaterialSpace(
         tuple(quantities), tuple(places), (1.0,) * len(places), knowledge, tuple(caveats)
+    )
+
+
+def _space_by_channel(scene: Scene) -> MaterialSpace:
+    """Return the space of a skin with an albedo per channel: an albedo of each, then the rest."""
+    if scene.diffuser is not None:
+        shown = ", ".join(f"{albedo:g}" for albedo in scene.albedos)
+        raise CalibrationError(
+            f"coating.albedo of scene {scene.name} differs by channel ({shown}), allowed for "
+            "calibration behind a diffuser: one number, as the response matrix that is measured "
+            "has the skin's color in it; give the mean of the channels",
+            field="coating.albedo",
+        )
+    one, channels = material_space(scene.with_albedo(scene.albedos[0])), scene.palette.channels
+    albedo, *rest = one.quantities
+    count, more = len(channels), range(len(rest))
+    return MaterialSpace(
+        quantities=(
+            *(
+                replace(albedo, name=f"{albedo.name}_{name}", title=f"albedo in {name}")
+                for name in channels
+            ),
+            *rest,
+        ),
+        places=(*((("coating", "albedo", number),) for number in range(count)), *one.places[1:]),
+        factors=(1.0,) * (count + len(rest)),
+        knowledge=dict.fromkeys(range(count), one.knowledge[0])
+        | {number + count - 1: known for number, known in one.knowledge.items() if number},
+        caveats=one.caveats,
+        of_channel=tuple((number, *(count + other for other in more)) for number in range(count)),
     )
 
 

@@ -127,15 +127,20 @@ class BendCorrection:
         by_term = amplitudes.reshape(len(amplitudes), self._basis.shape[1], -1)
         return np.asarray(by_term @ self._at_lines.T)
 
-    def modes(self, material: Array) -> Array:
-        """Return the modes ``(mode, fiber, point)`` of what is still open at one material."""
+    def modes(self, materials: Array) -> Array:
+        """Return the modes ``(mode, fiber, point[, channel])`` of what is still open.
+
+        At one of ``materials`` ``(quantity,)``, or at those of all channels ``(channel, quantity)``
+        together: what is open at one is so at the others too.
+        """
         fibers, count = len(self._fibers), self._count
-        pick = np.kron(self._space.terms(material)[None], np.eye(count))
+        pick = np.kron(self._space.terms(np.atleast_2d(materials)), np.eye(count))
         all_passed = np.concatenate([pick @ passed for _, _, passed in self._fibers])
         own = [pick @ covariance @ pick.T for covariance, _, _ in self._fibers]
         whole = all_passed @ self._covariance @ all_passed.T + block_diag(*own)
-        modes = modes_of(0.5 * (whole + whole.T)).reshape(-1, fibers, count)
-        return np.asarray(modes @ self._at_lines.T)
+        modes = modes_of(0.5 * (whole + whole.T)).reshape(-1, fibers, *materials.shape[:-1], count)
+        found = np.asarray(modes @ self._at_lines.T)
+        return found if materials.ndim == 1 else found.swapaxes(-1, -2)
 
 
 def _fields(place: Array) -> Array:
@@ -208,12 +213,15 @@ class MaterialCorrection:
             self._bends.append((lit, correction))
         self.table = replace(table, coefficients=coefficients)
 
-    def modes(self, material: Array) -> ErrorModes:
-        """Return log errors that the corrected table may still have at one material."""
-        shape, modes = self.table.coefficients.shape[2:], []
+    def modes(self, materials: Array) -> ErrorModes:
+        """Return log errors that the corrected table may still have.
+
+        At one of ``materials`` ``(quantity,)`` or at those of all channels ``(channel, quantity)``.
+        """
+        shape, modes = (*self.table.coefficients.shape[2:], *materials.shape[:-1]), []
         for lit, correction in self._bends:
             of_lit = (
-                np.zeros((0, 0, shape[1])) if correction is None else correction.modes(material)
+                np.zeros((0, 0, *shape[1:])) if correction is None else correction.modes(materials)
             )
             modes.append(np.zeros((len(of_lit), *shape)))
             modes[-1][:, lit] = of_lit

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.calibration.material import MaterialSpace, require_one_albedo
+from hw.calibration.material import MaterialSpace
 from hw.calibration.reference_lines import Setup, sample_image
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
@@ -48,6 +48,8 @@ def drawn_size(scene: Scene) -> tuple[int, int]:
 def fiber_images(setup: Setup, *, rays: int, seed: int) -> NDArray[np.float32]:
     """Return radiance per unit power, ``(bend, fiber, row, column)``, as the camera records it.
 
+    The skin has one albedo.
+
     Rows and columns are `drawn_size`. Not cached: calibration asks for very many materials once
     each, and an emulated rig must not share its random numbers with what is fitted to it.
 
@@ -55,7 +57,7 @@ def fiber_images(setup: Setup, *, rays: int, seed: int) -> NDArray[np.float32]:
     none.
     """
     scene, phi = setup.scene, setup.phi
-    require_one_albedo(scene)
+    assert not scene.by_channel
     fibers, glow = scene.lamp_count, None
     rows, columns = drawn_size(scene)
     images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)
@@ -93,7 +95,9 @@ class MaterialTable:
 
     Arguments:
         space: of the materials.
-        coefficients: ``(term, bend, fiber, point)``; NaN where the camera sees nothing.
+        coefficients: ``(term, bend, fiber, point)`` of log light less the log of the albedo, where
+            it is fitted: light grows with it faster than a polynomial of its logarithm follows.
+            NaN where the camera sees nothing.
         left_out: ``(material, bend, fiber, point)`` errors of log light at materials left out.
     """
 
@@ -103,7 +107,8 @@ class MaterialTable:
 
     def log_light(self, material: Array) -> Array:
         """Return log radiance per unit power, ``(bend, fiber, point)``, for one material."""
-        return np.asarray(np.tensordot(self.space.terms(material), self.coefficients, axes=1))
+        polynomial = np.tensordot(self.space.terms(material), self.coefficients, axes=1)
+        return np.asarray(polynomial + self.space.log_factor(material))
 
     def scatter(self) -> Array:
         """Return the rms error ``(bend,)`` of the shape of log light at a material left out."""
@@ -155,6 +160,7 @@ def fitted_table(space: MaterialSpace, materials: Array, log_light: Array) -> Ma
     fiber, point)``, NaN where the camera sees nothing.
     """
     basis = space.terms(materials)
+    log_light = log_light - space.log_factor(materials)[:, None, None, None]
     seen = np.isfinite(log_light).all(axis=0)
     values = np.where(seen, log_light, 0.0).reshape(len(log_light), -1)
     inverse = np.linalg.pinv(basis)

@@ -127,6 +127,12 @@ class Setup:
         """What is fitted of its material."""
         return material_space(self.scene)
 
+    @cached_property
+    def one_albedo(self) -> Setup:
+        """The same sensor with one albedo in all channels: what light of a channel meets."""
+        scene = self.scene
+        return replace(self, scene=scene.one_albedo_scenes[0]) if scene.by_channel else self
+
     def of(self, material: Array) -> Setup:
         """Return the same sensor made of ``(quantity,)`` material."""
         return replace(self, scene=self.space.put_into(self.scene, material))

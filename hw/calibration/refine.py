@@ -9,14 +9,13 @@ numbers that no fit has seen, only judges: it is compared with the photographs.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hw.calibration.line_model import LineModel
-from hw.calibration.log_ratio import field_modes
+from hw.calibration.line_model import LineModel, error_modes, with_channels
 from hw.calibration.material_correction import MaterialCorrection
 from hw.calibration.measurement import Measurement
 from hw.calibration.pad_light import MaterialRender, PadLight, reference_renders, render_pad_light
@@ -80,29 +79,35 @@ def refine(
     lit = [[one.fiber for one in measurements if one.bend == b] for b in range(len(setup.bends))]
     began = time.monotonic()
     renders = reference_renders(
-        setup, lit,
+        setup.one_albedo, lit,
         materials=materials, samples=samples, folder=folder, progress=progress, render=render,
     )  # fmt: skip
     found = _refit(setup, model, measurements, renders, found)
     moved = np.inf
     for number in range(1, MAX_RENDERS + 1):
         material = found.material
-        light = render(
-            setup.of(material), lit, samples=samples, seed=10 + number,
-            around=setup.lines.on_pad, progress=in_stage(progress, f"what was found, {number}"),
-        )  # fmt: skip
+        # One light for all channels, or each one's own.
+        seen = np.atleast_2d(setup.space.seen(material))
+        lights = [
+            render(
+                setup.one_albedo.of(one), lit, samples=samples, seed=10 + number,
+                around=setup.lines.on_pad, progress=in_stage(progress, f"what was found, {number}"),
+            )
+            for one in seen
+        ]  # fmt: skip
         if moved <= CONVERGED or number == MAX_RENDERS:
             break
-        renders = [*renders, MaterialRender(material, light)]
+        renders = [*renders, *map(MaterialRender, seen, lights)]
         found = _refit(setup, model, measurements, renders, found)
         moved = float(np.abs((found.material - material) / found.errors.material).max())
-    rms, noise = shape_difference(light, found, measurements, setup.lines)
+    rms, noise = shape_difference(lights, found, measurements, setup.lines)
     space = setup.space
     known = np.clip(space.of(setup.scene), space.low, space.high)
     log_light = model.log_light(known)
-    before, _ = shape_difference(light, found, measurements, setup.lines, log_light)
+    before, _ = shape_difference(lights, found, measurements, setup.lines, log_light)
     seconds = time.monotonic() - began
-    return found, Confirmation(rms, noise, before, samples, seconds, materials + number)
+    rendered = materials + number * len(lights)
+    return found, Confirmation(rms, noise, before, samples, seconds, rendered)
 
 
 def _refit(
@@ -117,19 +122,21 @@ def _refit(
     for one in measurements:
         read[one.bend, one.fiber] = one.used
     correction = MaterialCorrection(model.table, renders, read, setup.lines)
-    uncorrected = field_modes(np.full(len(read), UNCORRECTED_ERROR), len(setup.phi))
+    uncorrected = error_modes(
+        np.full(len(read), UNCORRECTED_ERROR), len(setup.phi), len(setup.space.of_channel)
+    )
     # The table is corrected as it was drawn, without the surrogate.
     no_surrogate = np.zeros_like(model.log_correction)
     for _ in range(FITS):
-        open_modes = correction.modes(found.material)
+        open_modes = correction.modes(setup.space.seen(found.material))
         modes = tuple(map(np.concatenate, zip(open_modes, uncorrected, strict=True)))
-        corrected = LineModel(correction.table, no_surrogate, modes)
+        corrected = LineModel(setup.space, correction.table, no_surrogate, modes)
         found = fit_rig(setup.scene, corrected, measurements, found.material)
     return found
 
 
 def shape_difference(
-    light: PadLight,
+    lights: Sequence[PadLight],
     found: Calibration,
     measurements: list[Measurement],
     lines: ReferenceLines,
@@ -140,16 +147,28 @@ def shape_difference(
     Compared is the shape of the light along the reference lines; the brightness of each photograph
     is matched first, because its fiber's power is fitted to nothing else.
 
-    ``log_light`` ``(bend, fiber, point)`` of a model is compared instead of ``light`` where given.
+    There is one of ``lights`` for all channels, which are averaged, or one for each.
+
+    ``log_light`` ``(bend, fiber, point[, channel])`` of a model is compared instead of ``lights``
+    where given.
     """
     cells = []
-    for one in measurements:
-        position, lit = lines.position[one.fiber], one.channels
+    compared = [
+        (one, lit, number)
+        for one in measurements
+        for number, lit in (
+            [(0, one.channels)] if len(lights) == 1 else [(c, [c]) for c in one.channels]
+        )
+    ]
+    for one, lit, number in compared:
+        position, light = lines.position[one.fiber], lights[number]
         radiance, error = light.at(one.bend, one.fiber, position)
         shade = 1 - found.vignetting * one.radius2
         seen = one.untilted(found.tilt)[:, lit]
         with np.errstate(invalid="ignore", divide="ignore"):
-            modeled = np.log(radiance) if log_light is None else log_light[one.bend, one.fiber]
+            modeled = np.log(radiance)
+            if log_light is not None:
+                modeled = with_channels(log_light[one.bend, one.fiber], 1)[:, number]
             difference = np.log((seen / found.gain[lit]).mean(axis=1) / shade) - modeled
             relative = np.hypot(error / radiance, one.noise / seen.mean(axis=1))
         usable = one.used & np.isfinite(difference + relative)

@@ -2,9 +2,10 @@
 
 Counts at a point of fiber f, channel c, are modeled as
 
-    gain_c * power_f * light(material, f, bend, point) * (1 - v r^2),
+    gain_c * power_f * light(material_c, f, bend, point) * (1 - v r^2),
 
 with ``light`` of the line model, read at image positions that a small tilt of the camera has moved.
+``material_c`` is the same for all channels, but where the skin has an albedo for each.
 Parameters: material, tilt (3, rad), vignetting v, the logs of all powers but the first (then
 scaled to mean 1), the logs of the gains. The data are one row per used point of a photograph and
 one column per channel.
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.calibration.line_model import LineModel
+from hw.calibration.line_model import LineModel, with_channels
 from hw.calibration.measurement import Measurement
 from hw.errors import CalibrationError
 from render.arrays import Array
@@ -47,7 +48,7 @@ class CalibrationResiduals:
 
     def __init__(self, model: LineModel, measurements: list[Measurement], before: Array) -> None:
         """Gather the used points of all photographs."""
-        self.space = model.table.space
+        self.space = model.space
         size, knowledge = len(self.space.quantities), self.space.knowledge
         self.material, self.tilt, self.vignetting = slice(0, size), slice(size, size + 3), size + 3
         # A scene may be smoother or rougher than what the table knows.
@@ -77,10 +78,22 @@ class CalibrationResiduals:
         bend, fiber = gathered(lambda photo: whole(photo, photo.bend, photo.fiber)).T
         point = np.concatenate([np.nonzero(photo.used)[0] for photo in measurements])
         self._coefficients = model.table.coefficients[:, bend, fiber, point]
-        self._log_correction = model.log_correction[bend, fiber, point]
-        modes = [np.where(bend == b, of[:, fiber, point], 0.0) for b, of in enumerate(model.modes)]
+        # What channels have of their own, in the order of those in use; one for all where alike.
+        seen = self.channels if self.space.of_channel else [0]
+        self._quantities = [self.space.of_channel[c] if self.space.of_channel else range(size)
+                            for c in seen]  # fmt: skip
+
+        def by_channel(values: Array) -> Array:
+            return values if values.shape[-1] == 1 else values[..., seen]
+
+        correction = model.log_correction[bend, fiber, point]
+        self._log_correction = by_channel(with_channels(correction, 1))
+        modes = [
+            np.where((bend == b)[:, None], by_channel(with_channels(of[:, fiber, point], 2)), 0.0)
+            for b, of in enumerate(model.modes)
+        ]
         # Those that no photograph shows are left out.
-        self._log_modes = np.concatenate([own[own.any(axis=1)] for own in modes])
+        self._log_modes = np.concatenate([own[own.any(axis=(1, 2))] for own in modes])
         # Index of each row's fiber.
         self._fiber = np.searchsorted(self.fibers, fiber)
         self._radius2 = gathered(lambda photo: photo.radius2)
@@ -104,7 +117,7 @@ class CalibrationResiduals:
         """
         x = np.zeros(self.size)
         x[self.material] = material
-        ratio = np.log(np.maximum(self._counts, 1e-3)) - self._log_light(x)[:, None]
+        ratio = np.log(np.maximum(self._counts, 1e-3)) - self._log_light(x)
         ratio = np.where(self._carries, ratio, np.nan)
         gain = np.nanmedian(ratio, axis=0)
         excess = np.nanmean(ratio - gain, axis=1)
@@ -123,7 +136,7 @@ class CalibrationResiduals:
         counts = self._predicted(x)
         error = np.hypot(self._noise, MIN_RELATIVE_ERROR * counts)
         self._weight = np.where(self._carries, 1 / error, 0.0)
-        weighted = self._log_modes[:, :, None] * (counts * self._weight)
+        weighted = self._log_modes * (counts * self._weight)
         self.modes = weighted.reshape(len(weighted), -1)
         """The model's error modes as data residuals, ``(mode, residual)``."""
         self._inverse = np.linalg.inv(self.modes @ self.modes.T + np.eye(len(weighted)))
@@ -149,16 +162,18 @@ class CalibrationResiduals:
         return power / power.mean(), np.exp(x[self.gain_columns])
 
     def _log_light(self, x: Array) -> Array:
-        """Return the model's log light ``(row,)``."""
-        terms = self.space.terms(x[self.material])
-        return np.asarray(terms @ self._coefficients + self._log_correction)
+        """Return the model's log light ``(row, channel)``, of one channel where all are alike."""
+        table, material = self._model.table.space, x[self.material]
+        seen = np.stack([material[list(of)] for of in self._quantities])
+        polynomial = (table.terms(seen) @ self._coefficients).T
+        return np.asarray(polynomial + table.log_factor(seen) + self._log_correction)
 
     def _predicted(self, x: Array) -> Array:
         """Return predicted counts ``(row, channel)``."""
         power, gain = self.unpack(x)
         light = np.exp(self._log_light(x))
-        shaded = light * power[self._fiber] * (1 - x[self.vignetting] * self._radius2)
-        return np.asarray(shaded[:, None] * gain)
+        shade = power[self._fiber] * (1 - x[self.vignetting] * self._radius2)
+        return np.asarray(light * shade[:, None] * gain)
 
     def residuals(self, x: Array) -> Array:
         """Return what the modes leave of the weighted residuals, and the modes' amplitudes.
@@ -180,8 +195,7 @@ class CalibrationResiduals:
         """Return the derivatives ``(residual, parameter)`` of ``residuals``."""
         power, _ = self.unpack(x)
         weighted = self._predicted(x) * self._weight
-        slopes = self.space.terms_slope(x[self.material]) @ self._coefficients
-        columns = [-weighted * slope[:, None] for slope in slopes]
+        columns = [-weighted * slope for slope in self._log_slopes(x[self.material])]
         columns += list(self._slope * self._weight)
         shade = self._radius2 / (1 - x[self.vignetting] * self._radius2)
         columns.append(weighted * shade[:, None])
@@ -193,6 +207,16 @@ class CalibrationResiduals:
         known = np.eye(self.size)[self._known_index] / self._held[:, None]
         return np.concatenate([projected, known])
 
+    def _log_slopes(self, material: Array) -> Array:
+        """Return the derivatives ``(quantity, row, channel)`` of log light by the material."""
+        table, rows = self._model.table.space, self._coefficients.shape[1]
+        slopes = np.zeros((len(material), rows, len(self._quantities)))
+        for channel, of in enumerate(self._quantities):
+            seen = material[list(of)]
+            own = table.terms_slope(seen) @ self._coefficients
+            slopes[list(of), :, channel] = own + table.log_factor_slope(seen)[:, None]
+        return slopes
+
     def predictions(self, x: Array) -> list[Array]:
         """Return counts ``(point, 3)`` at all points of every photograph."""
         power, gain = self.unpack(x)
@@ -200,7 +224,7 @@ class CalibrationResiduals:
         gains = np.full(3, np.nan)
         gains[self.channels] = gain
         return [
-            np.exp(log_light[photo.bend, photo.fiber])[:, None]
+            np.exp(with_channels(log_light[photo.bend, photo.fiber], 1))
             * power[self.fibers.index(photo.fiber)]
             * (1 - x[self.vignetting] * photo.radius2)[:, None]
             * gains

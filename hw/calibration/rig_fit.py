@@ -135,7 +135,7 @@ def fit_rig(
             "fiber, or raise the exposure",
             field="fiber",
         )
-    before = model.table.space.of(scene)
+    before = model.space.of(scene)
     problem = CalibrationResiduals(model, measurements, before)
     x = problem.start(before if start is None else start)
     low, high = problem.bounds()

@@ -23,6 +23,9 @@ SCHEMA = 3
 HEALTHY_RATIO = (0.2, 5.0)
 """Range of measured over predicted light of a fiber in a rig that can be called healthy."""
 
+MIN_SEEN = 0.02
+"""Light of a channel over the fiber's brightest from which a record by channel holds it."""
+
 
 @dataclass(frozen=True, eq=False)
 class RigRecord:
@@ -31,7 +34,7 @@ class RigRecord:
     Arguments:
         ratio: ``(fiber, site)`` measured over predicted light; 1 for fibers without power. With one
             more axis ``channel`` where light depends on it, as the model's error does then; in
-            channels in which a fiber does not shine, the mean of those in which it does.
+            channels that hardly see a fiber, the mean of those in which it shines.
         phi, power: ``(fiber,)`` rad and ``(fiber, 3)``, the design that was captured.
         scene_hash: the scene of the design.
         bend: rad, of the capture, or the number of the state of its skin.
@@ -150,9 +153,10 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
     seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     ratio = _ratio(seen, wanted, lit)
     if prediction.table.ndim == 4:
-        own = prediction.own
-        each = [_ratio(colors[..., c] / gain[c], expected[..., c], own[:, c]) for c in range(3)]
-        ratio = np.where(own[:, None], np.stack(each, axis=-1), ratio[..., None])
+        whole = expected.sum(axis=1)
+        bright = whole > MIN_SEEN * np.maximum(whole.max(axis=1, keepdims=True), 1e-9)
+        each = [_ratio(colors[..., c] / gain[c], expected[..., c], bright[:, c]) for c in range(3)]
+        ratio = np.where(bright[:, None], np.stack(each, axis=-1), ratio[..., None])
     return RigRecord(
         ratio, prediction.phi, prediction.power, scene.hash, bend, response=prediction.response
     )

@@ -18,6 +18,7 @@ from hw.check.sweep_check import (
     UNCLEAR_SPREAD,
     per_channel,
     posterior,
+    rewired_ratio,
     swapped_powers,
 )
 from hw.errors import CaptureError
@@ -51,6 +52,7 @@ def check_image(
     ratio = per_channel(np.ones(prediction.cells) if ratio is None else ratio)
     power, phi = prediction.seen_power, prediction.phi
     turned = prediction.tinted(np.clip(phi[:, None] + TURNS, 0.0, np.pi))
+    rewired = turned[:, len(TURNS) // 2] * rewired_ratio(prediction, ratio)[0]
     turned = turned * ratio[:, None]
     straight = turned[:, len(TURNS) // 2]
     expected = (straight * power[:, None]).sum(axis=0)
@@ -65,7 +67,8 @@ def check_image(
     weights: dict[tuple[int, FiberState], float] = {}
     for fiber in np.nonzero(lit)[0]:
         permuted = swapped_powers(prediction.power[fiber]) @ prediction.response
-        faults = _changes(straight[fiber], turned[fiber], power[fiber], permuted, phi[fiber])
+        swapped = rewired[fiber] * permuted[:, None]
+        faults = _changes(straight[fiber], turned[fiber], power[fiber], swapped, phi[fiber])
         for state, changes in faults.items():
             distance = residual - changes.reshape(len(changes), -1) @ whiten.T
             fits = -0.5 * np.einsum("ni,ni->n", distance, distance)
@@ -117,11 +120,12 @@ def _whitener(
 
 
 def _changes(
-    straight: Array, turned: Array, power: Array, permuted: Array, phi: float
+    straight: Array, turned: Array, power: Array, swapped: Array, phi: float
 ) -> dict[FiberState, Array]:
     """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each.
 
-    ``straight`` is ``(site, channel)``, ``turned`` ``(turn, site, channel)``.
+    ``straight`` is ``(site, channel)``, ``turned`` ``(turn, site, channel)``; ``swapped`` ``(n,
+    site, 3)`` is what it looks like with swapped colors.
     """
     own = straight * power
     reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= MIN_TURN)
@@ -129,7 +133,7 @@ def _changes(
         FiberState.DEAD: -own[None],
         FiberState.DIM: (FAULTY_POWERS[1:] - 1)[:, None, None] * own,
         FiberState.MOVED: (turned[reachable] - straight) * power,
-        FiberState.SWAPPED: straight[None] * (permuted - power)[:, None, :],
+        FiberState.SWAPPED: swapped - own,
     }
     return {state: changes for state, changes in found.items() if len(changes)}
 

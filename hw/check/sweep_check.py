@@ -129,9 +129,8 @@ def check_sweep(
             field="colors",
         )
     recorded = ratio is not None
-    # What no record holds of a channel is as uncertain as the model's error without one.
-    unknown = unrecorded(prediction, ratio)
     ratio = per_channel(np.ones((fibers, sites)) if ratio is None else ratio)
+    rewired, unknown = rewired_ratio(prediction, ratio)
     gain = channel_gains(prediction.alone * ratio, colors, prediction.own, recorded)
     seen = colors / gain
     # Noise grows where a channel had to be amplified.
@@ -145,6 +144,7 @@ def check_sweep(
             diagnoses.append(FiberDiagnosis(fiber, FiberState.OFF, 1.0))
             continue
         light = turned[fiber] * ratio[fiber]
+        other = turned[fiber, len(TURNS) // 2] * rewired[fiber]
         reachable = np.abs(prediction.phi[fiber] + TURNS - np.pi / 2) <= np.pi / 2
         diagnoses.append(
             _judged(
@@ -156,8 +156,9 @@ def check_sweep(
                     power,
                     response,
                     noise,
-                    unknown[fiber],
                     tolerances.power,
+                    other,
+                    unknown[fiber],
                 ),
                 tolerances,
             )
@@ -202,14 +203,19 @@ def per_channel(ratio: Array) -> Array:
     return ratio if ratio.ndim == 3 else ratio[..., None]
 
 
-def unrecorded(prediction: PadPrediction, ratio: Array | None) -> Array:
-    """Return the model's relative error by channel that no record holds, ``(fiber, channel)``.
+def rewired_ratio(prediction: PadPrediction, ratio: Array) -> tuple[Array, Array]:
+    """Return the ratio of fibers whose LEDs are wired to other colors, and its relative error.
 
-    A ``ratio`` by channel holds that of the channels in which a fiber shines. In others the light
-    of an LED that is wired to a wrong color comes with the error that the model has there.
+    A ``ratio`` by channel ``(fiber, site, 3)`` holds that of the LEDs that a fiber shines with,
+    also where other channels see them. Where a channel sees an LED of its own instead, the ratio is
+    that of the channels in which the fiber shines, with the error ``(fiber, channel)`` that the
+    model has.
     """
-    held = prediction.own | (ratio is None or ratio.ndim == 2)
-    return np.where(held, 0.0, MODEL)
+    if ratio.shape[-1] == 1:
+        return ratio, np.zeros(prediction.power.shape)
+    own = prediction.own
+    shone = np.einsum("fsc,fc->fs", ratio, own) / np.maximum(own.sum(axis=1), 1)[:, None]
+    return np.where(own[:, None], ratio, shone[..., None]), np.where(own, 0.0, MODEL)
 
 
 def channel_gains(
@@ -252,9 +258,9 @@ def channel_gains(
 class _Fiber:
     """One fiber: ``seen`` and ``noise`` ``(site, 3)``, ``light`` ``(turn, site, channel)``.
 
-    ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these; ``unknown``
-    ``(channel,)`` is a relative error that the model's light has beside all others, ``led_spread``
-    by how much the powers of a fiber's LEDs differ.
+    ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these, ``led_spread``
+    by how much their powers differ. ``rewired`` ``(site, channel)`` is its light with LEDs of
+    other colors, and ``unknown`` ``(channel,)`` a relative error that this has beside all others.
     """
 
     index: int
@@ -264,14 +270,18 @@ class _Fiber:
     power: Array
     response: Array
     noise: Array
-    unknown: Array
     led_spread: float
+    rewired: Array
+    unknown: Array
 
-    def fits(self, light: Array, power: Array, model: Array) -> PowerFits:
+    def fits(
+        self, light: Array, power: Array, model: Array, unknown: Array | float = 0.0
+    ) -> PowerFits:
         """Return how well ``light`` of ``power`` ``(n, color)`` explains all that.
 
         ``light`` is ``(n, site, channel)``, with one channel where all are alike. The model's
-        relative error, ``(n,)``, goes with the light that is there. Where a fiber shines with
+        relative error, ``(n,)``, goes with the light that is there, and so does what is ``unknown``
+        of each channel ``(channel,)``. Where a fiber shines with
         several LEDs, each has a power of its own, which differs by `led_spread`.
         """
         leds = shining(power).sum(axis=1)
@@ -283,7 +293,7 @@ class _Fiber:
         # Channels share the model's error of a site: two say no more of it than one.
         shared = model * np.sqrt(leds)
         relative = np.hypot(shared[:, None], LEAK_SPREAD * np.where(in_channels > 0, leaked, 0.0))
-        relative = np.hypot(relative, self.unknown)
+        relative = np.hypot(relative, unknown)
         variance = self.noise**2 + (relative[:, None] * np.maximum(self.seen, 0.0)) ** 2
         light2 = np.einsum("nsc,nsc->nc", 1 / variance, expected**2)
         both = np.einsum("nsc,nsc->nc", self.seen / variance, expected)
@@ -320,9 +330,10 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
     }
     if len(permuted):
         swapped = fiber.fits(
-            np.repeat(straight, len(permuted), 0),
+            np.repeat(fiber.rewired[None], len(permuted), 0),
             permuted,
             np.full(len(permuted), tolerances.model),
+            fiber.unknown,
         )
         evidence[FiberState.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
     shares = {**FAULT_PRIOR, FiberState.UNCLEAR: 1 - sum(FAULT_PRIOR.values())}

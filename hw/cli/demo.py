@@ -75,8 +75,11 @@ def run(
         if keep is not None:
             check_target(keep / "commission")
         require_color_photos(scene)
-        if calibrate or scene.diffuser is not None:
+        if calibrate:
             material_space(scene)
+        elif scene.diffuser is not None:
+            # Behind it, lamps are drawn for one albedo after the other.
+            material_space(scene.one_albedo_scenes[0])
         checker = open_model(scene, model, threads=2)
         design = baseline_design(scene)
         if keep is not None:

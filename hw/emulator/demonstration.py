@@ -244,7 +244,10 @@ def compare_with_truth(
     ]
     if result["response"] is not None:
         response = truth.imperfections.response
-        for color, of_color in zip(RGB.names, response / response.max(), strict=True):
+        # Relative to the value that was found to be the largest.
+        largest = np.argmax([result["response"][color]["value"] for color in RGB.names])
+        response = response / response.flat[largest]
+        for color, of_color in zip(RGB.names, response, strict=True):
             found = result["response"][color]
             compared += zip(
                 [f"{color} in {channel}" for channel in RGB.names], of_color.tolist(),

@@ -66,7 +66,10 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     cannot turn point as the scene says.
     """
     rng = np.random.default_rng([seed, 77])
-    material = _random_material(scene, rng.uniform(-1, 1, 4))
+    unit = rng.uniform(-1, 1, 4)
+    material = _random_material(
+        scene, np.append(unit, np.random.default_rng([seed, 79]).uniform(-1, 1))
+    )
     imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]

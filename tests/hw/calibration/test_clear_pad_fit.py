@@ -47,7 +47,7 @@ def model(of: Callable[[Array], Array] = toy) -> LineModel:
     drawn = np.stack([of(material) for material in materials])[:, None, None].repeat(3, axis=2)
     table = fitted_table(SPACE, materials, drawn)
     nothing = np.zeros(table.coefficients.shape[1:])
-    return LineModel(table, nothing, field_modes(np.array([0.003]), 3))
+    return LineModel(SPACE, table, nothing, field_modes(np.array([0.003]), 3))
 
 
 def photographs(true: Array, seed: int, lamps: int = 3) -> tuple[list[Measurement], Array]:

@@ -79,7 +79,7 @@ def toy_table(scene: Scene) -> MaterialTable:
 def toy_model(table: MaterialTable, error: float | Array = 0.005) -> LineModel:
     """Return the toy's model: nothing to correct, errors of relative size ``error`` per bend."""
     nothing = np.zeros(table.coefficients.shape[1:])
-    return LineModel(table, nothing, field_modes(np.broadcast_to(error, (2,)), 20))
+    return LineModel(SPACE, table, nothing, field_modes(np.broadcast_to(error, (2,)), 20))
 
 
 def photographs(

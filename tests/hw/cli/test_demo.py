@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.scene import load_scene, scene_text
+from render.scene import load_scene
 from surrogate.preview_model import preview_checker
+from tests.colored_skins import tinted_digit
 from tests.conftest import Run
 from tests.hw.calibration.toy import toy_images, toy_model, toy_table
-
-ALBEDOS = [0.6, 0.25, 0.45]
 
 
 @pytest.mark.slow
@@ -60,25 +59,34 @@ def test_the_demonstration_without_calibration_runs_on_a_clear_pad_of_three_lamp
 
 
 @pytest.mark.slow
-def test_the_demonstration_without_calibration_runs_on_a_skin_with_an_albedo_per_channel(
+def test_the_demonstration_runs_on_a_skin_with_an_albedo_per_channel(
     tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = tmp_path / "tinted.toml"
-    text = scene_text("digit").replace("albedo = { value = 0.45", f"albedo = {{ value = {ALBEDOS}")
-    scene.write_text(text)
-    monkeypatch.setattr(
-        "optimize.scoring.open_model", lambda scene, *_, **__: preview_checker(scene, coarse=True)
-    )
-    result = tactilux("hw", "demo", "--scene", scene, "--no-calibrate", "--json")
+    for place in ("optimize.scoring", "hw.calibration.calibration"):
+        monkeypatch.setattr(
+            f"{place}.open_model", lambda scene, *_, **__: preview_checker(scene, coarse=True)
+        )
+    result = tactilux("hw", "demo", "--scene", tinted_digit(tmp_path), "--rig-samples", "300",
+                      "--samples", "0", "--out", tmp_path / "demo", "--json")  # fmt: skip
     assert result.code == 0, result.err
-    said = json.loads(result.out)["checks"]
-    found = {name: [fiber["state"] for fiber in check["fibers"]] for name, check in said.items()}
+    said = json.loads(result.out)
+    found = {
+        name: [fiber["state"] for fiber in check["fibers"]]
+        for name, check in said["checks"].items()
+    }
     assert found == {
         "healthy": ["ok", "ok", "ok"],
         "fiber 0 dead": ["dead", "ok", "ok"],
         "fiber 1 at half power": ["ok", "dim", "ok"],
         "fiber 2 with swapped colors": ["ok", "ok", "swapped"],
     }
+    truth = {row["name"]: row for row in said["truth"]}
+    assert list(truth)[:4] == ["albedo_red", "albedo_green", "albedo_blue", "roughness"]
+    largest = max(list(truth.values())[4:], key=lambda row: row["found"])
+    assert largest["found"] == largest["true"] == 1.0
+    after = load_scene(tmp_path / "demo" / "scene.toml")
+    assert after.by_channel
+    assert after.palette.names == ("red", "green", "blue")
 
 
 @pytest.mark.slow

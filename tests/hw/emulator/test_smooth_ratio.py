@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -9,10 +11,11 @@ import pytest
 
 from hw.calibration.log_ratio import LogRatios
 from hw.calibration.reference_lines import Setup
-from hw.emulator.rig import SmoothRatio, random_parameters, rendered_images
+from hw.emulator.rig import SmoothRatio, random_parameters, rendered_images, true_images
 from hw.errors import CalibrationError
 from render.arrays import Array
 from tactilux import baseline_design, load_scene
+from tests.colored_skins import tinted_digit
 
 
 def field(place: Array) -> Array:
@@ -53,3 +56,16 @@ def test_too_few_light_paths_for_any_ratio_raise_one_clear_error(mono: ModuleTyp
         CalibrationError, match=r"--rig-samples = 1 light .* at bend 0°.*: give more"
     ):
         rendered_images(setup, random_parameters(scene, 0), [[5]], samples=1)
+
+
+def test_what_a_colored_skin_shows_in_a_channel_is_the_skin_of_that_albedo(tmp_path: Path) -> None:
+    scene = load_scene(tinted_digit(tmp_path))
+    setup = Setup(scene, baseline_design(scene).phi, np.zeros(1))
+    truth = random_parameters(scene, 3)
+    assert truth.material is not None
+    images, built = true_images(setup, truth), truth.built(setup)
+    assert images.shape[-1] == 3
+    green = replace(built, scene=built.scene.with_albedo(float(truth.material[1])))
+    alone = true_images(green, replace(truth, material=None, turn=np.zeros(3)))
+    np.testing.assert_array_equal(images[..., 1], alone)
+    assert not np.allclose(images[..., 0], alone)
