@@ -40,7 +40,7 @@ BELOW = BELOW.replace("0.0, 0.0]", "0.0, 1.0]")
 COSINE = '{ cosine_exponent = { value = 3.0, source = "assumed" } }'
 SIGMA = '{ sigma_v = { value = 20.0, unit = "deg", source = "assumed" } }'
 ROUGH = '\n[[faces]]\non = ["left"]\nroughness = { value = 0.3, source = "cut" }\n'
-PAINT = '\n[[faces]]\non = ["base"]\n{}\n'
+PAINT = '\n[[faces]]\non = ["{}"]\n{}\n'
 LOBE = """
 specular = { value = 0.2, source = "gloss" }
 roughness = { value = 0.3, source = "gloss" }
@@ -50,14 +50,14 @@ VARIANTS: dict[str, tuple[str, dict[str, str], str]] = {
     "one rougher face": ("digit", {}, ROUGH),
     "one smooth face": ("digit", {}, ROUGH.replace("0.3", "0.0")),
     "smooth pad": ("digit", {"roughness = { value = 0.1": "roughness = { value = 0.0"}, ""),
-    "black face": ("digit", {}, PAINT.format("black = true")),
-    "white face": ("digit", {}, PAINT.format('white = { value = 0.8, source = "paint" }')),
-    "mirror": ("digit", {}, PAINT.format('mirror = { value = 0.9, source = "foil" }')),
+    "black face": ("digit", {}, PAINT.format("left", "black = true")),
+    "white face": ("digit", {}, PAINT.format("left", 'white = { value = 0.8, source = "paint" }')),
+    "mirror": ("digit", {}, PAINT.format("left", 'mirror = { value = 0.9, source = "foil" }')),
     "black face beside a diffuser": ("finger20", {"schema = 1": "schema = 2"},
-                                     PAINT.format("black = true")),
+                                     PAINT.format("base", "black = true")),
     "Gaussian rows": ("digit", {'"lambertian"': SIGMA}, ""),
     "a power of the cosine": ("digit", {'"lambertian"': COSINE}, ""),
-    "a lamp from a list": ("digit", {'right = "red"': 'right = "red"' + LISTED},
+    "a lamp from a list": ("digit", {'"green", "red"]': '"green", "red", "green"]'},
                            LAMP.replace("PROFILE", '"lambertian"')),
     "a lamp below fibers": (
         "finger20",

