@@ -24,7 +24,6 @@ from hw.calibration.reference_lines import NAMES, Setup, sample_image
 from hw.calibration.rig_fit import measure
 from hw.camera.photo_set import PhotoSet
 from hw.emulator.demonstration import (
-    ADDITIVE_SCALE,
     calibration_bends,
     calibration_fibers,
     render_rig,
@@ -39,6 +38,8 @@ from render.arrays import Array
 FIBER = 5
 """In the middle of the left edge; photographed on the flat and on the bent pad."""
 FRAMES = 16
+TOGETHER = 0.15
+"""Power at which all fibers together do not clip."""
 INKS = ("#b45309", "#1d4ed8", "#15803d", "#6d28d9")
 
 
@@ -75,7 +76,7 @@ def photographed(rig_samples: int, seed: int = 0) -> Photographed:
     truth = replace(truth, gain=single_exposure(truth, images))
     white, some = np.ones((scene.lamp_count, 3)), np.zeros((scene.lamp_count, 3))
     some[calibration_fibers(scene)[1]] = 1.0
-    power = ADDITIVE_SCALE * design.drive
+    power = TOGETHER * design.drive
     with switched_on(scene, design, truth, images) as rig:
         sets = [rig.photos("flat", rig.camera(0), white), rig.photos("bent", rig.camera(1), some)]
         lit = rig.photos("all", rig.camera(0), power, frames=FRAMES, together=True)

@@ -42,11 +42,11 @@ from render.scene import RGB, Scene
 from surrogate.runtime import Checker
 
 SWEEPS = ("flat", "bent")
-ADDITIVE_SCALE = 0.15
-"""Power of the sweep that tests linearity: all fibers together must not clip."""
 SUPPLY = PowerLimits(total_milliamperes=2000.0)
 SINGLE_FIBER_COUNTS = 210.0
 """Counts of the brightest photograph of one fiber."""
+BRIGHTEST = 99.9
+"""Percentile of pixels that stands for the brightest."""
 
 
 def calibration_bends(scene: Scene) -> Array:
@@ -117,8 +117,17 @@ class EmulatedRig:
 
     def additive_set(self) -> PhotoSet:
         """Return a dim sweep in white and all fibers together, which tests linearity."""
-        white = np.ones((len(self.design.phi), 3))
-        return self.photos("additive", self.camera(0), ADDITIVE_SCALE * white, together=True)
+        power = np.full((len(self.design.phi), 3), self.dim_power())
+        return self.photos("additive", self.camera(0), power, together=True)
+
+    def dim_power(self) -> float:
+        """Return a power at which all fibers together do not clip, in (0, 1].
+
+        They are as bright then as the brightest one alone at full power.
+        """
+        together = _white_light(self.truth, self.images)[0].sum(axis=0)
+        brightest = self.truth.gain * float(np.percentile(together, BRIGHTEST))
+        return min(SINGLE_FIBER_COUNTS / brightest, 1.0)
 
 
 @contextlib.contextmanager
@@ -147,10 +156,15 @@ def switched_on(
 
 def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float:
     """Return the exposure that puts the brightest single fiber at `SINGLE_FIBER_COUNTS`."""
+    light = _white_light(truth, images)
+    return SINGLE_FIBER_COUNTS / float(np.percentile(light, BRIGHTEST, axis=(2, 3)).max())
+
+
+def _white_light(truth: TrueParameters, images: NDArray[np.float32]) -> Array:
+    """Return white light ``(bend, fiber, row, column)`` of each fiber in its brightest channel."""
     white = truth.imperfections.response.sum(axis=0)
     light = images * white.max() if images.ndim == 4 else (images * white).max(axis=-1)
-    light = light * truth.power[:, None, None]
-    return SINGLE_FIBER_COUNTS / float(np.percentile(light, 99.9, axis=(2, 3)).max())
+    return np.asarray(light * truth.power[:, None, None])
 
 
 FRAMES = 4
@@ -182,7 +196,7 @@ def set_and_sweep(rig: EmulatedRig) -> None:
     if not rig.board.wait_for((255 * rig.design.drive).astype(np.uint8)):
         raise AssertionError("the board does not show the design")
     lit = list(sweep(rig.lights, rig.design.drive))
-    self_test(rig.camera(), rig.lights, ADDITIVE_SCALE, 0.0)
+    self_test(rig.camera(), rig.lights, rig.dim_power(), 0.0)
     note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
 
 

@@ -106,7 +106,7 @@ def test_smooth_skin_on_a_dome_has_the_light_of_level_2(tmp_path: Path) -> None:
     skin = probe(dome, "ball", 1.2, 0.4)
     assert isinstance(skin, HeightMap)
     phi, power = np.full(3, np.pi / 2), np.zeros((3, 3))
-    power[0, 0] = power[2, 1] = 1.0
+    power[0, 0] = power[1, 1] = power[2, 1] = 1.0  # the tip's lamp, and those of the base
     found = render_image(
         dome, phi, power, 0.0, width=45, height=60, samples=150, imprint=skin, seed=3
     )
@@ -116,12 +116,12 @@ def test_smooth_skin_on_a_dome_has_the_light_of_level_2(tmp_path: Path) -> None:
     # The ball's sides alone: the dome itself slopes by less there.
     row, column = np.indices(found.coated.shape)
     near = np.hypot(row - 29.5, column - 22.0) < 8.0
-    lean = found.normal[..., 0]
-    left, right = (found.coated & near & (sign * lean > 0.25) for sign in (-1, 1))
-    # What turns away from a lamp has an eighth of its light, of which the preview lacks a third.
-    for channel, lit, dark in ((0, left, right), (1, right, left)):
+    lean = found.normal[..., 1]
+    base, tip = (found.coated & near & (sign * lean > 0.25) for sign in (-1, 1))
+    # What turns away from a lamp has a third of its light or less, of which the preview lacks some.
+    for channel, lit, dark in ((0, tip, base), (1, base, tip)):
         truth = found.radiance[..., channel]
-        assert truth[lit].sum() > 4 * truth[dark].sum() > 0
+        assert truth[lit].sum() > 3 * truth[dark].sum() > 0
         for half in (lit, dark):
             noise = np.sqrt((found.se[half, channel] ** 2).sum())
             allowed = 3 * noise + 0.1 * truth[lit].sum()
