@@ -1,14 +1,15 @@
 """Five real sensors of gssim, six lights each: two lights say where all stand, four are held out.
 
-Where the lamps are is not published. A ring of Lambertian lamps in air is fitted to the backgrounds
-of lights 0 and 1 in closed form; tactilux then draws all six, and facets tilted under each.
+Where the lamps are is not published. A ring of Lambertian lamps in air is fitted to each device's
+backgrounds of lights 0 and 1 in closed form, with one aim for all devices; tactilux then draws all
+six, and facets tilted under each.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,8 +32,6 @@ import tactilux
 
 DEVICES = ("gsmax_26D1_P5LX", "series1_1587_M6G0", "series2_2EF6_4JNW", "modulus1690_4E07_XNJU")
 """The fifth, modulus1600, is left out: its lights stand in no ring, its fields are swirled."""
-STEEPEST_AIM = math.radians(30.0)
-"""How far from level lamps may be aimed; backgrounds alone hardly say."""
 
 
 @dataclass(frozen=True)
@@ -107,23 +106,36 @@ class Ring:
         return np.maximum(ray @ beam, 1e-9) * self.height / (ray**2).sum(axis=-1) ** 2
 
     @staticmethod
-    def fitted(device: Device) -> Ring:
-        """Return the ring that gives the backgrounds of lights 0 and 1, each up to its scale."""
-        x, y = device.x, device.y
-        bright = [field - field.mean() for field in device.fields[:2]]
-        starts = [math.atan2((b * y).sum(), (b * x).sum()) for b in bright]
-        turn = math.copysign(math.pi / 3, math.sin(starts[1] - starts[0]))
+    def fitted(devices: Sequence[Device]) -> list[Ring]:
+        """Return the rings that give the backgrounds of lights 0 and 1, each up to its scale.
+
+        Backgrounds hardly know the aim, so all devices, which are of one maker, have one; each
+        counts as much as any other, however large its pictures. Least squares of the logarithm.
+        """
+        starts, turns = np.array([_where(device) for device in devices]).T
+
+        def rings(values: Array) -> list[Ring]:
+            places = values[1:].reshape(-1, 3)
+            return [
+                Ring(radius, height, values[0], start, turn)
+                for (radius, height, start), turn in zip(places, turns, strict=True)
+            ]
 
         def residuals(values: Array) -> Array:
-            ring = Ring(*values, turn)
-            ratios = [np.log(ring.irradiance(k, x, y) / device.fields[k]) for k in (0, 1)]
-            return np.concatenate([(ratio - ratio.mean()).ravel() for ratio in ratios])
+            found = []
+            for device, ring in zip(devices, rings(values), strict=True):
+                for number in (0, 1):
+                    drawn = ring.irradiance(number, device.x, device.y)
+                    ratio = np.log(drawn / device.fields[number]).ravel()
+                    found.append((ratio - ratio.mean()) / math.sqrt(ratio.size))
+            return np.concatenate(found)
 
-        half = np.ptp(x) / 2
-        low = [0.5 * half, 0.3 * half, -STEEPEST_AIM, starts[0] - 1.0]
-        high = [10 * half, 10 * half, STEEPEST_AIM, starts[0] + 1.0]
-        first = [2 * half, 2 * half, 0.0, starts[0]]
-        return Ring(*least_squares(residuals, first, bounds=(low, high)).x, turn)
+        halves = np.array([np.ptp(device.x) / 2 for device in devices])
+        low = np.stack([0.5 * halves, 0.3 * halves, starts - 1.0], axis=1)
+        high = np.stack([10 * halves, 10 * halves, starts + 1.0], axis=1)
+        first = np.stack([2 * halves, 2 * halves, starts], axis=1)
+        bounds = np.append(-math.pi / 2, low), np.append(math.pi / 2, high)
+        return rings(least_squares(residuals, np.append(0.0, first), bounds=bounds).x)
 
     def scene(self, device: Device) -> tactilux.Scene:
         """Return the scene gelsight-flat, which is in air, with these lamps."""
@@ -139,6 +151,13 @@ class Ring:
         sites = {"columns": 6, "rows": 6, "spacing": half / 2.5, "centre_x": 0.0, "centre_y": 0.0}
         scene = touched(flat, sites, radius=0.12 * half, slope=math.radians(20.0))
         return scene.model_copy(update={"lamps": tuple(lamps)})
+
+
+def _where(device: Device) -> tuple[float, float]:
+    """Return about where light 0 stands, and how far light 1 is from it (rad)."""
+    bright = [field - field.mean() for field in device.fields[:2]]
+    first, second = (math.atan2((b * device.y).sum(), (b * device.x).sum()) for b in bright)
+    return first, math.copysign(math.pi / 3, math.sin(second - first))
 
 
 def slopes(scene: tactilux.Scene, facets: Array, sites: Array) -> Array:
@@ -162,9 +181,8 @@ def slopes(scene: tactilux.Scene, facets: Array, sites: Array) -> Array:
 def rows(folder: Path, light: Light) -> Iterator[Row]:
     """Compare rings fitted to two lights with the other four of each device."""
     held = [2, 3, 4, 5]
-    for name in DEVICES:
-        device = Device.read(folder, name)
-        ring = Ring.fitted(device)
+    devices = [Device.read(folder, name) for name in DEVICES]
+    for name, device, ring in zip(DEVICES, devices, Ring.fitted(devices), strict=True):
         scene = ring.scene(device)
         facets, sites = light(scene)
         flat = between(scene, sites.T, device.x.ravel(), device.y.ravel())[:, held]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import astuple
 from pathlib import Path
 
 import mitsuba as mi
@@ -101,6 +102,9 @@ def test_contrasts_are_read_from_a_picture_with_a_prism() -> None:
     np.testing.assert_allclose(cmu.peaks(half, name), PEAKS, atol=0.02)
 
 
+MADE_UP = ("made_up", "larger")
+
+
 def write_device(folder: Path, name: str, ring: gssim.Ring) -> None:
     """Write a device of Lambertian lamps in the form of gssim, one pixel to 0.02 mm."""
     rows, columns = 320, 400
@@ -123,24 +127,28 @@ def write_device(folder: Path, name: str, ring: gssim.Ring) -> None:
 
 
 @pytest.mark.usefixtures("variant_kept")
-def test_a_ring_of_lamps_is_found_by_two_of_its_lights(
+def test_rings_of_lamps_of_one_aim_are_found_by_two_lights_of_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mi.set_variant("scalar_rgb")
     (tmp_path / "devices").mkdir()
-    ring = gssim.Ring(11.0, 7.0, math.radians(-10.0), 1.6, -math.pi / 3)
-    write_device(tmp_path / "devices", "made_up", ring)
-    found = gssim.Ring.fitted(gssim.Device.read(tmp_path, "made_up"))
+    rings = [
+        gssim.Ring(11.0, 7.0, math.radians(-10.0), 1.6, -math.pi / 3),
+        gssim.Ring(14.0, 11.0, math.radians(-10.0), -0.4, math.pi / 3),
+    ]
+    for name, ring in zip(MADE_UP, rings, strict=True):
+        write_device(tmp_path / "devices", name, ring)
+    found = gssim.Ring.fitted([gssim.Device.read(tmp_path, name) for name in MADE_UP])
     np.testing.assert_allclose(
-        [found.radius, found.height, found.aim, found.start, found.turn],
-        [ring.radius, ring.height, ring.aim, ring.start, ring.turn], rtol=0.02,
-    )  # fmt: skip
-    monkeypatch.setattr(gssim, "DEVICES", ("made_up",))
-    background, slope = gssim.rows(tmp_path, previewed)
+        [astuple(ring) for ring in found], [astuple(ring) for ring in rings], rtol=0.02
+    )
+    monkeypatch.setattr(gssim, "DEVICES", MADE_UP)
+    background, slope, *others = gssim.rows(tmp_path, previewed)
     assert background.met
     assert background.found < 0.01
     assert background.controls["next light"] > 0.1
     assert slope.found < 0.03
+    assert len(others) == 2
 
 
 def test_digit_has_red_left_and_fading_as_in_its_photograph() -> None:
