@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import trimesh
@@ -147,7 +148,17 @@ def pad_scene(scene: Scene, bend: float, indented: bool) -> Any:
     """Return the loaded Mitsuba scene of the unlit pad at ``bend`` radians."""
     with tempfile.TemporaryDirectory(prefix="tactilux-") as name:
         shapes = pad_shapes(scene, bend, indented, Path(name))
-        return mi.load_dict({"type": "scene", **shapes})
+        loaded = mi.load_dict({"type": "scene", **shapes})
+    # The phase function is the one plugin (Mitsuba 3.9) whose number would be compiled into kernels,
+    # so that a diffuser of another g would have its own.
+    parameters = mi.traverse(loaded)
+    for key in parameters.keys():
+        if key.endswith("phase_function.g"):
+            value = mi.Float(parameters[key])
+            dr.make_opaque(value)
+            parameters[key] = value
+    parameters.update()
+    return loaded
 
 
 def _shape(mesh: trimesh.Trimesh, path: Path, bsdf: dict[str, Any]) -> dict[str, Any]:
