@@ -149,14 +149,14 @@ def pad_scene(scene: Scene, bend: float, indented: bool) -> Any:
     with tempfile.TemporaryDirectory(prefix="tactilux-") as name:
         shapes = pad_shapes(scene, bend, indented, Path(name))
         loaded = mi.load_dict({"type": "scene", **shapes})
-    # The phase function is the one plugin (Mitsuba 3.9) whose number would be compiled into kernels,
-    # so that a diffuser of another g would have its own.
+    # Of all plugins (Mitsuba 3.9) the phase function alone has its number compiled into kernels, so
+    # that a diffuser of another g would have its own.
     parameters = mi.traverse(loaded)
-    for key in parameters.keys():
+    for key, value in list(parameters):
         if key.endswith("phase_function.g"):
-            value = mi.Float(parameters[key])
-            dr.make_opaque(value)
-            parameters[key] = value
+            number = mi.Float(value)
+            dr.make_opaque(number)
+            parameters[key] = number
     parameters.update()
     return loaded
 

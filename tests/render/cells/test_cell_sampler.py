@@ -1,7 +1,7 @@
 """What the cell sampler compiles: kernels know what a sensor is made of, not its numbers.
 
 Compiling takes 5 to 20 s, rendering 96 samples of every cell one or two. So sensors that differ in
-their numbers alone share kernels, pressed and untouched pads do, and so do one design and four.
+their numbers alone share kernels, pressed and untouched pads do, and so do one design and eight.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ pairs = {
     "milky": [kernels(base, 4, 0.0), kernels(other, 4, 0.0)],
     "bent": [kernels(base, 4, 0.5), kernels(other, 4, 1.0)],
     "clear": [kernels(clear, 4, 0.0), kernels(few, 4, 0.0)],
-    "designs": [kernels(base, 1, 0.0), kernels(base, 4, 0.0)],
+    "designs": [kernels(base, 1, 0.0), kernels(base, 5, 0.0)],
 }
 print(json.dumps(pairs))
 """
