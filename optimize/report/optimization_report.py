@@ -110,10 +110,12 @@ def _render_seconds(outcome: Optimization) -> str:
     if outcome.all_in_seconds is None:
         text = f"The loop rendered {parts}; what its surrogate took is not known"
     else:
+        surrogate = f"{outcome.training_seconds:.0f} s for the surrogate, once for all designs"
+        if outcome.training_seconds == 0.0:
+            surrogate = "none for the preview, which stands for the surrogate"
         text = (
             f"All in, from the scene file on, the loop took {outcome.all_in_seconds:.0f} s of "
-            f"rendering: {outcome.training_seconds:.0f} s for the surrogate, once for all designs "
-            f"of the scene, {parts}"
+            f"rendering: {surrogate}, {parts}"
         )
     if outcome.thesis is not None:
         text += f"; the thesis procedure took {outcome.thesis.seconds:.0f} s"

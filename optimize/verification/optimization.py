@@ -181,10 +181,7 @@ def optimize(
         swapped = {"winner": "runner-up", "runner-up": "winner"}
         renamed = tuple(swapped.get(name, name) for name in evaluation.names)
         evaluation = replace(evaluation, names=renamed)
-    trained = None if checker is None else checker.metadata.renderer.get("seconds")
-    return Optimization(
-        loop, thesis, wall, evaluation, float(trained) if isinstance(trained, float) else None
-    )
+    return Optimization(loop, thesis, wall, evaluation, _training_seconds(checker))
 
 
 def _run_loop(
@@ -209,6 +206,16 @@ def _run_loop(
         scene=scene,
     )
     return loop.run(report)
+
+
+def _training_seconds(checker: Checker | None) -> float | None:
+    """Return what the surrogate's renders took; a preview, which is no file, has none."""
+    if checker is None:
+        return None
+    if checker.file is None:
+        return 0.0
+    trained = checker.metadata.renderer.get("seconds")
+    return float(trained) if isinstance(trained, float) else None
 
 
 def _least_thesis_seconds(loop: LoopResult, groups: int, generations: int) -> float:

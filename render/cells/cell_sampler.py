@@ -59,6 +59,9 @@ MILKY_DEPTH = 6.0
 """Optical depth from which on a diffuser hides its lamps: e^-6 of their light comes through."""
 CLEAR_ROUGHNESS = 0.05
 """Roughness below which the faces of a milky pad are too smooth for connections alone."""
+NODES = 8
+"""Direction nodes come in multiples of it: each number of them is a kernel of its own, which takes
+seconds to compile, where eight nodes take at most a tenth longer to render than one."""
 AIMED_MAX, AIMED_MIN = 0.8, 0.1
 """What of the guided directions is aimed at the lamp itself, on clear pads and on milky ones."""
 
@@ -103,19 +106,22 @@ def pixel_rays(
 ) -> tuple[mi.Point3f, mi.Vector3f]:
     """Return origins (mm) and unit directions through continuous image positions in pixels.
 
-    The same lens as that of ``render.geometry.camera_rays``, as Dr.Jit arrays.
+    The same lens as that of ``render.geometry.camera_rays``, as Dr.Jit arrays. Its numbers are
+    data: compiled into the kernels, every camera would have its own.
     """
-    half_width, half_height = half_view(scene, columns, rows)
+    half_width, half_height = (dr.opaque(mi.Float, n) for n in half_view(scene, columns, rows))
     right, down, ahead = (mi.Vector3f(*axis.tolist()) for axis in camera_axes(scene))
-    x = half_width * (2 * column / columns - 1)
-    y = half_height * (2 * row / rows - 1)
+    origin = mi.Point3f(*camera_origin(scene).tolist())
+    per_column, per_row = mi.Float(2.0 / columns), mi.Float(2.0 / rows)
+    dr.make_opaque(right, down, ahead, origin, per_column, per_row)
+    x = half_width * (per_column * column - 1)
+    y = half_height * (per_row * row - 1)
     if scene.camera.fisheye:
         angle = dr.maximum(dr.hypot(x, y), 1e-9)
         sine, cosine = dr.sincos(angle)
         d = dr.normalize(sine / angle * (x * right + y * down) + cosine * ahead)
     else:
         d = dr.normalize(x * right + y * down + ahead)
-    origin = mi.Point3f(*camera_origin(scene).tolist())
     return origin + dr.zeros(mi.Point3f, dr.width(d)), d
 
 
@@ -150,6 +156,8 @@ class PadSampler:
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
+        aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(scene))))
+        self.aimed_fraction = dr.opaque(mi.Float, aimed)
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
         self.stride = CAMERA_STRIDE
         if bonded:
@@ -157,8 +165,7 @@ class PadSampler:
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
-        aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(self.scene))))
-        return FacetGuiding(self.glow, fiber, self.aim, aimed)
+        return FacetGuiding(self.glow, fiber, self.aim, self.aimed_fraction)
 
     def lamp(self, fiber: mi.UInt32) -> Lamp | None:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""
@@ -232,8 +239,7 @@ class CellSampler(PadSampler):
         fiber)`` may leave out fibers there, whose cells stay 0, and then all sites are targets,
         also those that do not count for the score.
         """
-        super().__init__(scene, phi, bend, indented)
-        scene = self.scene
+        super().__init__(scene, _filled_up(scene, phi), bend, indented)
         self.targets = targets
         self.fibers, self.channels = phi.shape
         counted = counted_sites(scene) if lit is None else np.arange(scene.sites.count)
@@ -251,7 +257,8 @@ class CellSampler(PadSampler):
         each = np.repeat(number, slots.ravel())
         self._site = mi.UInt32((each // self.fibers).astype(np.uint32))
         self._fiber = mi.UInt32((each % self.fibers).astype(np.uint32))
-        self._rows = total // SLOTS
+        self._rows = mi.UInt32(total // SLOTS)
+        self._faces = mi.UInt32(self.faces)
         # 1 / probability of a site and a fiber.
         self._scale = mi.Float((total / slots.ravel()[each]).astype(np.float32))
         # One more entry: a target without pixels at the end reads past the others'.
@@ -265,12 +272,14 @@ class CellSampler(PadSampler):
             self._site,
             self._fiber,
             self._scale,
+            self._rows,
+            self._faces,
         )
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
         """Return a splat per facet of the chosen site: radiance per direction node."""
         pick_row, pick_slot, _, _ = camera.event(mi.UInt32(0))
-        row = dr.minimum(mi.UInt32(pick_row * self._rows), self._rows - 1)
+        row = dr.minimum(mi.UInt32(pick_row * mi.Float(self._rows)), self._rows - 1)
         slot = row * SLOTS + dr.minimum(mi.UInt32(pick_slot * SLOTS), SLOTS - 1)
         site = dr.gather(mi.UInt32, self._site, slot)
         fiber = dr.gather(mi.UInt32, self._fiber, slot)
@@ -279,22 +288,26 @@ class CellSampler(PadSampler):
             fiber, light, CELL_LIGHT_PATHS,
         )  # fmt: skip
         # From here on one lane per facet: all facets of a site share its light subpaths.
-        lanes = dr.width(site)
-        wide = dr.arange(mi.UInt32, lanes * self.faces)
+        width = dr.width(site)
+        lanes = dr.opaque(mi.UInt32, width)
+        wide = dr.arange(mi.UInt32, width * self.faces)
         face = wide // lanes
         lane = wide - face * lanes
         values = self._radiance(
-            dr.gather(mi.UInt32, site, lane) * self.faces + face,
+            dr.gather(mi.UInt32, site, lane) * self._faces + face,
             dr.gather(mi.UInt32, fiber, lane), vertices, lane, face, camera.of_lanes(lane),
             light.of_lanes(lane),
         )  # fmt: skip
         dr.eval(values)
         scale = dr.gather(mi.Float, self._scale, slot)
-        first = dr.arange(mi.UInt32, lanes)
+        first = dr.arange(mi.UInt32, width)
         return [
             Splat(
                 fiber * self.targets.count + site * self.faces + k,
-                [scale * dr.gather(mi.Float, value, first + k * lanes) for value in values],
+                [
+                    scale * dr.gather(mi.Float, value, first + k * lanes)
+                    for value in values[: self.channels]
+                ],
             )
             for k in range(self.faces)
         ]
@@ -311,8 +324,9 @@ class CellSampler(PadSampler):
         within = dr.minimum(mi.UInt32(pick_pixel * mi.Float(size)), dr.maximum(size, 1) - 1)
         pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
         film = self.scene.camera
-        row = pixel // film.columns
-        column = pixel - row * film.columns
+        columns = dr.opaque(mi.UInt32, film.columns)
+        row = pixel // columns
+        column = pixel - row * columns
         guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         subpath = self.camera_subpath(
             mi.Float(column) + x, mi.Float(row) + y, (film.columns, film.rows), camera, first + 1,
@@ -358,18 +372,20 @@ class PictureSampler(PadSampler):
         self._fiber = mi.UInt32(lit.astype(np.uint32))
         self.channels = power.shape[1]
         self._power = [mi.Float(column.astype(np.float32)) for column in power.T]
-        dr.make_opaque(self._fiber, self._power)
+        self._counts = [mi.Float(n) for n in (width, height, self.lit)]
+        dr.make_opaque(self._fiber, self._power, self._counts)
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
         """Return one splat per lane: radiance per channel, over the bin's probability."""
         x, y, pick, _ = camera.event(mi.UInt32(0))
-        chosen = dr.minimum(mi.UInt32(pick * self.lit), self.lit - 1)
+        width, height, lit = self._counts
+        chosen = dr.minimum(mi.UInt32(pick * lit), mi.UInt32(lit) - 1)
         fiber = dr.gather(mi.UInt32, self._fiber, chosen)
-        column = dr.minimum(mi.UInt32(x * self.width), self.width - 1)
-        row = dr.minimum(mi.UInt32(y * self.height), self.height - 1)
+        column = dr.minimum(mi.UInt32(x * width), mi.UInt32(width) - 1)
+        row = dr.minimum(mi.UInt32(y * height), mi.UInt32(height) - 1)
         guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         subpath = self.camera_subpath(
-            x * self.width, y * self.height, (self.width, self.height), camera, mi.UInt32(1),
+            x * width, y * height, (self.width, self.height), camera, mi.UInt32(1),
             guiding, lamp,
         )  # fmt: skip
         dr.eval(subpath)
@@ -392,9 +408,20 @@ class PictureSampler(PadSampler):
             self.aimed(guiding, lamp),
             self.lobed,
         )[0]
-        scale = self.lit * self.bins
+        scale = lit * width * height
         colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
-        return [Splat(row * self.width + column, colors)]
+        return [Splat(row * mi.UInt32(width) + column, colors)]
+
+
+def _filled_up(scene: Scene, phi: Array) -> Array:
+    """Return ``(fiber, node)`` with the first nodes once more, up to a multiple of `NODES`.
+
+    Lamps that do not turn have one node in all renders.
+    """
+    if not any(lamp.turns for lamp in scene.placed_lamps()):
+        return phi
+    nodes = phi.shape[1]
+    return phi[:, np.arange(-(-nodes // NODES) * NODES) % nodes]
 
 
 def _points(array: Array) -> mi.Point3f:

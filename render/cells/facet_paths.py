@@ -30,6 +30,7 @@ from render.paths.vertex import (
     VOLUME_PASSES,
     PassableVertex,
     Vertex,
+    channel_mean,
     empty_vertex,
     for_camera_passes,
     has_wide_lobe,
@@ -256,7 +257,7 @@ def _connect(
     if mirror is not None:  # noqa: SIM102 (the other one is traced)
         if active & ~wide & drawn.before_wide:
             mirrored = y.d_vcm * mirror.area_density(a.p, y.p, y.n, drawn.before)
-    light = dr.mean(
+    light = channel_mean(
         connect_vertices(scene, y, a, active, guiding, extra=mirrored, returning=returning)
     )
     # ------------------------------ With what follows it --------------------------
@@ -268,13 +269,13 @@ def _connect(
                 a.p, camera.glossy.p, camera.glossy.n, y.p
             )
     other = dr.select(to_end, camera.end, camera.glossy)
-    light += 2.0 * dr.mean(
+    light += 2.0 * channel_mean(
         connect_vertices(scene, later, other, active, guiding, extra=mirrored, returning=returning)
     )
     # ------------------------------ Over mirrors ----------------------------------
     if images is not None:
         number = numbers[0] if mirror is None else numbers[3]
-        light += dr.mean(
+        light += channel_mean(
             images.connect(scene, over_delta, a, number, wide, guiding, returning, candidates)
         )
     if mirror is not None:
@@ -283,5 +284,5 @@ def _connect(
         reflected = mirror_connection(
             scene, y, a, direction, density, wide, guiding=guiding, returning=returning
         )
-        light += dr.mean(reflected)
+        light += channel_mean(reflected)
     return light

@@ -36,10 +36,10 @@ class FiberGlow:
         foot = poses.foot + poses.layer[:, None] * poses.face_inward
         # Measured from the camera-side face, so that [-thickness, thickness] is wall and mirror.
         foot -= (height + scene.box.depth)[:, None] * poses.up
-        self.thickness = scene.pad.thickness + scene.box.depth
+        self.thickness = mi.Float(scene.pad.thickness + scene.box.depth)
         frames = np.stack([foot, poses.face_along, poses.face_inward, poses.face_up], axis=1)
         self.frames = mi.Float(frames.astype(np.float32).ravel())
-        dr.make_opaque(self.frames)
+        dr.make_opaque(self.frames, self.thickness)
 
     def _frame(self, fiber: mi.UInt32) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f, mi.Vector3f]:
         parts = [dr.gather(mi.Vector3f, self.frames, 4 * fiber + i) for i in range(4)]
@@ -77,7 +77,7 @@ class FacetGuiding:
     glow: FiberGlow
     fiber: mi.UInt32
     aim: LampAim | None = None
-    aimed: float = 0.0
+    aimed: mi.Float | None = None
 
     @property
     def fraction(self) -> float:
@@ -100,7 +100,7 @@ class FacetGuiding:
     def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a direction towards the fiber's glow, or the lamp, for a ``number`` selected."""
         glow = self.glow.sample(self.fiber, v.p, x, y)
-        if self.aim is None:
+        if self.aim is None or self.aimed is None:
             return glow
         pick = number / (self.fraction * self.aimed)
         aimed = self.aim.sample(self.fiber, v.p, pick, x, y)
@@ -109,7 +109,7 @@ class FacetGuiding:
     def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
         guided = self.glow.density(self.fiber, v.p, direction)
-        if self.aim is not None:
+        if self.aim is not None and self.aimed is not None:
             aimed = self.aim.density(self.fiber, v.p, direction)
             guided = (1.0 - self.aimed) * guided + self.aimed * aimed
         return (1.0 - self.fraction) * pdf + self.fraction * guided

@@ -20,7 +20,14 @@ import mitsuba as mi
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim, Way
 from render.paths.connect import optical_depth
-from render.paths.vertex import Vertex, area_factor, empty_vertex, evaluate_scattering, leave
+from render.paths.vertex import (
+    Vertex,
+    area_factor,
+    channel_mean,
+    empty_vertex,
+    evaluate_scattering,
+    leave,
+)
 from render.paths.walk import (
     GuidingDistribution,
     SubpathState,
@@ -83,8 +90,8 @@ class Lamp:
         ray = self.light.ray(self.fiber, segment.p, -segment.d)
         # The free path that let the segment through is part of its density, in the mean.
         relative = dr.exp(-segment.depth)
-        through = dr.mean(relative)
-        value = dr.mean(segment.beta * relative) / through * segment.weight
+        through = channel_mean(relative)
+        value = channel_mean(segment.beta * relative) / through * segment.weight
         ratio = ray.joined * segment.d_vcm / through + ray.emitted * segment.d_vc
         return _scaled(ray.radiance, value / (1.0 + ratio), segment.weight > 0)
 
@@ -111,10 +118,10 @@ class Lamp:
         end.p, end.volume = point, mi.Bool(True)
         depth, clear = optical_depth(scene, z, end, active)
         transmittance = dr.exp(-depth)
-        through = dr.mean(transmittance)
+        through = channel_mean(transmittance)
         by_light = ray.emitted * area_factor(z, w) * (z.d_vcm + z.d_vc * reverse)
         mis = ray.joined / (ray.joined + through * (pdf + by_light))
-        value = dr.mean(z.beta * f * transmittance) * z.weight * mis / ray.joined
+        value = channel_mean(z.beta * f * transmittance) * z.weight * mis / ray.joined
         return _scaled(ray.radiance, value, active & clear)
 
 

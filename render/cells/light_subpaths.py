@@ -28,6 +28,7 @@ from render.paths.vertex import (
     RATIO_MAX,
     PassableVertex,
     Vertex,
+    channel_mean,
     empty_vertex,
     extinction,
     has_wide_lobe,
@@ -90,7 +91,7 @@ class DrawnVertices:
 
     records: DrawnVertex
     weight: list[mi.Float]
-    lanes: int
+    lanes: mi.UInt32
     paths: int
 
     def index(self, path: mi.UInt32, lane: mi.UInt32) -> mi.UInt32:
@@ -143,7 +144,7 @@ class CoatingTarget:
         sent = self._scattered(y, w, active)
         by_mirror = after_wide & ~has_wide_lobe(y)
         sent = dr.select(by_mirror, dr.minimum(sent, GLOSSY_VALUE_MAX), sent)
-        sent = sent + ISOTROPIC_FRACTION * dr.mean(y.beta)
+        sent = sent + ISOTROPIC_FRACTION * channel_mean(y.beta)
         return sent * facing / squared * self._transmittance(y, w, dr.sqrt(squared), active)
 
     def _mirrored(
@@ -175,12 +176,12 @@ class CoatingTarget:
     def _transmittance(
         self, y: Vertex, w: mi.Vector3f, distance: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        sigma = dr.mean(extinction(y.medium, active & y.volume)[1])
+        sigma = channel_mean(extinction(y.medium, active & y.volume)[1])
         length = dr.minimum(self._distance_inside(y.p, w), distance)
         return dr.exp(-dr.minimum(sigma * length, OPTICAL_DEPTH_MAX))
 
     def _scattered(self, y: Vertex, w: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        return dr.mean(y.beta * scattering_value(y, w, mi.TransportMode.Importance, active))
+        return channel_mean(y.beta * scattering_value(y, w, mi.TransportMode.Importance, active))
 
 
 def trace_light_subpaths(
@@ -198,8 +199,8 @@ def trace_light_subpaths(
         scene, target, point, normal, light, fiber, stream, paths, guiding, passable, lobed
     )
     dr.eval(records)
-    lanes = dr.width(fiber)
-    lane = dr.arange(mi.UInt32, paths * lanes) % lanes
+    lanes = dr.opaque(mi.UInt32, dr.width(fiber))
+    lane = dr.arange(mi.UInt32, paths * dr.width(fiber)) % lanes
     of_node = light.weights(dr.gather(mi.UInt32, fiber, lane), records.o, records.d)
     weight = [value * records.contribution / paths for value in of_node]
     dr.eval(weight)
@@ -216,10 +217,11 @@ def _trace(
 
     That keeps SIMD lanes busy: sums of many path lengths differ less than single ones.
     """
-    lanes = dr.width(fiber)
-    lane = dr.arange(mi.UInt32, lanes)
-    last = mi.UInt32(paths)
-    dr.make_opaque(last)
+    width = dr.width(fiber)
+    lane = dr.arange(mi.UInt32, width)
+    # What differs from run to run is data: compiled into the kernels, each would have its own.
+    last, lanes = mi.UInt32(paths), mi.UInt32(width)
+    dr.make_opaque(last, lanes)
     # --------------------------- Configure loop state ----------------------------
     path, event = mi.UInt32(0), mi.UInt32(0)  # which path, and where its stream of numbers is
     o, d = dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1)  # the ray that the path began with
@@ -236,8 +238,8 @@ def _trace(
         dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1),
     )  # fmt: skip
     drawn_weight, total = mi.Float(0.0), mi.Float(0.0)  # its target weight, and the sum of all
-    records = _allocated(drawn, lanes * paths)
-    fresh = dr.full(mi.Bool, True, lanes)  # lanes that begin a path
+    records = _allocated(drawn, width * paths)
+    fresh = dr.full(mi.Bool, True, width)  # lanes that begin a path
     first = mi.Bool(fresh)  # lanes whose path has no vertex yet
     from_volume = mi.Bool(False)  # lanes whose last vertex is in a volume
     active = mi.Bool(fresh)
@@ -266,7 +268,7 @@ def _trace(
         if guiding is not None:
             # Eq. 31, at the first vertex: camera subpaths that end there are joined to the lamp.
             if arrived & first:
-                through = dr.mean(dr.exp(-state.depth))
+                through = channel_mean(dr.exp(-state.depth))
                 v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
             first = first & ~arrived
             # Camera subpaths that come by go on as they are guided. Whatever the direction that

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.paths.connect import arrival_density, optical_depth, trace_to_surface
-from render.paths.vertex import Vertex, area_factor, evaluate_scattering
+from render.paths.vertex import Vertex, area_factor, channel_mean, evaluate_scattering
 from render.paths.walk import GuidingDistribution, SubpathState, returning_pdf
 from render.sampling.streams import Numbers
 from render.scene import Scene
@@ -232,7 +232,7 @@ class MirrorImages(ABC):
         if useful:
             probability = self.probability(chain.image, facet, v)
         squared = dr.squared_norm(self.point(chain.image, v.p) - facet.p)
-        through = dr.mean(dr.exp(-chain.depth - state.depth))
+        through = channel_mean(dr.exp(-chain.depth - state.depth))
         density = area_factor(v, state.d) * chain.chance * through
         d_vcm = chain.d_vcm * probability * squared / density
         d_vcm = dr.select(useful, d_vcm, 0.0)

@@ -26,6 +26,7 @@ from render.paths.vertex import (
     RATIO_MAX,
     Vertex,
     area_factor,
+    channel_mean,
     empty_vertex,
     evaluate_scattering,
     surface_interaction,
@@ -313,10 +314,10 @@ class Emission:
         # As on arrival at a surface, but with neither distance nor cosine.
         least = dr.min(state.depth)
         relative = dr.exp(-(state.depth - least))
-        forward = dr.mean(relative)
+        forward = channel_mean(relative)
         sigma = dr.select(state.from_volume, state.sigma_from, mi.Spectrum(1.0))
         d_vcm = dr.minimum(state.d_vcm / (forward * dr.exp(-least)), RATIO_MAX)
-        d_vc = dr.minimum(state.d_vc * dr.mean(sigma * relative) / forward, RATIO_MAX)
+        d_vc = dr.minimum(state.d_vc * channel_mean(sigma * relative) / forward, RATIO_MAX)
         ratio = pdf * (dr.select(first, 0.0, d_vcm) + d_vc / (dr.pi * dr.square(self.radius)))
         return dr.select(active, state.beta * relative / forward * radiance / (1.0 + ratio), 0.0)
 
@@ -338,7 +339,7 @@ class Emission:
         # Against a camera subpath that runs into the emitter, and light subpaths that reach v.
         facing = sample.cosine / sample.squared
         hit = dr.select(
-            sample.delta | v.terminal, 0.0, pdf * facing * dr.mean(transmittance) / sample.pdf
+            sample.delta | v.terminal, 0.0, pdf * facing * channel_mean(transmittance) / sample.pdf
         )
         light = sample.emitted * area_factor(v, sample.d) * arrival / sample.squared
         mis = 1.0 / (1.0 + hit + light * (v.d_vcm + v.d_vc * reverse))

@@ -20,7 +20,7 @@ from render.integrators.subpaths import (
 )
 from render.integrators.supported_content import refuse_unsupported
 from render.integrators.vertex_cache import LaneGroups, LightVertexCache
-from render.paths.vertex import VOLUME_PASSES, for_camera_passes
+from render.paths.vertex import VOLUME_PASSES, channel_mean, for_camera_passes
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
 
@@ -77,7 +77,7 @@ class FilmSampler:
         seen, importance = self.sensor.sample_direction(ahead, aperture)
         # Mitsuba's rays begin at the near plane; densities count from the place on the lens. At
         # unit distance the importance is the density of the ray per solid angle.
-        density = dr.mean(importance) * dr.squared_norm(ahead.p - seen.p)
+        density = channel_mean(importance) * dr.squared_norm(ahead.p - seen.p)
         ray.o = mi.Point3f(seen.p)
         medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
         # ------------------------------ Both subpaths ---------------------------------

@@ -15,7 +15,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.integrators.emitters import shape_corners
-from render.paths.vertex import Vertex, extinction, leave
+from render.paths.vertex import Vertex, channel_mean, extinction, leave
 
 FILLED_MIN = 0.98
 """Fraction of a box that its medium fills, at least, to be taken for the box."""
@@ -49,7 +49,7 @@ class MediumBoxes:
                 self.others = True
                 continue
             self.media.append(pointer)
-            self.sigma.append(dr.mean(extinction(pointer, mi.Bool(True))[1]))
+            self.sigma.append(channel_mean(extinction(pointer, mi.Bool(True))[1]))
             self.low.append(mi.Point3f(low))
             self.high.append(mi.Point3f(high))
         # Literal numbers would be compiled into the kernels.
@@ -76,7 +76,7 @@ class MediumBoxes:
             depth = dr.select(medium == known, sigma * within, depth)
             rest &= medium != known
         if self.others:
-            sigma = dr.mean(extinction(medium, rest)[1])
+            sigma = channel_mean(extinction(medium, rest)[1])
             ray = mi.Ray3f(mi.Ray3f(origin, w), distance)
             hit = self.scene.ray_intersect_preliminary(
                 ray, coherent=False, active=rest & (sigma > 0)

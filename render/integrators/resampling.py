@@ -26,6 +26,7 @@ from render.integrators.subpaths import CameraVertex, LightVertex
 from render.paths.connect import connection_contribution
 from render.paths.vertex import (
     Vertex,
+    channel_mean,
     extinction,
     has_wide_lobe,
     scattering_value,
@@ -162,7 +163,7 @@ class LightProxies:
     def of(light: LightVertex, represented: mi.Float) -> LightProxies:
         """Return it; the power of a vertex is that of all that it stands for."""
         v = light.vertex
-        sigma = dr.mean(extinction(v.medium, v.volume & (represented > 0))[1])
+        sigma = channel_mean(extinction(v.medium, v.volume & (represented > 0))[1])
         # Sums of balance heuristics per density per solid angle, for isotropic scattering.
         per = dr.select(v.volume, sigma / (4.0 * dr.pi), 0.0)
         wide = has_wide_lobe(v)
@@ -170,7 +171,7 @@ class LightProxies:
         (axis, peak), (refracted, beyond) = glossy_lobes(v, mi.TransportMode.Importance, glossy)
         axis, peak = dr.select(beyond > peak, refracted, axis), dr.maximum(peak, beyond)
         proxies = LightProxies(
-            v.p, dr.select(wide, v.wi, -axis), dr.mean(v.beta) * represented,
+            v.p, dr.select(wide, v.wi, -axis), channel_mean(v.beta) * represented,
             dr.select(wide, 1.0, peak), v.volume, wide, light.edges,
             per * v.d_vcm, per * v.d_vc / (4.0 * dr.pi), per * v.d_vc_passing[0] / (4.0 * dr.pi),
         )  # fmt: skip
@@ -207,7 +208,7 @@ class CameraProxy:
         z = camera.vertex
         n = mi.Vector3f(z.frame.n)
         n = dr.select(dr.dot(n, z.wi) < 0, -n, n)
-        sigma = dr.mean(extinction(z.medium, z.volume)[1])
+        sigma = channel_mean(extinction(z.medium, z.volume)[1])
         per = dr.select(z.volume, sigma / (4.0 * dr.pi), 0.0)
         glossy = (z.weight > 0) & ~has_wide_lobe(z)
         (mirrored, reflected), (ahead, refracted) = glossy_lobes(
@@ -277,7 +278,7 @@ def glossy_lobes(
         mi.Vector3f(-wi.x, -wi.y, wi.z), dr.normalize(mi.Vector3f(x, y, -dr.sign(wi.z) * z))
     ):  # fmt: skip
         w = v.frame.to_world(local)
-        value = dr.pi * dr.mean(scattering_value(v, w, mode, active))
+        value = dr.pi * channel_mean(scattering_value(v, w, mode, active))
         lobes.append((w, dr.select(active, dr.clip(value, 0.0, PEAK_MAX), 0.0)))
     return lobes
 
@@ -343,7 +344,7 @@ def target_weight(boxes: MediumBoxes, y: Vertex, z: Vertex, active: mi.Bool) -> 
     active = active & (z.weight > 0)
     transmittance = mi.Spectrum(boxes.transmittance(y, z.p, active))
     light = connection_contribution(y, z, transmittance, active, glossy=GLOSSY_WEIGHT)
-    return dr.mean(light) * z.weight
+    return channel_mean(light) * z.weight
 
 
 def mirrored_target_weight(
@@ -362,7 +363,7 @@ def mirrored_target_weight(
     back = 2.0 * dr.dot(w, normal) * normal - w
     sent = scattering_value(y, w, mi.TransportMode.Importance, active) + MIRRORED_LOBE_MIN
     received = scattering_value(a, back, mi.TransportMode.Radiance, active) + MIRRORED_LOBE_MIN
-    light = dr.mean(y.beta * sent * received) * selection_weight * squared
+    light = channel_mean(y.beta * sent * received) * selection_weight * squared
     light = light / _distance_squared(squared, a)
     transmittance = boxes.transmittance(y, image, active)
     return dr.select(active, light * transmittance / probability, 0.0)
@@ -370,6 +371,6 @@ def mirrored_target_weight(
 
 def _distance_squared(squared: mi.Float, z: Vertex) -> mi.Float:
     # Connections inside a volume are not brighter than those half a mean free path apart.
-    sigma = dr.mean(extinction(z.medium, z.volume)[1])
+    sigma = channel_mean(extinction(z.medium, z.volume)[1])
     near = dr.select(sigma > 0, 0.5 / sigma, 0.0)
     return dr.maximum(squared + dr.square(near), 1e-12)

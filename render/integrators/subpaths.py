@@ -35,6 +35,7 @@ from render.paths.vertex import (
     PassableVertex,
     Vertex,
     area_factor,
+    channel_mean,
     empty_vertex,
     evaluate_scattering,
     has_wide_lobe,
@@ -293,7 +294,7 @@ def trace_light_subpath(
         non_delta = arrived & ~v.delta
         here = LightVertex(v, edges, tail)
         first_numbers = stream.event(event + EVENT_BLOCK)
-        target = dr.select(non_delta, dr.mean(v.beta), 0.0)
+        target = dr.select(non_delta, channel_mean(v.beta), 0.0)
         total += target
         last_numbers = stream.event(event + 2 * EVENT_BLOCK)
         numbers = (*first_numbers[1:], *last_numbers[1:])
@@ -332,7 +333,7 @@ def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: m
     ds, importance = sensor.sample_direction(it, aperture, active)
     active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
     sent = v.beta * scattering_value(v, ds.d, mi.TransportMode.Importance, active) * importance
-    return dr.select(active, dr.mean(sent), 0.0)
+    return dr.select(active, channel_mean(sent), 0.0)
 
 
 def connect_to_camera(
@@ -356,7 +357,7 @@ def connect_to_camera(
     depth, clear = optical_depth(scene, v, eye, active)
     transmittance = dr.exp(-depth)
     arrival = arrival_density(v, transmittance, active)
-    density = dr.mean(importance) * area_factor(v, ds.d) * arrival / projection_weight
+    density = channel_mean(importance) * area_factor(v, ds.d) * arrival / projection_weight
     reverse = dr.select(v.terminal, 0.0, reverse)
     # Georgiev 2012, eqs. 46 and 37.
     mis = 1.0 / (1.0 + density * (v.d_vcm + v.d_vc * reverse))

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import trimesh
@@ -147,7 +148,17 @@ def pad_scene(scene: Scene, bend: float, indented: bool) -> Any:
     """Return the loaded Mitsuba scene of the unlit pad at ``bend`` radians."""
     with tempfile.TemporaryDirectory(prefix="tactilux-") as name:
         shapes = pad_shapes(scene, bend, indented, Path(name))
-        return mi.load_dict({"type": "scene", **shapes})
+        loaded = mi.load_dict({"type": "scene", **shapes})
+    # Of all plugins (Mitsuba 3.9) the phase function alone has its number compiled into kernels, so
+    # that a diffuser of another g would have its own.
+    parameters = mi.traverse(loaded)
+    for key, value in list(parameters):
+        if key.endswith("phase_function.g"):
+            number = mi.Float(value)
+            dr.make_opaque(number)
+            parameters[key] = number
+    parameters.update()
+    return loaded
 
 
 def _shape(mesh: trimesh.Trimesh, path: Path, bsdf: dict[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import mitsuba as mi
 from render.paths.vertex import (
     Vertex,
     area_factor,
+    channel_mean,
     empty_vertex,
     evaluate_scattering,
     extinction,
@@ -162,7 +163,7 @@ def arrival_density(v: Vertex, transmittance: mi.Spectrum, active: mi.Bool) -> m
     Per length (1/mm) in a volume, a probability at a surface.
     """
     _, sigma_t = extinction(v.medium, active & v.volume)
-    return dr.select(v.volume, dr.mean(sigma_t * transmittance), dr.mean(transmittance))
+    return dr.select(v.volume, channel_mean(sigma_t * transmittance), channel_mean(transmittance))
 
 
 def mirror_connection(
@@ -208,13 +209,13 @@ def mirror_connection(
     t_ab, t_by = dr.exp(-depth_ab), dr.exp(-depth_by)
     distance_squared = dr.squared_norm(b.p - a.p)
     # The camera finds b from a; then light is connected to b, or the camera goes on to y (eq. 40).
-    camera_b = dr.select(a.terminal, 0.0, p_a * dr.mean(t_ab) / density)
+    camera_b = dr.select(a.terminal, 0.0, p_a * channel_mean(t_ab) / density)
     arrival_y = arrival_density(y, t_by, active)
     r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
     camera_y = p_b * area_factor(y, w) * arrival_y / squared * (y.d_vcm + y.d_vc * r_y)
     # Light finds b from y; then it is connected to a, or goes on to a (eq. 41).
     density_b = density * area_factor(b, direction) / distance_squared
-    light_b = p_y * area_factor(b, w) * dr.mean(t_by) / squared / density_b
+    light_b = p_y * area_factor(b, w) * channel_mean(t_by) / squared / density_b
     arrival_a = arrival_density(a, t_ab, active)
     light_a = r_b * area_factor(a, direction) * arrival_a / distance_squared
     light_a *= a.d_vcm + a.d_vc * r_a

@@ -59,6 +59,15 @@ class PassableVertex(Vertex):
     d_vc_passing: mi.Vector2f
 
 
+def channel_mean(value: mi.Spectrum) -> mi.Float:
+    """Return the mean over channels.
+
+    That of Dr.Jit (1.5) has the number of lanes in its code, so that every number of them is
+    compiled anew.
+    """
+    return dr.sum(value) / len(value)
+
+
 def empty_vertex() -> Vertex:
     """Return a vertex with weight 0, for loops that have not found one yet."""
     return Vertex(

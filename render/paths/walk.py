@@ -22,6 +22,7 @@ from render.paths.vertex import (
     PassableVertex,
     Vertex,
     area_factor,
+    channel_mean,
     d_vc_for,
     evaluate_scattering,
     extinction,
@@ -153,8 +154,10 @@ def trace_segment(
     # exp(-(depth - least)) keeps ratios of transmittances finite however thick the medium is.
     least = dr.min(state.depth)
     relative = dr.exp(-(state.depth - least))
-    forward = dr.select(volume, dr.mean(sigma_t * relative), dr.mean(relative))
-    reverse = dr.select(state.from_volume, dr.mean(state.sigma_from * relative), dr.mean(relative))
+    forward = dr.select(volume, channel_mean(sigma_t * relative), channel_mean(relative))
+    reverse = dr.select(
+        state.from_volume, channel_mean(state.sigma_from * relative), channel_mean(relative)
+    )
     weight = relative * dr.select(volume, sigma_s, 1.0) / forward
     cosine = area_factor(vertex, state.d)
     vertex.beta = dr.select(arrived, state.beta * weight, 0.0)

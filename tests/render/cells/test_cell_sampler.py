@@ -1,0 +1,71 @@
+"""What the cell sampler compiles: kernels know what a sensor is made of, not its numbers.
+
+Compiling takes 5 to 20 s, rendering 96 samples of every cell one or two. So sensors that differ in
+their numbers alone share kernels, pressed and untouched pads do, and so do one design and eight.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+# Dr.Jit remembers what a process has compiled, so kernels are told apart in one of their own.
+RENDER = """
+import json, sys
+import drjit as dr
+import numpy as np
+from render.reference import render_transport
+from render.scene import load_scene
+
+dr.set_flag(dr.JitFlag.KernelHistory, True)
+base = load_scene("finger20")
+wide = base.pad.model_copy(update={"width": 15.0, "thickness": 3.5, "index": 1.5, "roughness": 0.2})
+milk = base.diffuser.model_copy(
+    update={"thickness": 2.5, "sigma_s": 3.0, "sigma_a": 0.01, "g": 0.5}
+)
+view = base.camera.model_copy(update={"distance": 12.0, "columns": 300, "rows": 400})
+sites = base.sites.model_copy(update={"columns": 2, "rows": 3, "spacing": 2.5})
+parts = {"pad": wide, "diffuser": milk, "camera": view, "sites": sites}
+other = base.model_copy(update=parts)
+clear = base.model_copy(update={"diffuser": None})
+few = clear.model_copy(update={"pad": wide, "camera": view, "sites": sites})
+
+
+def kernels(scene, nodes, bend):
+    dr.kernel_history_clear()
+    phi = np.tile(np.linspace(1.0, 2.0, nodes), (scene.lamp_count, 1))
+    render_transport(scene, phi, np.array([bend]), samples=8, seeds=(1,))
+    found = dr.kernel_history()
+    return sorted({k["hash"] for k in found if k.get("operation_count", 0) > 1000})
+
+
+pairs = {
+    "milky": [kernels(base, 4, 0.0), kernels(other, 4, 0.0)],
+    "bent": [kernels(base, 4, 0.5), kernels(other, 4, 1.0)],
+    "clear": [kernels(clear, 4, 0.0), kernels(few, 4, 0.0)],
+    "designs": [kernels(base, 1, 0.0), kernels(base, 5, 0.0)],
+}
+print(json.dumps(pairs))
+"""
+
+
+@pytest.fixture(scope="module")
+def compiled() -> dict[str, list[list[str]]]:
+    """Return the kernels of pairs of renders, of finger20 and of pads with other numbers."""
+    done = subprocess.run(
+        [sys.executable, "-c", RENDER], capture_output=True, text=True, check=True
+    )
+    return dict(json.loads(done.stdout))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pair", ["milky", "bent", "clear", "designs"])
+def test_other_numbers_take_no_other_kernels(
+    compiled: dict[str, list[list[str]]], pair: str
+) -> None:
+    one, other = compiled[pair]
+    assert len(one) == 2  # light subpaths; camera subpaths and connections
+    assert one == other
