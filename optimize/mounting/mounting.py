@@ -279,6 +279,8 @@ def mounting_error_costs(
     which ``progress`` is told.
     """
     usual, slopes = dict(USUAL), {}
+    if not any(scene.turning):
+        del usual["fiber_angle"]
     if layer and scene.diffuser is not None:
         usual |= LAYER
         nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)

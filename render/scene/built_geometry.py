@@ -88,9 +88,11 @@ def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]
                 f"its thickness of {box.high[2]:g} mm"
             )
         elif lamp.recess >= outside:
+            inside = lamp.recess - outside
             yield (
-                f"{lamp.key} at ({at}) mm cuts {lamp.recess - outside:.3g} mm into the silicone"
-                f"{' when it turns' if lamp.turns else ''}, allowed: at least "
+                f"{lamp.key} at ({at}) mm "
+                f"{f'cuts {inside:.3g} mm into' if inside > 0.0 else 'touches'} the silicone"
+                f"{' when it turns, allowed: more than' if lamp.turns else ', allowed: at least'} "
                 f"{lamp.recess:.3g} mm from its {FACES[lamp.face]} face"
             )
 

@@ -95,7 +95,8 @@ def test_where_no_lamp_can_be_is_one_sentence(lamp: dict[str, Any], sentence: st
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"gap": 0.3}, "cuts 0.2 mm into the silicone when it turns"),
+        ({"gap": 0.3}, "cuts 0.2 mm into the silicone when it turns, allowed: more than 0.5 mm"),
+        ({"gap": 0.5}, "touches the silicone when it turns, allowed: more than 0.5 mm"),
         ({"count": None}, "rows.0: needs either count or at"),
         ({"count": 30, "diameter": 1.0}, "lamps need 30 mm, allowed: at most the edge of 24 mm"),
         ({"count": None, "at": ([13.0], "mm")}, "rows.0.at = 13 mm lies beside the edge"),
