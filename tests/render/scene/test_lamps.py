@@ -109,6 +109,10 @@ def test_rows_that_cannot_be_are_refused(changes: dict[str, Any], sentence: str)
     assert sentence in refusal(rows=[row("left", **({"count": 2} | changes))])
 
 
+def test_a_row_is_refused_once_for_all_its_lamps() -> None:
+    assert refusal(rows=[row("left", 3, gap=0.3)]).count("into the silicone") == 1
+
+
 def test_fibers_and_rows_are_not_named_together(tmp_path: Path) -> None:
     path = rewritten(tmp_path, ("schema = 1", "schema = 2\nrows = []"))
     with pytest.raises(SceneError, match="fibers are three rows already"):
