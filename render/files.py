@@ -9,6 +9,7 @@ import json
 import os
 import re
 import sys
+import tempfile
 import tomllib
 import uuid
 import zipfile
@@ -71,9 +72,16 @@ def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def can_create(path: Path) -> bool:
-    """Return whether ``path`` can be made, as far as the nearest folder that is there says."""
+    """Return whether ``path`` can be made: whether the nearest folder that is there takes one.
+
+    It is tried, since folders of the system that are no place for files give all rights to some.
+    """
     nearest = next(parent for parent in path.absolute().parents if parent.exists())
-    return nearest.is_dir() and os.access(nearest, os.W_OK)
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".", dir=nearest))
+    except OSError:
+        return False
+    return True
 
 
 def replace_folder(fresh: Path, target: Path) -> Path | None:

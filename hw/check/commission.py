@@ -130,7 +130,8 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
     Raises:
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
     """
-    prediction = replace(prediction, response=measured_response(prediction, colors))
+    response = measured_response(prediction, colors, recorded=True)
+    prediction = replace(prediction, response=response)
     expected = prediction.alone
     lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
     weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)

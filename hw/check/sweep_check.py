@@ -172,16 +172,17 @@ MAX_LEAK = 0.5
 """Part of its own channel's light that a color may add to another: beyond, it is another color."""
 
 
-def measured_response(prediction: PadPrediction, colors: Array) -> Array:
+def measured_response(prediction: PadPrediction, colors: Array, *, recorded: bool = False) -> Array:
     """Return what each channel sees of each LED color, ``(color, channel)``, 1 on the diagonal.
 
     The median over fibers of one color, so that a faulty one does not move it; where they are fewer
     than `ENOUGH_FIBERS`, all must agree that it is a leak and no wrong color. ``colors`` ``(fiber,
     site, 3)`` are counts of each fiber alone. Colors that no fiber has alone keep the response of
-    ``prediction``.
+    ``prediction``. It is relative to the gains of `channel_gains`, so where it is ``recorded`` to
+    those of a record.
     """
     response = prediction.response.copy()
-    gain = channel_gains(prediction.alone, colors, prediction.own)
+    gain = channel_gains(prediction.alone, colors, prediction.own, recorded)
     seen = (colors / gain).sum(axis=1) / prediction.tint
     strongest = prediction.power.argmax(axis=1)
     for color in range(3):

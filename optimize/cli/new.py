@@ -34,7 +34,8 @@ def run(
         Literal["fiber", "led"] | None, Option(help="Fibers turn; LEDs do not, and shine wide.")
     ] = None,
     colors: Annotated[
-        str | None, Option(help="Of the lit edges, from left to base: red,blue,green; or white.")
+        str | None,
+        Option(help="Of the lit edges, from left to base: red,blue,green; or one of all: white."),
     ] = None,
     distance: Annotated[float | None, Option(help="From the camera to the pad, mm.")] = None,
     field_of_view: Annotated[

@@ -142,8 +142,8 @@ def explore(
     )
     colored = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]
-    change = "the fiber directions"
-    if search.score > first_round[-1]:
+    change = "the fiber directions" if any(scene.turning) else "further rounds"
+    if any(scene.turning) and search.score > first_round[-1]:
         change += " and the rounds after"
     chosen = [
         ("baseline", "Baseline", "", baseline),

@@ -135,8 +135,11 @@ class Mounting:
     def colors_exchange(self) -> bool:
         """Whether all colors may be exchanged with each other in all fibers at once.
 
-        S knows no color by name, so they may where each has a channel of its own and no limit.
+        S knows no color by name, so they may where each has a channel of its own and no limit, and
+        the skin looks alike in all of them.
         """
+        if self.scene.by_channel:
+            return False
         limits = limits_of(self.scene)
         alike = limits.colors_alike and limits.palette.exchangeable
         return alike and len(set(limits.led_power.tolist())) == 1
@@ -279,6 +282,8 @@ def mounting_error_costs(
     which ``progress`` is told.
     """
     usual, slopes = dict(USUAL), {}
+    if not any(scene.turning):
+        del usual["fiber_angle"]
     if layer and scene.diffuser is not None:
         usual |= LAYER
         nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)

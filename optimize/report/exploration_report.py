@@ -149,8 +149,8 @@ def _search_note(exploration: Exploration) -> str:
     )
     rounds = counted(search.history[-1].round, "round")
     return (
-        f"{counted(search.evaluated, 'design')} in {search.seconds:.1f} s: {rounds} of colors and "
-        f"directions, {end}."
+        f"{counted(search.evaluated, 'design')} in {search.seconds:.1f} s: {rounds} of colors"
+        f"{' and directions' if any(exploration.scene.turning) else ''}, {end}."
     )
 
 

@@ -23,7 +23,7 @@ from optimize.report.illustrations import beam_length, drawing, png_bytes
 from optimize.report.page import data_uri
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
-from render.geometry import FiberHolder, flat_fiber_poses, flat_sites
+from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses, flat_sites
 from render.scene import Scene
 
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
@@ -66,6 +66,11 @@ def wiring_context(
     ]
     return {
         "title": title,
+        "word": "fiber" if scene.fibers else "lamp",
+        "numbering": _numbering(scene),
+        "turns": any(scene.turning),
+        "across": "tip and base edge" if "base" in fiber_edges(scene) else "tip edge",
+        "holder": bool(len(FiberHolder.of(scene).least)),
         "scheme": data_uri(png_bytes(wiring_drawing(mounting))),
         "facts": facts,
         "notes": [*_price(mounting), *_error_sentences(errors), *_freedom(mounting)],
@@ -91,6 +96,27 @@ def wiring_context(
     }
 
 
+WAYS = {
+    "left": "along the left edge from base to tip",
+    "tip": "along the tip from left to right",
+    "right": "down the right edge",
+    "base": "along the base from right to left",
+}
+
+
+def _numbering(scene: Scene) -> str:
+    """Say in which order the lamps of a scene are numbered."""
+    ways = [way for edge, way in WAYS.items() if edge in fiber_edges(scene)]
+    if scene.lamps:
+        ways.append("then one by one as they are listed" if ways else "as they are listed")
+    *first, last = ways
+    order = f"{', '.join(first)}{',' if len(first) > 1 else ''} and {last}" if first else last
+    return (
+        f"Looking at the skin from outside with the tip up, {'fibers' if scene.fibers else 'lamps'}"
+        f" are numbered {order}."
+    )
+
+
 def _ends(scene: Scene) -> list[str]:
     """Say how the ends of the lamps lie, one sentence for each row."""
     sentences = []
@@ -114,6 +140,8 @@ def _ends(scene: Scene) -> list[str]:
 
 
 def _price(mounting: Mounting) -> list[str]:
+    if not any(mounting.scene.turning):
+        return []
     if mounting.score is None or mounting.score_found is None:
         return [f"Angles are rounded to {mounting.step:g}°."] if mounting.step else []
     texts = []
@@ -145,6 +173,8 @@ def _freedom(mounting: Mounting) -> list[str]:
     if not mounting.colors_exchange:
         return []
     *first, last = mounting.scene.palette.names
+    if not first:
+        return []
     names = f"{', '.join(first)} and {last}".capitalize()
     return [
         f"{names} may be exchanged with each other in all fibers at once: the score knows no color "

@@ -22,12 +22,14 @@ from render.geometry.camera_rays import camera_origin, half_view, pixel_position
 from render.geometry.layout import declared_sites, facets
 from render.geometry.refraction import aim_at, refract_into_pad
 from render.geometry.visibility import facet_masks, first_facet, shown_targets
-from render.scene import Scene
+from render.scene import MOST_PIXELS, Scene
 
 OUTSIDE, HIDDEN, SMALL = "outside the picture", "hidden", "smaller than a pixel"
 
 WIDEST = 170.0
 """Field of view in degrees up to which a wider one is called a remedy."""
+_LARGER, _LOWER = range(2, 17), range(75, 0, -5)
+"""Factors of pixels and slopes (deg) that are tried for a remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,20 +127,43 @@ def _remedy(scene: Scene, coverage: CameraCoverage) -> str:
     cause = max(coverage.unseen, key=coverage.unseen.__getitem__)
     if cause == HIDDEN:
         slope = np.degrees(scene.indenter.slope)
-        return f"move the camera, or lower indenter.slope = {slope:g} deg"
+        lower = next((f" to {s:g} deg" for s in _LOWER if s < slope and _sees(scene, s)), "")
+        return f"move the camera, or lower indenter.slope = {slope:g} deg{lower}"
     if cause == SMALL:
-        return f"raise camera.columns = {camera.columns} and camera.rows = {camera.rows}"
+        sizes = [(factor * camera.columns, factor * camera.rows) for factor in _LARGER]
+        sizes = [size for size in sizes if max(size) <= MOST_PIXELS]
+        finer = next((f" to {w} and {h}" for w, h in sizes if _sees(scene, pixels=(w, h))), "")
+        return f"raise camera.columns = {camera.columns} and camera.rows = {camera.rows}{finer}"
     corners = [(*state, facets(*state).corners.reshape(-1, 3)) for state in _states(scene)]
     position = np.stack([_image_of(*corner)[0] for corner in corners])
     widest = np.abs(2 * position / [camera.columns, camera.rows] - 1).max()  # NaN stays
     half = widest * half_view(scene, camera.columns, camera.rows)[1]
     needed = 2 * np.degrees(half if camera.fisheye else np.arctan(half))
     if not needed < WIDEST:
-        return "move the camera or the sites"
+        x, y, z = np.concatenate([facets(*state).site_position for state in _states(scene)]).mean(0)
+        return (
+            f"it stands at {_place(camera.place)} mm and looks along {_place(camera.axes[2])}, the "
+            f"sites lie about {_place((x, y, z))} mm: turn or move the camera, or move the sites"
+        )
     return (
         f"widen camera.field_of_view = {np.degrees(camera.field_of_view):g} deg to "
         f"{np.ceil(needed):g} deg, or move the camera or the sites"
     )
+
+
+def _sees(scene: Scene, slope: float | None = None, pixels: tuple[int, int] | None = None) -> bool:
+    """Return whether a site counts with another ``slope`` (deg), or columns and rows of pixels."""
+    update: dict[str, object] = {}
+    if slope is not None:
+        update["indenter"] = scene.indenter.model_copy(update={"slope": np.radians(slope)})
+    if pixels is not None:
+        size = {"columns": pixels[0], "rows": pixels[1]}
+        update["camera"] = scene.camera.model_copy(update=size)
+    return len(camera_coverage(scene.model_copy(update=update)).counted) > 0
+
+
+def _place(vector: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{round(float(value), 2) + 0.0:g}' for value in vector)})"
 
 
 def check_seen(scene: Scene, bends: Array) -> None:

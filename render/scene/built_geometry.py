@@ -76,21 +76,29 @@ def deep_row_problems(rows: tuple[Row, ...], lamps: tuple[PlacedLamp, ...]) -> I
 
 
 def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
-    """Yield which lamps in the air are where none can be: partly in the silicone, or behind it."""
+    """Yield which lamps in the air are where none can be: partly in the silicone, or behind it.
+
+    Of a row, the first that is.
+    """
+    told = set()
     for lamp in lamps:
-        if lamp.solid is not None:
+        if lamp.solid is not None or lamp.key in told:
             continue
         outside = float(box.distance(lamp.position)[lamp.face])
         at = ", ".join(f"{value:g}" for value in lamp.position)
         if lamp.position[2] > box.high[2]:
+            told.add(lamp.key)
             yield (
                 f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the pad, allowed: at most "
                 f"its thickness of {box.high[2]:g} mm"
             )
         elif lamp.recess >= outside:
+            told.add(lamp.key)
+            inside = lamp.recess - outside
             yield (
-                f"{lamp.key} at ({at}) mm cuts {lamp.recess - outside:.3g} mm into the silicone"
-                f"{' when it turns' if lamp.turns else ''}, allowed: at least "
+                f"{lamp.key} at ({at}) mm "
+                f"{f'cuts {inside:.3g} mm into' if inside > 0.0 else 'touches'} the silicone"
+                f"{' when it turns, allowed: more than' if lamp.turns else ', allowed: at least'} "
                 f"{lamp.recess:.3g} mm from its {FACES[lamp.face]} face"
             )
 

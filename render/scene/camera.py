@@ -20,6 +20,8 @@ Way = Annotated[tuple[float, ...], Quantity("", -1000.0, 1000.0, many=True)]
 WIDEST_PINHOLE, WIDEST_CORNER = 175.0, 175.0
 """deg: full field of view of a pinhole over its rows, and angle of a fisheye's corners from its
 axis."""
+MOST_PIXELS = 4096
+"""Of a picture's columns, and of its rows."""
 AHEAD, UP = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
 
@@ -37,8 +39,8 @@ class Camera(Part):
     distance: Millimeters | None = None
     y: Coordinate | None = None
     field_of_view: Annotated[float, Quantity("deg", 1.0, 300.0)]
-    columns: Annotated[int, Count(8, 4096)]
-    rows: Annotated[int, Count(8, 4096)]
+    columns: Annotated[int, Count(8, MOST_PIXELS)]
+    rows: Annotated[int, Count(8, MOST_PIXELS)]
     position: Place | None = since_schema_2()
     look_at: Place | None = since_schema_2()
     direction: Way | None = since_schema_2()

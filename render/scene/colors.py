@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from render.arrays import Array
 from render.scene.quantities import Part, Quantity
@@ -37,6 +37,12 @@ _OFF_INK = "#9aa0aa"
 _SEEN_AS = {"red": (1.0, 0.0, 0.0), "green": (0.0, 1.0, 0.0), "blue": (0.0, 0.0, 1.0)}
 
 
+def _shines(name: str) -> str:
+    if name == OFF:
+        raise ValueError(f"allowed: any other name, {OFF} is a lamp without light")
+    return name
+
+
 class LedColor(Part):
     """A type of LED: its name and what each channel of the camera sees of its light.
 
@@ -44,7 +50,7 @@ class LedColor(Part):
     ``ink`` is what reports draw it with, ``#rrggbb``.
     """
 
-    name: ColorName
+    name: Annotated[ColorName, AfterValidator(_shines)]
     response: Annotated[tuple[float, ...], Quantity("", 0.0, 1.0, many=True)]
     ink: Annotated[str, Field(pattern=INK)] | None = None
 
@@ -115,8 +121,6 @@ class Palette:
                 yield f"{what} name {name} twice, allowed: once"
         if len(self.channels) > MAX_CHANNELS:
             yield f"camera.channels are {len(self.channels)}, allowed: at most {MAX_CHANNELS}"
-        if OFF in self.names:
-            yield f"colors: {OFF} is a fiber without light, allowed: any other name"
         for name, response in zip(self.names, self.response, strict=True):
             if len(response) != len(self.channels):
                 yield (
@@ -156,5 +160,5 @@ def colors_in(raw: Mapping[str, Any]) -> tuple[str, ...]:
     names = RGB.names
     if isinstance(named, list):
         said = [one.get("name") for one in named if isinstance(one, dict)]
-        names = tuple(name for name in said if isinstance(name, str)) or names
+        names = tuple(name for name in said if isinstance(name, str) and name != OFF) or names
     return names if raw.get("schema") == 1 else (*names, OFF)

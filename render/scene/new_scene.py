@@ -108,8 +108,8 @@ class Answers:
         name: of the scene.
         numbers: by the names of `QUESTIONS`; those that nobody answered are absent.
         lamp: one of `LAMPS`.
-        colors: of the lit edges, in the order of `EDGES`, of `COLORS`; empty for red, blue,
-            green and red.
+        colors: of the lit edges, in the order of `EDGES`, of `COLORS`, or one for all; empty for
+            red, blue, green and red.
     """
 
     name: str
@@ -132,10 +132,10 @@ class Answers:
                 raise SceneError(
                     f"--colors names {color}, allowed: {', '.join(COLORS)}", field="colors"
                 )
-        if self.colors and len(self.colors) != len(self.lit):
+        if len(self.colors) not in (0, 1, len(self.lit)):
             raise SceneError(
                 f"--colors names {len(self.colors)} colors, allowed: {len(self.lit)}, one for each "
-                f"edge with lamps ({', '.join(self.lit)})",
+                f"edge with lamps ({', '.join(self.lit)}), or one for all",
                 field="colors",
             )
 
@@ -163,6 +163,8 @@ class Answers:
         """The color of each edge with lamps."""
         usual = {"left": "red", "tip": "blue", "right": "green", "base": "red"}
         chosen = self.colors or tuple(usual[edge] for edge in self.lit)
+        if len(chosen) == 1:
+            chosen *= len(self.lit)
         return dict(zip(self.lit, chosen, strict=True))
 
     def size(self, name: str) -> float:

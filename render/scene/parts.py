@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from render.arrays import Array
 from render.errors import SceneError
 from render.scene.camera import Coordinate, Millimeters
-from render.scene.colors import RGB
+from render.scene.colors import OFF, RGB
 from render.scene.lamps import EDGES, RIM_EDGES, Edge
 from render.scene.quantities import Count, Part, PerChannel, Quantity, since_schema_2
 
@@ -303,6 +303,13 @@ class Baseline(Part):
                     f"baseline.{edge} names {len(colors)} colors, allowed: {count}, one for each "
                     "lamp of the edge, or one color alone"
                 )
+        named = [getattr(self, edge) or () for edge in EDGES]
+        every = {c for one in named for c in ([one] if isinstance(one, str) else one)}
+        if every | {*(self.lamps or ())} == {OFF}:
+            yield (
+                "baseline: all lamps are off, allowed: at least one that shines; its picture sets "
+                "the exposure, and designs are compared with it"
+            )
         if len(self.lamps or ()) != listed:
             yield (
                 f"baseline.lamps names {len(self.lamps or ())} colors, allowed: {listed}, one for "

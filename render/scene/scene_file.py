@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import functools
+import operator
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib import resources
@@ -50,16 +53,44 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
         context = {"colors": colors_in(raw), "folder": folder, "rest_mesh": _mesh_file(raw)}
         return Scene.model_validate(raw, context=context)
     except ValidationError as error:
-        # A list all of whose entries are refused is not empty besides.
-        problems = [
-            problem
-            for problem in error.errors(include_url=False)
-            if problem["type"] != "too_short" or not problem["input"]
-        ]
+        problems = _problems(error)
+        without = _without_words(raw, problems, context["colors"][0])
+        if without is not None:
+            try:
+                Scene.model_validate(without, context=context)
+            except ValidationError as further:
+                problems += _problems(further)
         raise SceneError(
             f"{origin} is not a valid scene: " + "; ".join(map(_sentence, problems)),
             field=".".join(str(part) for part in problems[0]["loc"]),
         ) from None
+
+
+def _problems(error: ValidationError) -> list[Any]:
+    """Return what is wrong; a list all of whose entries are refused is not empty besides."""
+    found: list[Any] = error.errors(include_url=False)
+    return [one for one in found if one["type"] != "too_short" or not one["input"]]
+
+
+def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict[str, Any] | None:
+    """Return the file without unknown keys and colors, so that its geometry is looked at too.
+
+    None where anything else is wrong, for then there is no geometry.
+    """
+    mended: Any = copy.deepcopy(raw)
+    for problem in problems:
+        *place, last = problem["loc"] or (None,)
+        try:
+            part = functools.reduce(operator.getitem, place, mended)
+            if problem["type"] == "extra_forbidden":
+                del part[last]
+            elif problem["type"] == "unknown_color":
+                part[last] = color
+            else:
+                return None
+        except (KeyError, IndexError, TypeError):  # a place within a choice of types
+            return None
+    return dict(mended)
 
 
 def _mesh_file(raw: dict[str, Any]) -> str | None:

@@ -17,6 +17,7 @@ from render.metric import THESIS
 from render.metric_gradient import score_by_counts
 from render.scale import ScoreScale
 from render.scene import Scene
+from surrogate.model.lamp_copies import split_power
 from surrogate.model.preview_grid import PreviewGrid
 
 COLORINGS, BEST = 200, 20
@@ -36,14 +37,16 @@ def table_shares(
         scale: exposure and lambda.
     """
     light = scale.exposure * np.exp(grid.evaluate(phi, bends))[:, 0, ..., :-1]
-    rng, palette = np.random.default_rng(0), scene.palette.matrix
-    chosen = palette[rng.integers(0, len(palette), (COLORINGS, scene.lamp_count))]
-    scores, squares = np.empty(COLORINGS), np.empty((COLORINGS, *light.shape))
-    symmetric = is_mirror_symmetric(scene, np.tile(phi, (scene.lamp_count, 1)))
-    for index, power in enumerate(chosen):
+    lamps, (rng, palette) = scene.lamp_count, (np.random.default_rng(0), scene.palette.matrix)
+    chosen = palette[rng.integers(0, len(palette), (COLORINGS, lamps))]
+    scores, squares = np.empty(COLORINGS), np.empty((COLORINGS, lamps, *light.shape[1:]))
+    symmetric = is_mirror_symmetric(scene, np.tile(phi, (lamps, 1)))
+    for index, power in enumerate(split_power(scene, chosen)):
         counts = np.einsum("fbsk,fc->bskc", light, power)
         scores[index], by_counts = score_by_counts(counts, scale.lam, THESIS)
         change = light * np.einsum("bskc,fc->fbsk", by_counts, power)
+        # All copies of a lamp are rendered from the same random numbers: their noise adds up.
+        change = change.reshape(-1, lamps, *change.shape[1:]).sum(axis=0)
         if symmetric:
             # Renders of a symmetric sensor are the mean of what they found and its mirror image.
             change = 0.5 * (change + mirror_image(scene, change[:, None], facets=True)[:, 0])

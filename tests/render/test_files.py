@@ -79,3 +79,11 @@ def test_a_damaged_object_reads_as_none_was_there(tmp_path: Path, content: str) 
     assert files.read_json(path) == {}
     path.write_bytes(content.encode("utf-8", "surrogateescape"))
     assert files.read_json(path) == {}
+
+
+def test_a_folder_of_the_system_that_takes_no_files_is_no_place_for_one(tmp_path: Path) -> None:
+    assert files.can_create(tmp_path / "new" / "a")
+    assert not list(tmp_path.iterdir())
+    assert not files.can_create(Path("/proc/a"))
+    (tmp_path / "file").touch()
+    assert not files.can_create(tmp_path / "file" / "a")

@@ -10,6 +10,8 @@ import pytest
 
 from hw.check.commission import commission, load_record
 from hw.check.prediction import PadPrediction
+from hw.check.rig_tolerances import rig_tolerances
+from hw.check.sweep_check import check_sweep
 from hw.errors import CaptureError
 from render.errors import TableError
 from render.files import write_npz
@@ -89,3 +91,20 @@ def test_rubbish_is_no_record(tmp_path: Path) -> None:
     write_npz(tmp_path / "b.npz", {"ratio": np.ones((2, 2))})
     with pytest.raises(CaptureError, match="--commission"):
         load_record(tmp_path / "b.npz")
+
+
+def test_a_rig_of_one_fiber_in_each_color_is_healthy_at_its_next_start(
+    prediction: PadPrediction,
+) -> None:
+    power = np.zeros((20, 3))
+    power[:3] = np.eye(3)
+    few = replace(prediction, power=power)
+    response = np.array([[1.0, 0.06, 0.07], [0.02, 1.0, 0.05], [0.0, 0.07, 1.0]])
+    light = few.unit(few.phi[:, None])[:, 0, :, None] * (power @ response)[:, None]
+    # What was built differs from the design by more than a start from the next.
+    healthy = light * np.array([1.4, 0.9, 0.7] + [1.0] * 17)[:, None, None]
+    record = commission(few, healthy, SCENE, 0.0)
+    known = replace(few, response=record.response)
+    tolerances = rig_tolerances(sweep=True, starts=1, noise=np.array(0.045))
+    for drift in (1.03, 0.97):
+        assert check_sweep(known, drift * healthy, tolerances, record.ratio).ok

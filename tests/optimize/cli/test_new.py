@@ -62,6 +62,11 @@ def test_flags_become_values_that_say_so(tactilux: Run) -> None:
     assert tactilux("describe", "mini.toml").code == 0
 
 
+def test_one_color_is_that_of_all_edges(tactilux: Run) -> None:
+    assert tactilux("new", "--out", "white.toml", "--colors", "white", "--base", 2).code == 0
+    assert set(load_scene("white.toml").baseline_colors()) == {"white"}
+
+
 def test_new_fibers_are_those_that_jigs_and_calibration_know(tactilux: Run) -> None:
     assert tactilux("new", "ends", "--tip", 2, "--left", 3).code == 0
     scene = load_scene("ends.toml")

@@ -82,6 +82,9 @@ def test_colors_may_be_exchanged_where_no_limit_tells_them_apart(finger20: Scene
     assert mount(finger20, turned(finger20, 0.0)).colors_exchange
     fewer = finger20.model_copy(update={"constraints": Constraints(max_red=5)})
     assert not mount(fewer, turned(fewer, 0.0)).colors_exchange
+    colored = finger20.coating.model_copy(update={"albedo": (0.6, 0.5, 0.4)})
+    tinted = finger20.model_copy(update={"coating": colored})
+    assert not mount(tinted, turned(tinted, 0.0)).colors_exchange
 
 
 def test_errors_in_building_cost_what_perturbed_sensors_lose(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -79,18 +81,22 @@ def test_facets_that_are_not_seen_are_counted_by_cause() -> None:
             {"camera": {"field_of_view": np.radians(2.0), "y": 4.5}},
             r"field_of_view = 2 deg to \d+ deg",
         ),
-        ({"camera": {"columns": 24, "rows": 40}}, r"camera.columns = 24 and camera.rows = 40"),
+        (
+            {"camera": {"columns": 24, "rows": 40}},
+            r"camera.columns = 24 and camera.rows = 40 to \d+ and \d+",
+        ),
         (
             {"camera": {"y": 500.0}, "bending": {"angles": (0.0,)}},
-            r"0 of 150 facets \(150 outside the picture\).*: move the camera or the sites",
+            r"0 of 150 facets \(150 outside the picture\).*: it stands at \(0, 500, -10\) mm and "
+            r"looks along \(0, 0, 1\), the sites lie about \(0, 3, 4\) mm: turn or move the camera",
         ),
         (
             {
                 "indenter": {"slope": np.radians(75.0), "radius": 0.6},
-                "camera": {"columns": 240, "rows": 400, "y": -14.0, "field_of_view": 2.4},
+                "camera": {"columns": 720, "rows": 1200, "y": -14.0, "field_of_view": 2.4},
                 "bending": {"angles": (0.0,)},
             },
-            r"\d+ hidden.*lower indenter.slope = 75 deg",
+            r"\d+ hidden.*lower indenter.slope = 75 deg to \d+ deg",
         ),
     ],
 )
@@ -110,6 +116,31 @@ def test_the_field_of_view_that_an_error_names_is_enough() -> None:
     assert len(counted_sites(changed(blind, camera={"field_of_view": np.radians(wider)}))) == 15
     less = changed(blind, camera={"field_of_view": np.radians(wider - 5.0)})
     assert len(camera_coverage(less).counted) < 15
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"camera": {"columns": 24, "rows": 40}},
+        {
+            "indenter": {"slope": np.radians(75.0), "radius": 0.6},
+            "camera": {"columns": 720, "rows": 1200, "y": -14.0, "field_of_view": 2.4},
+            "bending": {"angles": (0.0,)},
+        },
+    ],
+)
+def test_the_pixels_and_the_slope_that_an_error_names_are_enough(
+    parts: dict[str, dict[str, object]],
+) -> None:
+    blind = changed(SCENE, **parts)
+    with pytest.raises(SceneError) as caught:
+        counted_sites(blind)
+    named = [float(number) for number in re.findall(r"[\d.]+", str(caught.value).split(" to ")[-1])]
+    better: dict[str, object] = {"slope": np.radians(named[0])}
+    part = "indenter"
+    if len(named) == 2:
+        part, better = "camera", {"columns": int(named[0]), "rows": int(named[1])}
+    assert len(counted_sites(changed(blind, **{part: better})))
 
 
 def test_a_bend_of_its_own_is_checked_before_anything_is_rendered() -> None:

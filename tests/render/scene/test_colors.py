@@ -37,7 +37,10 @@ def test_what_a_scene_says_of_its_default_leds_leaves_no_trace_in_the_hash(tmp_p
         (COLOR.format("white", "[1.0, 1.0]"), "colors.white.response has 2 values, allowed: 3"),
         (COLOR.format("white", "[0.0, 0.0, 0.0]"), "is all 0, allowed: some channel must see it"),
         (WHITE + WHITE, "colors name white twice, allowed: once"),
-        (WHITE + COLOR.format("off", "[1.0, 0.0, 0.0]"), "off is a fiber without light"),
+        (
+            WHITE + COLOR.format("off", "[1.0, 0.0, 0.0]"),
+            "colors.1.name = off: allowed: any other name",
+        ),
         (WHITE + COLOR.format("Amber", "[1.0, 0.0, 0.0]"), "colors.1.name = Amber"),
         (COLOR.format("white", "[1.0, 1.2, 0.0]"), "allowed: 0 to 1"),
         (WHITE + "[constraints]\nmax_red = 3", "max_red: the scene has no color red"),
@@ -89,3 +92,8 @@ def test_an_led_of_a_known_color_has_its_ink_and_no_two_others_share_one(tmp_pat
     palette = scene_with(tmp_path, leds, ("warm", "amber", "cold")).palette
     assert palette.ink("amber") == "#b9770e"
     assert len(set(palette.inks)) == 3
+
+
+def test_a_baseline_without_light_is_refused(tmp_path: Path) -> None:
+    assert "baseline: all lamps are off" in refusal(tmp_path, "", ("off",) * 3)
+    scene_with(tmp_path, "", ("off", "off", "red"))

@@ -95,7 +95,8 @@ def test_where_no_lamp_can_be_is_one_sentence(lamp: dict[str, Any], sentence: st
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"gap": 0.3}, "cuts 0.2 mm into the silicone when it turns"),
+        ({"gap": 0.3}, "cuts 0.2 mm into the silicone when it turns, allowed: more than 0.5 mm"),
+        ({"gap": 0.5}, "touches the silicone when it turns, allowed: more than 0.5 mm"),
         ({"count": None}, "rows.0: needs either count or at"),
         ({"count": 30, "diameter": 1.0}, "lamps need 30 mm, allowed: at most the edge of 24 mm"),
         ({"count": None, "at": ([13.0], "mm")}, "rows.0.at = 13 mm lies beside the edge"),
@@ -106,6 +107,10 @@ def test_where_no_lamp_can_be_is_one_sentence(lamp: dict[str, Any], sentence: st
 )
 def test_rows_that_cannot_be_are_refused(changes: dict[str, Any], sentence: str) -> None:
     assert sentence in refusal(rows=[row("left", **({"count": 2} | changes))])
+
+
+def test_a_row_is_refused_once_for_all_its_lamps() -> None:
+    assert refusal(rows=[row("left", 3, gap=0.3)]).count("into the silicone") == 1
 
 
 def test_fibers_and_rows_are_not_named_together(tmp_path: Path) -> None:

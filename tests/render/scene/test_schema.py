@@ -114,6 +114,19 @@ def test_several_problems_are_told_at_once(tmp_path: Path) -> None:
     assert "unknown key sites.depth" in text
 
 
+def test_unknown_keys_and_colors_do_not_hide_what_is_wrong_with_the_geometry(
+    tmp_path: Path,
+) -> None:
+    text = refusal(
+        tmp_path,
+        ("[sites]", "[sites]\ndepth = 3"),
+        ('left = "red"', 'left = "purple"'),
+        ("spacing = { value = 3.0", "spacing = { value = 1.0"),
+    )
+    for sentence in ("unknown key sites.depth", "baseline.left = purple", "pyramids overlap"):
+        assert sentence in text
+
+
 def test_an_edge_of_the_baseline_may_have_a_color_for_each_of_its_lamps(tmp_path: Path) -> None:
     mixed = ["red", "green", "green", "blue"]
     scene = load_scene(write(tmp_path, ('tip = "blue"', f"tip = {mixed}")))

@@ -15,6 +15,7 @@ from render.progress import OnProgress
 from render.reference import RenderJob, TimeBudget
 from render.scale import ScoreScale, scene_scale
 from render.scene import Scene, load_scene
+from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.training import render_plan
 from surrogate.training.render_plan import RenderTime, make_plan
@@ -31,6 +32,9 @@ def an_led_on_each_side() -> Scene:
 
 
 SCENE = an_led_on_each_side()
+COLORED = SCENE.model_copy(
+    update={"coating": SCENE.coating.model_copy(update={"albedo": (0.6, 0.25, 0.45)})}
+)
 PHI, FLAT = np.array([np.pi / 2]), np.zeros(1)
 
 
@@ -49,22 +53,24 @@ def score(transport: np.ndarray, power: np.ndarray, scale: ScoreScale) -> float:
     return float(design_score(site_metric(counts, scale.lam)).score)
 
 
-def test_scores_of_other_colorings_have_less_noise_at_equal_samples(
-    drawn: PreviewGrid, scale: ScoreScale
-) -> None:
-    shares = table_shares(SCENE, drawn, PHI, FLAT, scale)
+@pytest.mark.parametrize("scene", [SCENE, COLORED], ids=["gray", "colored"])
+def test_scores_of_other_colorings_have_less_noise_at_equal_samples(scene: Scene) -> None:
+    drawn, scale = draw_grid(scene, 1, 1), scene_scale(scene)
+    shares = table_shares(scene, drawn, PHI, FLAT, scale)
     transport = np.exp(drawn.log_transport[:, 0, ..., :-1])
-    parts = [floored_shares(SCENE, FLAT, wanted) for wanted in (shares, 0.0 * shares)]
+    lamps, (_, *cells) = scene.lamp_count, transport.shape
+    parts = [floored_shares(scene, FLAT, wanted) for wanted in (shares, 0.0 * shares)]
     rng, ratios = np.random.default_rng(1), []
-    for power in np.eye(3)[rng.integers(0, 3, (8, SCENE.lamp_count))]:
+    for power in np.eye(3)[rng.integers(0, 3, (8, lamps))]:
         spread = []
         for part in parts:
-            # Independent relative noise of single samples, over the root of their number.
+            # Independent relative noise of single samples, over the root of their number; a color
+            # of the skin has the paths of all others, and their noise.
             sigma = 0.01 / np.sqrt(part * part.size)
-            noise = sigma.transpose(2, 0, 1)[..., None] * rng.standard_normal(
-                (200, *transport.shape)
-            )
-            spread.append(np.std([score(transport * (1 + one), power, scale) for one in noise]))
+            noise = sigma.transpose(2, 0, 1)[..., None] * rng.standard_normal((200, lamps, *cells))
+            noise = copied(scene, noise, axis=1)
+            shining = split_power(scene, power)
+            spread.append(np.std([score(transport * (1 + one), shining, scale) for one in noise]))
         ratios.append((spread[1] / spread[0]) ** 2)
     assert np.exp(np.mean(np.log(ratios))) > 1.2
 

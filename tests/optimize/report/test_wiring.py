@@ -1,0 +1,58 @@
+"""The wiring sheet speaks of the lamps that a scene has."""
+
+from __future__ import annotations
+
+import html
+
+from optimize.design import baseline_design
+from optimize.mounting import mount
+from optimize.report import render_page, wiring_context
+from render.scene import Scene
+from tests.colored_skins import content_with, of
+
+STILL = {
+    "count": 2, "turns": False, "profile": "lambertian", "diameter": of(1.0, "mm"),
+    "gap": of(0.8, "mm"), "height": of(2.0, "mm"),
+}  # fmt: skip
+INFRARED = [{"name": "infrared", "response": {"value": [1.0], "source": "test"}}]
+
+
+def sensor(*edges: str, turns: bool = False) -> Scene:
+    """Return a sensor of infrared lamps on ``edges``, before a camera of one channel."""
+    content = content_with(0.5) | {"colors": INFRARED}
+    del content["fibers"]
+    content["camera"] = content["camera"] | {"channels": ["ir"]}
+    content["rows"] = [STILL | {"edge": edge, "turns": turns} for edge in edges]
+    content["baseline"] = dict.fromkeys(edges, "infrared")
+    return Scene.model_validate(content, context={"colors": ("infrared",)})
+
+
+def sheet(scene: Scene) -> str:
+    """Return the sheet of the scene's baseline, as its page has it."""
+    wiring = wiring_context(mount(scene, baseline_design(scene), lambda _: 7.0), "Baseline")
+    content = {"wiring": wiring, "scene": scene.name, "scene_hash": scene.hash}
+    content |= {"bends": [0.0], "facts": []}
+    return " ".join(html.unescape(render_page("wiring.html.j2", content)).split())
+
+
+def test_lamps_that_do_not_turn_have_no_angles() -> None:
+    still, turning = sheet(sensor("left", "base")), sheet(sensor("left", "base", turns=True))
+    for words in ("Angles are rounded", "What other steps would take", "90° points", "Leans"):
+        assert words in turning
+        assert words not in still
+    assert "on the tip and base edge 0° points right" in turning
+    assert "Searches keep to this" not in still
+
+
+def test_numbers_are_told_for_the_edges_that_have_lamps() -> None:
+    both, alone = sheet(sensor("left", "base")), sheet(sensor("right"))
+    assert (
+        "lamps are numbered along the left edge from base to tip and along the base from right "
+        "to left." in both
+    )
+    assert "lamps are numbered down the right edge." in alone
+    assert "fiber" not in both + alone
+
+
+def test_one_type_of_led_is_exchanged_with_none() -> None:
+    assert "may be exchanged" not in sheet(sensor("left", "right"))
