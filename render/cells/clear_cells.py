@@ -278,12 +278,12 @@ class ClearCells:
             sends = spot.others > 0
             if sends:
                 pick = wrapped(random + mi.Float(lamp) * 0.7320508075688772)
-                found = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
-                lit = sends & (found.total > 0)
+                found, total = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
+                lit = sends & (total > 0)
                 if lit:
                     lit = ~self.surfaces.blocked(a, found.direction, found.clear, lit)
-                value = scale * found.metal * found.total
-                value /= 1.0 + survival * found.total * spot.others
+                value = scale * found.metal * total
+                value /= 1.0 + survival * total * spot.others
                 for j in range(self.channels):
                     dr.scatter_reduce(
                         dr.ReduceOp.Add, sums, value * spot.sent[j],

@@ -42,6 +42,7 @@ from render.paths.vertex import (
     scattering_value,
 )
 from render.paths.walk import PassableState, begin_subpath, sample_scattering, trace_segment
+from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Stream
 
 EVENT_BLOCK = 2048
@@ -149,10 +150,9 @@ def trace_camera_subpath(
     other connections.
     """
     # ----------------------------- Configure loop state ------------------------------
-    main, later, glossy, mirror_end = (CameraVertex.empty() for _ in range(4))  # what is kept
+    main = CameraVertex.empty()  # what is kept, the others by selection weights
+    later, glossy, mirror_end = (Reservoir.holding(CameraVertex.empty()) for _ in range(3))
     tail = SubpathTail.empty()  # the last vertices
-    later_weights, glossy_weights = mi.Float(0.0), mi.Float(0.0)  # sums of selection weights so far
-    mirror_ends, of_mirror_end, of_glossy = mi.Float(0.0), mi.Float(1.0), mi.Float(1.0)
     radiance = mi.Spectrum(0.0)  # emitters met, and direct light
     edges_max, roulette = limits.edges(), limits.roulette()
     free = stream.event(mi.UInt32(1))[0]
@@ -182,26 +182,20 @@ def trace_camera_subpath(
         allowed = non_delta & (edges < edges_max)
         square = mi.Point2f(numbers[1], numbers[2])
         radiance += emission.direct(scene, v, numbers[0], square, allowed)
-        # ------------ Reservoirs of size 1: a later wide vertex, a glossy one ---------
+        # --------- Keep the first wide vertex, one of the later, one of the glossy ----
         here = CameraVertex(v, edges, tail.previous, tail.glossy_after_wide, passes)
         wide = non_delta & has_wide_lobe(v)
         is_main = wide & (main.vertex.weight == 0)
         main = dr.select(is_main, here, main)
-        is_later, is_glossy = wide & ~is_main, non_delta & ~wide
-        later_weights += dr.select(is_later, 1.0, 0.0)
+        later = later.update(here, dr.select(wide & ~is_main, 1.0, 0.0), numbers[3])
         glossy_weight = dr.select(edges == 1, SEEN_GLOSSY_WEIGHT, 1.0)
-        glossy_weights += dr.select(is_glossy, glossy_weight, 0.0)
-        later = dr.select(is_later & (numbers[3] * later_weights < 1.0), here, later)
-        replaces = is_glossy & (numbers[3] * glossy_weights < glossy_weight)
-        glossy = dr.select(replaces, here, glossy)
-        of_glossy = dr.select(replaces, glossy_weight, of_glossy)
+        glossy = glossy.update(here, dr.select(non_delta & ~wide, glossy_weight, 0.0), numbers[3])
         # ----------------- ... and one where mirror connections start -----------------
         further_numbers = stream.event(event + 2 * EVENT_BLOCK)
         mirror_weight = dr.select(is_main, 1.0, LATER_WEIGHT)
-        mirror_ends += dr.select(wide, mirror_weight, 0.0)
-        replaces = wide & (further_numbers[1] * mirror_ends < mirror_weight)
-        mirror_end = dr.select(replaces, here, mirror_end)
-        of_mirror_end = dr.select(replaces, mirror_weight, of_mirror_end)
+        mirror_end = mirror_end.update(
+            here, dr.select(wide, mirror_weight, 0.0), further_numbers[1]
+        )
         # -------------------------- Scatter, or end the path --------------------------
         going = arrived & ~v.terminal & (edges < edges_max)
         state, alive = sample_scattering(
@@ -215,9 +209,9 @@ def trace_camera_subpath(
         active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS_MAX)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    later.vertex.weight, glossy.vertex.weight = later_weights, glossy_weights / of_glossy
-    mirror_end.vertex.weight = mirror_ends / of_mirror_end
-    return CameraSubpath(radiance, main, later, glossy, mirror_end)
+    for kept in (later, glossy, mirror_end):
+        kept.item.vertex.weight = kept.contribution_weight()
+    return CameraSubpath(radiance, main, later.item, glossy.item, mirror_end.item)
 
 
 # -- light subpaths ----------------------------------------------------------------------------
@@ -275,10 +269,8 @@ def trace_light_subpath(
     state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(start.d_vc))
     event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
     tail = SubpathTail.empty()  # the last vertices
-    # Reservoirs, the last one for the camera, and the target weight of what each holds.
-    kept = [LightVertex.empty() for _ in range(count + 1)]
-    targets = [mi.Float(0.0) for _ in range(count + 1)]
-    total, projected_total = mi.Float(0.0), mi.Float(0.0)  # sums of target weights so far
+    kept = [Reservoir.holding(LightVertex.empty()) for _ in range(count)]
+    projected = Reservoir.holding(LightVertex.empty())  # for the camera
     active = dr.max(start.beta) > 0  # lanes under way
     while active:
         state, found, arrived, escaped = trace_segment(scene, state, active)
@@ -289,24 +281,18 @@ def trace_light_subpath(
         d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, first=edges == 1)
         tail = dr.select(arrived, tail.then(v), tail)
         v.d_vcm = d_vcm
-        # --------------- Reservoirs by the light that reaches the vertex --------------
+        # --------------- Draw by the light that reaches the vertex --------------------
         non_delta = arrived & ~v.delta
         here = LightVertex(v, edges, tail)
         first_numbers = stream.event(event + EVENT_BLOCK)
         target = dr.select(non_delta, dr.mean(v.beta), 0.0)
-        total += target
         last_numbers = stream.event(event + 2 * EVENT_BLOCK)
         numbers = (*first_numbers[1:], *last_numbers[1:])
         for m in range(count):
-            replaces = (target > 0) & (numbers[m] * total < target)
-            targets[m] = dr.select(replaces, target, targets[m])
-            kept[m] = dr.select(replaces, here, kept[m])
+            kept[m] = kept[m].update(here, target, numbers[m])
         # ------------------ ... and by what it sends to the camera --------------------
         target = _camera_target(sensor, v, aperture, non_delta & (edges < edges_max))
-        projected_total += target
-        replaces = (target > 0) & (first_numbers[0] * projected_total < target)
-        targets[count] = dr.select(replaces, target, targets[count])
-        kept[count] = dr.select(replaces, here, kept[count])
+        projected = projected.update(here, target, first_numbers[0])
         # -------------------------- Scatter, or end the path --------------------------
         going = arrived & (edges < edges_max)
         state, alive = sample_scattering(
@@ -320,9 +306,11 @@ def trace_light_subpath(
         active &= ~escaped & (~arrived | alive) & (event < EVENTS_MAX)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    represented = [dr.select(t > 0, total / (count * t), 0.0) for t in targets[:count]]
-    projected_weight = dr.select(targets[count] > 0, projected_total / targets[count], 0.0)
-    return LightVertices(kept[:count], represented, kept[count], projected_weight, aperture)
+    return LightVertices(
+        [drawn.item for drawn in kept],
+        [drawn.contribution_weight(draws=count) for drawn in kept],
+        projected.item, projected.contribution_weight(), aperture,
+    )  # fmt: skip
 
 
 def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool) -> mi.Float:
