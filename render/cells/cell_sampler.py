@@ -374,8 +374,8 @@ class PictureSampler(PadSampler):
         )  # fmt: skip
         dr.eval(subpath)
         coated = subpath.facet.weight > 0
-        point = dr.select(coated, subpath.facet.p, subpath.end.p)
-        normal = mi.Vector3f(dr.select(coated, subpath.facet.n, subpath.end.n))
+        seen = dr.select(coated, subpath.facet, subpath.end.vertex)
+        point, normal = seen.p, mi.Vector3f(seen.n)
         vertices = self.light_vertices(point, normal, fiber, light, PICTURE_LIGHT_PATHS)
         lane = dr.arange(mi.UInt32, dr.width(fiber))
         value = radiance_per_node(

@@ -16,7 +16,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.integrators.medium_boxes import MediumBoxes
-from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet, mirror_ratio
+from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
 from render.integrators.resampling import (
     CameraProxy,
     LightCandidate,
@@ -35,6 +35,7 @@ from render.integrators.subpaths import (
 )
 from render.integrators.vertex_cache import LightVertexCache, MortonNeighbors
 from render.paths.connect import connect_vertices
+from render.paths.mirrors import mirror_ratio
 from render.paths.vertex import for_camera_passes
 from render.sampling.reservoirs import OneNumberReservoir, Reservoir
 from render.sampling.streams import Stream
@@ -174,11 +175,8 @@ def _connect(
     scene: mi.Scene, mirrors: MirrorSet | None, y: LightVertex, end: CameraVertex, active: mi.Bool
 ) -> mi.Spectrum:
     """Return the light of ``y`` at a kept camera vertex."""
-    z = end.vertex
-    further = mirror_ratio(
-        mirrors, y.vertex, y.tail, z, end.previous, end.glossy_after_wide, active
-    )
+    further = mirror_ratio(mirrors, y, end, active, GLOSSY_WEIGHT)
     return connect_vertices(
-        scene, for_camera_passes(y.vertex, end.passes), z, active, extra=further,
+        scene, for_camera_passes(y.vertex, end.passes), end.vertex, active, extra=further,
         glossy=GLOSSY_WEIGHT,
     )  # fmt: skip

@@ -28,8 +28,9 @@ import mitsuba as mi
 
 from render.errors import RenderError
 from render.integrators.emitters import Emission
-from render.integrators.mirror_connections import MirrorSet, SubpathTail, shared_d_vcm
+from render.integrators.mirror_connections import MirrorSet, connection_weight
 from render.paths.connect import arrival_density, optical_depth
+from render.paths.mirrors import KeptVertex, SubpathTail, shared_d_vcm
 from render.paths.vertex import (
     VOLUME_PASSES,
     PassableVertex,
@@ -102,25 +103,19 @@ def roulette_weight(
 
 
 @dataclass
-class CameraVertex:
+class CameraVertex(KeptVertex):
     """A camera vertex for connections, behind ``edges`` edges (a Dr.Jit PyTree).
 
-    ``previous`` is the point before it; ``glossy_after_wide`` says that it is glossy and the one
-    before it has a wide lobe, ``passes`` how many volume vertices the camera subpath may still pass
-    behind it.
+    ``passes`` is how many volume vertices the camera subpath may still pass behind it.
     """
 
-    vertex: Vertex
     edges: mi.UInt32
-    previous: mi.Point3f
-    glossy_after_wide: mi.Bool
     passes: mi.UInt32
 
     @staticmethod
-    def empty() -> CameraVertex:
+    def none() -> CameraVertex:
         """Return one of weight 0."""
-        none = mi.Bool(False)
-        return CameraVertex(empty_vertex(), mi.UInt32(0), dr.zeros(mi.Point3f), none, mi.UInt32(0))
+        return CameraVertex(**vars(KeptVertex.none()), edges=mi.UInt32(0), passes=mi.UInt32(0))
 
 
 @dataclass
@@ -150,8 +145,8 @@ def trace_camera_subpath(
     other connections.
     """
     # ----------------------------- Configure loop state ------------------------------
-    main = CameraVertex.empty()  # what is kept, the others by selection weights
-    later, glossy, mirror_end = (Reservoir.holding(CameraVertex.empty()) for _ in range(3))
+    main = CameraVertex.none()  # what is kept, the others by selection weights
+    later, glossy, mirror_end = (Reservoir.holding(CameraVertex.none()) for _ in range(3))
     tail = SubpathTail.empty()  # the last vertices
     radiance = mi.Spectrum(0.0)  # emitters met, and direct light
     edges_max, roulette = limits.edges(), limits.roulette()
@@ -171,7 +166,8 @@ def trace_camera_subpath(
         d_vcm = dr.select(edges == 1, 0.0, v.d_vcm)
         radiance += emission.met(v, d_vcm, arrived)
         radiance += emission.escaped(state, edges == 1, escaped)
-        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, first=edges == 1)
+        strategy = connection_weight(v, tail, from_camera=True, first=edges == 1)
+        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, strategy=strategy)
         v.terminal = v.terminal & (passes == 0)
         passes = dr.select(arrived, passes_behind(v, passes), passes)
         tail = dr.select(arrived, tail.then(v), tail)
@@ -183,7 +179,7 @@ def trace_camera_subpath(
         square = mi.Point2f(numbers[1], numbers[2])
         radiance += emission.direct(scene, v, numbers[0], square, allowed)
         # --------- Keep the first wide vertex, one of the later, one of the glossy ----
-        here = CameraVertex(v, edges, tail.previous, tail.glossy_after_wide, passes)
+        here = CameraVertex(v, tail.previous, tail.glossy_after_wide, edges, passes)
         wide = non_delta & has_wide_lobe(v)
         is_main = wide & (main.vertex.weight == 0)
         main = dr.select(is_main, here, main)
@@ -218,18 +214,17 @@ def trace_camera_subpath(
 
 
 @dataclass
-class LightVertex:
-    """A light vertex behind ``edges`` edges, which ends ``tail`` (a Dr.Jit PyTree)."""
+class LightVertex(KeptVertex):
+    """A light vertex behind ``edges`` edges (a Dr.Jit PyTree)."""
 
     vertex: PassableVertex
     edges: mi.UInt32
-    tail: SubpathTail
 
     @staticmethod
-    def empty() -> LightVertex:
+    def none() -> LightVertex:
         """Return one of weight 0."""
-        none = PassableVertex(**vars(empty_vertex()), d_vc_passing=mi.Vector2f(0.0))
-        return LightVertex(none, mi.UInt32(0), SubpathTail.empty())
+        none = PassableVertex.of(empty_vertex())
+        return LightVertex(none, dr.zeros(mi.Point3f), mi.Bool(False), mi.UInt32(0))
 
 
 @dataclass
@@ -266,11 +261,11 @@ def trace_light_subpath(
     aperture = mi.Point2f(*lens)  # where all vertices of the subpath see the lens
     start = emission.start(pick, mi.Point2f(x, y), u, w)
     state = begin_subpath(start.o, start.d, start.medium, start.beta, start.d_vcm, start.d_vc, free)
-    state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(start.d_vc))
+    state = PassableState.of(state)
     event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
     tail = SubpathTail.empty()  # the last vertices
-    kept = [Reservoir.holding(LightVertex.empty()) for _ in range(count)]
-    projected = Reservoir.holding(LightVertex.empty())  # for the camera
+    kept = [Reservoir.holding(LightVertex.none()) for _ in range(count)]
+    projected = Reservoir.holding(LightVertex.none())  # for the camera
     active = dr.max(start.beta) > 0  # lanes under way
     while active:
         state, found, arrived, escaped = trace_segment(scene, state, active)
@@ -278,12 +273,13 @@ def trace_light_subpath(
         # Light from afar has no distance.
         length = dr.select(start.parallel & (edges == 1), state.length, 1.0)
         v.d_vcm /= dr.square(dr.maximum(length, 1e-20))
-        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, first=edges == 1)
+        strategy = connection_weight(v, tail, from_camera=False, first=edges == 1)
+        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, strategy=strategy)
         tail = dr.select(arrived, tail.then(v), tail)
         v.d_vcm = d_vcm
         # --------------- Draw by the light that reaches the vertex --------------------
         non_delta = arrived & ~v.delta
-        here = LightVertex(v, edges, tail)
+        here = LightVertex(v, tail.previous, tail.glossy_after_wide, edges)
         first_numbers = stream.event(event + EVENT_BLOCK)
         target = dr.select(non_delta, dr.mean(v.beta), 0.0)
         last_numbers = stream.event(event + 2 * EVENT_BLOCK)

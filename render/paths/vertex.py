@@ -58,6 +58,11 @@ class PassableVertex(Vertex):
 
     d_vc_passing: mi.Vector2f
 
+    @staticmethod
+    def of(v: Vertex) -> PassableVertex:
+        """Return ``v`` with the same sum for all camera subpaths."""
+        return PassableVertex(**vars(v), d_vc_passing=mi.Vector2f(v.d_vc))
+
 
 def empty_vertex() -> Vertex:
     """Return a vertex with weight 0, for loops that have not found one yet."""

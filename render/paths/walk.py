@@ -92,6 +92,11 @@ class PassableState(SubpathState):
 
     d_vc_passing: mi.Vector2f
 
+    @staticmethod
+    def of(state: SubpathState) -> PassableState:
+        """Return ``state`` with the same sum for all camera subpaths."""
+        return PassableState(**vars(state), d_vc_passing=mi.Vector2f(state.d_vc))
+
 
 def begin_subpath(
     o: mi.Point3f, d: mi.Vector3f, medium: mi.MediumPtr, beta: mi.Spectrum, d_vcm: mi.Float,
