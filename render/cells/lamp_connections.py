@@ -25,6 +25,7 @@ from render.paths.walk import (
     GuidingDistribution,
     SubpathState,
     begin_subpath,
+    guided_pdf,
     sample_scattering,
     trace_segment,
 )
@@ -102,7 +103,7 @@ class Lamp:
         ray = self.light.ray(self.fiber, z.p, -w)
         active &= ray.joined > 0
         f, pdf, reverse = evaluate_scattering(z, w, mi.TransportMode.Radiance, active)
-        pdf = dr.select(guiding.applies(z), guiding.mixture_pdf(z, w, pdf), pdf)
+        pdf = guided_pdf(guiding, z, w, pdf)
         if self.light.cast_in is not None:
             pdf = dr.select(z.terminal, 0.0, pdf)
         active &= dr.max(f) > 0

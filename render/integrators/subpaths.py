@@ -29,13 +29,12 @@ import mitsuba as mi
 from render.errors import RenderError
 from render.integrators.emitters import Emission
 from render.integrators.mirror_connections import MirrorSet, connection_weight
-from render.paths.connect import arrival_density, optical_depth
+from render.paths.connect import density_at, optical_depth, strategies_before
 from render.paths.mirrors import KeptVertex, SubpathTail, shared_d_vcm
 from render.paths.vertex import (
     VOLUME_PASSES,
     PassableVertex,
     Vertex,
-    area_factor,
     empty_vertex,
     evaluate_scattering,
     has_wide_lobe,
@@ -339,9 +338,7 @@ def connect_to_camera(
     eye.p, eye.volume = ds.p, mi.Bool(True)
     depth, clear = optical_depth(scene, v, eye, active)
     transmittance = dr.exp(-depth)
-    arrival = arrival_density(v, transmittance, active)
-    density = dr.mean(importance) * area_factor(v, ds.d) * arrival / projection_weight
-    reverse = dr.select(v.terminal, 0.0, reverse)
+    density = density_at(v, ds.d, dr.mean(importance), transmittance, active)
     # Georgiev 2012, eqs. 46 and 37.
-    mis = 1.0 / (1.0 + density * (v.d_vcm + v.d_vc * reverse))
+    mis = 1.0 / (1.0 + density / projection_weight * strategies_before(v, reverse))
     return ds.uv, dr.select(active & clear, value * transmittance * mis, 0.0)
