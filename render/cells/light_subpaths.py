@@ -13,8 +13,7 @@ at the same place (``render.cells.facet_paths``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, is_dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -24,6 +23,7 @@ from render.cells.fiber_light import FiberLight
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import fiber_poses
 from render.paths.mirrors import KeptVertex
+from render.paths.records import allocated
 from render.paths.vertex import (
     RATIO_MAX,
     PassableVertex,
@@ -229,7 +229,7 @@ def _trace(
         none.vertex = PassableVertex.of(none.vertex)
     before, before_wide = dr.zeros(mi.Point3f), mi.Bool(False)  # the last vertex, and its lobe
     drawn = Reservoir.holding(none)
-    records = _allocated(
+    records = allocated(
         DrawnVertex(**vars(none), contribution=mi.Float(0), o=o, d=d), lanes * paths
     )
     fresh = dr.full(mi.Bool, True, lanes)  # lanes that begin a path
@@ -305,14 +305,3 @@ def _trace(
         path += dr.select(fresh, 1, 0)
         active = active & (path < last)
     return records
-
-
-def _allocated(record: Any, size: int) -> Any:
-    """Return uninitialized arrays of ``size``, shaped like the dataclass tree ``record``.
-
-    ``dr.empty`` of a dataclass keeps the array types of the variant that was set first.
-    """
-    kind: Any = type(record)
-    if is_dataclass(record):
-        return kind(**{name: _allocated(value, size) for name, value in vars(record).items()})
-    return dr.empty(kind, size)

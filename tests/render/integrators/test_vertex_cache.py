@@ -15,8 +15,8 @@ from render.integrators.vertex_cache import (
     NEIGHBOR_WINDOW,
     LaneGroups,
     MortonNeighbors,
-    PackedVertices,
 )
+from render.paths.records import PackedRecords
 
 PATHS = 8
 LANES, GROUPS, NEAR_PATHS, DRAWS = 1 << 13, 4, 16, 8
@@ -167,7 +167,7 @@ def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) ->
     active = flags()
     index = mono.UInt32(np.arange(count)[::-1].copy())
     expected = dr.gather(LightVertex, vertices, index, active)
-    found = PackedVertices(vertices).gather(index, active)
+    found = PackedRecords(vertices).gather(index, active)
     for name, value in vars(expected.vertex).items():
         other = getattr(found.vertex, name)
         pairs = [(value, other)]
