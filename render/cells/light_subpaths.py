@@ -23,7 +23,7 @@ from render.cells.fiber_light import FiberLight
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import fiber_poses
 from render.paths.mirrors import KeptVertex
-from render.paths.records import allocated
+from render.paths.records import PackedRecords, allocated
 from render.paths.vertex import (
     RATIO_MAX,
     PassableVertex,
@@ -85,7 +85,7 @@ class DrawnVertices:
     Those of one path lie side by side; ``weight[node]`` is the weight of each at a direction node.
     """
 
-    records: DrawnVertex
+    records: PackedRecords
     weight: list[mi.Float]
     lanes: int
     paths: int
@@ -96,7 +96,8 @@ class DrawnVertices:
 
     def read(self, path: mi.UInt32, lane: mi.UInt32) -> DrawnVertex:
         """Return the vertex of ``path`` of ``lane``."""
-        return dr.gather(DrawnVertex, self.records, self.index(path, lane))
+        drawn: DrawnVertex = self.records.gather(self.index(path, lane))
+        return drawn
 
 
 class CoatingTarget:
@@ -200,7 +201,7 @@ def trace_light_subpaths(
     of_node = light.weights(dr.gather(mi.UInt32, fiber, lane), records.o, records.d)
     weight = [value * records.contribution / paths for value in of_node]
     dr.eval(weight)
-    return DrawnVertices(records, weight, lanes, paths)
+    return DrawnVertices(PackedRecords(records), weight, lanes, paths)
 
 
 @dr.syntax
