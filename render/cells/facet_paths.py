@@ -264,10 +264,9 @@ def _connect(
             images.connect(scene, over_delta, a, number, wide, guiding, returning, candidates)
         )
     if mirror is not None:
-        direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
-        density = mirror.density(a.p, y.p, direction)
         reflected = mirror_connection(
-            scene, y, a, direction, density, wide, guiding=guiding, returning=returning
-        )
+            scene, y, a, mirror.lobe(a.p, y.p), numbers[:2], wide, guiding=guiding,
+            returning=returning,
+        )  # fmt: skip
         light += dr.mean(reflected)
     return light

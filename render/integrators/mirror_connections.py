@@ -93,7 +93,8 @@ class MirrorSet:
         each = [self._selection_weight(mi.UInt32(k), a, y) for k in range(self.count)]
         return each, sum(each[1:], each[0])
 
-    def _lobe(self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f) -> ReflectionLobe:
+    def lobe(self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f) -> ReflectionLobe:
+        """Return the directions from ``a`` over mirror ``k`` about the image of ``y``."""
         normal = mi.Vector3f(*self._numbers(k, 0, 3))
         height_a, height_y = self._height(k, a), self._height(k, y)
         (slope,) = self._numbers(k, 10, 1)
@@ -138,14 +139,6 @@ class MirrorSet:
         image = a - 2.0 * self._height(k, a) * normal
         return normal, image, self._selection_weight(k, a, y)
 
-    def sample(
-        self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f, u: mi.Float, v: mi.Float
-    ) -> tuple[mi.Vector3f, mi.Float]:
-        """Return a direction from ``a`` to mirror ``k``, and its density per solid angle."""
-        lobe = self._lobe(k, a, y)
-        direction = lobe.sample(u, v)
-        return direction, lobe.density(direction)
-
     def area_density(
         self, a: mi.Point3f, b: mi.Point3f, normal: mi.Normal3f, y: mi.Point3f
     ) -> mi.Float:
@@ -158,11 +151,7 @@ class MirrorSet:
         k = dr.minimum(k, self.count - 1)
         _, total = self._selection_weights(a, y)
         probability = self._selection_weight(k, a, y) / dr.maximum(total, 1e-30)
-        span = b - a
-        squared = dr.maximum(dr.squared_norm(span), 1e-12)
-        direction = span * dr.rsqrt(squared)
-        cosine = dr.abs(dr.dot(normal, direction))
-        density = self._lobe(k, a, y).density(direction) * probability * cosine / squared
+        density = self.lobe(k, a, y).area_density(a, b, normal, probability)
         return dr.select(known & (probability > 0), density, 0.0)
 
     def connect(
@@ -174,9 +163,8 @@ class MirrorSet:
         Both are in volumes or diffuse; the mirror was selected with ``probability``, and that is
         divided by.
         """
-        direction, density = self.sample(k, a.p, y.p, *numbers)
         return mirror_connection(
-            scene, y, a, direction, density * probability, active & (probability > 0),
+            scene, y, a, self.lobe(k, a.p, y.p), numbers, active & (probability > 0), probability,
             in_mirror=lambda b: self.mirror_at(b.p, b.n) == k, glossy=GLOSSY_WEIGHT,
         )  # fmt: skip
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
+from render.paths.reflection_lobe import ReflectionLobe
 from render.paths.vertex import (
     Vertex,
     area_factor,
@@ -182,9 +183,10 @@ def mirror_connection(
     scene: mi.Scene,
     y: Vertex,
     a: Vertex,
-    direction: mi.Vector3f,
-    density: mi.Float,
+    lobe: ReflectionLobe,
+    numbers: tuple[mi.Float, mi.Float],
     active: mi.Bool,
+    probability: mi.Float | float = 1.0,
     in_mirror: Callable[[Vertex], mi.Bool] | None = None,
     guiding: GuidingDistribution | None = None,
     glossy: float = 1.0,
@@ -192,15 +194,17 @@ def mirror_connection(
 ) -> mi.Spectrum:
     """Return the MIS-weighted light that camera vertex ``a`` gets from ``y`` over a glossy face.
 
-    The ``direction`` from ``a`` was drawn with ``density`` per solid angle, about the mirror image
-    of ``y``, and finds the vertex ``b`` on the face by itself; a further strategy of the balance
-    heuristic (Veach 1997, sec. 9.2) for the paths
+    Two uniform ``numbers`` draw a direction of the ``lobe`` from ``a``, which is about the mirror
+    image of ``y`` and was selected with ``probability``; it finds the vertex ``b`` on the face by
+    itself. This is a further strategy of the balance heuristic (Veach 1997, sec. 9.2) for the paths
 
         ... - y (volume or diffuse) - b (glossy) - a (volume or diffuse) - ...
 
     ``in_mirror`` says whether ``b`` lies where the direction was meant to go; ``glossy`` is what
     connections of ``b`` to ``y`` count. Strategies that find ``b`` from either side compete.
     """
+    direction = lobe.sample(*numbers)
+    density = lobe.density(direction) * probability
     active = active & (y.weight > 0) & (a.weight > 0) & (density > 0)
     f_a, p_a, r_a = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
     p_a = guided_pdf(guiding, a, direction, p_a)
