@@ -106,11 +106,8 @@ def trace_facet_subpath(
         state, v, arrived, escaped = trace_segment(scene, state, active)
         choose_glossy, choose_end, choose_lamp, _ = stream.event(event + events)
         if lamp is not None:
-            segment.depth = state.depth
-            length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
-            passed = active & behind & lamp.light.passed(
-                lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
-            )  # fmt: skip
+            passed = lamp.passed(segment, begin, state, v, arrived, escaped)
+            passed &= active & behind
             # Aimed subpaths pass delta faces alone, and not none.
             straight = (end.total == 0.0) & (glossy.total == 0.0)
             if lamp.light.cast_in is not None:

@@ -79,6 +79,20 @@ class Lamp:
     fiber: mi.UInt32
     bare: bool
 
+    def passed(
+        self, segment: MetLamp, begin: mi.Point3f, state: SubpathState, v: Vertex,
+        arrived: mi.Bool, escaped: mi.Bool,
+    ) -> mi.Bool:  # fmt: skip
+        """Return whether a ray of ``segment`` from ``begin`` has passed through the lamp.
+
+        ``state`` and the rest are what ``trace_segment`` returned for it; the segment's optical
+        depth is set to that at its end.
+        """
+        segment.depth = state.depth
+        length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
+        length = dr.select(escaped, dr.inf, length)
+        return self.light.passed(self.fiber, begin, segment.d, length)
+
     def met(self, segment: MetLamp) -> list[mi.Float]:
         """Return, per direction node, the light that a camera subpath has met (s = 0)."""
         ray = self.light.ray(self.fiber, segment.p, -segment.d)
@@ -183,11 +197,7 @@ class AimedSubpaths:
         while active:
             segment, begin = MetLamp.of(state, state.o), mi.Point3f(state.o)
             state, v, arrived, escaped = trace_segment(scene, state, active)
-            segment.depth = state.depth
-            length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
-            passed = active & self.lamp.light.passed(
-                self.lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
-            )
+            passed = active & self.lamp.passed(segment, begin, state, v, arrived, escaped)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)
             going = arrived & v.delta
