@@ -24,6 +24,7 @@ from render.cells.mirror_images import (
 from render.geometry.bending import bend_points
 from render.geometry.meshes import pad_grid
 from render.paths.vertex import Vertex
+from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
 
@@ -136,20 +137,14 @@ class BentImages(MirrorImages):
         self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
     ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
-        segment, drawn = mi.UInt32(0), mi.UInt32(0)
-        total, weight = mi.Float(0.0), mi.Float(0.0)
-        number = mi.Float(number)
+        segment = mi.UInt32(0)
+        drawn = OneNumberReservoir.drawing(mi.UInt32(0), number)
         while segment < self.segment_count:
             for wall in range(self.sizes[0]):
-                here = self._weight(wall, segment, a, y)
-                total += here
-                chance = dr.select(here > 0, here / total, 0.0)
-                chosen = number < chance
-                number = dr.select(chosen, number / chance, (number - chance) / (1.0 - chance))
-                drawn = dr.select(chosen, wall + self.sizes[0] * segment, drawn)
-                weight = dr.select(chosen, here, weight)
+                image = wall + self.sizes[0] * segment
+                drawn = drawn.offered(image, self._weight(wall, segment, a, y))
             segment += 1
-        return drawn, dr.select(drawn > 0, weight / total, 0.0)
+        return drawn.item, drawn.probability()
 
     @dr.syntax
     def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:

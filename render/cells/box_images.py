@@ -21,6 +21,7 @@ from render.cells.mirror_images import (
 )
 from render.geometry import LOWER
 from render.paths.vertex import Vertex
+from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
 
@@ -89,19 +90,12 @@ class BoxImages(MirrorImages):
         self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
     ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
-        image, drawn = mi.UInt32(1), mi.UInt32(0)
-        total, weight = mi.Float(0.0), mi.Float(0.0)
-        number = mi.Float(number)
+        image = mi.UInt32(1)
+        drawn = OneNumberReservoir.drawing(mi.UInt32(0), number)
         while image < self.count:
-            here = self._weight(image, a, y)
-            total += here
-            chance = dr.select(total > 0, here / total, 0.0)
-            chosen = number < chance
-            number = dr.select(chosen, number / chance, (number - chance) / (1.0 - chance))
-            drawn = dr.select(chosen, image, drawn)
-            weight = dr.select(chosen, here, weight)
+            drawn = drawn.offered(image, self._weight(image, a, y))
             image += 1
-        return drawn, dr.select(drawn > 0, weight / total, 0.0)
+        return drawn.item, drawn.probability()
 
     @dr.syntax
     def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:

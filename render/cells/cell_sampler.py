@@ -101,6 +101,29 @@ class Targets:
         return len(self.offset) - 1
 
 
+class TargetPixels:
+    """The pixels of all targets on the camera's film, as Dr.Jit arrays."""
+
+    def __init__(self, scene: Scene, targets: Targets) -> None:
+        """Upload ``targets``."""
+        self.columns = dr.opaque(mi.UInt32, scene.camera.columns)
+        # One more entry: a target without pixels at the end reads past the others'.
+        self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
+        self._offset = mi.UInt32(targets.offset.astype(np.uint32))
+        dr.make_opaque(self._pixel, self._offset)
+
+    def place(
+        self, target: mi.UInt32, number: mi.Float, x: mi.Float, y: mi.Float
+    ) -> tuple[mi.Float, mi.Float]:
+        """Return column and row of a place in a target, for three uniform numbers."""
+        begin = dr.gather(mi.UInt32, self._offset, target)
+        size = dr.gather(mi.UInt32, self._offset, target + 1) - begin
+        within = dr.minimum(mi.UInt32(number * mi.Float(size)), dr.maximum(size, 1) - 1)
+        pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
+        row = pixel // self.columns
+        return mi.Float(pixel - row * self.columns) + x, mi.Float(row) + y
+
+
 def pixel_rays(
     scene: Scene, column: mi.Float, row: mi.Float, columns: int, rows: int
 ) -> tuple[mi.Point3f, mi.Vector3f]:
@@ -179,24 +202,26 @@ class PadSampler:
 
     def camera_subpath(
         self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
-        first: mi.UInt32, guiding: FacetGuiding, lamp: Lamp | None,
+        first: mi.UInt32, fiber: mi.UInt32,
     ) -> FacetSubpath:  # fmt: skip
         """Trace camera subpaths through positions on a film of ``size`` (columns, rows)."""
         o, d = pixel_rays(self.scene, column, row, *size)
+        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return trace_facet_subpath(
-            self.pad,
-            o,
-            d,
-            stream,
-            first,
-            guiding,
-            self.glossy,
-            self.images,
-            lamp,
-            self.aimed(guiding, lamp),
-            self.events,
-            self.passable,
-        )
+            self.pad, o, d, stream, first, guiding, self.glossy, self.images, lamp,
+            self.aimed(guiding, lamp), self.events, self.passable,
+        )  # fmt: skip
+
+    def radiance(
+        self, vertices: DrawnVertices, lane: mi.UInt32, subpath: FacetSubpath, stream: Stream,
+        offset: mi.UInt32, fiber: mi.UInt32,
+    ) -> list[mi.Float]:  # fmt: skip
+        """Return, per direction node, what a camera subpath finds; `radiance_per_node` says how."""
+        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
+        return radiance_per_node(
+            self.pad, vertices, lane, subpath, stream, offset, guiding, self.glossy, self.images,
+            lamp, self.aimed(guiding, lamp), self.lobed,
+        )  # fmt: skip
 
     def light_vertices(
         self, point: mi.Point3f, normal: mi.Vector3f, fiber: mi.UInt32, stream: Stream, paths: int
@@ -261,20 +286,9 @@ class CellSampler(PadSampler):
         self._faces = mi.UInt32(self.faces)
         # 1 / probability of a site and a fiber.
         self._scale = mi.Float((total / slots.ravel()[each]).astype(np.float32))
-        # One more entry: a target without pixels at the end reads past the others'.
-        self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
-        self._offset = mi.UInt32(targets.offset.astype(np.uint32))
-        dr.make_opaque(
-            self._pixel,
-            self._offset,
-            self._point,
-            self._normal,
-            self._site,
-            self._fiber,
-            self._scale,
-            self._rows,
-            self._faces,
-        )
+        self.pixels = TargetPixels(scene, targets)
+        dr.make_opaque(self._point, self._normal, self._site, self._fiber, self._scale)
+        dr.make_opaque(self._rows, self._faces)
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
         """Return a splat per facet of the chosen site: radiance per direction node."""
@@ -319,33 +333,12 @@ class CellSampler(PadSampler):
         """Return the radiance per direction node that one camera subpath per target finds."""
         first = 1 + face * self.stride
         pick_pixel, _, x, y = camera.event(first)
-        begin = dr.gather(mi.UInt32, self._offset, target)
-        size = dr.gather(mi.UInt32, self._offset, target + 1) - begin
-        within = dr.minimum(mi.UInt32(pick_pixel * mi.Float(size)), dr.maximum(size, 1) - 1)
-        pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
+        column, row = self.pixels.place(target, pick_pixel, x, y)
         film = self.scene.camera
-        columns = dr.opaque(mi.UInt32, film.columns)
-        row = pixel // columns
-        column = pixel - row * columns
-        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         subpath = self.camera_subpath(
-            mi.Float(column) + x, mi.Float(row) + y, (film.columns, film.rows), camera, first + 1,
-            guiding, lamp,
-        )  # fmt: skip
-        return radiance_per_node(
-            self.pad,
-            vertices,
-            lane,
-            subpath,
-            light,
-            face,
-            guiding,
-            self.glossy,
-            self.images,
-            lamp,
-            self.aimed(guiding, lamp),
-            self.lobed,
+            column, row, (film.columns, film.rows), camera, first + 1, fiber
         )
+        return self.radiance(vertices, lane, subpath, light, face, fiber)
 
 
 class PictureSampler(PadSampler):
@@ -383,31 +376,16 @@ class PictureSampler(PadSampler):
         fiber = dr.gather(mi.UInt32, self._fiber, chosen)
         column = dr.minimum(mi.UInt32(x * width), mi.UInt32(width) - 1)
         row = dr.minimum(mi.UInt32(y * height), mi.UInt32(height) - 1)
-        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         subpath = self.camera_subpath(
-            x * width, y * height, (self.width, self.height), camera, mi.UInt32(1),
-            guiding, lamp,
-        )  # fmt: skip
+            x * width, y * height, (self.width, self.height), camera, mi.UInt32(1), fiber
+        )
         dr.eval(subpath)
         coated = subpath.facet.weight > 0
-        point = dr.select(coated, subpath.facet.p, subpath.end.p)
-        normal = mi.Vector3f(dr.select(coated, subpath.facet.n, subpath.end.n))
+        seen = dr.select(coated, subpath.facet, subpath.end.vertex)
+        point, normal = seen.p, mi.Vector3f(seen.n)
         vertices = self.light_vertices(point, normal, fiber, light, PICTURE_LIGHT_PATHS)
         lane = dr.arange(mi.UInt32, dr.width(fiber))
-        value = radiance_per_node(
-            self.pad,
-            vertices,
-            lane,
-            subpath,
-            light,
-            mi.UInt32(0),
-            guiding,
-            self.glossy,
-            self.images,
-            lamp,
-            self.aimed(guiding, lamp),
-            self.lobed,
-        )[0]
+        value = self.radiance(vertices, lane, subpath, light, mi.UInt32(0), fiber)[0]
         scale = lit * width * height
         colors = [value * scale * dr.gather(mi.Float, power, fiber) for power in self._power]
         return [Splat(row * mi.UInt32(width) + column, colors)]

@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.cells.cell_sampler import Targets, pixel_rays
+from render.cells.cell_sampler import TargetPixels, Targets, pixel_rays
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_spots import LampSpots, Spots, survival_of
 from render.cells.lamp_ways import LampLine, LampWays, wrapped
@@ -79,10 +79,7 @@ class ClearCells:
         self.index = scene.pad.index
         self.fibers, self.channels = phi.shape
         self.bins = self.fibers * targets.count
-        # One more entry: a target without pixels at the end reads past the others'.
-        self._pixel = mi.UInt32(np.append(targets.pixel, 0).astype(np.uint32))
-        self._offset = mi.UInt32(targets.offset.astype(np.uint32))
-        dr.make_opaque(self._pixel, self._offset)
+        self.pixels = TargetPixels(scene, targets)
 
     def evaluate(self, camera: Stream, light: Stream) -> list[CellSplat]:
         """Return what one sample per lane adds to all cells: radiance per direction node."""
@@ -203,17 +200,10 @@ class ClearCells:
         target = subpath // self.strata
         stratum = subpath - target * self.strata
         pick, _, x, y = stream.event(first)
-        begin = dr.gather(mi.UInt32, self._offset, target)
-        size = dr.gather(mi.UInt32, self._offset, target + 1) - begin
-        place = (mi.Float(stratum) + pick) / self.strata * mi.Float(size)
-        within = dr.minimum(mi.UInt32(place), dr.maximum(size, 1) - 1)
-        pixel = dr.gather(mi.UInt32, self._pixel, begin + within)
+        number = (mi.Float(stratum) + pick) / self.strata
+        column, row = self.pixels.place(target, number, x, y)
         film = self.scene.camera
-        row = pixel // film.columns
-        column = pixel - row * film.columns
-        o, d = pixel_rays(
-            self.scene, mi.Float(column) + x, mi.Float(row) + y, film.columns, film.rows
-        )
+        o, d = pixel_rays(self.scene, column, row, film.columns, film.rows)
         hit = self.surfaces.hit(o, d, dr.full(mi.Bool, True, dr.width(subpath)))
         # What the face reflects is lost, so that nothing is left to chance.
         cosine = -hit.cosine
@@ -278,12 +268,12 @@ class ClearCells:
             sends = spot.others > 0
             if sends:
                 pick = wrapped(random + mi.Float(lamp) * 0.7320508075688772)
-                found = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
-                lit = sends & (found.total > 0)
+                found, total = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
+                lit = sends & (total > 0)
                 if lit:
                     lit = ~self.surfaces.blocked(a, found.direction, found.clear, lit)
-                value = scale * found.metal * found.total
-                value /= 1.0 + survival * found.total * spot.others
+                value = scale * found.metal * total
+                value /= 1.0 + survival * total * spot.others
                 for j in range(self.channels):
                     dr.scatter_reduce(
                         dr.ReduceOp.Add, sums, value * spot.sent[j],

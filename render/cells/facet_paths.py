@@ -25,6 +25,7 @@ from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import ImageChain, MirrorImages
 from render.paths.connect import connect_vertices, mirror_connection
+from render.paths.mirrors import KeptVertex, SubpathTail, mirror_ratio, shared_d_vcm
 from render.paths.vertex import (
     RATIO_MAX,
     VOLUME_PASSES,
@@ -43,6 +44,7 @@ from render.paths.walk import (
     trace_segment,
 )
 from render.sampling.proposals import LIGHT_EVENTS
+from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Numbers, Stream
 
 JOINED_STRIDE = 1024
@@ -50,21 +52,28 @@ JOINED_STRIDE = 1024
 
 
 @dataclass
+class CellVertex(KeptVertex):
+    """A camera vertex behind which the subpath may pass so many more volumes (a Dr.Jit PyTree)."""
+
+    passes: mi.UInt32
+
+    @staticmethod
+    def none() -> CellVertex:
+        """Return one of weight 0."""
+        return CellVertex(**vars(KeptVertex.none()), passes=mi.UInt32(0))
+
+
+@dataclass
 class FacetSubpath:
     """The kept vertices of a camera subpath (weight 0 where there is none).
 
-    ``glossy_first`` says that ``glossy`` follows the facet directly, so that a mirror connection
-    could have found it too. ``met`` is where the subpath passed through a lamp. Behind the glossy
-    vertex and the end the subpath may pass ``glossy_passes`` and ``end_passes`` more volumes.
+    ``met`` is where the subpath passed through a lamp.
     """
 
     facet: Vertex
-    glossy: Vertex
-    end: Vertex
-    glossy_first: mi.Bool
+    glossy: CellVertex
+    end: CellVertex
     met: MetLamp
-    glossy_passes: mi.UInt32
-    end_passes: mi.UInt32
 
 
 @dr.syntax
@@ -79,8 +88,9 @@ def trace_facet_subpath(
     ``passable`` says that they pass volumes behind delta faces.
     """
     # --------------------------- Configure loop state ----------------------------
-    facet, glossy, end = empty_vertex(), empty_vertex(), empty_vertex()  # what is kept
-    met = MetLamp.none()
+    facet = empty_vertex()  # what is kept, and one of each kind behind it
+    glossy, end = (Reservoir.holding(CellVertex.none()) for _ in range(2))
+    met = Reservoir.holding(MetLamp.none())
     free = stream.event(first)[0]
     state = begin_subpath(
         o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), free
@@ -88,44 +98,30 @@ def trace_facet_subpath(
     event = first + 1  # where the stream of numbers is
     active = dr.full(mi.Bool, True, dr.width(o))  # lanes under way
     behind = mi.Bool(False)  # whether the facet has been met
-    # Glossy vertices and ends so far, and lamps.
-    glossies, ends, lamps = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
-    glossy_first = mi.Bool(False)
-    # Of the vertex before: whether it is the first glossy one after the facet, and where it is.
-    follows, before, before_n, before_d_vcm = (
-        mi.Bool(False), dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0)
-    )  # fmt: skip
-    # Volume vertices that may still be passed: now, and behind what is kept.
-    passes, glossy_passes, end_passes = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+    tail = SubpathTail.empty()  # the last vertices
+    passes = mi.UInt32(0)  # volume vertices that may still be passed
     chain = ImageChain.closed()  # smooth mirrors behind the facet
     share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
     while active:
-        segment, begin = MetLamp.of(state, before), mi.Point3f(state.o)
+        segment, begin = MetLamp.of(state, tail.p), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
         choose_glossy, choose_end, choose_lamp, _ = stream.event(event + events)
         if lamp is not None:
-            segment.depth = state.depth
-            length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
-            passed = active & behind & lamp.light.passed(
-                lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
-            )  # fmt: skip
-            lamps += dr.select(passed, 1.0, 0.0)
+            passed = lamp.passed(segment, begin, state, v, arrived, escaped)
+            passed &= active & behind
             # Aimed subpaths pass delta faces alone, and not none.
-            straight = (ends == 0.0) & (glossies == 0.0)
+            straight = (end.total == 0.0) & (glossy.total == 0.0)
             if lamp.light.cast_in is not None:
                 straight &= segment.d_vcm == 0.0
             segment.beta *= dr.select(straight, share, 1.0)
-            met = dr.select(passed & (choose_lamp * lamps < 1.0), segment, met)
+            met = met.update(segment, dr.select(passed, 1.0, 0.0), choose_lamp)
         else:
             v.terminal = v.terminal | (v.diffuse & behind)
         # Up to the facet only one strategy exists: there are no sums to carry.
         v.d_vcm = dr.select(behind, v.d_vcm, 0.0)
         v.d_vc = dr.select(behind, v.d_vc, 0.0)
         # A mirror connection could have found the vertex before this one, whatever comes next.
-        if mirror is not None:  # noqa: SIM102 (the other one is traced)
-            if arrived & follows & has_wide_lobe(v):
-                mirrored = before_d_vcm * mirror.area_density(facet.p, before, before_n, v.p)
-                v.d_vcm = dr.minimum(v.d_vcm * (1.0 + mirrored), RATIO_MAX)
+        v.d_vcm = shared_d_vcm(mirror, v, tail, arrived, from_camera=True)
         # So could an image connection the one that follows the facet over smooth mirrors.
         if images is not None:
             following, imaged = images.arrive(chain, v, state, facet, has_wide_lobe(v))
@@ -137,28 +133,20 @@ def trace_facet_subpath(
         absorbed = arrived & v.terminal
         # ------------------------------ Keep vertices -----------------------------
         # A volume behind the facet is left to light subpaths; one before it is what is seen.
-        # Reservoirs of size 1: every end and every glossy vertex are kept with the same chance.
+        # Every end and every glossy vertex are kept with the same chance.
         is_end = arrived & dr.select(behind, v.diffuse, v.volume)
         if passable:
             is_end |= arrived & v.volume
-        ends += dr.select(is_end, 1.0, 0.0)
-        kept_end = is_end & (choose_end * ends < 1.0)
-        end = dr.select(kept_end, v, end)
+        following = tail.then(v)
+        # Mirror connections start from the facet alone.
+        following.glossy_after_wide &= behind & (end.total == 0.0)
+        tail = dr.select(arrived, following, tail)
+        here = CellVertex(v, tail.previous, tail.glossy_after_wide, passes)
+        end = end.update(here, dr.select(is_end, 1.0, 0.0), choose_end)
         is_facet = arrived & v.diffuse & ~behind
         facet = dr.select(is_facet, v, facet)
         is_glossy = arrived & behind & ~v.terminal & ~v.delta & ~v.diffuse
-        glossies += dr.select(is_glossy, 1.0, 0.0)
-        kept = is_glossy & (choose_glossy * glossies < 1.0)
-        glossy = dr.select(kept, v, glossy)
-        is_first = is_glossy & (glossies == 1.0) & (ends == 0.0)
-        glossy_first = dr.select(kept, is_first, glossy_first)
-        if passable:
-            glossy_passes = dr.select(kept, passes, glossy_passes)
-            end_passes = dr.select(kept_end, passes, end_passes)
-        follows = dr.select(arrived, is_first, follows)
-        before = dr.select(arrived, v.p, before)
-        before_n = dr.select(arrived, v.n, before_n)
-        before_d_vcm = dr.select(arrived, v.d_vcm, before_d_vcm)
+        glossy = glossy.update(here, dr.select(is_glossy, 1.0, 0.0), choose_glossy)
         behind |= is_facet
         if passable:
             # A volume that is seen takes the place of the facet.
@@ -180,10 +168,10 @@ def trace_facet_subpath(
             share = dr.select(is_facet, own, share)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
-    glossy.weight = glossies
-    end.weight = ends
-    met.weight = lamps
-    return FacetSubpath(facet, glossy, end, glossy_first, met, glossy_passes, end_passes)
+    for kept in (glossy, end):
+        kept.item.vertex.weight = kept.contribution_weight()
+    met.item.weight = met.contribution_weight()
+    return FacetSubpath(facet, glossy.item, end.item, met.item)
 
 
 @dr.syntax
@@ -221,9 +209,10 @@ def radiance_per_node(
     if lamp is not None:
         found = [lamp.met(camera.met)]
         # A bare coating sees the lamp, or one in the pad; otherwise only the pad's faces do.
-        last_vertices = [camera.facet, camera.end] if lamp.bare else [camera.glossy]
+        glossy, end = camera.glossy.vertex, camera.end.vertex
+        last_vertices = [camera.facet, end] if lamp.bare else [glossy]
         if lamp.light.cast_in is not None and not lamp.bare:
-            last_vertices = [camera.facet, camera.end, camera.glossy]
+            last_vertices = [camera.facet, end, glossy]
         for i in range(len(last_vertices)):
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
@@ -244,33 +233,27 @@ def _connect(
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
-    to_end = numbers[2] < 0.5
+    other = dr.select(numbers[2] < 0.5, camera.end, camera.glossy)
     later, over_delta = y, y
     if isinstance(y, PassableVertex):
         over_delta = for_camera_passes(y, mi.UInt32(VOLUME_PASSES))
-        later = for_camera_passes(y, dr.select(to_end, camera.end_passes, camera.glossy_passes))
+        later = for_camera_passes(y, other.passes)
         y = for_camera_passes(y, mi.UInt32(0))
     wide = active & has_wide_lobe(y)
     # ------------------------------ With the facet --------------------------------
-    # A mirror connection could have found this glossy vertex from the wide one before it.
-    mirrored = mi.Float(0.0)
-    if mirror is not None:  # noqa: SIM102 (the other one is traced)
-        if active & ~wide & drawn.before_wide:
-            mirrored = y.d_vcm * mirror.area_density(a.p, y.p, y.n, drawn.before)
+    facet = KeptVertex(a, a.p, mi.Bool(False))
+    further = mirror_ratio(mirror, drawn, facet, active)
     light = channel_mean(
-        connect_vertices(scene, y, a, active, guiding, extra=mirrored, returning=returning)
+        connect_vertices(scene, y, a, active, guiding, extra=further, returning=returning)
     )
     # ------------------------------ With what follows it --------------------------
-    # These carry little light: each vertex tries one of them.
-    mirrored = mi.Float(0.0)
-    if mirror is not None:  # noqa: SIM102 (the other one is traced)
-        if wide & camera.glossy_first & ~to_end:
-            mirrored = camera.glossy.d_vcm * mirror.area_density(
-                a.p, camera.glossy.p, camera.glossy.n, y.p
-            )
-    other = dr.select(to_end, camera.end, camera.glossy)
+    # These carry little light: each vertex tries one of them. No mirror connection starts there.
+    unmirrored = KeptVertex(y, y.p, mi.Bool(False))
+    further = mirror_ratio(mirror, unmirrored, other, active)
     light += 2.0 * channel_mean(
-        connect_vertices(scene, later, other, active, guiding, extra=mirrored, returning=returning)
+        connect_vertices(
+            scene, later, other.vertex, active, guiding, extra=further, returning=returning
+        )
     )
     # ------------------------------ Over mirrors ----------------------------------
     if images is not None:
@@ -279,10 +262,9 @@ def _connect(
             images.connect(scene, over_delta, a, number, wide, guiding, returning, candidates)
         )
     if mirror is not None:
-        direction = mirror.sample(a.p, y.p, numbers[0], numbers[1])
-        density = mirror.density(a.p, y.p, direction)
         reflected = mirror_connection(
-            scene, y, a, direction, density, wide, guiding=guiding, returning=returning
-        )
+            scene, y, a, mirror.lobe(a.p, y.p), numbers[:2], wide, guiding=guiding,
+            returning=returning,
+        )  # fmt: skip
         light += channel_mean(reflected)
     return light

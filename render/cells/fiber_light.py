@@ -10,6 +10,7 @@ solid angle). A line that misses a node's disk weighs zero for that node.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
@@ -84,8 +85,19 @@ class FiberLight:
         local = self.profiles.sample(fiber, direction[0], direction[1])
         return origin, frame.to_world(local)
 
-    def ray(self, fiber: mi.UInt32, p: mi.Point3f, d: mi.Vector3f) -> LampRay:
-        """Return what the lines through ``p`` along ``d``, the way of the light, carry."""
+    def ray(
+        self, fiber: mi.UInt32, p: mi.Point3f, d: mi.Vector3f,
+        spread: Callable[[mi.Float], mi.Float] = dr.square, edge: float = 1.0001,
+        behind: float | None = None,
+    ) -> LampRay:  # fmt: skip
+        """Return what the lines through ``p`` along ``d``, the way of the light, carry.
+
+        Over a distance from the end to ``p`` in mm the line moves on the end, in mm^2 per solid
+        angle where it was asked for, by its ``spread``: the squared distance if nothing bends it.
+        The end is ``edge`` times as wide, so that a line to its edge counts in spite of rounding.
+        It may have begun ``behind`` ``p`` by so many mm; without it anywhere, but is not joined
+        then.
+        """
         radius = dr.gather(mi.Float, self.radius, fiber)
         radiance, mixture, joined = [], mi.Float(0.0), mi.Float(0.0)
         offset = p - self.center_of(fiber)
@@ -95,8 +107,9 @@ class FiberLight:
             # Where the line meets the node's disk, seen from the disk's center.
             distance = dr.dot(offset, beam) / cos
             hit = offset - d * distance
-            # The node that drew the ray must count as hit in spite of rounding.
-            crossed = dr.squared_norm(hit) <= dr.square(radius * 1.0001)
+            crossed = dr.squared_norm(hit) <= dr.square(radius * edge)
+            if behind is not None:
+                crossed &= distance > -behind
             inside = (cos > COSINE_MIN) & crossed
             # Points are drawn on end faces that turn their back as well, and lines to those may
             # carry the light of other nodes.
@@ -104,8 +117,9 @@ class FiberLight:
             theta = dr.unit_angle(mi.Vector3f(beam), mi.Vector3f(d))
             radiance.append(dr.select(inside, self.profiles.radiance(fiber, theta), 0.0))
             mixture += dr.select(inside, self.profiles.density(fiber, theta) / cos, 0.0)
-            facing = dr.square(distance) / dr.abs(cos)
-            joined += dr.select(crossed & (distance > 0), facing, 0.0)
+            facing = spread(distance) / dr.abs(cos)
+            before = mi.Bool(True) if behind is not None else distance > 0
+            joined += dr.select(crossed & before, facing, 0.0)
         share = 1.0 / (self.nodes * dr.pi * dr.square(radius))
         return LampRay(radiance, mixture * share, joined * share)
 

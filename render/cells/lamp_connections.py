@@ -32,6 +32,7 @@ from render.paths.walk import (
     GuidingDistribution,
     SubpathState,
     begin_subpath,
+    guided_pdf,
     sample_scattering,
     trace_segment,
 )
@@ -85,6 +86,20 @@ class Lamp:
     fiber: mi.UInt32
     bare: bool
 
+    def passed(
+        self, segment: MetLamp, begin: mi.Point3f, state: SubpathState, v: Vertex,
+        arrived: mi.Bool, escaped: mi.Bool,
+    ) -> mi.Bool:  # fmt: skip
+        """Return whether a ray of ``segment`` from ``begin`` has passed through the lamp.
+
+        ``state`` and the rest are what ``trace_segment`` returned for it; the segment's optical
+        depth is set to that at its end.
+        """
+        segment.depth = state.depth
+        length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
+        length = dr.select(escaped, dr.inf, length)
+        return self.light.passed(self.fiber, begin, segment.d, length)
+
     def met(self, segment: MetLamp) -> list[mi.Float]:
         """Return, per direction node, the light that a camera subpath has met (s = 0)."""
         ray = self.light.ray(self.fiber, segment.p, -segment.d)
@@ -109,7 +124,7 @@ class Lamp:
         ray = self.light.ray(self.fiber, z.p, -w)
         active &= ray.joined > 0
         f, pdf, reverse = evaluate_scattering(z, w, mi.TransportMode.Radiance, active)
-        pdf = dr.select(guiding.applies(z), guiding.mixture_pdf(z, w, pdf), pdf)
+        pdf = guided_pdf(guiding, z, w, pdf)
         if self.light.cast_in is not None:
             pdf = dr.select(z.terminal, 0.0, pdf)
         active &= dr.max(f) > 0
@@ -189,11 +204,7 @@ class AimedSubpaths:
         while active:
             segment, begin = MetLamp.of(state, state.o), mi.Point3f(state.o)
             state, v, arrived, escaped = trace_segment(scene, state, active)
-            segment.depth = state.depth
-            length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
-            passed = active & self.lamp.light.passed(
-                self.lamp.fiber, begin, segment.d, dr.select(escaped, dr.inf, length)
-            )
+            passed = active & self.lamp.passed(segment, begin, state, v, arrived, escaped)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)
             going = arrived & v.delta

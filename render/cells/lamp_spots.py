@@ -37,6 +37,7 @@ from render.cells.lamp_ways import (
     wall_reflections,
 )
 from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Stream
 from render.scene import Scene
 
@@ -70,11 +71,10 @@ class Spots:
 class SpotConnection:
     """A camera vertex connected to one image of a spot (a Dr.Jit PyTree).
 
-    ``total`` is S; ``direction`` leads to the image, which nothing may hide within ``clear`` mm and
-    ``metal`` is what mirrors on the way leave of the light.
+    ``direction`` leads to the image, which nothing may hide within ``clear`` mm, and ``metal`` is
+    what mirrors on the way leave of the light.
     """
 
-    total: mi.Float
     direction: mi.Vector3f
     clear: mi.Float
     metal: mi.Float
@@ -197,7 +197,7 @@ class LampSpots:
 
         0 where not ``known``: over no image, or the spot is what the camera sees.
         """
-        total = self.connect(a, n, spot, spot_n, mi.Float(0.5), known).total
+        _, total = self.connect(a, n, spot, spot_n, mi.Float(0.5), known)
         kappa = (self.index * dr.pi) ** 2 / (survival * spot_survival * total)
         return dr.select(known & (total > 0), kappa, 0.0)
 
@@ -210,12 +210,15 @@ class LampSpots:
     def connect(
         self, a: mi.Point3f, n: mi.Normal3f, spot: mi.Point3f, spot_n: mi.Normal3f,
         number: mi.Float, active: mi.Bool,
-    ) -> SpotConnection:  # fmt: skip
-        """Return the connection to an image of ``spot`` that the uniform ``number`` draws."""
+    ) -> tuple[SpotConnection, mi.Float]:  # fmt: skip
+        """Return the connection to an image of ``spot`` that the uniform ``number`` draws, and S.
+
+        S is what all of its images send.
+        """
         image = mi.UInt32(0)
         going = mi.Bool(active)
-        left = mi.Float(number)
-        found = SpotConnection(mi.Float(0), mi.Vector3f(0, 0, 1), mi.Float(0), mi.Float(0))
+        none = SpotConnection(mi.Vector3f(0, 0, 1), mi.Float(0), mi.Float(0))
+        drawn = OneNumberReservoir.drawing(none, number)
         while going:
             row = [dr.gather(mi.Float, self.rows, 10 * image + i) for i in range(10)]
             sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
@@ -229,19 +232,11 @@ class LampSpots:
                 reflected = mi.fresnel(dr.abs(direction[i]), 1.0 / self.index)[0]
                 for times in range(self.deepest if i == 2 else CELL_MAX):
                     weight *= dr.select(row[6 + i] > times + 0.5, reflected, 1.0)
-            found.total += weight
-            chance = dr.select(weight > 0, weight / found.total, 0.0)
-            chosen = left < chance
-            left = dr.select(
-                chosen, left / chance, (left - chance) / dr.maximum(1.0 - chance, 1e-9)
-            )
-            found.direction = dr.select(chosen, direction, found.direction)
             clear = dr.sqrt(squared) - SLACK / arriving
-            found.clear = dr.select(chosen, clear, found.clear)
-            found.metal = dr.select(chosen, row[9], found.metal)
+            drawn = drawn.offered(SpotConnection(direction, clear, row[9]), weight)
             image += 1
             going = going & (image < self.count)
-        return found
+        return drawn.item, drawn.total
 
 
 def survival_of(reflectance: mi.Float) -> mi.Float:

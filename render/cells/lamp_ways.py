@@ -45,6 +45,8 @@ SLOTS = 256
 PROFILE_FLOOR = 0.05
 """Least radiance, over that of the axis, in the shares of ways: beams may be narrow."""
 NEWTON_STEPS = 5
+EDGE = 1.0002
+"""How wide a lamp's end is for the lines that they find."""
 GRID = 16
 """Points of the coating along x and y at which shares of ways are estimated."""
 BEHIND = 1e-3
@@ -325,31 +327,15 @@ class LampWays:
 
         The density of joining to it is per solid angle at the point in the pad where it began.
         """
-        light, n = self.light, self.index
-        radius = dr.gather(mi.Float, light.radius, lamp)
         cos_out = dr.maximum(line.outside_cos, COSINE_MIN)
         ratio_in, ratio_out = cos_out / line.inside_cos, line.inside_cos / cos_out
-        offset = line.exit - light.center_of(lamp)
-        towards = -line.outside
-        radiance, joined, emitted = [], mi.Float(0.0), mi.Float(0.0)
-        for j in range(light.nodes):
-            beam = light.beam_of(lamp, mi.UInt32(j))
-            cos = dr.dot(beam, towards)
-            distance = dr.dot(offset, beam) / cos
-            hit = offset - towards * distance
-            crossed = dr.squared_norm(hit) <= dr.square(radius * 1.0002)
-            crossed &= distance > -BEHIND
-            # Points are drawn on end faces that turn their back as well, see `FiberLight.ray`.
-            inside = crossed & (cos > COSINE_MIN)
-            after = dr.maximum(distance, 0.0)
-            # What the end's plane moves by per angle, in and across the plane of incidence.
-            spread = (line.before * ratio_in + after * n * ratio_out) * (line.before + after * n)
-            theta = dr.unit_angle(mi.Vector3f(beam), towards)
-            radiance.append(dr.select(inside, light.profiles.radiance(lamp, theta), 0.0))
-            joined += dr.select(crossed & (dr.abs(cos) > COSINE_MIN), spread / dr.abs(cos), 0.0)
-            emitted += dr.select(inside, light.profiles.density(lamp, theta) / cos, 0.0)
-        share = 1.0 / (light.nodes * dr.pi * dr.square(radius))
-        return LampRay(radiance, emitted * share, joined * share)
+
+        def spread(distance: mi.Float) -> mi.Float:
+            """Return what refraction makes of it, in and across the plane of incidence."""
+            after = self.index * dr.maximum(distance, 0.0)
+            return (line.before * ratio_in + after * ratio_out) * (line.before + after)
+
+        return self.light.ray(lamp, line.exit, -line.outside, spread, EDGE, BEHIND)
 
     @staticmethod
     def code(counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f) -> mi.UInt32:

@@ -4,9 +4,8 @@ A light subpath scatters some twenty times, and each connection costs several ra
 vertices close to the diffuser's inner face carry nearly all of the light. So one vertex per subpath
 is drawn in proportion to a *target weight*: the light that it would send to a point of the coating,
 directly and over the lower face, without visibility and with the medium ending at the inner face.
-It stands for all of them with the contribution weight W = sum of target weights over its own:
-resampled importance sampling (Talbot et al. 2005) with a reservoir. The target weight is positive
-wherever a connection can be, so its errors cost time, not truth.
+It stands for all of them (resampled importance sampling, ``render.sampling.reservoirs``). The
+target weight is positive wherever a connection can be, so its errors cost time, not truth.
 
 The drawn vertices are written to memory and connected afterwards to as many camera subpaths as look
 at the same place (``render.cells.facet_paths``).
@@ -14,8 +13,7 @@ at the same place (``render.cells.facet_paths``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, is_dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -24,12 +22,13 @@ import numpy as np
 from render.cells.fiber_light import FiberLight
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import fiber_poses
+from render.paths.mirrors import KeptVertex
+from render.paths.records import PackedRecords, allocated
 from render.paths.vertex import (
     RATIO_MAX,
     PassableVertex,
     Vertex,
     channel_mean,
-    empty_vertex,
     extinction,
     has_wide_lobe,
     scattering_value,
@@ -42,6 +41,7 @@ from render.paths.walk import (
     trace_segment,
 )
 from render.sampling.proposals import LIGHT_EVENTS
+from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Stream
 from render.scene import Scene
 
@@ -67,16 +67,13 @@ Its lobe's peak belongs to mirror connections.
 
 
 @dataclass
-class DrawnVertex:
+class DrawnVertex(KeptVertex):
     """The vertex that stands for a light subpath (a Dr.Jit PyTree).
 
-    ``vertex`` is a ``PassableVertex`` where camera subpaths pass volumes. ``contribution`` is W,
-    ``before`` the vertex before it and ``(o, d)`` the ray that the subpath began with.
+    It is a ``PassableVertex`` where camera subpaths pass volumes. ``contribution`` is W and
+    ``(o, d)`` the ray that the subpath began with.
     """
 
-    vertex: Vertex
-    before: mi.Point3f
-    before_wide: mi.Bool
     contribution: mi.Float
     o: mi.Point3f
     d: mi.Vector3f
@@ -89,7 +86,7 @@ class DrawnVertices:
     Those of one path lie side by side; ``weight[node]`` is the weight of each at a direction node.
     """
 
-    records: DrawnVertex
+    records: PackedRecords
     weight: list[mi.Float]
     lanes: mi.UInt32
     paths: int
@@ -100,7 +97,8 @@ class DrawnVertices:
 
     def read(self, path: mi.UInt32, lane: mi.UInt32) -> DrawnVertex:
         """Return the vertex of ``path`` of ``lane``."""
-        return dr.gather(DrawnVertex, self.records, self.index(path, lane))
+        drawn: DrawnVertex = self.records.gather(self.index(path, lane))
+        return drawn
 
 
 class CoatingTarget:
@@ -204,7 +202,7 @@ def trace_light_subpaths(
     of_node = light.weights(dr.gather(mi.UInt32, fiber, lane), records.o, records.d)
     weight = [value * records.contribution / paths for value in of_node]
     dr.eval(weight)
-    return DrawnVertices(records, weight, lanes, paths)
+    return DrawnVertices(PackedRecords(records), weight, lanes, paths)
 
 
 @dr.syntax
@@ -228,17 +226,15 @@ def _trace(
     state = begin_subpath(
         o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), mi.Float(0), mi.Float(0), mi.Float(0.5)
     )
-    kept = empty_vertex()  # the vertex of the reservoir
+    none = KeptVertex.none()
     if passable:
-        state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(0.0))
-        kept = PassableVertex(**vars(kept), d_vc_passing=mi.Vector2f(0.0))
+        state = PassableState.of(state)
+        none.vertex = PassableVertex.of(none.vertex)
     before, before_wide = dr.zeros(mi.Point3f), mi.Bool(False)  # the last vertex, and its lobe
-    drawn = DrawnVertex(  # the reservoir
-        kept, dr.zeros(mi.Point3f), mi.Bool(False), mi.Float(0),
-        dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1),
-    )  # fmt: skip
-    drawn_weight, total = mi.Float(0.0), mi.Float(0.0)  # its target weight, and the sum of all
-    records = _allocated(drawn, width * paths)
+    drawn = Reservoir.holding(none)
+    records = allocated(
+        DrawnVertex(**vars(none), contribution=mi.Float(0), o=o, d=d), width * paths
+    )
     fresh = dr.full(mi.Bool, True, width)  # lanes that begin a path
     first = mi.Bool(fresh)  # lanes whose path has no vertex yet
     from_volume = mi.Bool(False)  # lanes whose last vertex is in a volume
@@ -259,10 +255,10 @@ def _trace(
                 o, d, light.medium(scene, fiber), mi.Spectrum(1.0), mi.Float(0), d_vc, free
             )
             if passable:
-                state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(d_vc))
+                state = PassableState.of(state)
             event = path * LIGHT_EVENTS + 2
             before_wide = mi.Bool(False)
-            total = mi.Float(0.0)
+            drawn.total = mi.Float(0.0)
             first, from_volume = mi.Bool(True), mi.Bool(False)
         state, v, arrived, escaped = trace_segment(scene, state, active)
         if guiding is not None:
@@ -288,12 +284,8 @@ def _trace(
             v.d_vc = dr.select(v.volume | (from_volume & ~v.delta), 0.0, v.d_vc)
         # --------------------- Draw the vertex, or keep another one ---------------
         weight = target.weight(v, before_wide, point, normal, arrived & ~v.delta)
-        total += weight
-        replaces = (weight > 0) & (stream.event(event + RESERVOIR_EVENT)[0] * total < weight)
-        drawn.vertex = dr.select(replaces, v, drawn.vertex)
-        drawn_weight = dr.select(replaces, weight, drawn_weight)
-        drawn.before = dr.select(replaces, before, drawn.before)
-        drawn.before_wide = dr.select(replaces, before_wide, drawn.before_wide)
+        here = KeptVertex(v, before, before_wide & ~has_wide_lobe(v))
+        drawn = drawn.update(here, weight, stream.event(event + RESERVOIR_EVENT)[0])
         before = dr.select(arrived, v.p, before)
         before_wide = dr.select(arrived, arrived & has_wide_lobe(v), before_wide)
         # --------------------------- Scatter, or end the path ---------------------
@@ -309,23 +301,10 @@ def _trace(
         event += 1
         cut = event >= path * LIGHT_EVENTS + RESERVOIR_EVENT
         fresh = active & (escaped | (arrived & ~alive) | cut)
-        drawn.o = o
-        drawn.d = d
-        drawn.contribution = dr.select(total > 0, total / drawn_weight, 0.0)
+        record = DrawnVertex(**vars(drawn.item), contribution=drawn.contribution_weight(), o=o, d=d)
         # Dr.Jit's own local memory (1.5) does not compile masks on LLVM. Records must be written
         # under a mask argument, outside of a traced ``if``.
-        dr.scatter(records, drawn, path * lanes + lane, fresh)
+        dr.scatter(records, record, path * lanes + lane, fresh)
         path += dr.select(fresh, 1, 0)
         active = active & (path < last)
     return records
-
-
-def _allocated(record: Any, size: int) -> Any:
-    """Return uninitialized arrays of ``size``, shaped like the dataclass tree ``record``.
-
-    ``dr.empty`` of a dataclass keeps the array types of the variant that was set first.
-    """
-    kind: Any = type(record)
-    if is_dataclass(record):
-        return kind(**{name: _allocated(value, size) for name, value in vars(record).items()})
-    return dr.empty(kind, size)

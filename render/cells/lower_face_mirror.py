@@ -68,24 +68,13 @@ class LowerFaceMirror:
         image, normal, _, _ = self._reflected(y, a)
         return image, normal
 
-    def _lobe(self, a: mi.Point3f, y: mi.Point3f) -> ReflectionLobe:
+    def lobe(self, a: mi.Point3f, y: mi.Point3f) -> ReflectionLobe:
         """Return the directions from ``a`` about the mirror image of ``y``."""
         image, normal, height_a, height_y = self._reflected(a, y)
         return ReflectionLobe.towards(a, image, normal, height_a, height_y, self._constant(3))
-
-    def sample(self, a: mi.Point3f, y: mi.Point3f, u: mi.Float, v: mi.Float) -> mi.Vector3f:
-        """Return directions from ``a`` that reach the surroundings of the mirrored ``y``."""
-        return self._lobe(a, y).sample(u, v)
-
-    def density(self, a: mi.Point3f, y: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
-        """Return the density per solid angle with which ``sample`` finds ``direction``."""
-        return self._lobe(a, y).density(direction)
 
     def area_density(
         self, a: mi.Point3f, b: mi.Point3f, normal: mi.Normal3f, y: mi.Point3f
     ) -> mi.Float:
         """Return the density per area with which a connection from ``a`` to ``y`` finds ``b``."""
-        span = b - a
-        squared = dr.maximum(dr.squared_norm(span), 1e-12)
-        direction = span * dr.rsqrt(squared)
-        return self.density(a, y, direction) * dr.abs(dr.dot(normal, direction)) / squared
+        return self.lobe(a, y).area_density(a, b, normal)

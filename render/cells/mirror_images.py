@@ -20,9 +20,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from render.paths.connect import arrival_density, optical_depth, trace_to_surface
+from render.paths.connect import density_at, optical_depth, strategies_before, trace_to_surface
 from render.paths.vertex import Vertex, area_factor, channel_mean, evaluate_scattering
-from render.paths.walk import GuidingDistribution, SubpathState, returning_pdf
+from render.paths.walk import GuidingDistribution, SubpathState, guided_pdf
 from render.sampling.streams import Numbers
 from render.scene import Scene
 
@@ -185,7 +185,7 @@ class MirrorImages(ABC):
         direction = span * dr.rsqrt(squared)
         w = -self.folded(image, direction)
         f_a, p_a, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
-        p_a = dr.select(guiding.applies(a), guiding.mixture_pdf(a, direction, p_a), p_a)
+        p_a = guided_pdf(guiding, a, direction, p_a)
         f_y, _, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
         active = active & (probability > 0) & (dr.max(f_a) > 0) & (dr.max(f_y) > 0)
         # --------------------- Along the folded line, mirror by mirror ----------------
@@ -210,10 +210,8 @@ class MirrorImages(ABC):
         last_depth, clear = optical_depth(scene, y, here, active)
         transmittance = dr.exp(-depth - last_depth)
         # --------------------- Balance heuristic --------------------------------------
-        arrival_y = arrival_density(y, transmittance, active)
-        camera_y = p_a * chance * area_factor(y, w) * arrival_y / squared
-        r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
-        strategies = probability + camera_y * (y.d_vcm + y.d_vc * r_y)
+        camera_y = density_at(y, w, p_a * chance, transmittance, active) / squared
+        strategies = probability + camera_y * strategies_before(y, r_y, returning)
         value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / squared
         value *= y.weight * a.weight / strategies
         return dr.select(active & clear, value, 0.0)

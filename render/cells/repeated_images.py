@@ -10,13 +10,12 @@ subpaths instead.
 
 There are too many to look at, and most carry nothing: so *candidates* are drawn from a few disjoint
 parts of them, with heavy tails, and then one image in proportion to what it may send over its
-probability as a candidate (resampled importance sampling, Talbot et al. 2005).
+probability as a candidate (resampled importance sampling, ``render.sampling.reservoirs``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -25,6 +24,7 @@ import numpy as np
 from render.cells.box_images import BoxImages
 from render.cells.mirror_images import COSINE_MIN, mirror_faces
 from render.paths.vertex import Vertex
+from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Numbers
 from render.scene import EDGES, FACES, Scene
 
@@ -127,15 +127,14 @@ class RepeatedImages(BoxImages):
         and for a ``y`` in a volume those of ``candidates``, which an event each draws.
         """
         near = mi.UInt32(1)
-        choice = _Choice(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0), mi.Float(number))
+        drawn = OneNumberReservoir.drawing(mi.UInt32(0), number)
         while near < NEAR[0] * NEAR[1] * NEAR[2]:
             image = self._near(near)
-            here = self._weight(image, a, y)
-            choice = choice.offered(image, here, here)
+            drawn = drawn.offered(image, self._weight(image, a, y))
             near += 1
         if y.volume:
-            choice = self._with_candidates(choice, a, y, candidates)
-        return choice.image, dr.select(choice.image > 0, choice.weight / choice.total, 0.0)
+            drawn = self._with_candidates(drawn, a, y, candidates)
+        return drawn.item, drawn.probability()
 
     @dr.syntax
     def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
@@ -155,8 +154,8 @@ class RepeatedImages(BoxImages):
         return self._combined([x, rest % NEAR[1], rest // NEAR[1]])
 
     def _with_candidates(
-        self, choice: _Choice, a: Vertex, y: Vertex, numbers: Sequence[Numbers]
-    ) -> _Choice:
+        self, drawn: OneNumberReservoir, a: Vertex, y: Vertex, numbers: Sequence[Numbers]
+    ) -> OneNumberReservoir:
         """Offer a candidate of the lowest and one of the other orders beyond, axis by axis.
 
         That axis is the last one along which the order is beyond those of near images, so along
@@ -181,8 +180,8 @@ class RepeatedImages(BoxImages):
                     density *= probability
                 image = self._combined(digits)
                 here = self._repeated_weight(image, a, y)
-                choice = choice.offered(image, here, here / density)
-        return choice
+                drawn = drawn.offered(image, here, here / density)
+        return drawn
 
     def _repeated_weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
         """Return what a vertex in a volume may send to ``a`` by an image of any order."""
@@ -225,27 +224,6 @@ class RepeatedImages(BoxImages):
             inside |= place < self._of(self.layer, axis, 1) + MARGIN
             inside |= place > high - low - self._of(self.layer, axis, 2) - MARGIN
         return inside
-
-
-@dataclass
-class _Choice:
-    """A reservoir of one image (a Dr.Jit PyTree); ``number`` is uniform whatever was chosen."""
-
-    image: mi.UInt32
-    weight: mi.Float
-    total: mi.Float
-    number: mi.Float
-
-    def offered(self, image: mi.UInt32, weight: mi.Float, share: mi.Float) -> _Choice:
-        """Return the reservoir after an image of a ``weight`` that counts as ``share``."""
-        total = self.total + share
-        chance = dr.select(total > 0, share / total, 0.0)
-        chosen = self.number < chance
-        number = dr.select(chosen, self.number / chance, (self.number - chance) / (1.0 - chance))
-        return _Choice(
-            dr.select(chosen, image, self.image), dr.select(chosen, weight, self.weight),
-            total, number,
-        )  # fmt: skip
 
 
 def _odd(digit: mi.UInt32) -> mi.Bool:

@@ -16,12 +16,11 @@ import drjit as dr
 import mitsuba as mi
 
 from render.integrators.medium_boxes import MediumBoxes
-from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet, mirror_ratio
+from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
 from render.integrators.resampling import (
     CameraProxy,
+    LightCandidate,
     PackedProxies,
-    ProxyReservoir,
-    Reservoir,
     mirrored_proxy_weight,
     mirrored_target_weight,
     proxy_weight,
@@ -36,7 +35,9 @@ from render.integrators.subpaths import (
 )
 from render.integrators.vertex_cache import LightVertexCache, MortonNeighbors
 from render.paths.connect import connect_vertices
+from render.paths.mirrors import mirror_ratio
 from render.paths.vertex import for_camera_passes
+from render.sampling.reservoirs import OneNumberReservoir, Reservoir
 from render.sampling.streams import Stream
 
 PROXY_COUNT = 16
@@ -65,7 +66,8 @@ def connect_subpaths(
     mirror_end = camera.mirror_end
     ends = [camera.main, camera.later, camera.glossy]
     looks = [CameraProxy.of(end) for end in ends]
-    drawn, mirrored = [Reservoir.empty() for _ in ends], Reservoir.empty()  # by target weights
+    drawn = [Reservoir.holding(LightCandidate.none()) for _ in ends]  # by target weights
+    mirrored = Reservoir.holding(LightCandidate.none())
     paths, lanes = cache.groups.paths, dr.width(cache.groups.lane)
     packed = PackedProxies(cache.proxies)
     neighbors = (
@@ -79,8 +81,8 @@ def connect_subpaths(
     while number < last:
         # --------------- Proxy weights: one of a few, for each end --------------------
         numbers = stream.event(3 * EVENT_BLOCK + number)
-        few = [ProxyReservoir.empty(u) for u in numbers[: len(ends)]]
-        few_mirrored = ProxyReservoir.empty(numbers[3])
+        few = [OneNumberReservoir.drawing(mi.UInt32(0), u) for u in numbers[: len(ends)]]
+        few_mirrored = OneNumberReservoir.drawing(mi.UInt32(0), numbers[3])
         until = dr.minimum(number + proxies_per_target, last)
         while number < until:
             index = cache.index(number)
@@ -91,21 +93,22 @@ def connect_subpaths(
                 if i < NEIGHBOR_ENDS:
                     fits &= ~close
                 weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
-                few[i] = few[i].update(index, weight)
+                few[i] = few[i].offered(index, weight)
             if mirrors is not None:
                 fits = y.wide & (y.edges + mirror_end.edges + 1 < edges_max)
                 weight = mirrored_proxy_weight(y, mirror_end.vertex.p, image, mirrors.blur)
-                few_mirrored = few_mirrored.update(index, dr.select(fits, weight, 0.0))
+                few_mirrored = few_mirrored.offered(index, dr.select(fits, weight, 0.0))
             number += 1
         # --------------- Target weights: one of those, for each end -------------------
         numbers = stream.event(4 * EVENT_BLOCK + number)
         for i in range(len(ends)):
             drawn[i] = _resampled(boxes, cache, few[i], ends[i], drawn[i], numbers[i])
         if mirrors is not None:
+            index = few_mirrored.item
             represented = few_mirrored.contribution_weight() * dr.gather(
-                mi.Float, cache.represented, few_mirrored.index
+                mi.Float, cache.represented, index
             )
-            light = cache.vertex(few_mirrored.index, represented > 0)
+            light = cache.vertex(index, represented > 0)
             pick = stream.event(5 * EVENT_BLOCK + number)[0]
             mirror, probability = mirrors.select(mirror_end.vertex.p, light.vertex.p, pick)
             weight = mirrored_target_weight(
@@ -117,14 +120,12 @@ def connect_subpaths(
                 probability,
                 represented > 0,
             )
-            mirrored = mirrored.update(
-                few_mirrored.index, represented, represented * weight, numbers[3], mirror,
-                probability,
-            )  # fmt: skip
+            candidate = LightCandidate(index, represented, mirror, probability)
+            mirrored = mirrored.update(candidate, represented * weight, numbers[3])
     # ------------------------ Close ones, from the whole group -----------------------
     if neighbors is not None:
         numbers = stream.event(mi.UInt32(6 * EVENT_BLOCK))
-        few = [ProxyReservoir.empty(u) for u in numbers[:NEIGHBOR_ENDS]]
+        few = [OneNumberReservoir.drawing(mi.Int32(0), u) for u in numbers[:NEIGHBOR_ENDS]]
         number, until = dr.zeros(mi.UInt32, lanes), mi.UInt32(NEIGHBOR_COUNT)
         dr.make_opaque(until)
         while number < until:
@@ -134,49 +135,48 @@ def connect_subpaths(
             for i in range(NEIGHBOR_ENDS):
                 fits = looks[i].valid & (y.edges + looks[i].edges < edges_max) & (represented > 0)
                 weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
-                few[i] = few[i].update(place, weight, represented)
+                few[i] = few[i].offered(place, weight, weight * represented)
             number += 1
         numbers = stream.event(mi.UInt32(8 * EVENT_BLOCK))
         for i in range(NEIGHBOR_ENDS):
-            few[i].index = neighbors.index(few[i].index)
+            few[i].item = neighbors.index(few[i].item)
             drawn[i] = _resampled(boxes, cache, few[i], ends[i], drawn[i], numbers[i])
     # ------------------------------ Connect what was drawn ---------------------------
     total = mi.Spectrum(0.0)
     for end, reservoir in zip(ends, drawn, strict=True):
-        weight = reservoir.contribution_weight()
-        light = cache.vertex(reservoir.index, weight > 0)
+        weight = reservoir.contribution_weight(reservoir.item.represented)
+        light = cache.vertex(reservoir.item.index, weight > 0)
         total += _connect(scene, mirrors, light, end, weight > 0) * weight
     if mirrors is not None:
-        weight = mirrored.contribution_weight()
-        light = cache.vertex(mirrored.index, weight > 0)
+        chosen = mirrored.item
+        weight = mirrored.contribution_weight(chosen.represented)
+        light = cache.vertex(chosen.index, weight > 0)
         u, v, _, _ = stream.event(mi.UInt32(EVENT_BLOCK))
         total += mirrors.connect(
             scene, for_camera_passes(light.vertex, mirror_end.passes), mirror_end.vertex,
-            mirrored.mirror, mirrored.probability, (u, v), weight > 0,
+            chosen.mirror, chosen.probability, (u, v), weight > 0,
         ) * weight  # fmt: skip
     return total / mi.Float(paths)
 
 
 def _resampled(
-    boxes: MediumBoxes, cache: LightVertexCache, few: ProxyReservoir, end: CameraVertex,
+    boxes: MediumBoxes, cache: LightVertexCache, few: OneNumberReservoir, end: CameraVertex,
     drawn: Reservoir, number: mi.Float,
 ) -> Reservoir:  # fmt: skip
     """Return ``drawn``, updated by the light vertex of ``few`` and its target weight."""
-    represented = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.index)
-    y = for_camera_passes(cache.vertex(few.index, represented > 0).vertex, end.passes)
+    represented = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.item)
+    y = for_camera_passes(cache.vertex(few.item, represented > 0).vertex, end.passes)
     weight = represented * target_weight(boxes, y, end.vertex, represented > 0)
-    return drawn.update(few.index, represented, weight, number)
+    candidate = LightCandidate(few.item, represented, mi.UInt32(0), mi.Float(0.0))
+    return drawn.update(candidate, weight, number)
 
 
 def _connect(
     scene: mi.Scene, mirrors: MirrorSet | None, y: LightVertex, end: CameraVertex, active: mi.Bool
 ) -> mi.Spectrum:
     """Return the light of ``y`` at a kept camera vertex."""
-    z = end.vertex
-    further = mirror_ratio(
-        mirrors, y.vertex, y.tail, z, end.previous, end.glossy_after_wide, active
-    )
+    further = mirror_ratio(mirrors, y, end, active, GLOSSY_WEIGHT)
     return connect_vertices(
-        scene, for_camera_passes(y.vertex, end.passes), z, active, extra=further,
+        scene, for_camera_passes(y.vertex, end.passes), end.vertex, active, extra=further,
         glossy=GLOSSY_WEIGHT,
     )  # fmt: skip

@@ -21,11 +21,10 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.optics.fiber_profile import angle, density, sample_direction, truncated_mass
 from render.optics.measured_profile import STEPS, measured_density, sample_measured
-from render.paths.connect import arrival_density, optical_depth
+from render.paths.connect import density_at, optical_depth
 from render.paths.vertex import (
     RATIO_MAX,
     Vertex,
-    area_factor,
     channel_mean,
     empty_vertex,
     evaluate_scattering,
@@ -335,13 +334,12 @@ class Emission:
         active = active & (dr.max(value) > 0)
         depth, clear = optical_depth(scene, v, sample.end, active)
         transmittance = dr.exp(-depth)
-        arrival = arrival_density(v, transmittance, active)
         # Against a camera subpath that runs into the emitter, and light subpaths that reach v.
         facing = sample.cosine / sample.squared
         hit = dr.select(
             sample.delta | v.terminal, 0.0, pdf * facing * channel_mean(transmittance) / sample.pdf
         )
-        light = sample.emitted * area_factor(v, sample.d) * arrival / sample.squared
+        light = density_at(v, sample.d, sample.emitted, transmittance, active) / sample.squared
         mis = 1.0 / (1.0 + hit + light * (v.d_vcm + v.d_vc * reverse))
         return dr.select(active & clear, value * transmittance * mis, 0.0)
 

@@ -3,17 +3,11 @@
 Connecting to a vertex on a glossy face mostly misses its narrow lobe. A mirror connection instead
 mirrors the light vertex in the face's plane, draws a direction from the camera vertex close to the
 mirror image, as wide as the roughness makes the reflection, and lets it find the face
-(``render.paths.connect.mirror_connection``). It competes, by the balance heuristic, for the paths
-
-    ... - y (volume or diffuse) - b (glossy, in a known plane) - a (volume or diffuse) - ...
-
-wherever such a triple lies on the path, with ``y`` on the light and ``a`` on the camera subpath.
-Then the recursive sums need one factor, ``shared_d_vcm``, at vertices that end a triple.
+(``render.paths.connect.mirror_connection``). What it counts in the balance heuristic is said in
+``render.paths.mirrors``.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -26,8 +20,9 @@ from render.integrators.planar_mirrors import (
     find_mirrors,
 )
 from render.paths.connect import mirror_connection
+from render.paths.mirrors import SubpathTail
 from render.paths.reflection_lobe import ReflectionLobe
-from render.paths.vertex import RATIO_MAX, Vertex, has_wide_lobe
+from render.paths.vertex import Vertex, has_wide_lobe
 
 GLOSSY_WEIGHT = 0.1
 """What connections of a glossy camera vertex to a volume or a diffuse surface count.
@@ -98,7 +93,8 @@ class MirrorSet:
         each = [self._selection_weight(mi.UInt32(k), a, y) for k in range(self.count)]
         return each, sum(each[1:], each[0])
 
-    def _lobe(self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f) -> ReflectionLobe:
+    def lobe(self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f) -> ReflectionLobe:
+        """Return the directions from ``a`` over mirror ``k`` about the image of ``y``."""
         normal = mi.Vector3f(*self._numbers(k, 0, 3))
         height_a, height_y = self._height(k, a), self._height(k, y)
         (slope,) = self._numbers(k, 10, 1)
@@ -143,14 +139,6 @@ class MirrorSet:
         image = a - 2.0 * self._height(k, a) * normal
         return normal, image, self._selection_weight(k, a, y)
 
-    def sample(
-        self, k: mi.UInt32, a: mi.Point3f, y: mi.Point3f, u: mi.Float, v: mi.Float
-    ) -> tuple[mi.Vector3f, mi.Float]:
-        """Return a direction from ``a`` to mirror ``k``, and its density per solid angle."""
-        lobe = self._lobe(k, a, y)
-        direction = lobe.sample(u, v)
-        return direction, lobe.density(direction)
-
     def area_density(
         self, a: mi.Point3f, b: mi.Point3f, normal: mi.Normal3f, y: mi.Point3f
     ) -> mi.Float:
@@ -163,11 +151,7 @@ class MirrorSet:
         k = dr.minimum(k, self.count - 1)
         _, total = self._selection_weights(a, y)
         probability = self._selection_weight(k, a, y) / dr.maximum(total, 1e-30)
-        span = b - a
-        squared = dr.maximum(dr.squared_norm(span), 1e-12)
-        direction = span * dr.rsqrt(squared)
-        cosine = dr.abs(dr.dot(normal, direction))
-        density = self._lobe(k, a, y).density(direction) * probability * cosine / squared
+        density = self.lobe(k, a, y).area_density(a, b, normal, probability)
         return dr.select(known & (probability > 0), density, 0.0)
 
     def connect(
@@ -179,92 +163,17 @@ class MirrorSet:
         Both are in volumes or diffuse; the mirror was selected with ``probability``, and that is
         divided by.
         """
-        direction, density = self.sample(k, a.p, y.p, *numbers)
         return mirror_connection(
-            scene, y, a, direction, density * probability, active & (probability > 0),
+            scene, y, a, self.lobe(k, a.p, y.p), numbers, active & (probability > 0), probability,
             in_mirror=lambda b: self.mirror_at(b.p, b.n) == k, glossy=GLOSSY_WEIGHT,
         )  # fmt: skip
 
 
-@dataclass
-class SubpathTail:
-    """The last vertices of a subpath, for the triples that they end (a Dr.Jit PyTree).
+def connection_weight(v: Vertex, tail: SubpathTail, from_camera: bool, first: mi.Bool) -> mi.Float:
+    """Return what connections between ``v`` and the end of its subpath's ``tail`` count.
 
-    ``p``, ``n``, ``d_vcm`` and ``wide`` (its lobe) are the last vertex's, ``previous`` is the point
-    of the one before it; ``glossy_after_wide`` says that the last is glossy after a wide one.
-    """
-
-    p: mi.Point3f
-    n: mi.Normal3f
-    d_vcm: mi.Float
-    wide: mi.Bool
-    previous: mi.Point3f
-    glossy_after_wide: mi.Bool
-
-    @staticmethod
-    def empty() -> SubpathTail:
-        """Return the tail of a subpath that has only its end on a lens or an emitter."""
-        return SubpathTail(
-            dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(0.0), mi.Bool(False),
-            dr.zeros(mi.Point3f), mi.Bool(False),
-        )  # fmt: skip
-
-    def then(self, v: Vertex) -> SubpathTail:
-        """Return the tail with vertex ``v``."""
-        wide = has_wide_lobe(v)
-        return SubpathTail(v.p, v.n, v.d_vcm, wide, self.p, ~wide & ~v.delta & self.wide)
-
-
-@dr.syntax
-def _density_ratio(
-    mirrors: MirrorSet, a: mi.Point3f, b: mi.Point3f, n: mi.Normal3f, d_vcm: mi.Float,
-    y: mi.Point3f, active: mi.Bool,
-) -> mi.Float:  # fmt: skip
-    """Return the density of mirror connections from ``a`` to ``y`` over that of finding ``b``.
-
-    By the subpath of which ``b`` is the glossy vertex; ``n`` and ``d_vcm`` are those of ``b``.
-    """
-    result = mi.Float(0.0)
-    if active:
-        result = dr.minimum(d_vcm * mirrors.area_density(a, b, n, y), RATIO_MAX)
-    return result
-
-
-def shared_d_vcm(
-    mirrors: MirrorSet | None, v: Vertex, tail: SubpathTail, active: mi.Bool, from_camera: bool,
-    first: mi.Bool,
-) -> mi.Float:  # fmt: skip
-    """Return ``d_vcm`` of ``v`` with what connections count, and mirror connections at its triple.
-
-    ``tail`` ends before ``v``, which is the ``first`` vertex of the subpath or not.
+    ``v`` is the ``first`` vertex of the subpath or not.
     """
     wide = has_wide_lobe(v)
     glossy_z, wide_y = (~tail.wide, wide) if from_camera else (~wide, tail.wide)
-    strategy = dr.select(glossy_z & wide_y & ~first, GLOSSY_WEIGHT, 1.0)
-    if mirrors is None:
-        return v.d_vcm * strategy
-    ends = active & tail.glossy_after_wide & wide
-    a, y = (tail.previous, v.p) if from_camera else (v.p, tail.previous)
-    further = _density_ratio(mirrors, a, tail.p, tail.n, tail.d_vcm, y, ends)
-    return dr.minimum(v.d_vcm * (strategy + further), RATIO_MAX)
-
-
-def mirror_ratio(
-    mirrors: MirrorSet | None, y: Vertex, tail: SubpathTail, z: Vertex, previous: mi.Point3f,
-    glossy_after_wide: mi.Bool, active: mi.Bool,
-) -> mi.Float:  # fmt: skip
-    """Return the density of mirror connections relative to connecting ``y`` to ``z`` directly.
-
-    ``tail`` ends at the light vertex ``y``; ``previous`` is the point before the camera vertex
-    ``z``, which is glossy after a wide one where ``glossy_after_wide``.
-    """
-    if mirrors is None:
-        return mi.Float(0.0)
-    by_light = active & tail.glossy_after_wide & has_wide_lobe(z)
-    by_camera = active & glossy_after_wide & has_wide_lobe(y)
-    a = dr.select(by_light, z.p, previous)
-    b = dr.select(by_light, y.p, z.p)
-    n = dr.select(by_light, y.n, z.n)
-    d_vcm = dr.select(by_light, y.d_vcm / GLOSSY_WEIGHT, z.d_vcm)
-    end = dr.select(by_light, tail.previous, y.p)
-    return _density_ratio(mirrors, a, b, n, d_vcm, end, by_light | by_camera)
+    return dr.select(glossy_z & wide_y & ~first, GLOSSY_WEIGHT, 1.0)

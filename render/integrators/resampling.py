@@ -1,9 +1,7 @@
 """Choosing one of many light vertices for a camera vertex, by resampling in two steps.
 
-Resampled importance sampling (Talbot et al. 2005): of candidates with weights ``w`` one is drawn in
-proportion to ``w`` and stands for all of them with the contribution weight W = sum of w over its
-own. A *proxy weight* draws one of a handful, a *target weight* one of what the proxy weights drew,
-as ReSTIR does from many lights (Bitterli et al. 2020, "Spatiotemporal reservoir resampling").
+Resampled importance sampling (``render.sampling.reservoirs``): a *proxy weight* draws one of a
+handful, a *target weight* one of what the proxy weights drew, as ReSTIR does from many lights.
 
 The proxy weight is what fits into a few dozen operations: power, distance, how both ends roughly
 scatter, and the distance below which other strategies take over. For a pair no ray is cast and no
@@ -49,92 +47,24 @@ MIRRORED_LOBE_MIN = 0.02
 Its direction varies about the mirror image's.
 """
 
-# -- reservoirs --------------------------------------------------------------------------------
-
 
 @dataclass
-class ProxyReservoir:
-    """One of several light vertices, drawn by proxy weights (a Dr.Jit PyTree).
+class LightCandidate:
+    """A light vertex that proxy weights drew for a camera vertex (a Dr.Jit PyTree).
 
-    ``index`` is its place in the cache, ``weight`` its proxy weight and ``total`` the sum of all.
-    ``number`` is the rest of the uniform number that it is drawn with: a comparison uses up no more
-    of it than it decides.
-    """
-
-    index: mi.UInt32
-    weight: mi.Float
-    total: mi.Float
-    number: mi.Float
-
-    @staticmethod
-    def empty(number: mi.Float) -> ProxyReservoir:
-        """Return one that holds nothing yet."""
-        return ProxyReservoir(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0), mi.Float(number))
-
-    def update(
-        self, index: mi.UInt32, weight: mi.Float, represented: mi.Float | float = 1.0
-    ) -> ProxyReservoir:
-        """Return this, or the vertex at ``index`` with probability by its ``weight``.
-
-        That vertex stands for ``represented`` ones by itself.
-        """
-        total = self.total + weight * represented
-        probability = dr.select(weight > 0, weight * represented / total, 0.0)
-        replaces = self.number < probability
-        rest = dr.select(replaces, self.number, self.number - probability)
-        return ProxyReservoir(
-            dr.select(replaces, index, self.index),
-            dr.select(replaces, weight, self.weight),
-            total,
-            rest / dr.select(replaces, probability, 1.0 - probability),
-        )
-
-    def contribution_weight(self) -> mi.Float:
-        """Return W, how many vertices the drawn one stands for; 0 where there is none."""
-        return dr.select(self.weight > 0, self.total / self.weight, 0.0)
-
-
-@dataclass
-class Reservoir:
-    """The light vertex drawn for one camera vertex by target weights (a Dr.Jit PyTree).
-
-    ``index`` is its place in the cache, ``weight`` its target weight and ``total`` the sum of all.
-    By itself it stands for ``represented`` vertices. Mirror connections have a ``mirror`` too,
-    which was selected with ``probability``.
+    ``index`` is its place in the cache; it stands for ``represented`` vertices. Mirror connections
+    have a ``mirror`` too, which was selected with ``probability``.
     """
 
     index: mi.UInt32
     represented: mi.Float
-    weight: mi.Float
-    total: mi.Float
     mirror: mi.UInt32
     probability: mi.Float
 
     @staticmethod
-    def empty() -> Reservoir:
-        """Return one that holds nothing yet."""
-        represented, weight, total, probability = (mi.Float(0.0) for _ in range(4))
-        return Reservoir(mi.UInt32(0), represented, weight, total, mi.UInt32(0), probability)
-
-    def update(
-        self, index: mi.UInt32, represented: mi.Float, weight: mi.Float, number: mi.Float,
-        mirror: mi.UInt32 | int = 0, probability: mi.Float | float = 0.0,
-    ) -> Reservoir:  # fmt: skip
-        """Return this, or the vertex at ``index`` with probability by its ``weight``."""
-        total = self.total + weight
-        replaces = (weight > 0) & (number * total < weight)
-        return Reservoir(
-            dr.select(replaces, index, self.index),
-            dr.select(replaces, represented, self.represented),
-            dr.select(replaces, weight, self.weight),
-            total,
-            dr.select(replaces, mirror, self.mirror),
-            dr.select(replaces, probability, self.probability),
-        )
-
-    def contribution_weight(self) -> mi.Float:
-        """Return W, how many vertices the drawn one stands for; 0 where there is none."""
-        return dr.select(self.weight > 0, self.represented * self.total / self.weight, 0.0)
+    def none() -> LightCandidate:
+        """Return one that stands for no vertex."""
+        return LightCandidate(mi.UInt32(0), mi.Float(0.0), mi.UInt32(0), mi.Float(0.0))
 
 
 # -- proxy weights -----------------------------------------------------------------------------

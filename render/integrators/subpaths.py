@@ -28,13 +28,13 @@ import mitsuba as mi
 
 from render.errors import RenderError
 from render.integrators.emitters import Emission
-from render.integrators.mirror_connections import MirrorSet, SubpathTail, shared_d_vcm
-from render.paths.connect import arrival_density, optical_depth
+from render.integrators.mirror_connections import MirrorSet, connection_weight
+from render.paths.connect import density_at, optical_depth, strategies_before
+from render.paths.mirrors import KeptVertex, SubpathTail, shared_d_vcm
 from render.paths.vertex import (
     VOLUME_PASSES,
     PassableVertex,
     Vertex,
-    area_factor,
     channel_mean,
     empty_vertex,
     evaluate_scattering,
@@ -43,6 +43,7 @@ from render.paths.vertex import (
     scattering_value,
 )
 from render.paths.walk import PassableState, begin_subpath, sample_scattering, trace_segment
+from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Stream
 
 EVENT_BLOCK = 2048
@@ -102,25 +103,19 @@ def roulette_weight(
 
 
 @dataclass
-class CameraVertex:
+class CameraVertex(KeptVertex):
     """A camera vertex for connections, behind ``edges`` edges (a Dr.Jit PyTree).
 
-    ``previous`` is the point before it; ``glossy_after_wide`` says that it is glossy and the one
-    before it has a wide lobe, ``passes`` how many volume vertices the camera subpath may still pass
-    behind it.
+    ``passes`` is how many volume vertices the camera subpath may still pass behind it.
     """
 
-    vertex: Vertex
     edges: mi.UInt32
-    previous: mi.Point3f
-    glossy_after_wide: mi.Bool
     passes: mi.UInt32
 
     @staticmethod
-    def empty() -> CameraVertex:
+    def none() -> CameraVertex:
         """Return one of weight 0."""
-        none = mi.Bool(False)
-        return CameraVertex(empty_vertex(), mi.UInt32(0), dr.zeros(mi.Point3f), none, mi.UInt32(0))
+        return CameraVertex(**vars(KeptVertex.none()), edges=mi.UInt32(0), passes=mi.UInt32(0))
 
 
 @dataclass
@@ -150,10 +145,9 @@ def trace_camera_subpath(
     other connections.
     """
     # ----------------------------- Configure loop state ------------------------------
-    main, later, glossy, mirror_end = (CameraVertex.empty() for _ in range(4))  # what is kept
+    main = CameraVertex.none()  # what is kept, the others by selection weights
+    later, glossy, mirror_end = (Reservoir.holding(CameraVertex.none()) for _ in range(3))
     tail = SubpathTail.empty()  # the last vertices
-    later_weights, glossy_weights = mi.Float(0.0), mi.Float(0.0)  # sums of selection weights so far
-    mirror_ends, of_mirror_end, of_glossy = mi.Float(0.0), mi.Float(1.0), mi.Float(1.0)
     radiance = mi.Spectrum(0.0)  # emitters met, and direct light
     edges_max, roulette = limits.edges(), limits.roulette()
     free = stream.event(mi.UInt32(1))[0]
@@ -172,7 +166,8 @@ def trace_camera_subpath(
         d_vcm = dr.select(edges == 1, 0.0, v.d_vcm)
         radiance += emission.met(v, d_vcm, arrived)
         radiance += emission.escaped(state, edges == 1, escaped)
-        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, first=edges == 1)
+        strategy = connection_weight(v, tail, from_camera=True, first=edges == 1)
+        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, strategy=strategy)
         v.terminal = v.terminal & (passes == 0)
         passes = dr.select(arrived, passes_behind(v, passes), passes)
         tail = dr.select(arrived, tail.then(v), tail)
@@ -183,26 +178,20 @@ def trace_camera_subpath(
         allowed = non_delta & (edges < edges_max)
         square = mi.Point2f(numbers[1], numbers[2])
         radiance += emission.direct(scene, v, numbers[0], square, allowed)
-        # ------------ Reservoirs of size 1: a later wide vertex, a glossy one ---------
-        here = CameraVertex(v, edges, tail.previous, tail.glossy_after_wide, passes)
+        # --------- Keep the first wide vertex, one of the later, one of the glossy ----
+        here = CameraVertex(v, tail.previous, tail.glossy_after_wide, edges, passes)
         wide = non_delta & has_wide_lobe(v)
         is_main = wide & (main.vertex.weight == 0)
         main = dr.select(is_main, here, main)
-        is_later, is_glossy = wide & ~is_main, non_delta & ~wide
-        later_weights += dr.select(is_later, 1.0, 0.0)
+        later = later.update(here, dr.select(wide & ~is_main, 1.0, 0.0), numbers[3])
         glossy_weight = dr.select(edges == 1, SEEN_GLOSSY_WEIGHT, 1.0)
-        glossy_weights += dr.select(is_glossy, glossy_weight, 0.0)
-        later = dr.select(is_later & (numbers[3] * later_weights < 1.0), here, later)
-        replaces = is_glossy & (numbers[3] * glossy_weights < glossy_weight)
-        glossy = dr.select(replaces, here, glossy)
-        of_glossy = dr.select(replaces, glossy_weight, of_glossy)
+        glossy = glossy.update(here, dr.select(non_delta & ~wide, glossy_weight, 0.0), numbers[3])
         # ----------------- ... and one where mirror connections start -----------------
         further_numbers = stream.event(event + 2 * EVENT_BLOCK)
         mirror_weight = dr.select(is_main, 1.0, LATER_WEIGHT)
-        mirror_ends += dr.select(wide, mirror_weight, 0.0)
-        replaces = wide & (further_numbers[1] * mirror_ends < mirror_weight)
-        mirror_end = dr.select(replaces, here, mirror_end)
-        of_mirror_end = dr.select(replaces, mirror_weight, of_mirror_end)
+        mirror_end = mirror_end.update(
+            here, dr.select(wide, mirror_weight, 0.0), further_numbers[1]
+        )
         # -------------------------- Scatter, or end the path --------------------------
         going = arrived & ~v.terminal & (edges < edges_max)
         state, alive = sample_scattering(
@@ -216,27 +205,26 @@ def trace_camera_subpath(
         active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS_MAX)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    later.vertex.weight, glossy.vertex.weight = later_weights, glossy_weights / of_glossy
-    mirror_end.vertex.weight = mirror_ends / of_mirror_end
-    return CameraSubpath(radiance, main, later, glossy, mirror_end)
+    for kept in (later, glossy, mirror_end):
+        kept.item.vertex.weight = kept.contribution_weight()
+    return CameraSubpath(radiance, main, later.item, glossy.item, mirror_end.item)
 
 
 # -- light subpaths ----------------------------------------------------------------------------
 
 
 @dataclass
-class LightVertex:
-    """A light vertex behind ``edges`` edges, which ends ``tail`` (a Dr.Jit PyTree)."""
+class LightVertex(KeptVertex):
+    """A light vertex behind ``edges`` edges (a Dr.Jit PyTree)."""
 
     vertex: PassableVertex
     edges: mi.UInt32
-    tail: SubpathTail
 
     @staticmethod
-    def empty() -> LightVertex:
+    def none() -> LightVertex:
         """Return one of weight 0."""
-        none = PassableVertex(**vars(empty_vertex()), d_vc_passing=mi.Vector2f(0.0))
-        return LightVertex(none, mi.UInt32(0), SubpathTail.empty())
+        none = PassableVertex.of(empty_vertex())
+        return LightVertex(none, dr.zeros(mi.Point3f), mi.Bool(False), mi.UInt32(0))
 
 
 @dataclass
@@ -273,13 +261,11 @@ def trace_light_subpath(
     aperture = mi.Point2f(*lens)  # where all vertices of the subpath see the lens
     start = emission.start(pick, mi.Point2f(x, y), u, w)
     state = begin_subpath(start.o, start.d, start.medium, start.beta, start.d_vcm, start.d_vc, free)
-    state = PassableState(**vars(state), d_vc_passing=mi.Vector2f(start.d_vc))
+    state = PassableState.of(state)
     event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
     tail = SubpathTail.empty()  # the last vertices
-    # Reservoirs, the last one for the camera, and the target weight of what each holds.
-    kept = [LightVertex.empty() for _ in range(count + 1)]
-    targets = [mi.Float(0.0) for _ in range(count + 1)]
-    total, projected_total = mi.Float(0.0), mi.Float(0.0)  # sums of target weights so far
+    kept = [Reservoir.holding(LightVertex.none()) for _ in range(count)]
+    projected = Reservoir.holding(LightVertex.none())  # for the camera
     active = dr.max(start.beta) > 0  # lanes under way
     while active:
         state, found, arrived, escaped = trace_segment(scene, state, active)
@@ -287,27 +273,22 @@ def trace_light_subpath(
         # Light from afar has no distance.
         length = dr.select(start.parallel & (edges == 1), state.length, 1.0)
         v.d_vcm /= dr.square(dr.maximum(length, 1e-20))
-        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, first=edges == 1)
+        strategy = connection_weight(v, tail, from_camera=False, first=edges == 1)
+        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, strategy=strategy)
         tail = dr.select(arrived, tail.then(v), tail)
         v.d_vcm = d_vcm
-        # --------------- Reservoirs by the light that reaches the vertex --------------
+        # --------------- Draw by the light that reaches the vertex --------------------
         non_delta = arrived & ~v.delta
-        here = LightVertex(v, edges, tail)
+        here = LightVertex(v, tail.previous, tail.glossy_after_wide, edges)
         first_numbers = stream.event(event + EVENT_BLOCK)
         target = dr.select(non_delta, channel_mean(v.beta), 0.0)
-        total += target
         last_numbers = stream.event(event + 2 * EVENT_BLOCK)
         numbers = (*first_numbers[1:], *last_numbers[1:])
         for m in range(count):
-            replaces = (target > 0) & (numbers[m] * total < target)
-            targets[m] = dr.select(replaces, target, targets[m])
-            kept[m] = dr.select(replaces, here, kept[m])
+            kept[m] = kept[m].update(here, target, numbers[m])
         # ------------------ ... and by what it sends to the camera --------------------
         target = _camera_target(sensor, v, aperture, non_delta & (edges < edges_max))
-        projected_total += target
-        replaces = (target > 0) & (first_numbers[0] * projected_total < target)
-        targets[count] = dr.select(replaces, target, targets[count])
-        kept[count] = dr.select(replaces, here, kept[count])
+        projected = projected.update(here, target, first_numbers[0])
         # -------------------------- Scatter, or end the path --------------------------
         going = arrived & (edges < edges_max)
         state, alive = sample_scattering(
@@ -321,9 +302,11 @@ def trace_light_subpath(
         active &= ~escaped & (~arrived | alive) & (event < EVENTS_MAX)
         edges += dr.select(arrived, 1, 0)
         event += 1
-    represented = [dr.select(t > 0, total / (count * t), 0.0) for t in targets[:count]]
-    projected_weight = dr.select(targets[count] > 0, projected_total / targets[count], 0.0)
-    return LightVertices(kept[:count], represented, kept[count], projected_weight, aperture)
+    return LightVertices(
+        [drawn.item for drawn in kept],
+        [drawn.contribution_weight(draws=count) for drawn in kept],
+        projected.item, projected.contribution_weight(), aperture,
+    )  # fmt: skip
 
 
 def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool) -> mi.Float:
@@ -356,9 +339,7 @@ def connect_to_camera(
     eye.p, eye.volume = ds.p, mi.Bool(True)
     depth, clear = optical_depth(scene, v, eye, active)
     transmittance = dr.exp(-depth)
-    arrival = arrival_density(v, transmittance, active)
-    density = channel_mean(importance) * area_factor(v, ds.d) * arrival / projection_weight
-    reverse = dr.select(v.terminal, 0.0, reverse)
+    density = density_at(v, ds.d, channel_mean(importance), transmittance, active)
     # Georgiev 2012, eqs. 46 and 37.
-    mis = 1.0 / (1.0 + density * (v.d_vcm + v.d_vc * reverse))
+    mis = 1.0 / (1.0 + density / projection_weight * strategies_before(v, reverse))
     return ds.uv, dr.select(active & clear, value * transmittance * mis, 0.0)

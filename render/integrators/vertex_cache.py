@@ -12,17 +12,13 @@ scales are drawn alike often, whatever the size of the scene.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import is_dataclass
-from itertools import count
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from render.integrators.resampling import LightProxies, PackedProxies
 from render.integrators.subpaths import LightVertex, LightVertices
+from render.paths.records import PackedRecords, stacked
 from render.sampling.streams import Numbers
 
 SHARED_PATHS = 48
@@ -84,10 +80,10 @@ class LightVertexCache:
     def __init__(self, light: LightVertices, groups: LaneGroups) -> None:
         lanes = dr.width(groups.lane)
         self.groups, self.slots = groups, len(light.kept)
-        self.vertices: LightVertex = _stacked(light.kept, lanes)
-        self.represented: mi.Float = _stacked(light.represented, lanes)
-        self.proxies = LightProxies.of(self.vertices, self.represented)
-        self.packed = PackedVertices(self.vertices)
+        vertices: LightVertex = stacked(light.kept, lanes)
+        self.represented: mi.Float = stacked(light.represented, lanes)
+        self.proxies = LightProxies.of(vertices, self.represented)
+        self.packed = PackedRecords(vertices)
 
     def index(self, number: mi.UInt32) -> mi.UInt32:
         """Return where the ``number``-th vertex of each lane's partners is."""
@@ -97,89 +93,8 @@ class LightVertexCache:
 
     def vertex(self, index: mi.UInt32, active: mi.Bool) -> LightVertex:
         """Return the vertices at ``index``."""
-        return self.packed.gather(index, active)
-
-
-class PackedVertices:
-    """Light vertices as rows of 32-bit words, which a dozen loads fetch instead of forty."""
-
-    def __init__(self, vertices: LightVertex) -> None:
-        """Write the rows: all flags in the first word, every other number in one of its own."""
-        self.vertices = vertices
-        leaves, flags = _leaves(vertices), mi.UInt32(0)
-        for k, flag in enumerate(x for x in leaves if type(x) is mi.Bool):
-            flags |= dr.select(flag, mi.UInt32(1 << k), 0)
-        numbers = [x for x in leaves if type(x) is not mi.Bool]
-        words = [flags, *(dr.reinterpret_array(mi.UInt32, x) for x in numbers)]
-        words += [mi.UInt32(0)] * (-len(words) % 4)
-        self.loads, width = len(words) // 4, dr.width(flags)
-        self.rows = dr.empty(mi.UInt32, len(words) * width)
-        row = self.loads * dr.arange(mi.UInt32, width)
-        for i in range(self.loads):
-            dr.scatter(self.rows, mi.Vector4u(*words[4 * i : 4 * i + 4]), row + i)
-        dr.eval(self.rows)
-
-    def gather(self, index: mi.UInt32, active: mi.Bool) -> LightVertex:
-        """Return the vertices at ``index``."""
-        row = self.loads * index
-        fetched = (dr.gather(mi.Vector4u, self.rows, row + i, active) for i in range(self.loads))
-        flags, *words = (word for load in fetched for word in load)
-        numbers, bits = iter(words), count()
-
-        def leaf(kind: Any) -> Any:
-            if kind is mi.Bool:
-                return (flags & (1 << next(bits))) != 0
-            return dr.reinterpret_array(kind, next(numbers))
-
-        result: LightVertex = _rebuilt(self.vertices, leaf)
-        return result
-
-
-def _parts(tree: Any) -> list[tuple[Any, Any]] | None:
-    """Return the names and parts of a dataclass, Mitsuba structure or vector; None of a leaf."""
-    if is_dataclass(tree):
-        return list(vars(tree).items())
-    if hasattr(type(tree), "DRJIT_STRUCT"):
-        return [(name, getattr(tree, name)) for name in type(tree).DRJIT_STRUCT]
-    return list(enumerate(tree)) if dr.depth_v(tree) > 1 else None
-
-
-def _leaves(tree: Any) -> list[Any]:
-    """Return the arrays of a tree, in order."""
-    parts = _parts(tree)
-    return [tree] if parts is None else [x for _, part in parts for x in _leaves(part)]
-
-
-def _rebuilt(tree: Any, leaf: Callable[[Any], Any]) -> Any:
-    """Return a tree like ``tree`` whose arrays of a kind are what ``leaf`` returns, in order."""
-    parts, kind = _parts(tree), type(tree)
-    if parts is None:
-        return leaf(kind)
-    built = [(name, _rebuilt(part, leaf)) for name, part in parts]
-    if is_dataclass(tree):
-        return kind(**dict(built))
-    if hasattr(kind, "DRJIT_STRUCT"):
-        whole = kind()
-        for name, part in built:
-            setattr(whole, name, part)
-        return whole
-    return kind(*(part for _, part in built))
-
-
-def _stacked(trees: list[Any], lanes: int) -> Any:
-    """Return evaluated dataclass trees of ``lanes`` entries each, one after the other."""
-    kind: Any = type(trees[0])
-    if is_dataclass(trees[0]):
-        return kind(**{k: _stacked([getattr(t, k) for t in trees], lanes) for k in vars(trees[0])})
-    if hasattr(kind, "DRJIT_STRUCT"):
-        whole = kind()
-        for name in kind.DRJIT_STRUCT:
-            setattr(whole, name, _stacked([getattr(t, name) for t in trees], lanes))
-        return whole
-    if dr.depth_v(kind) > 1:
-        return kind(*(_stacked(list(parts), lanes) for parts in zip(*trees, strict=True)))
-    # What is the same in all lanes may be there only once.
-    return dr.concat([t if dr.width(t) == lanes else dr.repeat(t, lanes) for t in trees])
+        found: LightVertex = self.packed.gather(index, active)
+        return found
 
 
 class MortonNeighbors:

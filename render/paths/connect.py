@@ -11,6 +11,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
+from render.paths.reflection_lobe import ReflectionLobe
 from render.paths.vertex import (
     Vertex,
     area_factor,
@@ -22,7 +23,7 @@ from render.paths.vertex import (
     is_null,
     leave,
 )
-from render.paths.walk import GuidingDistribution, intersect, returning_pdf
+from render.paths.walk import GuidingDistribution, guided_pdf, intersect
 
 
 @dr.syntax
@@ -140,16 +141,13 @@ def connection_contribution(
     active = active & (distance_squared > 0)
     f_y, p_y, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
     f_z, p_z, r_z = evaluate_scattering(z, -w, mi.TransportMode.Radiance, active)
-    if guiding is not None:
-        p_z = dr.select(guiding.applies(z), guiding.mixture_pdf(z, -w, p_z), p_z)
+    p_z = guided_pdf(guiding, z, -w, p_z)
     value = y.beta * f_y * f_z * z.beta / distance_squared
-    arrival_y = arrival_density(y, transmittance, active)
-    arrival_z = arrival_density(z, transmittance, active)
-    camera_density = p_z * area_factor(y, w) * arrival_y / distance_squared
-    light_density = p_y * area_factor(z, w) * arrival_z / distance_squared
-    r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
+    camera_density = density_at(y, w, p_z, transmittance, active) / distance_squared
+    light_density = density_at(z, w, p_y, transmittance, active) / distance_squared
     # Eqs. 40 and 41, the strategies before y and those behind z.
-    light_ratio = dr.select(z.terminal, 0.0, camera_density * (y.d_vcm + y.d_vc * r_y))
+    light_ratio = camera_density * strategies_before(y, r_y, returning)
+    light_ratio = dr.select(z.terminal, 0.0, light_ratio)
     camera_ratio = light_density * (z.d_vcm + z.d_vc * r_z)
     # Eq. 37, with a weight for this strategy.
     strategy = dr.select(has_wide_lobe(y) & ~has_wide_lobe(z), glossy, 1.0)
@@ -157,22 +155,39 @@ def connection_contribution(
     return dr.select(active, value * transmittance * mis, 0.0)
 
 
-def arrival_density(v: Vertex, transmittance: mi.Spectrum, active: mi.Bool) -> mi.Float:
-    """Return the density, mean over channels, with which free paths of a transmittance reach ``v``.
+def density_at(
+    v: Vertex, w: mi.Vector3f, pdf: mi.Float, transmittance: mi.Spectrum, active: mi.Bool
+) -> mi.Float:
+    """Return the density with which a direction of ``pdf`` arrives at ``v`` along ``w``, at 1 mm.
 
-    Per length (1/mm) in a volume, a probability at a surface.
+    Times the cosine at a surface, and the mean over channels with which free paths of a
+    transmittance reach ``v``: per length (1/mm) in a volume, a probability at a surface.
     """
     _, sigma_t = extinction(v.medium, active & v.volume)
-    return dr.select(v.volume, channel_mean(sigma_t * transmittance), channel_mean(transmittance))
+    reach = dr.select(v.volume, channel_mean(sigma_t * transmittance), channel_mean(transmittance))
+    return pdf * area_factor(v, w) * reach
+
+
+def strategies_before(
+    y: Vertex, reverse: mi.Float, returning: GuidingDistribution | None = None
+) -> mi.Float:
+    """Return what finds light vertex ``y`` and those before it otherwise (eq. 40).
+
+    Over the density of arriving at ``y`` from the camera; ``reverse`` is that of scattering there
+    towards its predecessor, ``returning`` what camera subpaths mix with it.
+    """
+    reverse = dr.select(y.terminal, 0.0, guided_pdf(returning, y, y.wi, reverse))
+    return y.d_vcm + y.d_vc * reverse
 
 
 def mirror_connection(
     scene: mi.Scene,
     y: Vertex,
     a: Vertex,
-    direction: mi.Vector3f,
-    density: mi.Float,
+    lobe: ReflectionLobe,
+    numbers: tuple[mi.Float, mi.Float],
     active: mi.Bool,
+    probability: mi.Float | float = 1.0,
     in_mirror: Callable[[Vertex], mi.Bool] | None = None,
     guiding: GuidingDistribution | None = None,
     glossy: float = 1.0,
@@ -180,19 +195,20 @@ def mirror_connection(
 ) -> mi.Spectrum:
     """Return the MIS-weighted light that camera vertex ``a`` gets from ``y`` over a glossy face.
 
-    The ``direction`` from ``a`` was drawn with ``density`` per solid angle, about the mirror image
-    of ``y``, and finds the vertex ``b`` on the face by itself; a further strategy of the balance
-    heuristic (Veach 1997, sec. 9.2) for the paths
+    Two uniform ``numbers`` draw a direction of the ``lobe`` from ``a``, which is about the mirror
+    image of ``y`` and was selected with ``probability``; it finds the vertex ``b`` on the face by
+    itself. This is a further strategy of the balance heuristic (Veach 1997, sec. 9.2) for the paths
 
         ... - y (volume or diffuse) - b (glossy) - a (volume or diffuse) - ...
 
     ``in_mirror`` says whether ``b`` lies where the direction was meant to go; ``glossy`` is what
     connections of ``b`` to ``y`` count. Strategies that find ``b`` from either side compete.
     """
+    direction = lobe.sample(*numbers)
+    density = lobe.density(direction) * probability
     active = active & (y.weight > 0) & (a.weight > 0) & (density > 0)
     f_a, p_a, r_a = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
-    if guiding is not None:
-        p_a = guiding.mixture_pdf(a, direction, p_a)
+    p_a = guided_pdf(guiding, a, direction, p_a)
     active = active & (dr.max(f_a) > 0)
     b, depth_ab, hit = trace_to_surface(scene, a, direction, active)
     active = hit & ~b.diffuse & ~b.delta
@@ -210,14 +226,12 @@ def mirror_connection(
     distance_squared = dr.squared_norm(b.p - a.p)
     # The camera finds b from a; then light is connected to b, or the camera goes on to y (eq. 40).
     camera_b = dr.select(a.terminal, 0.0, p_a * channel_mean(t_ab) / density)
-    arrival_y = arrival_density(y, t_by, active)
-    r_y = dr.select(y.terminal, 0.0, returning_pdf(returning, y, r_y))
-    camera_y = p_b * area_factor(y, w) * arrival_y / squared * (y.d_vcm + y.d_vc * r_y)
+    camera_y = density_at(y, w, p_b, t_by, active) / squared
+    camera_y *= strategies_before(y, r_y, returning)
     # Light finds b from y; then it is connected to a, or goes on to a (eq. 41).
     density_b = density * area_factor(b, direction) / distance_squared
     light_b = p_y * area_factor(b, w) * channel_mean(t_by) / squared / density_b
-    arrival_a = arrival_density(a, t_ab, active)
-    light_a = r_b * area_factor(a, direction) * arrival_a / distance_squared
+    light_a = density_at(a, direction, r_b, t_ab, active) / distance_squared
     light_a *= a.d_vcm + a.d_vc * r_a
     # Eq. 37.
     mis = 1.0 / (1.0 + camera_b * (glossy + camera_y) + light_b * (1.0 + light_a))

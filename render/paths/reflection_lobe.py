@@ -77,3 +77,17 @@ class ReflectionLobe:
         # From the tangent plane to the sphere: 1 / cos^3.
         jacobian = 1.0 + dr.square(s) + dr.square(t)
         return dr.select(forward > 1e-3, plane * jacobian * dr.sqrt(jacobian), 0.0)
+
+    def area_density(
+        self, a: mi.Point3f, b: mi.Point3f, normal: mi.Normal3f,
+        probability: mi.Float | float = 1.0,
+    ) -> mi.Float:  # fmt: skip
+        """Return the density per area with which ``sample`` from ``a`` finds ``b``.
+
+        ``normal`` is the surface's at ``b``; the lobe is drawn from with a ``probability``.
+        """
+        span = b - a
+        squared = dr.maximum(dr.squared_norm(span), 1e-12)
+        direction = span * dr.rsqrt(squared)
+        cosine = dr.abs(dr.dot(normal, direction))
+        return self.density(direction) * probability * cosine / squared

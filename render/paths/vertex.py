@@ -58,6 +58,11 @@ class PassableVertex(Vertex):
 
     d_vc_passing: mi.Vector2f
 
+    @staticmethod
+    def of(v: Vertex) -> PassableVertex:
+        """Return ``v`` with the same sum for all camera subpaths."""
+        return PassableVertex(**vars(v), d_vc_passing=mi.Vector2f(v.d_vc))
+
 
 def channel_mean(value: mi.Spectrum) -> mi.Float:
     """Return the mean over channels.

@@ -54,14 +54,16 @@ class GuidingDistribution(Protocol):
         """Return the density of the mixture."""
 
 
-def returning_pdf(returning: GuidingDistribution | None, v: Vertex, pdf: mi.Float) -> mi.Float:
-    """Return the density with which subpaths that come the other way go on to where ``v`` is from.
+def guided_pdf(
+    guiding: GuidingDistribution | None, v: Vertex, direction: mi.Vector3f, pdf: mi.Float
+) -> mi.Float:
+    """Return the density with which subpaths leave ``v`` in ``direction``.
 
-    ``pdf`` is that of scattering alone, ``returning`` what such subpaths mix with it, if anything.
+    ``pdf`` is that of scattering alone, ``guiding`` what such subpaths mix with it, if anything.
     """
-    if returning is None:
+    if guiding is None:
         return pdf
-    return dr.select(returning.applies(v), returning.mixture_pdf(v, v.wi, pdf), pdf)
+    return dr.select(guiding.applies(v), guiding.mixture_pdf(v, direction, pdf), pdf)
 
 
 @dataclass
@@ -92,6 +94,11 @@ class PassableState(SubpathState):
     """The state of a subpath of ``PassableVertex``."""
 
     d_vc_passing: mi.Vector2f
+
+    @staticmethod
+    def of(state: SubpathState) -> PassableState:
+        """Return ``state`` with the same sum for all camera subpaths."""
+        return PassableState(**vars(state), d_vc_passing=mi.Vector2f(state.d_vc))
 
 
 def begin_subpath(
@@ -197,7 +204,7 @@ def sample_scattering(
 
     Updates the recursive MIS sums (eqs. 34 and 35; 53 and 54 at delta scattering; no merging). A
     terminal vertex is one that a camera subpath never passes, so its reverse density counts as 0.
-    ``returning`` is what subpaths mix that come the other way (``returning_pdf``).
+    ``returning`` is what subpaths mix that come the other way.
     """
     # -------------------- Direction from the BSDF or the phase function ----------
     free, lobe, x, y = numbers
@@ -228,7 +235,7 @@ def sample_scattering(
         pdf = dr.select(applies, mixture_pdf, pdf)
         reverse = dr.select(applies, guided_reverse, reverse)
         weight = dr.select(applies, value / mixture_pdf, weight)
-    reverse = returning_pdf(returning, v, reverse)
+    reverse = guided_pdf(returning, v, v.wi, reverse)
     passing_reverse = reverse
     reverse = dr.select(v.terminal, 0.0, reverse)
     beta = v.beta * weight

@@ -34,9 +34,9 @@ def points(mono: ModuleType, scene: Scene, bend: float, count: int) -> tuple[Any
 
 def axis(mono: ModuleType, mirror: LowerFaceMirror, scene: Scene, bend: float) -> np.ndarray:
     a, y = points(mono, scene, bend, 1)
-    return np.array(mirror.sample(a, y, mono.Float([0.0]), mono.Float([0.0])), dtype=np.float64)[
-        :, 0
-    ]
+    return np.array(
+        mirror.lobe(a, y).sample(mono.Float([0.0]), mono.Float([0.0])), dtype=np.float64
+    )[:, 0]
 
 
 def polar(center: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -63,7 +63,7 @@ def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
     d, solid, theta = polar(center / np.linalg.norm(center))
     a, y = points(mono, scene, bend, len(d))
     density = np.array(
-        mirror.density(a, y, mono.Vector3f(np.ascontiguousarray(d.T).astype(np.float32)))
+        mirror.lobe(a, y).density(mono.Vector3f(np.ascontiguousarray(d.T).astype(np.float32)))
     )
     assert np.isfinite(density).all()
     share = density.astype(np.float64) * solid
@@ -72,7 +72,7 @@ def test_the_density_integrates_to_one_and_is_that_of_the_sampled_directions(
     a, y = points(mono, scene, bend, COUNT)
     rng = np.random.default_rng(1)
     u, v = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(2))
-    drawn = np.array(mirror.sample(a, y, u, v), dtype=np.float64).T
+    drawn = np.array(mirror.lobe(a, y).sample(u, v), dtype=np.float64).T
     angles = np.arccos(np.clip(drawn @ center / np.linalg.norm(center), -1, 1))
     for limit in (0.05, 0.1, 0.2, 0.5):
         expected = share[theta < limit].sum()
@@ -118,8 +118,8 @@ def test_light_vertices_anywhere_on_the_pad_give_finite_directions_and_densities
     a = mono.Point3f(np.ascontiguousarray(there[first].T))
     y = mono.Point3f(np.ascontiguousarray(there[second].T))
     half = mono.Float(np.full(8, 0.5, dtype=np.float32))
-    d = mirror.sample(a, y, half, half)
-    density = mirror.density(a, y, d)
+    d = mirror.lobe(a, y).sample(half, half)
+    density = mirror.lobe(a, y).density(d)
     dr.eval(d, density)
     assert np.isfinite(np.array(d)).all()
     assert np.isfinite(np.array(density)).all()

@@ -43,7 +43,9 @@ def test_mirror_connections_find_each_point_of_the_faces_with_the_stated_density
     a, y = repeated(mono, A, COUNT), repeated(mono, Y, COUNT)
     pick, u, v = numbers
     k, probability = mirrors.select(a, y, pick)
-    direction, density = mirrors.sample(k, a, y, u, v)
+    lobe = mirrors.lobe(k, a, y)
+    direction = lobe.sample(u, v)
+    density = lobe.density(direction)
     density = density * probability
     assert (np.array(density) > 0).all()
     d = np.array(direction, dtype=np.float64).T
@@ -103,7 +105,9 @@ def test_points_in_a_face_or_outside_or_the_same_give_finite_densities(
     a, y = repeated(mono, A, 4), repeated(mono, np.array(other), 4)
     half = mono.Float([0.0, 0.3, 0.6, 0.99])
     k, probability = mirrors.select(a, y, half)
-    direction, density = mirrors.sample(k, a, y, half, half)
+    lobe = mirrors.lobe(k, a, y)
+    direction = lobe.sample(half, half)
+    density = lobe.density(direction)
     density = density * probability
     dr.eval(direction, density)
     assert np.isfinite(np.array(direction)).all()

@@ -1,4 +1,4 @@
-"""Reservoirs draw as often as weights say and stand for all; proxy weights are positive."""
+"""Proxy weights are positive wherever light can be, and know where glossy vertices scatter."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ import pytest
 from render.integrators.resampling import (
     CameraProxy,
     LightProxies,
-    ProxyReservoir,
-    Reservoir,
     glossy_lobes,
     mirrored_proxy_weight,
     proxy_weight,
@@ -21,63 +19,7 @@ from render.integrators.resampling import (
 from render.integrators.subpaths import CameraVertex, LightVertex
 from render.paths.vertex import scattering_value
 
-DRAWS = 1 << 16
 COUNT = 1 << 12
-
-
-def assert_drawn_by(weights: np.ndarray, index: np.ndarray) -> None:
-    fraction = np.bincount(index, minlength=len(weights)) / DRAWS
-    expected = weights / weights.sum()
-    error = np.sqrt(expected * (1 - expected) / DRAWS)
-    assert (np.abs(fraction - expected) <= 4 * error).all()
-
-
-def test_a_vertex_is_drawn_as_often_as_its_target_weight_says_and_stands_for_all(
-    mono: ModuleType,
-) -> None:
-    rng = np.random.default_rng(4)
-    weights = np.array([0.0, 3.0, 1.0, 0.0, 4.0])
-    drawn = Reservoir.empty()
-    for index, weight in enumerate(weights):
-        number = mono.Float(rng.random(DRAWS).astype(np.float32))
-        drawn = drawn.update(
-            mono.UInt32(index), mono.Float(2.0), dr.full(mono.Float, weight, DRAWS), number
-        )
-    assert_drawn_by(weights, np.array(drawn.index))
-    np.testing.assert_allclose(np.array(drawn.total), weights.sum())
-    np.testing.assert_allclose(np.array(drawn.weight), weights[np.array(drawn.index)])
-    # Each of them stands for two by itself.
-    np.testing.assert_allclose(
-        np.array(drawn.contribution_weight() * drawn.weight), 2 * weights.sum(), rtol=1e-5
-    )
-
-
-def test_one_number_draws_among_many_proxy_weights_as_often_as_they_say(mono: ModuleType) -> None:
-    rng = np.random.default_rng(6)
-    weights, represented = rng.random(16) ** 4, rng.random(16) + 0.5
-    weights[[0, 7]] = 0.0
-    drawn = ProxyReservoir.empty(mono.Float(rng.random(DRAWS).astype(np.float32)))
-    for index, (weight, count) in enumerate(zip(weights, represented, strict=True)):
-        drawn = drawn.update(
-            mono.UInt32(index), dr.full(mono.Float, weight, DRAWS), mono.Float(count)
-        )
-    index = np.array(drawn.index)
-    assert_drawn_by(weights * represented, index)
-    number = np.array(drawn.number)
-    assert ((number >= 0) & (number <= 1)).all()
-    assert np.abs(number.mean() - 0.5) < 4 / np.sqrt(12 * DRAWS)
-    # Those drawn, times what they stand for, make up the whole.
-    np.testing.assert_allclose(
-        np.array(drawn.contribution_weight()) * weights[index],
-        (weights * represented).sum(),
-        rtol=1e-5,
-    )
-
-
-def test_without_candidates_nothing_is_drawn(mono: ModuleType) -> None:
-    drawn = ProxyReservoir.empty(mono.Float(0.3)).update(mono.UInt32(5), mono.Float(0.0))
-    assert drawn.contribution_weight()[0] == 0
-    assert np.isfinite(np.array(drawn.number)).all()
 
 
 def points(mono: ModuleType, seed: int, scale: float) -> Any:
@@ -92,7 +34,7 @@ def directions(mono: ModuleType, seed: int) -> Any:
 
 
 def light(mono: ModuleType, p: Any, **fields: Any) -> LightProxies:
-    record = LightVertex.empty()
+    record = LightVertex.none()
     record.vertex.p, record.vertex.wi = p, directions(mono, 3)
     record.vertex.beta = mono.Spectrum(2.0)
     for name, value in fields.items():
@@ -101,7 +43,7 @@ def light(mono: ModuleType, p: Any, **fields: Any) -> LightProxies:
 
 
 def camera(mono: ModuleType, p: Any, **fields: Any) -> CameraProxy:
-    kept = CameraVertex.empty()
+    kept = CameraVertex.none()
     kept.vertex.p, kept.vertex.wi, kept.vertex.weight = p, directions(mono, 4), mono.Float(1.0)
     for name, value in fields.items():
         setattr(kept.vertex, name, value)
@@ -137,7 +79,7 @@ def test_power_and_the_square_of_the_distance_count_between_surfaces(mono: Modul
 
 
 def test_nothing_is_seen_of_a_light_subpath_that_left_no_vertex(mono: ModuleType) -> None:
-    record = LightVertex.empty()
+    record = LightVertex.none()
     record.vertex.beta = dr.full(mono.Spectrum, 2.0, COUNT)
     y = LightProxies.of(record, mono.Float(0.0))
     found = np.array(proxy_weight(y, camera(mono, points(mono, 2, 1.0))))
@@ -157,7 +99,7 @@ def test_a_proxy_weight_over_mirrors_is_positive_and_finite_wherever_the_vertice
 
 def test_light_that_goes_on_towards_the_mirror_image_counts_most(mono: ModuleType) -> None:
     # Light that flies up to the origin, below a mirror: the image of the end is above it.
-    record = LightVertex.empty()
+    record = LightVertex.none()
     record.vertex.p, record.vertex.wi = mono.Point3f(0.0), mono.Vector3f(0, 0, -1)
     record.vertex.beta, record.vertex.volume = mono.Spectrum(2.0), mono.Bool(True)
     y = LightProxies.of(record, mono.Float(1.0))
@@ -192,7 +134,7 @@ def test_proxy_weights_know_where_a_rough_boundary_reflects_and_refracts(
     mono: ModuleType, from_outside: bool, cosine: float
 ) -> None:
     _, fields = rough_glass(mono, from_outside, cosine)
-    record = LightVertex.empty()
+    record = LightVertex.none()
     for name, value in fields.items():
         setattr(record.vertex, name, value)
     record.vertex.beta = mono.Spectrum(2.0)

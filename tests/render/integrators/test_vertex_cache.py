@@ -15,8 +15,8 @@ from render.integrators.vertex_cache import (
     NEIGHBOR_WINDOW,
     LaneGroups,
     MortonNeighbors,
-    PackedVertices,
 )
+from render.paths.records import PackedRecords
 
 PATHS = 8
 LANES, GROUPS, NEAR_PATHS, DRAWS = 1 << 13, 4, 16, 8
@@ -60,7 +60,7 @@ def test_each_group_has_one_film_position_per_stratum(
 
 
 def scattered(mono: ModuleType, points: np.ndarray, power: np.ndarray) -> LightProxies:
-    record = LightVertex.empty()
+    record = LightVertex.none()
     record.vertex.p = mono.Point3f(points.astype(np.float32))
     record.vertex.wi = dr.zeros(mono.Vector3f, points.shape[1])
     record.vertex.beta = mono.Spectrum(1.0)
@@ -145,7 +145,7 @@ def test_packed_proxies_are_the_proxies_bit_for_bit(mono: ModuleType) -> None:
 
 def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) -> None:
     rng = np.random.default_rng(2)
-    vertices, count = LightVertex.empty(), 50
+    vertices, count = LightVertex.none(), 50
 
     def numbers(*shape: int) -> np.ndarray:
         return (rng.normal(size=(*shape, count)) * 1e20).astype(np.float32)
@@ -153,7 +153,7 @@ def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) ->
     def flags() -> Any:
         return mono.Bool(rng.random(count) < 0.5)
 
-    v, tail = vertices.vertex, vertices.tail
+    v = vertices.vertex
     bsdf = mono.load_dict({"type": "diffuse"})
     v.bsdf = dr.select(flags(), mono.BSDFPtr(bsdf), dr.zeros(mono.BSDFPtr))
     v.p, v.n, v.wi = mono.Point3f(numbers(3)), mono.Normal3f(numbers(3)), mono.Vector3f(numbers(3))
@@ -162,19 +162,17 @@ def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) ->
     v.beta, v.d_vcm, v.d_vc, v.weight = (mono.Float(numbers()) for _ in range(4))
     v.beta = mono.Spectrum(v.beta)
     v.volume, v.diffuse, v.delta, v.terminal = (flags() for _ in range(4))
-    tail.p, tail.n = mono.Point3f(numbers(3)), mono.Normal3f(numbers(3))
-    tail.previous, tail.d_vcm = mono.Point3f(numbers(3)), mono.Float(numbers())
-    tail.wide, tail.glossy_after_wide = flags(), flags()
+    vertices.previous, vertices.glossy_after_wide = mono.Point3f(numbers(3)), flags()
     vertices.edges = mono.UInt32(rng.integers(0, 1 << 32, count, dtype=np.uint32))
     active = flags()
     index = mono.UInt32(np.arange(count)[::-1].copy())
     expected = dr.gather(LightVertex, vertices, index, active)
-    found = PackedVertices(vertices).gather(index, active)
-    for part in ("vertex", "tail"):
-        for name, value in vars(getattr(expected, part)).items():
-            other = getattr(getattr(found, part), name)
-            pairs = [(value, other)]
-            if name == "frame":
-                pairs = [(getattr(value, axis), getattr(other, axis)) for axis in "stn"]
-            assert all(dr.all(one == two, axis=None) for one, two in pairs), name
-    assert dr.all(expected.edges == found.edges)
+    found = PackedRecords(vertices).gather(index, active)
+    for name, value in vars(expected.vertex).items():
+        other = getattr(found.vertex, name)
+        pairs = [(value, other)]
+        if name == "frame":
+            pairs = [(getattr(value, axis), getattr(other, axis)) for axis in "stn"]
+        assert all(dr.all(one == two, axis=None) for one, two in pairs), name
+    for name in ("previous", "glossy_after_wide", "edges"):
+        assert dr.all(getattr(expected, name) == getattr(found, name), axis=None), name
