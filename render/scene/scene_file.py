@@ -50,7 +50,11 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
     """
     raw = _parsed(text, origin)
     try:
-        context = {"colors": colors_in(raw), "folder": folder, "rest_mesh": _mesh_file(raw)}
+        context: dict[str, Any] = {
+            "colors": colors_in(raw),
+            "folder": folder,
+            "rest_mesh": _mesh_file(raw),
+        }
         return Scene.model_validate(raw, context=context)
     except ValidationError as error:
         problems = _problems(error)
