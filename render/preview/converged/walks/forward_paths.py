@@ -90,6 +90,15 @@ def draw_point(receivers: Receivers, site: int, part: int, state: State, y: Arra
 
 
 @compiled
+def add_light(received: Array, squares: Array, factor: float, weights: Array) -> None:
+    """Add ``factor`` times ``weights`` to ``received``; and to ``squares``, squared."""
+    for weight in range(len(weights)):
+        added = factor * weights[weight]
+        received[weight] += added
+        squares[weight] += added * added
+
+
+@compiled
 def receive(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
     scale: float, weights: Array, received: Array, squares: Array,
@@ -142,10 +151,7 @@ def receive(
                 sight = min(sights - 1, int(uniform(state) * sights))
                 seen, normal = receivers.sights[site, part, sight], receivers.normal[site, part]
                 factor *= sent_to(pressed, d, seen, normal)
-            for weight in range(len(weights)):
-                added = factor * weights[weight]
-                received[site, part, weight] += added
-                squares[weight] += added * added
+            add_light(received[site, part], squares, factor, weights)
 
 
 @compiled
@@ -222,10 +228,7 @@ def receive_along_bend(
                     _, hidden, _ = meet_pyramids(pressed, y, e, to)
                     if hidden >= 0:
                         continue
-                for weight in range(len(weights)):
-                    added = factor * weights[weight]
-                    received[site, part, weight] += added
-                    squares[weight] += added * added
+                add_light(received[site, part], squares, factor, weights)
 
 
 @compiled
@@ -253,10 +256,7 @@ def receive_from_coating(
         mean = 0.0
         for sight in range(sights):
             mean += sent_to(pressed, d, receivers.sights[index, facet, sight], normal) / sights
-        for weight in range(len(weights)):
-            added = scale * mean / area * weights[weight]
-            received[index, facet, weight] += added
-            squares[weight] += added * added
+        add_light(received[index, facet], squares, scale * mean / area, weights)
 
 
 @compiled
