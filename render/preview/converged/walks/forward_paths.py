@@ -91,7 +91,7 @@ def draw_point(receivers: Receivers, site: int, part: int, state: State, y: Arra
 
 @compiled
 def add_light(received: Array, squares: Array, factor: float, weights: Array) -> None:
-    """Add ``factor`` times ``weights`` ``(weight,)`` to ``received``, and to ``squares`` squared."""
+    """Add ``factor`` times ``weights`` to ``received``; and to ``squares``, squared."""
     for weight in range(len(weights)):
         added = factor * weights[weight]
         received[weight] += added
