@@ -252,7 +252,8 @@ def receive_from_coating(
         if apart > 1e-6:
             continue
         corners, normal = receivers.corners[index, facet], pressed.normal[site, facet]
-        area = 0.5 * np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]))
+        sides = corners[1] - corners[0], corners[2] - corners[0]
+        area = 0.5 * float(np.linalg.norm(np.cross(sides[0], sides[1])))
         mean = 0.0
         for sight in range(sights):
             mean += sent_to(pressed, d, receivers.sights[index, facet, sight], normal) / sights
