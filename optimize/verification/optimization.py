@@ -47,6 +47,8 @@ BUDGET = 1.0 / 20.0
 """Render seconds of the loop and its verdict, in units of the thesis procedure's."""
 ROUNDS_SHARE = 0.5
 """Part of them that rounds may take."""
+FINALISTS_COST = 1.3
+"""Seconds of finalists rendered together, in units of as many samples of one design (0.9 to 1.3)."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +157,8 @@ def optimize(
         finalists.append(("thesis", thesis.design))
     if config.method != "thesis" and checker is not None and table is not None:
         began = time.monotonic()
-        rounds_seconds = math.inf if thesis is None else ROUNDS_SHARE * BUDGET * thesis.seconds
-        loop = _run_loop(scene, checker, table, baseline, render, config, rounds_seconds, on_round)
+        seconds = math.inf if thesis is None else rounds_seconds(thesis.seconds, thesis.runs, config)
+        loop = _run_loop(scene, checker, table, baseline, render, config, seconds, on_round)
         wall["loop"] = time.monotonic() - began
         best = loop.candidates[:2]
         found = zip(("winner", "runner-up"), best, strict=False)
@@ -182,6 +184,17 @@ def optimize(
         renamed = tuple(swapped.get(name, name) for name in evaluation.names)
         evaluation = replace(evaluation, names=renamed)
     return Optimization(loop, thesis, wall, evaluation, _training_seconds(checker))
+
+
+def rounds_seconds(thesis: float, renders: int, config: OptimizeConfig) -> float:
+    """Return the seconds of rendering that rounds may take beside the thesis procedure.
+
+    A part of the loop's, and no more than leaves the finalists their first batch. The procedure
+    took ``thesis`` seconds for its ``renders`` of one design each.
+    """
+    budget = BUDGET * thesis
+    batch = config.final_samples * config.final_seeds / config.samples * thesis / renders
+    return min(ROUNDS_SHARE * budget, budget - FINALISTS_COST * batch)
 
 
 def _run_loop(
