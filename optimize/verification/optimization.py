@@ -48,7 +48,7 @@ BUDGET = 1.0 / 20.0
 ROUNDS_SHARE = 0.5
 """Part of them that rounds may take."""
 FINALISTS_COST = 1.3
-"""Seconds of finalists rendered together, in units of as many samples of one design (0.9 to 1.3)."""
+"""Seconds of finalists rendered together, in units of as many samples of one design: 0.9 to 1.3."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,9 @@ def optimize(
         finalists.append(("thesis", thesis.design))
     if config.method != "thesis" and checker is not None and table is not None:
         began = time.monotonic()
-        seconds = math.inf if thesis is None else rounds_seconds(thesis.seconds, thesis.runs, config)
+        seconds = math.inf
+        if thesis is not None:
+            seconds = rounds_seconds(thesis.seconds, thesis.runs, config)
         loop = _run_loop(scene, checker, table, baseline, render, config, seconds, on_round)
         wall["loop"] = time.monotonic() - began
         best = loop.candidates[:2]
