@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 VERSION = 10
 SHARED_VERSION = 3
 """Of renders of all lamps at once (``render.reference.shared_lamps``)."""
-BENT_VERSION = 1
-"""Of renders of bent pads with smooth faces and a diffuser, whose camera subpaths pass volumes."""
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5
 """Probability of large steps where chains fill the cells."""
@@ -101,9 +99,6 @@ class RenderJob:
         programs = [version("mitsuba"), version("drjit")]
         shared = self.sampler == "monte-carlo" and serves_all_lamps(scene, bend)
         marks = [SHARED_VERSION] if shared else []
-        mirrors = any(finish.smooth or finish.metal is not None for finish in scene.finishes)
-        if bend and mirrors and scene.diffuser is not None:
-            marks.append(BENT_VERSION)
         text = json.dumps([VERSION, programs, content, *marks], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
