@@ -26,7 +26,6 @@ from render.paths.vertex import (
     channel_mean,
     empty_vertex,
     evaluate_scattering,
-    extinction,
     leave,
 )
 from render.paths.walk import (
@@ -70,11 +69,9 @@ class MetLamp:
     @staticmethod
     def of(state: SubpathState, p: mi.Point3f) -> MetLamp:
         """Return the segment that ``state`` goes on, from its last vertex ``p``."""
-        # Light subpaths arrive in a volume by its extinction, the same in all channels of cells.
-        by_volume = dr.select(state.from_volume, channel_mean(state.sigma_from), 1.0)
         return MetLamp(
-            mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta), mi.Spectrum(state.depth),
-            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.Float(1),
+            mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta),
+            mi.Spectrum(state.depth), mi.Float(state.d_vcm), mi.Float(state.d_vc), mi.Float(1),
         )  # fmt: skip
 
 
@@ -138,11 +135,6 @@ class Lamp:
         transmittance = dr.exp(-depth)
         through = channel_mean(transmittance)
         by_light = ray.emitted * area_factor(z, w) * (z.d_vcm + z.d_vc * reverse)
-        if self.light.cast_in is not None:
-            # Light subpaths arrive in a volume by its extinction.
-            _, sigma_t = extinction(z.medium, active & z.volume)
-            in_volume = channel_mean(sigma_t * transmittance) / dr.maximum(through, 1e-30)
-            by_light *= dr.select(z.volume, in_volume, 1.0)
         mis = ray.joined / (ray.joined + through * (pdf + by_light))
         value = channel_mean(z.beta * f * transmittance) * z.weight * mis / ray.joined
         return _scaled(ray.radiance, value, active & clear)

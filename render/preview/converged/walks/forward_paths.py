@@ -257,7 +257,7 @@ def receive_from_coating(
         mean = 0.0
         for sight in range(sights):
             mean += sent_to(pressed, d, receivers.sights[index, facet, sight], normal) / sights
-        add_light(received[index, facet], squares, scale * mean / area, weights)
+        add_light(received[index, facet], squares, float(scale * mean / area), weights)
 
 
 @compiled
