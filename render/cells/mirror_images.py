@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.paths.connect import density_at, optical_depth, strategies_before, trace_to_surface
-from render.paths.vertex import Vertex, area_factor, evaluate_scattering
+from render.paths.vertex import Vertex, area_factor, channel_mean, evaluate_scattering
 from render.paths.walk import GuidingDistribution, SubpathState, guided_pdf
 from render.sampling.streams import Numbers
 from render.scene import Scene
