@@ -43,3 +43,8 @@ def _sources(folder: Path) -> bytes:
         digest.update(hashlib.sha256(file.name.encode()).digest())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.digest()
+
+
+def inlined(function: F) -> F:
+    """Compile ``function`` into whatever calls it, as `compiled` does else."""
+    return compiled(function, forceinline=True)

@@ -60,8 +60,8 @@ FIELD_COST = 2
 """Times that a photon of an exit field takes longer than a path from a facet."""
 FEWEST_ARRIVALS = 1000
 """Photons of a lamp at least."""
-WALKING = 3
-"""So many times fewer arrivals where there is a diffuser, in which photons walk for long."""
+WALKING = 3.0
+"""So many times longer photons fly at most where they walk in a diffuser, and are fewer."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Effort:
 
     photons: int = 200_000
     paths: int = 32_768
-    arrivals: int = 20_000_000
+    arrivals: int = 40_000_000
 
 
 def spreads(scene: Scene) -> NDArray[np.bool_]:
@@ -103,14 +103,21 @@ def _field_ticks(effort: Effort) -> int:
 
 
 def _batch_ticks(scene: Scene, effort: Effort) -> int:
-    cost = WALKING if scene.diffuser else 1
-    return max(1, round(cost * PHOTONS_AT_A_TIME / effort.paths))
+    return max(1, round(flight_cost(scene) * PHOTONS_AT_A_TIME / effort.paths))
+
+
+def flight_cost(scene: Scene) -> float:
+    """Return how many times longer photons fly than in a clear pad; most just pass a thin layer."""
+    layer = scene.diffuser
+    if layer is None:
+        return 1.0
+    return min(WALKING, 1.0 + (layer.sigma_s + layer.sigma_a) * layer.thickness)
 
 
 def _flown(scene: Scene, effort: Effort) -> int:
     """Return the photons of a lamp at one bend whose light is too narrow for the exit field."""
     shares = max(1, int(flies(scene).sum()) * len(scene.bending.angles))
-    return max(FEWEST_ARRIVALS, effort.arrivals // shares // (WALKING if scene.diffuser else 1))
+    return max(FEWEST_ARRIVALS, int(effort.arrivals // shares / flight_cost(scene)))
 
 
 class ConvergedTransport(NamedTuple):

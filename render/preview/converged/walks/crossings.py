@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from render.arrays import Array
-from render.compiled import compiled
+from render.compiled import inlined
 
 (
     LEFT, TIP, RIGHT, BASE, COATING, FACET, LOWER, UPPER, START, END, OUTER_LEFT, OUTER_RIGHT, BOND,
@@ -77,13 +75,13 @@ class Block(NamedTuple):
     skin: Array
 
 
-@compiled
+@inlined
 def beyond(plane: Array, p: Array) -> float:
     """Return how far (mm) a point lies towards the tip from a plane through the axis."""
     return float(plane[0] * p[1] - plane[1] * p[2] - plane[2])
 
 
-@compiled
+@inlined
 def way_to(plane: Array, p: Array, d: Array, sign: float) -> float:
     """Return the way (mm) to a plane through the axis that is passed towards the tip (1) or base.
 
@@ -93,13 +91,13 @@ def way_to(plane: Array, p: Array, d: Array, sign: float) -> float:
     return -beyond(plane, p) / towards if sign * towards > 0.0 else math.inf
 
 
-@compiled
+@inlined
 def level_of(block: Block, p: Array) -> float:
     """Return the level g of a point."""
     return float(0.5 * block.kappa * (p[1] * p[1] + p[2] * p[2]) + p[2])
 
 
-@compiled
+@inlined
 def level_ways(block: Block, p: Array, d: Array) -> tuple[float, float]:
     """Return the ways (mm) to the coating's level and to that of the lower face from between."""
     a = 0.5 * block.kappa * (d[1] * d[1] + d[2] * d[2])
@@ -119,13 +117,15 @@ def level_ways(block: Block, p: Array, d: Array) -> tuple[float, float]:
     return up, down
 
 
-@compiled
+@inlined
 def face_normal(block: Block, face: int, p: Array, n: Array) -> None:
     """Write the unit normal out of the block of a face to the air at ``p``."""
-    n[:] = 0.0
+    n[0], n[1], n[2] = 0.0, 0.0, 0.0
     if face in (LOWER, UPPER):
         n[1], n[2] = block.kappa * p[1], block.kappa * p[2] + 1.0
-        n *= (1.0 if face == LOWER else -1.0) / math.sqrt(n[1] * n[1] + n[2] * n[2])
+        scale = (1.0 if face == LOWER else -1.0) / math.sqrt(n[1] * n[1] + n[2] * n[2])
+        for k in range(3):
+            n[k] *= scale
     elif face in (START, BASE):
         n[1], n[2] = -block.base[0], block.base[1]
     elif face in (END, TIP):
@@ -134,7 +134,7 @@ def face_normal(block: Block, face: int, p: Array, n: Array) -> None:
         n[0] = -1.0 if face in (OUTER_LEFT, LEFT) else 1.0
 
 
-@compiled
+@inlined
 def meet_pyramids(block: Block, p: Array, d: Array, limit: float) -> tuple[float, int, int]:
     """Return way, site and facet of the first facet before ``limit``; site -1 for none."""
     best, site, facet = limit, -1, -1
@@ -159,7 +159,7 @@ def meet_pyramids(block: Block, p: Array, d: Array, limit: float) -> tuple[float
     return best, site, facet
 
 
-@compiled
+@inlined
 def cross_clear(block: Block, below: bool, p: Array, d: Array) -> tuple[float, int, int, int]:
     """Return the way to the next face of the clear pad, the face, and site and facet of a FACET.
 
@@ -188,7 +188,7 @@ def cross_clear(block: Block, below: bool, p: Array, d: Array) -> tuple[float, i
     return way, face, -1, -1
 
 
-@compiled
+@inlined
 def cross_layer(block: Block, p: Array, d: Array) -> tuple[float, int]:
     """Return the way to the next face of the layer and the face."""
     up, down = level_ways(block, p, d)
@@ -225,7 +225,7 @@ def cross_layer(block: Block, p: Array, d: Array) -> tuple[float, int]:
     return max(way, 0.0), face
 
 
-@compiled
+@inlined
 def within(block: Block, p: Array) -> bool:
     """Return whether the block holds a point, but for rounding."""
     level = level_of(block, p)
@@ -239,7 +239,7 @@ def within(block: Block, p: Array) -> bool:
     )
 
 
-@compiled
+@inlined
 def enter_block(block: Block, p: Array, d: Array) -> int:
     """Move a point in the air on to where its ray enters the block; return the face, or NONE.
 
@@ -247,7 +247,7 @@ def enter_block(block: Block, p: Array, d: Array) -> int:
     beyond an end of a bent block, and comes over the end onto it.
     """
     best, found = math.inf, NONE
-    q = np.empty(3)
+    start = p[0], p[1], p[2]
     a = 0.5 * block.kappa * (d[1] * d[1] + d[2] * d[2])
     b = block.kappa * (p[1] * d[1] + p[2] * d[2]) + d[2]
     level = level_of(block, p)
@@ -274,16 +274,17 @@ def enter_block(block: Block, p: Array, d: Array) -> int:
             to = (block.half_width + block.rims[RIGHT] - p[0]) / d[0]
         if 0.0 <= to < best:
             for k in range(3):
-                q[k] = p[k] + to * d[k]
-            if within(block, q):
+                p[k] += to * d[k]
+            if within(block, p):
                 best, found = to, face
+            p[0], p[1], p[2] = start
     if found != NONE:
         for k in range(3):
             p[k] += best * d[k]
     return found
 
 
-@compiled
+@inlined
 def in_layer(block: Block, p: Array) -> bool:
     """Return whether a point of the block lies in the diffusive layer."""
     return (
@@ -294,7 +295,7 @@ def in_layer(block: Block, p: Array) -> bool:
     )
 
 
-@compiled
+@inlined
 def angle_of(block: Block, p: Array) -> tuple[float, float, float]:
     """Return sine and cosine of the local frame's turn at a point, and its flat ``v``."""
     y, w = block.kappa * p[1], 1.0 + block.kappa * p[2]
@@ -303,7 +304,7 @@ def angle_of(block: Block, p: Array) -> tuple[float, float, float]:
     return y * scale, w * scale, flat
 
 
-@compiled
+@inlined
 def patch_of(block: Block, p: Array) -> int:
     """Return the number of the coating's patch above a point."""
     columns, rows = int(block.patch[0]), int(block.patch[1])

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 from render.arrays import Array
-from render.compiled import compiled
+from render.compiled import inlined
 from render.preview.converged.walks.crossings import Block
 
 
-@compiled
+@inlined
 def turn(d: Array, cos: float, azimuth: float) -> None:
     """Turn the unit vector ``d`` by the angle of cosine ``cos`` (frame of Duff et al. 2017)."""
     x, y, z = d[0], d[1], d[2]
@@ -27,10 +27,11 @@ def turn(d: Array, cos: float, azimuth: float) -> None:
     d[1] = s * sign * b + t * (sign + y * y * a) + cos * y
     d[2] = -s * sign * x - t * y + cos * z
     scale = 1.0 / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    d *= scale
+    for k in range(3):
+        d[k] *= scale
 
 
-@compiled
+@inlined
 def fresnel(cos_in: float, eta: float) -> tuple[float, float]:
     """Return unpolarized reflectance and cosine of refraction; ``eta`` is behind over in front."""
     squared = 1.0 - (1.0 - cos_in * cos_in) / (eta * eta)
@@ -42,7 +43,7 @@ def fresnel(cos_in: float, eta: float) -> tuple[float, float]:
     return 0.5 * (s * s + p * p), cos_out
 
 
-@compiled
+@inlined
 def unmasked(cos: float, alpha: float) -> float:
     """Return Smith's G1 for Beckmann roughness (Walter 2007, eq. 27)."""
     squared = 1.0 - cos * cos
@@ -54,14 +55,15 @@ def unmasked(cos: float, alpha: float) -> float:
     return (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
 
 
-@compiled
+@inlined
 def microfacet(d: Array, n: Array, alpha: float, u: float, v: float, m: Array) -> float:
     """Draw a microfacet ``m`` that ``d`` meets; return its weight without shadowing behind it.
 
     ``n`` is the face's normal on the side that ``d`` comes from; ``m`` has density ``D(m) |m.n|``
     and counts by Walter 2007, eq. 41. 0 where it is met from behind.
     """
-    m[:] = n
+    for k in range(3):
+        m[k] = n[k]
     if alpha > 0.0:
         cos = 1.0 / math.sqrt(1.0 - alpha * alpha * math.log(1.0 - u))
         turn(m, cos, 2.0 * math.pi * v)
@@ -73,7 +75,7 @@ def microfacet(d: Array, n: Array, alpha: float, u: float, v: float, m: Array) -
     return float(cos_in * unmasked(cos_face, alpha) / (cos_face * cos_micro))
 
 
-@compiled
+@inlined
 def reflect_inside(
     block: Block, face: int, index: float, d: Array, n: Array, u: float, v: float, chance: float,
     m: Array,
@@ -111,7 +113,7 @@ def reflect_inside(
     return float(weight * unmasked(cos_out, alpha))
 
 
-@compiled
+@inlined
 def refract_into(
     block: Block, face: int, index: float, d: Array, n: Array, u: float, v: float, m: Array
 ) -> float:
@@ -133,7 +135,7 @@ def refract_into(
     return weight * (1.0 - back) * unmasked(behind, alpha)
 
 
-@compiled
+@inlined
 def reflect_lobe(block: Block, d: Array, n: Array, u: float, v: float, m: Array) -> float:
     """Turn ``d`` back as the coating's lobe does, ``n`` the normal into the pad; return its weight.
 
@@ -151,7 +153,7 @@ def reflect_lobe(block: Block, d: Array, n: Array, u: float, v: float, m: Array)
     return float(weight * unmasked(cos_out, block.skin[2]))
 
 
-@compiled
+@inlined
 def sent_to(block: Block, d: Array, sight: Array, n: Array) -> float:
     """Return pi f over reflectance for light along ``d`` seen along ``sight``: 1 of Lambert's law.
 
@@ -171,13 +173,13 @@ def sent_to(block: Block, d: Array, sight: Array, n: Array) -> float:
     return float((albedo + specular * lobe) / (albedo + specular))
 
 
-@compiled
+@inlined
 def index_of(block: Block, below: bool) -> float:
     """Return the index of the window, where ``below``, or of the pad."""
     return block.window if below else block.index
 
 
-@compiled
+@inlined
 def meet_bond(block: Block, below: bool, d: Array, chance: float) -> bool:
     """Refract ``d`` at the smooth bond of pad and window, or reflect it by chance.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.compiled import compiled
+from render.compiled import compiled, inlined
 from render.preview.converged.walks.crossings import (
     BASE,
     BLOCK_TOLERANCE,
@@ -89,7 +89,7 @@ def draw_point(receivers: Receivers, site: int, part: int, state: State, y: Arra
         y[k] = a + u * (b - a) + v * (c - a)
 
 
-@compiled
+@inlined
 def add_light(received: Array, squares: Array, factor: float, weights: Array) -> None:
     """Add ``factor`` times ``weights`` to ``received``; and to ``squares``, squared."""
     for weight in range(len(weights)):
@@ -98,10 +98,10 @@ def add_light(received: Array, squares: Array, factor: float, weights: Array) ->
         squares[weight] += added * added
 
 
-@compiled
+@inlined
 def receive(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
-    scale: float, weights: Array, received: Array, squares: Array,
+    scale: float, weights: Array, received: Array, squares: Array, e: Array, y: Array,
 ) -> None:  # fmt: skip
     """Add light on its way from ``p`` along ``d`` to the receivers that it passes.
 
@@ -110,9 +110,8 @@ def receive(
 
     ``way`` is that to the face it meets next; ``scale`` times ``weights`` ``(weight,)`` its power.
     The light is taken to be alike within ``receivers.radius``, and carried over to a point of the
-    receiver, which another pyramid may hide from it.
+    receiver, which another pyramid may hide from it. ``e`` and ``y`` ``(3,)`` are scratch.
     """
-    e, y = np.empty(3), np.empty(3)
     share = 1.0 / (math.pi * receivers.radius * receivers.radius)
     for site in range(len(receivers.site)):
         along = squared = down = 0.0
@@ -154,10 +153,10 @@ def receive(
             add_light(received[site, part], squares, factor, weights)
 
 
-@compiled
+@inlined
 def receive_along_bend(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
-    scale: float, weights: Array, received: Array, squares: Array,
+    scale: float, weights: Array, received: Array, squares: Array, e: Array, y: Array,
 ) -> None:  # fmt: skip
     """Do as `receive` in a bent pad, whose coating is convex seen from within.
 
@@ -166,7 +165,6 @@ def receive_along_bend(
     below the coating, in the same direction relative to it. Light that skims the coating is that
     deep twice, and meets pyramids on its way off the coating, too.
     """
-    e, y = np.empty(3), np.empty(3)
     share = 1.0 / (math.pi * receivers.radius * receivers.radius)
     faces, axis = pressed.normal.shape[1], 1.0 / pressed.kappa
     across = d[1] * d[1] + d[2] * d[2]
@@ -276,10 +274,11 @@ def trace_arrivals(
     """
     state = np.zeros(1, np.uint64)
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    e, y = np.empty(3), np.empty(3)
     for ray in range(len(origin)):
         begin_stream(state, key, number + ray)
-        p[:] = origin[ray]
-        d[:] = direction[ray]
+        for k in range(3):
+            p[k], d[k] = origin[ray, k], direction[ray, k]
         weight, below, most = 1.0, p[2] > block.bond, MAX_EVENTS
         if within(block, p):
             most = TRAPPED_EVENTS
@@ -305,12 +304,14 @@ def trace_arrivals(
             way, face, _, _ = cross_clear(block, below, p, d)
             if block.kappa > 0.0:
                 receive_along_bend(
-                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares
-                )
+                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares,
+                    e, y,
+                )  # fmt: skip
             elif not below:
                 receive(
-                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares
-                )
+                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares,
+                    e, y,
+                )  # fmt: skip
             for k in range(3):
                 p[k] += way * d[k]
             if face == COATING:

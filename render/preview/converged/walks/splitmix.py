@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from render.compiled import compiled
+from render.compiled import inlined
 
 State = NDArray[np.uint64]
 """``(1,)``, the counter of a generator."""
 
 
-@compiled
+@inlined
 def uniform(state: State) -> float:
     """Return a number in [0, 1): splitmix64 (Steele et al. 2014) of the counter ``state``."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -25,7 +25,7 @@ def uniform(state: State) -> float:
     return float(z >> np.uint64(11)) * 2.0**-53
 
 
-@compiled
+@inlined
 def begin_stream(state: State, key: int, index: int) -> None:
     """Start the stream of path ``index`` in the family ``key``: its numbers depend on these alone.
 
