@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,8 @@ def linear(path: Path, encoded: bool) -> Array:
     """Return a picture's linear values, ``(row, column, channel)``; 8 bits are ``encoded`` sRGB."""
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
+    # On one core Mitsuba (3.9) has one thread, and waits for a second one to read an EXR.
+    dr.set_thread_count(max(2, dr.thread_count()))
     picture = mi.Bitmap(str(path))
     picture.set_srgb_gamma(encoded)
     wide = picture.convert(component_format=mi.Struct.Type.Float32, srgb_gamma=False)
