@@ -264,9 +264,11 @@ class CellSampler(PadSampler):
         fiber)`` may leave out fibers there, whose cells stay 0, and then all sites are targets,
         also those that do not count for the score.
         """
-        super().__init__(scene, _filled_up(scene, phi), bend, indented)
-        self.targets = targets
         self.fibers, self.channels = phi.shape
+        node = _filled_up(scene, self.channels)
+        super().__init__(scene, phi[:, node], bend, indented)
+        self._kept = np.searchsorted(node, np.arange(self.channels))
+        self.targets = targets
         counted = counted_sites(scene) if lit is None else np.arange(scene.sites.count)
         self.sites = len(counted)
         self.faces = targets.count // self.sites
@@ -320,7 +322,7 @@ class CellSampler(PadSampler):
                 fiber * self.targets.count + site * self.faces + k,
                 [
                     scale * dr.gather(mi.Float, value, first + k * lanes)
-                    for value in values[: self.channels]
+                    for value in (values[k] for k in self._kept)
                 ],
             )
             for k in range(self.faces)
@@ -391,15 +393,15 @@ class PictureSampler(PadSampler):
         return [Splat(row * mi.UInt32(width) + column, colors)]
 
 
-def _filled_up(scene: Scene, phi: Array) -> Array:
-    """Return ``(fiber, node)`` with the first nodes once more, up to a multiple of `NODES`.
+def _filled_up(scene: Scene, nodes: int) -> np.ndarray:
+    """Return which node each of a multiple of `NODES` is, in order, so that strata stay theirs.
 
     Lamps that do not turn have one node in all renders.
     """
     if not any(lamp.turns for lamp in scene.placed_lamps()):
-        return phi
-    nodes = phi.shape[1]
-    return phi[:, np.arange(-(-nodes // NODES) * NODES) % nodes]
+        return np.arange(nodes)
+    filled = -(-nodes // NODES) * NODES
+    return np.arange(filled) * nodes // filled
 
 
 def _points(array: Array) -> mi.Point3f:
