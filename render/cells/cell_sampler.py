@@ -265,7 +265,7 @@ class CellSampler(PadSampler):
         also those that do not count for the score.
         """
         self.fibers, self.channels = phi.shape
-        node = _filled_up(scene, self.channels)
+        node = filled_up(scene, self.channels)
         super().__init__(scene, phi[:, node], bend, indented)
         self._kept = np.searchsorted(node, np.arange(self.channels))
         self.targets = targets
@@ -393,7 +393,7 @@ class PictureSampler(PadSampler):
         return [Splat(row * mi.UInt32(width) + column, colors)]
 
 
-def _filled_up(scene: Scene, nodes: int) -> np.ndarray:
+def filled_up(scene: Scene, nodes: int) -> np.ndarray:
     """Return which node each of a multiple of `NODES` is, in order, so that strata stay theirs.
 
     Lamps that do not turn have one node in all renders.

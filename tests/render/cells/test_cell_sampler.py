@@ -9,8 +9,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from types import ModuleType
 
+import numpy as np
 import pytest
+
+from render.scene import load_scene
 
 # Dr.Jit remembers what a process has compiled, so kernels are told apart in one of their own.
 RENDER = """
@@ -75,3 +79,16 @@ def test_other_numbers_take_no_other_kernels(
     one, other = compiled[pair]
     assert all(json.loads(kernel)[1] for kernel in one)
     assert one == other
+
+
+def test_nodes_that_fill_up_leave_each_its_part_of_the_strata(mono: ModuleType) -> None:
+    """The light subpaths of a lane divide the nodes among themselves, in order."""
+    from render.cells.cell_sampler import filled_up
+
+    strata = (np.arange(64) + 0.5) / 64
+    for nodes in (1, 2, 4, 8):
+        node = filled_up(load_scene("finger20"), nodes)
+        drawn = node[(strata * len(node)).astype(int)]
+        np.testing.assert_array_equal(drawn, (strata * nodes).astype(int))
+    assert np.bincount(filled_up(load_scene("finger20"), 11)).min() >= 1
+    assert len(filled_up(load_scene("digit"), 1)) == 1
