@@ -398,7 +398,7 @@ def filled_up(scene: Scene, nodes: int) -> np.ndarray:
 
     Lamps that do not turn have one node in all renders.
     """
-    if not any(lamp.turns for lamp in scene.placed_lamps()):
+    if not any(scene.turning):
         return np.arange(nodes)
     filled = -(-nodes // NODES) * NODES
     return np.arange(filled) * nodes // filled
