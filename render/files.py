@@ -5,9 +5,11 @@ The only place where results, plans, checkpoints and caches are written.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
+import stat
 import sys
 import tempfile
 import tomllib
@@ -117,6 +119,26 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file that somebody named.
+
+    Raises:
+        OSError: it cannot be read, or is a device, of which there may be no end.
+    """
+    refuse_device(path)
+    return path.read_bytes()
+
+
+def refuse_device(path: Path) -> None:
+    """Raise the OSError of a device: some never end, and would be read until memory is full.
+
+    Pipes pass, as shells make them for ``tactilux describe <(...)``.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+        raise OSError(errno.EINVAL, "it is a device, no file", str(path))
+
+
 def read_text(path: Path) -> str:
     """Return the text of a file that a person wrote.
 
@@ -124,7 +146,9 @@ def read_text(path: Path) -> str:
         ValueError: a phrase that says why there is none: no such file, a folder, not UTF-8.
     """
     try:
-        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
+        # Editors on Windows put a mark in front, and end lines in their own way.
+        text = read_bytes(path).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError:
@@ -175,7 +199,7 @@ def _told_in_words() -> Iterator[None]:
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in ``path``; nothing when there is none or it is damaged."""
     try:
-        content = parse_json(path.read_text(encoding="utf-8"))
+        content = parse_json(read_bytes(path).decode("utf-8"))
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
@@ -188,6 +212,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         TableError: when the file is missing, damaged, or holds anything but plain arrays.
     """
     try:
+        refuse_device(path)
         # Opened as a zip first: numpy would take other files for a pickle or a single array.
         with zipfile.ZipFile(path) as archive:
             foreign = [name for name in archive.namelist() if not name.endswith(".npy")]

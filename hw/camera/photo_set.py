@@ -19,6 +19,7 @@ from hw.camera.opencv_camera import CameraDevice
 from hw.errors import CaptureError
 from hw.leds.fiber_lights import FiberLights, sweep
 from render.arrays import Array
+from render.files import read_bytes
 from render.progress import Clock, OnProgress
 from render.scene import RGB, Scene
 
@@ -59,7 +60,7 @@ def read_photo(path: Path) -> Array:
         CaptureError: unreadable, not a color image, or not finite.
     """
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
         pixels = _array(content) if path.suffix == ".npy" else _picture(content)
     except IsADirectoryError:
         raise _unreadable(path, "it is a directory") from None

@@ -32,7 +32,7 @@ from optimize.design.design import Design
 from optimize.design.rating import PARTS, Level, RatedDesign, Rating, ScoreSettings
 from optimize.ui.provenance import package_versions
 from render.errors import DesignError
-from render.files import write_text
+from render.files import read_bytes, write_text
 from render.metric import MetricConfig, current_conventions
 from render.refused_values import in_json, problem_sentence, value_place
 from render.scene import OFF, RGB, Palette, Scene, load_scene, shipped_scenes
@@ -211,7 +211,7 @@ def load_design_file(path: Path) -> DesignFile:
         DesignError: names every problem of the file at once.
     """
     try:
-        text = path.read_bytes().removeprefix(BOM_UTF8)  # which editors on Windows put in front
+        text = read_bytes(path).removeprefix(BOM_UTF8)  # which editors on Windows put in front
     except OSError as error:
         raise DesignError(
             f"{path} cannot be read: {error.strerror}; give the path of a design.json",

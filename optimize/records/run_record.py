@@ -26,6 +26,7 @@ from optimize.report import DESIGN, PLAY, REPORT
 from optimize.ui.console import duration
 from optimize.ui.output import MANIFEST
 from render.errors import SceneError, TactiluxError
+from render.files import read_bytes
 from render.refused_values import problem_sentence
 from render.scene import load_scene
 from surrogate.runtime import Checker
@@ -175,7 +176,7 @@ def _of_design(file: DesignFile) -> dict[str, Any]:
 def _result(kind: str, folder: Path) -> RunRecord:
     """Read the folder of ``explore`` or ``optimize``, which appears complete or not at all."""
     path = folder / MANIFEST
-    manifest = _parsed(_Manifest, path.read_bytes(), path)
+    manifest = _parsed(_Manifest, read_bytes(path), path)
     missing = [name for name in manifest.files if not (folder / name).exists()]
     if missing:
         raise RunError(f"{', '.join(missing)} missing, which its {MANIFEST} names", field="run")
@@ -193,7 +194,7 @@ def _result(kind: str, folder: Path) -> RunRecord:
 
 def _verification(path: Path) -> RunRecord:
     """Read what ``verify`` found, and the design beside it if it is still the one."""
-    content = _parsed(_Verified, path.read_bytes(), path)
+    content = _parsed(_Verified, read_bytes(path), path)
     folder = path.parent if path.parent.name else path.parent.resolve()
     design = folder.with_name(f"{folder.name.removesuffix('-renders')}.json")
     known: dict[str, Any] = {}
@@ -284,7 +285,7 @@ def _model(folder: Path) -> RunRecord:
 
 def _page(path: Path) -> RunRecord:
     """Read what a page to play with opens with."""
-    found = PLAY_FACTS.search(path.read_bytes())
+    found = PLAY_FACTS.search(read_bytes(path))
     if found is None:
         raise RunError(f"{path.name} is cut off: its facts have no end", field="run")
     page = _parsed(_Played, found[1], path)
@@ -320,7 +321,7 @@ def kind_of_result(path: Path) -> str | None:
     has to be told of it.
     """
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(read_bytes(path))
     except (OSError, ValueError):
         return "explore" if (path.parent / DESIGN).is_file() else None
     if not isinstance(content, dict) or "scene_hash" not in content:

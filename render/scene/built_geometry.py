@@ -103,6 +103,24 @@ def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]
             )
 
 
+def aim_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
+    """Yield which lamps in the air turn their back on the pad, the first of a row.
+
+    One that shines along its face is none: half of its cone meets the pad. Lamps that turn are
+    none either: a design aims them.
+    """
+    told = set()
+    for lamp in lamps:
+        if lamp.solid is not None or lamp.key in told or lamp.turns:
+            continue
+        if _outwards(lamp) > 1e-9:
+            told.add(lamp.key)
+            yield (
+                f"{_place(lamp)} shines away from the pad's {FACES[lamp.face]} face, allowed: a "
+                "direction or tilt towards the pad"
+            )
+
+
 def embedding_problems(lamps: tuple[PlacedLamp, ...], box: Box, *, refracts: bool) -> Iterator[str]:
     """Yield which lamps in the silicone are not wholly in one solid, or shine out of a diffuser.
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
+from render.files import read_bytes
 
 STEPS = 360
 """Of the table that directions are sampled from; each is a quarter of a degree."""
@@ -43,7 +44,7 @@ class MeasuredProfile:
             RenderError: names the file and what is wrong in it.
         """
         try:
-            text = path.read_text(encoding="latin-1")
+            text = read_bytes(path).decode("latin-1")
             degrees, intensity = _ies(text) if path.suffix.lower() == ".ies" else _columns(text)
         except OSError as error:
             raise _refused(path, f"{error.strerror}") from error

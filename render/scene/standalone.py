@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from render.errors import SceneError
+from render.files import read_bytes, read_text
 from render.scene.lamps import lamps_of_file
 from render.scene.scene_file import load_scene, scene_text
 
@@ -50,9 +51,9 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
     named = list(dict.fromkeys([*named, *meshes]))
     names = dict.fromkeys([*named, *_profiles(listed)])
     kept = {name: _kept_name(name, number) for number, name in enumerate(names)}
-    files = {kept[name]: (folder / name).read_bytes() for name in names}
+    files = {kept[name]: read_bytes(folder / name) for name in names}
     if table is not None:
-        content = (folder / table).read_text(encoding="utf-8-sig")
+        content = read_text(folder / table)
         for name in _profiles(listed):
             content = re.sub(rf"(?<![^,\s\"]){re.escape(name)}(?![^,\s\"])", kept[name], content)
         kept[table] = _kept_name(table, len(names))

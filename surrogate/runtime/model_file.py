@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from render.errors import ModelError
+from render.files import read_bytes
 
 MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE = (
     "checker.onnx",
@@ -32,14 +33,14 @@ def read_verified(file: Path, *, strict: bool) -> bytes:
         ModelError: unreadable or altered; with ``strict`` also when there is no checksum.
     """
     try:
-        content = file.read_bytes()
+        content = read_bytes(file)
     except OSError as error:
         raise ModelError(
             f"{file} cannot be read ({error.strerror}): name a folder with {MODEL_FILE}",
             field="model",
         ) from None
     try:
-        lines = (file.parent / SUM_FILE).read_text(encoding="ascii").splitlines()
+        lines = read_bytes(file.parent / SUM_FILE).decode("ascii").splitlines()
         pairs = [line.split(maxsplit=1) for line in lines if line.strip()]
         sums = {name: checksum for checksum, name in pairs}
     except (OSError, ValueError):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from render import files
+from render.errors import TableError
 from tests.disk import DURABLE, logged_disk
 
 
@@ -25,6 +26,27 @@ def test_every_writer_syncs_the_file_before_its_name_and_the_folder_after(
     assert (tmp_path / "a.txt").read_bytes() == "ä".encode()
     assert files.read_json(tmp_path / "a.json") == {"a": [1.5]}
     assert files.read_npz(tmp_path / "a.npz")["a"].tolist() == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/null"])
+def test_a_device_is_refused_before_it_is_read(device: str, tmp_path: Path) -> None:
+    link = tmp_path / "link.npz"
+    link.symlink_to(device)
+    with pytest.raises(OSError, match="it is a device, no file"):
+        files.read_bytes(link)
+    with pytest.raises(ValueError, match="cannot be read: it is a device, no file"):
+        files.read_text(link)
+    with pytest.raises(TableError, match="it is a device, no file"):
+        files.read_npz(link)
+    assert files.read_json(link) == {}
+
+
+def test_a_pipe_is_read_to_its_end() -> None:
+    reader, writer = os.pipe()
+    os.write(writer, b"[pad]\r\n")
+    os.close(writer)
+    assert files.read_text(Path(f"/dev/fd/{reader}")) == "[pad]\n"
+    os.close(reader)
 
 
 def test_an_error_half_way_leaves_the_earlier_file_and_nothing_beside_it(tmp_path: Path) -> None:

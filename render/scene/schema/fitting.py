@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from render.scene.built_geometry import (
+    aim_problems,
     deep_row_problems,
     embedding_problems,
     embedding_under_skin_problems,
@@ -194,6 +195,7 @@ def _lamp_problems(scene: Scene) -> Iterator[str]:
     if not alone:
         placed = [lamp for lamp in scene.placed_lamps() if fibers is None or lamp.edge is None]
         yield from placement_problems(tuple(placed), scene.box)
+        yield from aim_problems(tuple(placed), scene.box)
         refracts = scene.window_refracts
         yield from embedding_problems(tuple(placed), scene.box, refracts=refracts)
         yield from deep_row_problems(scene.rows or (), tuple(placed))

@@ -49,6 +49,10 @@ PREPARED: dict[str, Callable[[], None]] = {
     "room for 30 kB": room(30_000),
 }
 """Faults that the process itself has, by name."""
+LITTLE_MEMORY = {
+    "6 GiB of addresses": lambda: resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+}
+"""For commands that compile nothing: what others reserve depends on the machine."""
 ENVIRONMENT: dict[str, dict[str, str]] = {
     "no home": {"HOME": "/proc/nothing"},
     "home is a device": {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/full"},
@@ -77,7 +81,7 @@ with a traceback before any program can help it."""
 
 def _prepare(fault: str) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    PREPARED.get(fault, lambda: None)()
+    (PREPARED | LITTLE_MEMORY).get(fault, lambda: None)()
 
 
 def run(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 import signal
 import sys
 import threading
@@ -22,7 +23,7 @@ from optimize.ui.process import EXIT_CODES, Terminated, interruption
 from render.errors import RenderError
 from render.scene import load_scene
 from render.transport import TransportTable
-from tests.optimize.cli.faults import SIGNALS, STREAMS, check, run
+from tests.optimize.cli.faults import ROOT, SIGNALS, STREAMS, check, run
 
 pytestmark = pytest.mark.slow
 
@@ -57,6 +58,24 @@ def test_a_search_whose_notes_nobody_reads_ends_with_its_result(
     words = ("explore", small_scene, "--model", small_model, "--out", "result")
     check(run(words, tmp_path, "nobody reads"), tmp_path, (0,))
     assert json.loads((tmp_path / "result" / "result.json").read_text())["design"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["describe DEVICE", "score DEVICE", "verify DEVICE", "compare DEVICE DEVICE", "wiring DEVICE",
+     "check --capture DEVICE", "colors DEVICE", "describe PROFILE"],
+)  # fmt: skip
+def test_a_device_in_place_of_a_file_is_refused_unread(tmp_path: Path, words: str) -> None:
+    (tmp_path / "led.ies").symlink_to("/dev/zero")
+    finger24 = (ROOT / "render" / "scenes" / "finger24.toml").read_text()
+    profile = re.sub(r"profile = .*", 'profile = { file = "led.ies", source = "x" }', finger24)
+    assert profile != finger24
+    (tmp_path / "measured.toml").write_text(profile)
+    named = {"DEVICE": "/dev/zero", "PROFILE": "measured.toml"}
+    asked = tuple(named.get(word, word) for word in words.split())
+    ended = run(asked, tmp_path, "6 GiB of addresses")
+    check(ended, tmp_path, (2,))
+    assert "it is a device, no file" in ended.err
 
 
 def test_a_full_disk_is_one_sentence_and_leaves_nothing(

@@ -58,6 +58,7 @@ def test_a_lamp_is_in_one_solid_or_in_the_air(
         (listed(-10.4, 0, 2, 0, 1, 0), {"diffuser": RIM}, "is inside the diffuser, but its end"),
         (listed(-11, 0, 2, -1, 0, 0), {"diffuser": RIM}, "shines away from the pad"),
         (listed(-11, 0, 2, 1, 0, 0) | {"turns": True}, {"diffuser": RIM}, "turns"),
+        (listed(-12, 0, 2, -1, 0, 0), {}, "shines away from the pad's left face, allowed: a"),
         (listed(0, 3.5, 4.2, 0, 0, 1), {}, "is where the pyramid of site 4 is pressed in"),
         (
             listed(-8, 9, 4.6, 1, 0, 0.2),
@@ -96,6 +97,11 @@ def test_a_free_thickness_would_move_a_border_to_a_lamp() -> None:
     assert "free.diffuser_thickness: lamp 0 is cast into the silicone" in refusal(
         listed(-11, 0, 2, 1, 0, 0), diffuser=RIM, free=free
     )
+
+
+def test_a_lamp_in_the_air_may_shine_along_its_face_or_turn() -> None:
+    assert len(scene_with(listed(-12, 0, 2, 0, 1, 0)).placed_lamps()) == 1
+    assert len(scene_with(listed(-12, 0, 2, -1, 1, 0) | {"turns": True}).placed_lamps()) == 1
 
 
 def test_a_touching_lamp_stays_in_the_air() -> None:
