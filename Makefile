@@ -1,6 +1,6 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-VALIDATIONS := $(wildcard tests/validation/test_*.py)
+VALIDATIONS := $(basename $(notdir $(wildcard tests/validation/test_*.py)))
 .PHONY: help explore verify train test unit slow docs validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
 
 SCENE ?= finger20
@@ -46,20 +46,36 @@ validation: $(FULL) ## Slow tests; other renderers, closed forms and slow exact 
 	$(MAKE) slow
 	$(MAKE) --jobs 2 --output-sync $(VALIDATIONS)
 
-validation-long: export TACTILUX_LONG = 1
-validation-long: export VALIDATION_FLAGS = --capture no
-validation-long: $(FULL) ## The same with more samples and more cases (hours); see RESULTS.md
-	$(MAKE) slow
-	$(MAKE) $(VALIDATIONS)
-	$(BIN)/python -m pytest tests/optimize/overnight/test_kills.py \
-		tests/optimize/overnight/test_whole_night.py \
-		tests/optimize/overnight/test_progress.py
-
 # A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
 # have come and gone in one.
 $(VALIDATIONS): export OMP_NUM_THREADS = 1
 $(VALIDATIONS): $(FULL)
-	$(BIN)/python -m pytest $(VALIDATION_FLAGS) $@
+	$(BIN)/python -m pytest tests/validation/$@.py
+
+# Each file's words stay in a folder, and its test does not run again until a source changes: hours
+# that are stopped go on. The dearest comes first, so that no core waits for it in the end.
+LONG := build/validation-long
+DEAREST := $(LONG)/test_clear_pads.txt
+LONG_RUNS := $(DEAREST) \
+	$(filter-out $(DEAREST),$(VALIDATIONS:%=$(LONG)/%.txt) $(LONG)/nights.txt)
+CODE := $(shell git ls-files '*.py' '*.toml' '*.glsl' '*.npz' '*.onnx')
+NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py whole_night.py progress.py)
+KEPT = set -o pipefail; mkdir -p $(LONG); $(BIN)/python -m pytest --capture no $(1) 2>&1 \
+	| tee $@.part; mv $@.part $@
+
+validation-long: export TACTILUX_LONG = 1
+validation-long: $(FULL) ## More samples and more cases (hours), goes on where it stopped
+	$(MAKE) slow
+	$(MAKE) --jobs 2 --keep-going --output-sync $(LONG_RUNS)
+
+$(LONG_RUNS): SHELL := /bin/bash -e
+$(LONG_RUNS): export OMP_NUM_THREADS = 1
+$(LONG_RUNS): export TACTILUX_LONG = 1
+$(LONG)/nights.txt: $(NIGHTS) $(CODE) $(FULL)
+	$(call KEPT,$(NIGHTS))
+
+$(LONG)/%.txt: tests/validation/%.py $(CODE) $(FULL)
+	$(call KEPT,$<)
 
 benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
 	$(BIN)/python -m pytest --capture no tests/benchmarks
