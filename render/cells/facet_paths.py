@@ -145,7 +145,7 @@ def trace_facet_subpath(
         end = end.update(here, dr.select(is_end, 1.0, 0.0), choose_end)
         is_facet = arrived & v.diffuse & ~behind
         facet = dr.select(is_facet, v, facet)
-        is_glossy = arrived & behind & ~v.terminal & ~v.delta & ~v.diffuse
+        is_glossy = arrived & behind & ~v.terminal & ~v.delta & ~is_end
         glossy = glossy.update(here, dr.select(is_glossy, 1.0, 0.0), choose_glossy)
         behind |= is_facet
         if passable:

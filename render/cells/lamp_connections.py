@@ -69,9 +69,11 @@ class MetLamp:
     @staticmethod
     def of(state: SubpathState, p: mi.Point3f) -> MetLamp:
         """Return the segment that ``state`` goes on, from its last vertex ``p``."""
+        # Light subpaths arrive in a volume by its extinction, the same in all channels of cells.
+        by_volume = dr.select(state.from_volume, channel_mean(state.sigma_from), 1.0)
         return MetLamp(
-            mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta),
-            mi.Spectrum(state.depth), mi.Float(state.d_vcm), mi.Float(state.d_vc), mi.Float(1),
+            mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta), mi.Spectrum(state.depth),
+            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.Float(1),
         )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.paths.connect import density_at, optical_depth, strategies_before, trace_to_surface
-from render.paths.vertex import Vertex, area_factor, channel_mean, evaluate_scattering
+from render.paths.vertex import Vertex, evaluate_scattering
 from render.paths.walk import GuidingDistribution, SubpathState, guided_pdf
 from render.sampling.streams import Numbers
 from render.scene import Scene
@@ -230,8 +230,8 @@ class MirrorImages(ABC):
         if useful:
             probability = self.probability(chain.image, facet, v)
         squared = dr.squared_norm(self.point(chain.image, v.p) - facet.p)
-        through = channel_mean(dr.exp(-chain.depth - state.depth))
-        density = area_factor(v, state.d) * chain.chance * through
+        transmittance = dr.exp(-chain.depth - state.depth)
+        density = density_at(v, state.d, chain.chance, transmittance, useful)
         d_vcm = chain.d_vcm * probability * squared / density
         d_vcm = dr.select(useful, d_vcm, 0.0)
         mirror = self._mirror(v)

@@ -139,3 +139,49 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
     error = values.std() / np.sqrt(count)
     assert error < 0.02 * total
     assert abs(values.mean() - total) < 4 * error + 1e-4 * total
+
+
+def test_an_image_and_a_camera_subpath_to_a_volume_weigh_each_other_alike(mono: ModuleType) -> None:
+    """Where nothing else competes and both are as likely as each other, each counts half."""
+    from render.cells.guiding import FacetGuiding, FiberGlow
+    from render.cells.mirror_images import ImageChain
+    from render.optics.pad_scene import pad_scene
+    from render.paths.connect import optical_depth, trace_to_surface
+    from render.paths.vertex import evaluate_scattering
+    from render.paths.walk import begin_subpath, guided_pdf
+
+    scene = scene_of_case("rim bent 45")
+    pad, images = pad_scene(scene, BEND, False), BentImages(scene, BEND, False)
+    shapes = {shape.id(): shape for shape in pad.shapes()}
+    (medium,) = {s.interior_medium() for s in shapes.values()} - {None}
+    count = 1 << 12
+    a, y = on_coating(mono, A, count), on_coating(mono, (-9.2, -3.0), count)
+    bsdf = mono.load_dict({"type": "diffuse"})
+    a.bsdf, a.shape = mono.BSDFPtr(bsdf), mono.ShapePtr(shapes["coating"])
+    a.phase = y.phase = mono.MediumPtr(medium).phase_function()
+    y.volume, y.diffuse, y.medium = mono.Bool(True), mono.Bool(False), mono.MediumPtr(medium)
+    inward = mono.Vector3f(*(float(c[0]) for c in np.array(y.n)))
+    y.p = mono.Point3f(y.p + 2.0 * inward)
+    number = mono.Float(np.random.default_rng(5).random(count).astype(np.float32))
+    image, _ = images.draw(a, y, number)
+    active = (image > 0) & (image % images.sizes[0] == 0)  # over one strip alone
+    guiding = FacetGuiding(FiberGlow(scene, BEND), dr.zeros(mono.UInt32, count))
+    # ------------------------ The camera subpath: to the strip, and on to y -----------------
+    direction = dr.normalize(images.point(image, y.p) - a.p)
+    b, depth, hit = trace_to_surface(pad, a, direction, active)
+    _, pdf, _ = evaluate_scattering(a, direction, mono.TransportMode.Radiance, active)
+    zero, clear = mono.Float(0.0), dr.zeros(mono.MediumPtr)
+    state = begin_subpath(a.p, direction, clear, mono.Spectrum(1.0), zero, zero, zero)
+    state.depth, chain = depth, ImageChain.closed()
+    chain.open, chain.d_vcm = mono.Bool(True), dr.rcp(guided_pdf(guiding, a, direction, pdf))
+    chain, _ = images.arrive(chain, b, state, a, mono.Bool(False))
+    state.d, (state.depth, seen) = images.folded(image, direction), optical_depth(pad, y, b, active)
+    _, ratio = images.arrive(chain, y, state, a, mono.Bool(True))
+    # ------------------------ The image connection, with and without it ---------------------
+    alone = images.connect(pad, y, a, number, active, guiding)
+    y.d_vcm = ratio
+    both = images.connect(pad, y, a, number, active, guiding)
+    known = np.array(active & hit & seen & (alone[0] > 0))
+    assert known.sum() > count // 8
+    half = np.array(both).ravel() / np.maximum(np.array(alone).ravel(), 1e-30)
+    np.testing.assert_allclose(half[known], 0.5, rtol=1e-3)
