@@ -22,6 +22,7 @@ from collections.abc import Callable
 import numpy as np
 
 from render.arrays import Array
+from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene
 from surrogate.training.evaluation import random_colors
 
@@ -37,6 +38,8 @@ FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.01, 0.025, 0.035
 pads with a diffuser, and of pads that bend, whose light both previews lose alike."""
 DIFFERENCE_SHARE = 0.2
 """Half-width of the converged preview over D where they differ."""
+NOISE_SHARE = 1.0
+"""Half-width of the converged preview over M per photon noise of its colors."""
 
 Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
@@ -47,14 +50,18 @@ def drawn_half_width(scene: Scene, mean: float) -> float:
     return (WINDOW_FRACTION if scene.window_refracts else DRAWN_FRACTION) * mean
 
 
-def converged_half_width(scene: Scene, mean: float, difference: float) -> float:
+def converged_half_width(
+    scene: Scene, mean: float, difference: float, photon_noise: float
+) -> float:
     """Return the half-width of scores of the converged preview of ``scene``, counts.
 
-    ``mean`` is M of its baseline, ``difference`` D of `preview_difference`.
+    ``mean`` is M of its baseline, ``difference`` D of `preview_difference`; ``photon_noise`` that
+    of its colors, which widens where it is above `NOISE_LIMIT`.
     """
     flat = FLAT_FLOOR if scene.diffuser is None else DIFFUSER_FLOOR
     floor = BENT_FLOOR if any(scene.bending.angles) else flat
-    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean)
+    excess = math.sqrt(max(photon_noise**2 - NOISE_LIMIT**2, 0.0))
+    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, NOISE_SHARE * excess * mean)
 
 
 def preview_difference(scene: Scene, drawn: Scores, converged: Scores) -> float:

@@ -142,7 +142,7 @@ def test_what_was_drawn_is_kept_and_a_damaged_file_is_drawn_again(
 
 
 def found(cells: np.ndarray, grain: float) -> ConvergedTransport:
-    return ConvergedTransport(cells, np.full(cells.shape[:3], grain))
+    return ConvergedTransport(cells, np.full(cells.shape[:3], grain), np.zeros(cells.shape[2]))
 
 
 def shader_grid(bends: list[float]) -> PreviewGrid:
@@ -272,5 +272,5 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
         return lambda phi, power: model.run(phi, power, bends)["score"].astype(np.float64)
 
     difference = preview_difference(scene, scores(drawn), scores(checker))
-    expected = converged_half_width(scene, mean, difference)
+    expected = converged_half_width(scene, mean, difference, checker.photon_noise or 0.0)
     assert checker.score_half_width == pytest.approx(expected, rel=1e-3)
