@@ -261,6 +261,8 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)
     checker = preview_checker(scene)
     assert checker.level == "converged preview"
+    assert checker.photon_noise == whole.noise.max() > 0.0
+    assert preview_checker(scene, coarse=True).photon_noise is None
     # As wide as the two previews are apart.
     drawn, phi = preview_checker(scene, coarse=True), np.full((1, scene.lamp_count), np.pi / 2)
     power, bends = baseline_power(scene)[None], np.array(scene.bending.angles)
