@@ -11,7 +11,8 @@ preview answers before the converged one is there and has a fraction of M alone.
 The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
 same: those that held 90 % of the scores of random designs on sensors that analog photons were sent
 through (``python -m tests.validation.test_preview_model``; tests/validation/RESULTS.md says on how
-few sensors they rest).
+few sensors they rest). These sensors had photon noise of 1 to 5 % of a color, so the floors hold
+noise up to `NOISE_LIMIT`; what is above it widens by `NOISE_SHARE` of M.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ pads with a diffuser, and of pads that bend, whose light both previews lose alik
 DIFFERENCE_SHARE = 0.2
 """Half-width of the converged preview over D where they differ."""
 NOISE_SHARE = 1.0
-"""Half-width of the converged preview over M per photon noise of its colors."""
+"""Half-width of the converged preview over M per photon noise of its colors; other seeds moved 90 %
+of the scores of a bent pad by 0.3 to 0.6 of it (tests/validation/RESULTS.md)."""
 
 Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
