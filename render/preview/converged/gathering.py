@@ -150,8 +150,17 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int, seed: int =
     return Starts(points, normals, NO_SIGHTS, weights / max(weights.sum(), 1.0), drawn, key)
 
 
-def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) -> Halved[Gathered]:
-    """Return what ``starts`` get of the exit field, if there is one, and of so many patches."""
+def gathered(
+    starts: Starts,
+    block: Block,
+    grid: FaceGrid | None,
+    patches: int,
+    orthonormal: Array | None = None,
+) -> Halved[Gathered]:
+    """Return what ``starts`` get of the exit field, if there is one, and of so many patches.
+
+    ``orthonormal`` are the `orthonormal_terms` of ``grid``, made where they are not given.
+    """
     ends, half = np.zeros(patches), len(starts.points) // 2
     out = np.zeros((0, 0, 1) if grid is None else (cell_count(grid), term_count(grid), 1))
 
@@ -167,7 +176,8 @@ def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) 
     follow(slice(half, len(starts.points)))
     terms = [out, 2.0 * first_out - out]
     if grid is not None:
-        terms = [orthonormal_terms(grid) @ each for each in terms]
+        orthonormal = orthonormal_terms(grid) if orthonormal is None else orthonormal
+        terms = [orthonormal @ each for each in terms]
     return Halved(
         Gathered(terms[0].ravel(), ends), Gathered(terms[1].ravel(), 2.0 * first_ends - ends)
     )

@@ -33,6 +33,7 @@ from render.preview.converged.block import (
     bent_block,
     cell_count,
     face_grid,
+    orthonormal_terms,
     patch_counts,
     term_count,
     wide_from,
@@ -363,6 +364,7 @@ class _Gathering:
         self._scene, self._bend, self._effort = scene, paths.bend, paths.effort
         self._block: Block = paths.pressed if pressed else paths.untouched
         self._grid: FaceGrid | None = paths.grid if len(field.whole) else None
+        self._terms = None if self._grid is None else orthonormal_terms(self._grid)
         columns, rows = patch_counts(scene)
         self._patches = columns * rows
         few = max(self._effort.paths // MINOR, 1)
@@ -447,7 +449,7 @@ class _Gathering:
         """Return what ``items`` get of the exit field and of patches."""
 
         def one(i: int) -> Halved[Gathered]:
-            found = gathered(starts(i), self._block, self._grid, self._patches)
+            found = gathered(starts(i), self._block, self._grid, self._patches, self._terms)
             if ticks:
                 self._paths.clock.tick()
             return found
