@@ -1,12 +1,12 @@
 """What the converged preview knows of its own photon noise, from the halves of its light paths.
 
 Photons and paths are followed in two halves, each path with its own random numbers. What a half
-finds is an independent estimate from half as many paths: with ``X_a`` and ``X_b`` of the halves, the whole is
-``X = (X_a + X_b) / 2``, and ``d = (X_a - X_b) / 2`` has the mean 0 and the variance of X: the
-jackknife over two batches (Efron 1982). Transport is a product of what lamps send, what facets get
-of it and what the coating's patches send on, so d follows by the product rule, which for halves is
-exact. It costs no photon. Starts of paths are evenly spread over the whole, better than over
-halves, so noise that they make is overstated (by sqrt 2 at most). Noise of tens of percent is
+finds is an independent estimate from half as many paths: with ``X_a`` and ``X_b`` of the halves,
+the whole is ``X = (X_a + X_b) / 2``, and ``d = (X_a - X_b) / 2`` has the mean 0 and the variance of
+X: the jackknife over two batches (Efron 1982). Transport is a product of what lamps send, what
+facets get of it and what the coating's patches send on, so d follows by the product rule, which for
+halves is exact. It costs no photon. Starts of paths are evenly spread over the whole, better than
+over halves, so noise that they make is overstated (by sqrt 2 at most). Noise of tens of percent is
 understated: a facet that a rare photon lights is bright and noisy at once.
 """
 
