@@ -20,7 +20,7 @@ from render.scene import Scene
 from tests.long import LONG
 from tests.oracles.random_scenes import random_scene
 
-ARRIVALS = 4_000_000 if LONG else 1_000_000
+ARRIVALS = 4_000_000
 
 
 def few_photons(arrivals: int) -> Effort:
